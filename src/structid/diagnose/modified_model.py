@@ -19,7 +19,7 @@ from structid.diagnose.receptances import MOST_LINES
 from structid.diagnose.score_test import Point, point_at
 from structid.diagnose.search_budget import METER, NO_LIMITS, FitLimits, count_effort
 from structid.diagnose.tested_model import ModelDraft, TestedModel
-from structid.diagnose.thresholds import CHANGE_EFFORT
+from structid.diagnose.thresholds import CHANGE_EFFORT, RACED_AT
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.forward import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
 from structid.forward.frf.continuation import LEVELS
@@ -38,7 +38,7 @@ from structid.identification.varying import with_scatters
 from structid.inversion import JointProblem, LevenbergMarquardt, Problem
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.levenberg_marquardt import Raced
-from structid.inversion.search.minimum import Minimum
+from structid.inversion.search.minimum import Minimum, residual_at, squared
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.records import FrfRecord
 from structid.unknowns.named_unknowns import begun_at
@@ -206,18 +206,34 @@ class ModifiedModel:
         silent = [
             k for k, one in enumerate(self.problems) if isinstance(one, ModalProblem) and not one.settings.use_damping
         ]
-        return point_at(problems, theta, silent, most_lines)
+        return point_at(problems, theta, silent, most_lines, self._free_fixed_values)
+
+    def _free_fixed_values(self, problems: Sequence[FrfProblem]) -> tuple[RecordProblem, ...]:
+        """Problems of all records with the fixed values of their models among the unknowns; none of large models."""
+        return () if self.is_large else freed_problems(self.setups, problems, self.model.options.tolerances)
 
     def minimize(self, problem: Problem, method: LevenbergMarquardt, theta: FloatArray) -> Minimum:
         """The minimum of one of its problems from free variables (n_params,), its effort counted and limited."""
         return minimize(problem, method, theta, count_effort(problem, self.fit_limits))
 
-    def fit_near(self, above: float = np.inf) -> NearFit:
-        """The quick fit with parameters held near their start; it ends early where its misfit would stay `above`."""
+    def fit_near(self, above: float = np.inf, known: Mapping[str, float] | None = None) -> NearFit:
+        """The quick fit with parameters kept near their start, by smoothed data to the lines themselves.
+
+        Parameters
+        ----------
+        above : float
+            The fit ends early where its sum of squares would stay above this.
+        known : mapping of str to float, optional
+            Physical values of a quick fit without the last change. The last step begins there where that is nearer: a
+            change that explains nothing then ends where it begins.
+        """
         theta = np.asarray(self.target.theta_start)
         for _, stage in self.smoothed(NEAR_LEVELS):
             theta = self.minimize(stage, QUICK, theta).theta
-        near = self.minimize(self.anchored(), replace(QUICK, above=above), theta)
+        anchored = self.anchored()
+        if known is not None:
+            theta = min(theta, self.theta_of(known), key=lambda start: squared(residual_at(anchored, start)))
+        near = self.minimize(anchored, replace(QUICK, above=above), theta)
         return NearFit(near.theta, float(near.costs[-1]))
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:
@@ -231,8 +247,9 @@ class ModifiedModel:
         found: list[Minimum] = []
         last: Exception | None = None
         for theta in starts:
+            best = min((float(minimum.costs[-1]) for minimum in found), default=np.inf)
             try:
-                found.append(self.minimize(self.target, FINAL, theta))
+                found.append(self.minimize(self.target, FINAL.raced(best, RACED_AT), theta))
             except (StructidError, np.linalg.LinAlgError) as error:
                 last = error
         if not found:

@@ -45,7 +45,7 @@ def promising(
             items.append(item)
     items = items[:PAIR_LOOKS]
     modified = base.modified
-    whole = modified.point_at(modified.anchored_views(), modified.fit_near().theta).left
+    whole = modified.point_at(modified.anchored_views(), modified.theta_of(base.near_values)).left
     looks = map_within_budget(budget, work, name, _looked_beside, base, items)
     left = [np.inf if look is None else look["left"] for look in looks]
     order = np.argsort(left, kind="stable").tolist()

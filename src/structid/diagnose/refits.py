@@ -96,6 +96,14 @@ class Fitted:
         """Physical values by name."""
         return self.modified.values(self.theta)
 
+    @cached_property
+    def near_values(self) -> dict[str, float]:
+        """Physical values of the quick fit of the same model, by name; none where it fails."""
+        try:
+            return self.modified.values(self.modified.fit_near().theta)
+        except (StructidError, np.linalg.LinAlgError):
+            return {}
+
     @property
     def parameters(self) -> ParameterValues:
         """All parameters, those of the changes among them, with their values."""
@@ -192,7 +200,7 @@ def fit_near(base: Fitted, change: NearItem, tools: Tools) -> StoredFit:
     candidate, strength, above = change
     try:
         modified = base.modified.changed(candidate, strength)
-        near = modified.fit_near(above - base.left_out)
+        near = modified.fit_near(above - base.left_out, base.near_values)
         left_out = base.left_out + _misfit_left_out(base, modified, near.theta, is_near=True)
         return {"theta": near.theta, "chi_square": near.chi_square + left_out}
     except (StructidError, np.linalg.LinAlgError):

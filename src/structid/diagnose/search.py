@@ -38,8 +38,9 @@ from structid.diagnose.refits import (
     restore_fit,
 )
 from structid.diagnose.score_test import RequestedChange, Screened
-from structid.diagnose.screening import screen_sets, shortlist_candidates
+from structid.diagnose.screening import shortlist_candidates
 from structid.diagnose.search_budget import NOTHING, UNLIMITED, Expense, SearchBudget, map_within_budget
+from structid.diagnose.set_screening import screen_sets
 from structid.diagnose.thresholds import (
     ALIKE,
     ALWAYS_FITTED,
@@ -293,7 +294,7 @@ def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | Non
 def _from_elsewhere(base: Fitted) -> Fitted | None:
     """The unchanged study fitted anew from its quick fit; None where that is not clearly better than `base`."""
     try:
-        minimum = base.modified.fitted([base.modified.fit_near().theta, base.theta])
+        minimum = base.modified.fitted([base.modified.theta_of(base.near_values), base.theta])
     except (StructidError, np.linalg.LinAlgError):
         return None
     cost = float(minimum.costs[-1])
@@ -309,16 +310,14 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
     data = residual_candidates(problems, residual)
     few = [
         *screen_sets(base, work, f"{which}changes of the study", looks),
-        *(Screened(one, 1.0, base.chi_square) for one in data),
+        *(Screened(one, 1.0, base.misfit) for one in data),
     ]
     tried = shortlist.tried + len(few)
     looked = [*few, *derived_candidates(base, shortlist), *shortlist.rows]
     changes = [(one.candidate, one.strength) for one in looked]
     first = len(looked) - len(shortlist.rows)
     alike = [*range(first), *(first + k for k in _first_alike(shortlist.rows))]
-    telling = sorted((one for one in few if one.left < SET_LEFT * base.chi_square), key=lambda one: one.left)[
-        :SET_REFITS
-    ]
+    telling = sorted((one for one in few if one.left < SET_LEFT * base.misfit), key=lambda one: one.left)[:SET_REFITS]
     at_fit = [*shortlist.at_fit, *telling]
     kept = {k for k, one in enumerate(looked) if one.candidate.is_always_fitted or one in at_fit}
     rank = [
@@ -392,16 +391,16 @@ def _fit_near_all(
     time = budget.portion(1.0, kept=1 - NEAR_FIT_TIME)
     originals = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
     first = [k for k in originals if rank[k] < FINALISTS]
-    least = LEAST_REFITS
-    fits = map_within_budget(
-        time, work, f"most promising {name}", fit_near, base, [(*changes[k], np.inf) for k in first], least
-    )
-    known: dict[int, StoredFit | None] = dict(zip(first, fits, strict=True))
-    costs = sorted(fit["chi_square"] for k, fit in known.items() if fit and not changes[k][0].is_always_fitted)
-    above = costs[FINALISTS - 1] if len(costs) >= FINALISTS else np.inf
-    rest = sorted((k for k in originals if k not in known), key=lambda k: (k not in kept, rank[k]))
-    items = [(*changes[k], np.inf if k in kept else above) for k in rest]
-    known.update(zip(rest, map_within_budget(time, work, name, fit_near, base, items), strict=True))
+    rest = sorted((k for k in originals if rank[k] >= FINALISTS), key=lambda k: (k not in kept, rank[k]))
+    known: dict[int, StoredFit | None] = {}
+    base.near_values  # noqa: B018  # computed once, before it is sent to other processes
+    above, least = np.inf, LEAST_REFITS
+    for block in [first, *(rest[i : i + FINALISTS] for i in range(0, len(rest), FINALISTS))]:
+        items = [(*changes[k], np.inf if k in kept else above) for k in block]
+        what = name if known else f"most promising {name}"
+        known.update(zip(block, map_within_budget(time, work, what, fit_near, base, items, least), strict=True))
+        sizes = sorted(fit["chi_square"] for k, fit in known.items() if fit and not changes[k][0].is_always_fitted)
+        above, least = sizes[FINALISTS - 1] if len(sizes) >= FINALISTS else np.inf, 0
     twins = [k for k in range(len(changes)) if k not in known and known[alike[k]] is not None]
     asked = [(fit_near, (*changes[k], np.inf if k in kept else above), known[alike[k]] or StoredFit()) for k in twins]
     known.update(zip(twins, map_within_budget(time, work, f"{name}, alike", fit_mirrored, base, asked), strict=True))
@@ -504,7 +503,7 @@ def _of_large_model(base: Fitted, work: Work, budget: SearchBudget) -> Explanati
     likeliest = dict[Hashable, Screened]()
     for row in (*shortlist.in_turn, *shortlist.rows):
         likeliest.setdefault(row.candidate.key, row)
-    few = [*(Screened(one, 1.0, base.chi_square) for one in data), *likeliest.values()][:LARGE_MODEL_REFITS]
+    few = [*(Screened(one, 1.0, base.misfit) for one in data), *likeliest.values()][:LARGE_MODEL_REFITS]
     items = _begun(base.modified, [(one.candidate, one.strength) for one in few], {})
     fits, n_ended = _refits_in_time(base, items, work, "likeliest causes", None, budget)
     return replace(_weighed(base, fits, shortlist.tried), spent=clock.spent, left_out=len(items) - n_ended)

@@ -103,6 +103,8 @@ OUTLYING_RATIO = 2.0
 #: Candidates of each point of the screen that go on; in the 54 trials the right one was among the first four of some
 #: point.
 FIRST_OF_POINT = 6
+#: Candidates of each kind, the most promising ones, that are screened at all strengths; the others at every second one.
+FINELY_SCREENED = 16
 #: Candidates of each kind that go on besides.
 FIRST_OF_KIND = 2
 #: Candidates at most that are fitted near.
@@ -113,6 +115,9 @@ CERTAIN_AT_FIT = 2
 LEAST_DROP = 0.02
 #: Supports at most that are released in all rotations.
 MOST_FEET = 8
+#: Change of all data together, in standard deviations, by tolerances of fixed values below which it is left out of the screen:
+#: noise hides it, and a residual along it is lowered by less than a tenth.
+LEAST_TOLERANCE_EFFECT = 0.3
 #: Part of the misfit that goes with a sensor from where on it may be elsewhere, or of the other sense.
 CHANNEL_PART = 0.3
 #: Part of the misfit of the initial model that an exchange or a gain leaves at most where it is fitted whatever else is
@@ -128,6 +133,8 @@ PAIR_LOOKS_OF_KIND = 2
 PAIR_LEFT = 0.3
 
 # fits of changed models
+#: Part of its sum of squares that the next step of a fit promises at most before it is left for a better one.
+RACED_AT = 0.05
 #: Probability of a misfit below which noise and tolerances are not its cause.
 MISFIT = 1e-3
 #: Passes in which lines and tones that stand out from a fit are looked for once more.
