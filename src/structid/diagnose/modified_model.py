@@ -52,10 +52,11 @@ QUICK = Raced(max_iterations=12, gain_tolerance=1e-3, left_at=0.05)
 
 
 class NearFit(NamedTuple):
-    """Where a quick fit ended: free variables and sum of squares."""
+    """Where a quick fit ended: free variables and sum of squares; and the free variables at the end of each of its steps."""
 
     theta: FloatArray
     chi_square: float
+    path: tuple[FloatArray, ...]
 
 
 class Change(NamedTuple):
@@ -216,25 +217,28 @@ class ModifiedModel:
         """The minimum of one of its problems from free variables (n_params,), its effort counted and limited."""
         return minimize(problem, method, theta, count_effort(problem, self.fit_limits))
 
-    def fit_near(self, above: float = np.inf, known: Mapping[str, float] | None = None) -> NearFit:
-        """The quick fit with parameters kept near their start, by smoothed data to the lines themselves.
+    def fit_near(self, above: float = np.inf, path: Sequence[Mapping[str, float]] = ()) -> NearFit:
+        """The quick fit with parameters kept near their start: to smoothed data, then to the lines themselves.
 
         Parameters
         ----------
         above : float
             The fit ends early where its sum of squares would stay above this.
-        known : mapping of str to float, optional
-            Physical values of a quick fit without the last change. The last step begins there where that is nearer: a
-            change that explains nothing then ends where it begins.
+        path : sequence of mappings of str to float
+            Physical values where each step of the quick fit without the last change ended. A step begins there where that
+            is nearer: a change that explains nothing then ends where it begins.
         """
-        theta = np.asarray(self.target.theta_start)
-        for _, stage in self.smoothed(NEAR_LEVELS):
-            theta = self.minimize(stage, QUICK, theta).theta
-        anchored = self.anchored()
-        if known is not None:
-            theta = min(theta, self.theta_of(known), key=lambda start: squared(residual_at(anchored, start)))
-        near = self.minimize(anchored, replace(QUICK, above=above), theta)
-        return NearFit(near.theta, float(near.costs[-1]))
+        stages = [(stage, QUICK) for _, stage in self.smoothed(NEAR_LEVELS)]
+        stages.append((self.anchored(), replace(QUICK, above=above)))
+        ends = [self.theta_of(values) for values in path] if len(path) == len(stages) else []
+        theta, steps = np.asarray(self.target.theta_start), list[Minimum]()
+        for number, (problem, method) in enumerate(stages):
+            starts = [theta, *ends[number : number + 1]]
+            if len(starts) > 1:
+                starts.sort(key=lambda start: squared(residual_at(problem, start)))
+            steps.append(self.minimize(problem, method, starts[0]))
+            theta = steps[-1].theta
+        return NearFit(theta, float(steps[-1].costs[-1]), tuple(step.theta for step in steps))
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:
         """The best fit, as the options ask for, from some starts (n_params,).

@@ -97,12 +97,17 @@ class Fitted:
         return self.modified.values(self.theta)
 
     @cached_property
-    def near_values(self) -> dict[str, float]:
-        """Physical values of the quick fit of the same model, by name; none where it fails."""
+    def near_path(self) -> tuple[dict[str, float], ...]:
+        """Physical values, by name, at the end of each step of the quick fit of the same model; none where it fails."""
         try:
-            return self.modified.values(self.modified.fit_near().theta)
+            return tuple(self.modified.values(theta) for theta in self.modified.fit_near().path)
         except (StructidError, np.linalg.LinAlgError):
-            return {}
+            return ()
+
+    @property
+    def near_theta(self) -> FloatArray:
+        """Free variables at the end of the quick fit of the same model, those of the start where it fails."""
+        return self.modified.theta_of(self.near_path[-1] if self.near_path else {})
 
     @property
     def parameters(self) -> ParameterValues:
@@ -200,7 +205,7 @@ def fit_near(base: Fitted, change: NearItem, tools: Tools) -> StoredFit:
     candidate, strength, above = change
     try:
         modified = base.modified.changed(candidate, strength)
-        near = modified.fit_near(above - base.left_out, base.near_values)
+        near = modified.fit_near(above - base.left_out, base.near_path)
         left_out = base.left_out + _misfit_left_out(base, modified, near.theta, is_near=True)
         return {"theta": near.theta, "chi_square": near.chi_square + left_out}
     except (StructidError, np.linalg.LinAlgError):

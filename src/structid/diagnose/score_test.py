@@ -11,6 +11,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.diagnose.causes import candidates
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.data_rows import scaled_misfit
 from structid.diagnose.receptances import MOST_LINES, Receptances, receptances_at
@@ -86,6 +87,17 @@ class Point:
         """The sum of squares off the basis without any change."""
         return float(self._base @ self._base)
 
+    def candidates(self, names: Sequence[str]) -> list[Candidate]:
+        """All candidates whose effects follow from the receptances, made once; `names` are those of the records."""
+        key = tuple(names)
+        if key not in self._candidates:
+            self._candidates[key] = candidates(self.records, names)
+        return self._candidates[key]
+
+    @cached_property
+    def _candidates(self) -> dict[tuple[str, ...], list[Candidate]]:
+        return {}
+
     def without(self, rows: np.ndarray) -> float:
         """The misfit that is left where a mask (n_data,) marks rows whose errors are larger by the likeliest factor."""
         keep = np.ones(len(self.residual), dtype=bool)
@@ -97,27 +109,27 @@ class Point:
         out = float(rest[~keep] @ rest[~keep])
         return float(rest[keep] @ rest[keep] + held @ held) + scaled_misfit(out, int((~keep).sum()))
 
-    def screened(self, candidates: Sequence[Candidate]) -> list[Screened]:
+    def screened(self, several: Sequence[Candidate]) -> list[Screened]:
         """Every candidate, in the given order, with its best strength, the parameters following linearly."""
-        keys = [self._key(candidate) for candidate in candidates]
+        keys = [self._key(candidate) for candidate in several]
         known: dict[_Key, _Look] = {}
-        for key, candidate in zip(keys, candidates, strict=True):
+        for key, candidate in zip(keys, several, strict=True):
             if key not in known:
                 known[key] = self._look(candidate)
         kinds = defaultdict[str, list[int]](list)
         for k in sorted(range(len(keys)), key=lambda k: known[keys[k]].promised):
-            kinds[candidates[k].kind].append(k)
+            kinds[several[k].kind].append(k)
         closer = {k for kind in kinds.values() for k in kind[:FINELY_SCREENED]}
         nearer: dict[_Key, _Look] = {}
         for k in sorted(closer):
             if keys[k] not in nearer:
-                nearer[keys[k]] = self._closer(candidates[k], known[keys[k]])
+                nearer[keys[k]] = self._closer(several[k], known[keys[k]])
         return [
             (nearer if k in closer else known)[key].best(candidate)
-            for k, (candidate, key) in enumerate(zip(candidates, keys, strict=True))
+            for k, (candidate, key) in enumerate(zip(several, keys, strict=True))
         ]
 
-    def requested(self, candidates: Sequence[Candidate]) -> list[RequestedChange]:
+    def requested(self, several: Sequence[Candidate]) -> list[RequestedChange]:
         """Strengths that the residual asks of small candidates, each alone, all parameters following: a score test.
 
         With w the slope of a candidate off the basis its strength is -w'r / w'w, and its score |w'r| / |w|, the size of a standard
@@ -128,7 +140,7 @@ class Point:
         Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57.
         """
         found = []
-        for candidate in candidates:
+        for candidate in several:
             small = _SMALL * np.abs(candidate.strengths).min()
             step, size = self._linear(self._off(candidate, np.array([small]))[:, 0], small)
             low, high = candidate.bounds

@@ -19,7 +19,6 @@ from structid.diagnose.causes import (
     SpringToGround,
     Support,
     SwappedLoads,
-    candidates,
     data_candidates,
     exchanged_channels,
     rows_left_out,
@@ -126,7 +125,7 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
     for point, answer in zip(points, answers, strict=True):
         if answer is None:
             continue
-        several = candidates(point.records, names)
+        several = point.candidates(names)
         feet = feet or _feet(several, base.misfit)
         problems = [receptances.problem for receptances in point.records]
         data = list(data_candidates(problems, names))
@@ -273,7 +272,7 @@ def _looked(looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: To
     """The best strength of every candidate at one point and the misfit that it leaves, (n_candidates,) each."""
     points, names = looks
     point = points[number]
-    rows = point.screened(candidates(point.records, names))
+    rows = point.screened(point.candidates(names))
     return {"strength": np.array([row.strength for row in rows]), "left": np.array([row.left for row in rows])}
 
 

@@ -11,7 +11,7 @@ from scipy import special
 
 from structid.core.dof import parse_dof
 from structid.core.errors import StructidError
-from structid.diagnose.causes import candidates, residual_candidates
+from structid.diagnose.causes import residual_candidates
 from structid.diagnose.causes.appendage import Appendage
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.fixed_value import FixedValue
@@ -294,7 +294,7 @@ def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | Non
 def _from_elsewhere(base: Fitted) -> Fitted | None:
     """The unchanged study fitted anew from its quick fit; None where that is not clearly better than `base`."""
     try:
-        minimum = base.modified.fitted([base.modified.theta_of(base.near_values), base.theta])
+        minimum = base.modified.fitted([base.near_theta, base.theta])
     except (StructidError, np.linalg.LinAlgError):
         return None
     cost = float(minimum.costs[-1])
@@ -393,7 +393,7 @@ def _fit_near_all(
     first = [k for k in originals if rank[k] < FINALISTS]
     rest = sorted((k for k in originals if rank[k] >= FINALISTS), key=lambda k: (k not in kept, rank[k]))
     known: dict[int, StoredFit | None] = {}
-    base.near_values  # noqa: B018  # computed once, before it is sent to other processes
+    base.near_path  # noqa: B018  # computed once, before it is sent to other processes
     above, least = np.inf, LEAST_REFITS
     for block in [first, *(rest[i : i + FINALISTS] for i in range(0, len(rest), FINALISTS))]:
         items = [(*changes[k], np.inf if k in kept else above) for k in block]
@@ -540,7 +540,7 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
     work : Work
     """
     point = base.modified.point_at(base.modified.shown_problems, base.theta, REQUEST_LINES)
-    several = candidates(point.records, titles(base.modified.setups))
+    several = point.candidates(titles(base.modified.setups))
     scale = max(1.0, base.misfit / max(base.modified.target.n_data - len(base.modified.target.names), 1))
     limit = float(special.ndtri(1 - REQUEST_RISK / (2 * max(len(several), 1)))) * np.sqrt(scale)
     best: dict[Hashable, RequestedChange] = {}
