@@ -83,7 +83,8 @@ def linearize_fit(fitted: Fitted) -> LinearizedFit:
     METER.add(iteration_effort(target))
     at = target.linearize(fitted.theta)
     n_rows, names = len(at.residual), tuple[str, ...]()
-    columns, tolerance = np.zeros((n_rows, 0)), np.zeros(0)
+    columns: FloatArray = np.zeros((n_rows, 0))
+    tolerance: FloatArray = np.zeros(0)
     fixed_values = None if modified.is_large else modified.fixed_values
     if fixed_values is not None:
         METER.add(iteration_effort(fixed_values.problem))
