@@ -500,6 +500,8 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
     of_inputs = _names_by_user(table, "inputs", [head.input for head in heads], options.inputs)
     columns = [_parse_column(table, j, head, of_outputs, of_inputs, options) for j, head in enumerate(heads, start=1)]
     _require_unit(table, columns, options.unit)
+    kind = _kind(table, columns)
+    _require_same_unit_of_both_parts(table, columns)
     outputs = tuple(dict.fromkeys(column.output for column in columns))
     inputs = tuple(dict.fromkeys(column.input for column in columns))
     parts: dict[str, FloatArray] = {}
@@ -518,7 +520,7 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
         values=parts["magnitude"] * np.exp(1j * parts["phase"]) if is_polar else parts["re"] + 1j * parts["im"],
         outputs=outputs,
         inputs=inputs,
-        kind=_kind(table, columns),
+        kind=kind,
         variance=parts["std"] ** 2 if "std" in parts else None,
         coherence=parts.get("coherence"),
         noise_source="declared" if "std" in parts else "unknown",
@@ -541,6 +543,19 @@ def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:
             " option out",
             "unit",
         )
+
+
+def _require_same_unit_of_both_parts(table: Table, columns: list[_Column]) -> None:
+    """Refuse a real part in one unit beside an imaginary part of the same pair in another."""
+    units: dict[tuple[Dof, Dof], FrfUnit | None] = {}
+    for j, column in enumerate(columns, start=1):
+        if column.part not in ("re", "im"):
+            continue
+        other = units.setdefault((column.output, column.input), column.unit)
+        if column.unit != other:
+            raise _column(
+                table, j, text="its real and imaginary parts are in different units; write the unit that both are in"
+            )
 
 
 def _kind(table: Table, columns: list[_Column]) -> FrfKind:
