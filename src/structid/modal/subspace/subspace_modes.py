@@ -34,6 +34,7 @@ from structid.modal.subspace.pole_uncertainty import (
     FreeDecay,
     deviations,
     free_decay,
+    frequency_widening,
     overlapping_batches,
     pole_deviations,
 )
@@ -463,14 +464,16 @@ def _modal_record(
     covariance = std = modal_changes = None
     if changes is not None:
         ds, draw = changes.poles[:, order], changes.shapes[:, :, order]
+        widening = np.ones(len(s))
         if not motion.explains_all:
-            piece = sum(len(y) for y in data.series) / data.sampling_rate / len(subspace.windows)
-            ds, draw = overlapping_batches(ds, draw, piece, _memory(s))
+            seconds, n_pieces = sum(len(y) for y in data.series) / data.sampling_rate, len(subspace.windows)
+            ds, draw = overlapping_batches(ds, draw, seconds / n_pieces, _memory(s))
+            widening = frequency_widening(s, seconds, n_pieces, _memory(s))
         dshape = np.einsum("cdm,bdm->bcm", merge, draw)
         top = dshape[:, largest[0], largest[1]]
         dunit = (dshape - unit * top[:, None, :]) / shapes[largest]
         moved = np.concatenate([ds.real, ds.imag], axis=1) @ frequency_damping_slope(s).T
-        modal_changes = ModalChanges(moved[:, : len(s)], moved[:, len(s) :], dunit)
+        modal_changes = ModalChanges(widening * moved[:, : len(s)], moved[:, len(s) :], dunit)
         covariance = frequency_damping_covariance(modal_changes, notes)
         std = np.sqrt(np.sum(dunit.real**2, axis=0))
     notes += _warnings(data, s, len(subspace.windows) if changes is not None and not motion.explains_all else 0)
