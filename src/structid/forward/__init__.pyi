@@ -2,7 +2,6 @@
 
 from structid.forward.channel_errors import ChannelErrors as ChannelErrors
 from structid.forward.channel_unknowns import ChannelUnknown as ChannelUnknown
-from structid.forward.channel_unknowns import channel_errors as channel_errors
 from structid.forward.frf.equations import measures_everything as measures_everything
 from structid.forward.frf.equations import one_step_values as one_step_values
 from structid.forward.frf.forms import Form as Form

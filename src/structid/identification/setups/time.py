@@ -23,10 +23,10 @@ from structid.forward import (
     ResponseCache,
     SpectraProblem,
     TimeOptions,
-    channel_errors,
     output_error_problem,
 )
 from structid.forward.channel_errors import ChannelErrors, Measured
+from structid.forward.channel_unknowns import channel_errors
 from structid.forward.time.options import Hold, Initial, TimeMethod
 from structid.forward.time.spectra import NO_WINDOW, transient_order
 from structid.identification.checks import record_warnings

@@ -18,7 +18,8 @@ from structid.core.errors import FileError, InputError
 from structid.files.contained import ReaderError, read_in_child
 from structid.files.loggers import PACKAGES, Channel
 from structid.records.formats.clocks import SURE, resample, resampling_remedy
-from structid.records.formats.named_channels import NamedChannels, chosen, is_time, record_of, scale_of_times
+from structid.records.formats.headers import is_time
+from structid.records.formats.named_channels import NamedChannels, chosen, record_of, scale_of_times
 from structid.records.formats.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
