@@ -85,9 +85,9 @@ class Fitted:
         return dense_uncertainty(target, self.theta, target.linearize(self.theta), True, MISFIT, columns)
 
     @property
-    def covariance(self) -> FloatArray:
+    def covariance_of_data(self) -> FloatArray:
         """Covariance of the physical values, (n_params, n_params), from noise, or where that is missed from model error."""
-        return self._uncertainty.spread.covariance
+        return self._uncertainty.spread.covariance_of_data
 
     @property
     def identified(self) -> np.ndarray:
@@ -95,10 +95,9 @@ class Fitted:
         return self._uncertainty.spread.identified
 
     @property
-    def covariance_with_tolerances(self) -> FloatArray:
-        """The same with the tolerances of the values that the model fixes."""
-        fixed = self._uncertainty.spread.fixed
-        return self.covariance if fixed is None else self.covariance + fixed.covariance
+    def covariance(self) -> FloatArray:
+        """`covariance_of_data` with the tolerances of the values that the model fixes added, (n_params, n_params)."""
+        return self._uncertainty.spread.covariance
 
 
 def fitted_at(modified: ModifiedModel, theta: FloatArray, cost: float, aside: float = 0.0) -> Fitted:
