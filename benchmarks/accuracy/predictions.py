@@ -5,9 +5,11 @@ noise anew, identifies, and predicts: accelerances at degrees of freedom that no
 frequencies and accelerances by a mass that is added, and (of the chain) the largest displacements under a half-sine push, whose
 truth comes from a matrix exponential. Of beams also: bending moment and strain of a fibre at an end of an element, as FRFs,
 and the largest moment and strain under the push; their truth is the element's own matrix times its motion, the loss factor acting
-as a damping ratio of its half at each mode. `--stresses` leaves all others out.
+as a damping ratio of its half at each mode. `--stresses` leaves all others out, `--frequencies` all but natural
+frequencies.
 
-    python benchmarks/accuracy/predictions.py [--repeats 100] [--seed 0] [--tolerance 0.01] [--only chain] [--stresses]
+    python benchmarks/accuracy/predictions.py [--repeats 100] [--seed 0] [--tolerance 0.01] [--only chain]
+        [--stresses | --frequencies]
 """
 
 from __future__ import annotations
@@ -114,12 +116,11 @@ def push(rig: Rig) -> tuple[np.ndarray, float]:
     return 100 * np.where(at < 0.02, np.sin(np.pi * at / 0.02), 0.0), rate
 
 
-def repeat(
-    rig: Rig, tolerance: float, seed: int, inside: dict[str, list[np.ndarray]], stresses_alone: bool = False
-) -> None:
-    values, _, gain = truth(rig, np.random.default_rng(seed), tolerance)
+def repeat(rig: Rig, tolerance: float, seed: int, inside: dict[str, list[np.ndarray]], only: str = "") -> None:
+    rng = np.random.default_rng([seed, sorted(UNSEEN).index(rig.name)])  # the structures' errors are independent
+    values, _, gain = truth(rig, rng, tolerance)
     options = sid.IdentifyOptions(tolerances=Tolerances(tolerance, tolerance, DAMPING, tolerance))
-    found = sid.identify_together([frf_setup(rig, values, gain, np.random.default_rng(seed + 10_000), 0.01)], options)
+    found = sid.identify_together([frf_setup(rig, values, gain, rng, 0.01)], options)
     m, k, c = matrices(rig, values)
     frequency, outputs = np.linspace(*rig.band, 120), UNSEEN[rig.name]
     node, mass = LOADED[rig.name], 0.05 * rig.structure.mass_of()
@@ -131,7 +132,7 @@ def repeat(
     def put(what: str, predicted, true: np.ndarray) -> None:
         inside[what].append(((predicted.low <= true) & (true <= predicted.high)).ravel())
 
-    if rig.name in ("cantilever", "beam on three supports"):
+    if rig.name in ("cantilever", "beam on three supports") and only != "frequencies":
         zone, number, node = READ
         names = [f"M[{zone}:{number}@{node}]", f"strain[{zone}:{number}@{node} y={HEIGHT}]"]
         rows, to_strain = element_rows(rig, values), -HEIGHT / values[f"bending_stiffness[{zone}]"]
@@ -150,14 +151,15 @@ def repeat(
             inside[what].append(held)
             top = true_largest[[column]]
             inside[f"largest {what}"].append((largest.low[[column]] <= top) & (top <= largest.high[[column]]))
-    if stresses_alone:
+    if only == "stresses":
         return
-    quantity = Frf(outputs, [rig.load], frequency)
-    changed = predict_change(found, quantity, [AddMass(node, mass)], seed=seed)
-    before, after = (np.abs(true_frf(rig, each, k, c, frequency, outputs)) for each in (m, heavy))
-    put("frf", changed.before, before)
-    put("frf + mass", changed.after, after)
-    put("frf change", changed.difference, after - before)
+    if only != "frequencies":
+        quantity = Frf(outputs, [rig.load], frequency)
+        changed = predict_change(found, quantity, [AddMass(node, mass)], seed=seed)
+        before, after = (np.abs(true_frf(rig, each, k, c, frequency, outputs)) for each in (m, heavy))
+        put("frf", changed.before, before)
+        put("frf + mass", changed.after, after)
+        put("frf change", changed.difference, after - before)
     changed = predict_change(found, NaturalModes(3), [AddMass(node, mass)], seed=seed)
     for what, predicted, true in (
         ("hertz", changed.before, hertz(m)),
@@ -165,7 +167,7 @@ def repeat(
         ("hertz change", changed.difference, hertz(heavy) - hertz(m)),
     ):
         inside[what].append((predicted.low[:, 0] <= true) & (true <= predicted.high[:, 0]))
-    if rig.name == "chain":
+    if rig.name == "chain" and not only:
         force, rate = push(rig)
         history = History(outputs, [rig.load], force[:, None], rate, "displacement")
         at_outputs = np.eye(len(rig.dofs))[[rig.index(d) for d in outputs]]
@@ -179,7 +181,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tolerance", type=float, default=0.01)
     parser.add_argument("--only", nargs="+", default=list(RIGS), choices=list(RIGS))
-    parser.add_argument("--stresses", action="store_true")
+    parser.add_argument("--stresses", dest="alone", action="store_const", const="stresses", default="")
+    parser.add_argument("--frequencies", dest="alone", action="store_const", const="frequencies")
     chosen = parser.parse_args()
     print(
         f"inside the 95 % band, %; {chosen.repeats} repeats from seed {chosen.seed}, fixed values off by {chosen.tolerance:g}"
@@ -189,7 +192,7 @@ def main() -> None:
         inside: dict[str, list[np.ndarray]] = defaultdict(list)
         begun = time.process_time()
         for seed in range(chosen.seed, chosen.seed + chosen.repeats):
-            repeat(RIGS[name](), chosen.tolerance, seed, inside, chosen.stresses)
+            repeat(RIGS[name](), chosen.tolerance, seed, inside, chosen.alone)
         each = (time.process_time() - begun) / chosen.repeats
         print_row(name, inside, f"{each:.2f} s each")
         for what, parts in inside.items():
