@@ -1,7 +1,7 @@
 """`python -m fuzz.headers`: record files over the variations of their headers, each with known truth, and how they were read.
 
 The semantic twin of `python -m fuzz`: a damaged file must be read or refused, and a whole one read as it says or refused. The
-files are those of `tests/records/header_cases.py`, whose writers share nothing with structid.
+files are those of `header_cases.py` and `laboratory_cases.py` in `tests/records`, whose writers share nothing with structid.
 """
 
 from __future__ import annotations
@@ -11,18 +11,22 @@ import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 from structid.core.errors import InputError
 from structid.records import ReadOptions, Record, read_record
+from structid.records.formats import CsvLayout
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "records"))
-from header_cases import WRITERS, judge
+from header_cases import judge
+from laboratory_cases import WRITERS
 
 OUTCOMES = ("read", "refused", "wrong", "lost", "other")
 
 
-def _read(path: Path, options: dict[str, str]) -> Record:
-    return read_record(path, ReadOptions(**options))
+def _read(path: Path, options: dict[str, Any]) -> Record:
+    layout = CsvLayout(**options["csv"]) if "csv" in options else None
+    return read_record(path, ReadOptions(**(options | {"csv": layout})))
 
 
 def main() -> int:

@@ -24,7 +24,7 @@ from fuzz.binary_results import Writer
 from structid.core.errors import InputError
 from structid.modal import ModalRecord
 from structid.modal.formats.files import read_modes
-from structid.modal.formats.printed import ModeFileOptions
+from structid.modal.formats.options import ModeFileOptions
 
 _TOLERANCE = 3e-5
 

@@ -14,6 +14,14 @@ from structid.cli.app import COMMANDS
 from study_cases import write_chain
 
 PACKAGES = ("structid", "structid.records", "structid.modal")
+#: Packages inside, whose names load on first use too.
+INNER = (
+    "structid.diagnose",
+    "structid.external",
+    "structid.forward",
+    "structid.modal.formats",
+    "structid.study.run.solver",
+)
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
 
 
@@ -42,12 +50,13 @@ def test_every_public_name_is_there(package):
         module.nothing  # noqa: B018
 
 
-@pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.parametrize("package", [*PACKAGES, *INNER])
 def test_no_module_hides_a_public_name(package):
     """`import structid.plan` would put a module in the place of the function `plan`."""
     module = importlib.import_module(package)
     inner = {found.name for found in pkgutil.iter_modules(module.__path__)}
     assert not inner & set(module.__all__)
+    assert all(getattr(module, name) is not None for name in module.__all__)
 
 
 def test_import_structid_waits_for_nothing():

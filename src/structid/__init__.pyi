@@ -9,7 +9,7 @@ from structid.core.dof import parse_dof as parse_dof
 from structid.core.errors import FileError as FileError
 from structid.core.errors import InputError as InputError
 from structid.core.errors import StructidError as StructidError
-from structid.diagnose.explain import explain as explain
+from structid.diagnose.diagnosis import explain as explain
 from structid.diagnose.verdict import Cause as Cause
 from structid.diagnose.verdict import Diagnosis as Diagnosis
 from structid.dynamics import harmonic_transient as harmonic_transient

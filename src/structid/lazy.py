@@ -1,10 +1,11 @@
-"""Public names of a package that load on first use, so that importing the package costs next to nothing (PEP 562)."""
+"""Public names and modules of file formats load on first use (PEP 562): importing a package costs next to nothing."""
 
 from __future__ import annotations
 
 import ast
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -42,3 +43,24 @@ def lazy(
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
 
     return load, lambda: names, names
+
+
+@dataclass(frozen=True)
+class FormatModule:
+    """Module of a file format, loaded when a file of that format is read or written first.
+
+    Attributes
+    ----------
+    module : str
+        Full name of the module; its functions are attributes of this object.
+    SUFFIXES : tuple of str
+        Suffixes of the format's files, in lower case, with the dot.
+    """
+
+    module: str
+    SUFFIXES: tuple[str, ...]
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(import_module(self.module), name)

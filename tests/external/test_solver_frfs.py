@@ -20,8 +20,9 @@ from structid.cli import app as cli
 from structid.core.dof import parse_dofs
 from structid.core.errors import FileError
 from structid.external.deck import with_frequencies
-from structid.external.frf_model import FrfRuns, FrfsOut
+from structid.external.frf_model import FrfsOut
 from structid.external.solved import Units
+from structid.fem.elements.solver_model import FrfRuns
 from structid.records import FrfRecord
 from structid.records.formats import write_record
 from structid.workbench.work.called import called

@@ -86,6 +86,35 @@ def test_old_gmsh_versions_are_named(tmp_path):
         read_mesh(written(tmp_path, "a.msh", "$NOD\n1\n1 0 0 0\n$ENDNOD\n"))
 
 
+def test_physical_names_of_gmsh_without_dimension_and_with_words_behind_them(tmp_path):
+    """Version 2.0 has numbers and names alone; other programs add words of their own."""
+    text = """$MeshFormat
+2.0 0 8
+$EndMeshFormat
+$PhysicalNames
+2
+3 "a skin"
+1 4 "edge" lower_dimensional_block
+$EndPhysicalNames
+$Nodes
+3
+1 0 0 0
+2 1 0 0
+4 0 1 0
+$EndNodes
+$Elements
+2
+1 2 2 3 1 1 2 4
+2 1 2 4 1 1 2
+$EndElements
+"""
+    mesh = read_mesh(written(tmp_path, "a.msh", text))
+    assert mesh.cells("a skin").tolist() == [[1, 2, 4]]
+    assert mesh.group_nodes("edge").tolist() == [1, 2]
+    with pytest.raises(FileError, match="no name in quotation marks"):
+        read_mesh(written(tmp_path, "a.msh", text.replace('"edge"', "edge")))
+
+
 PATRAN = """SOL 101
 CEND
 BEGIN BULK

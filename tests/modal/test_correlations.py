@@ -48,7 +48,7 @@ def test_window_hankel_of_a_window_shorter_than_its_lags_at_the_end_of_the_recor
 
 
 @pytest.mark.parametrize(("first_lag", "stop"), [(-1, 2400), (0, 2500), (3, 2490)])
-@pytest.mark.parametrize("at_once", [1, 1000, 1 << 20])
+@pytest.mark.parametrize("at_once", [1, 7, 1000])
 def test_lag_sums_over_many_segments_are_products_of_the_shifted_record(first_lag, stop, at_once, monkeypatch):
     monkeypatch.setattr(correlations_module, "_AT_ONCE", at_once)
     y = np.random.default_rng(2).standard_normal((2500, 3))

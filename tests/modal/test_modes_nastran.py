@@ -8,7 +8,7 @@ from structid.core.errors import FileError
 from structid.external.shapes import read_shapes
 from structid.modal.formats.files import read_modes, write_modes
 from structid.modal.formats.nastran import read_modes_nastran
-from structid.modal.formats.printed import ModeFileOptions
+from structid.modal.formats.options import ModeFileOptions
 
 NODES = [1, 2, 15, 101]
 FREQUENCY = [0.0, 12.5, 47.25]

@@ -8,7 +8,7 @@ from fuzz.binary_results import Writer
 
 from structid.core.errors import FileError
 from structid.modal.formats.files import read_modes
-from structid.modal.formats.printed import ModeFileOptions
+from structid.modal.formats.options import ModeFileOptions
 
 POINTS = [1, 7, 99999999]
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import structid as sid
 from structid.core.errors import InputError, NoAnswerError
@@ -41,6 +42,24 @@ def test_band_of_a_frequency_is_half_that_of_the_stiffness():
     assert found.values[0, 0] == pytest.approx(f)
     assert found.std[0, 0] == pytest.approx(0.01 * f, rel=0.07)
     assert (found.low[0, 0], found.high[0, 0]) == pytest.approx((f * (1 - 0.0196), f * (1 + 0.0196)), rel=3e-3)
+
+
+class Stiffness:
+    """The first parameter itself."""
+
+    axes, units, unit = {"output": ("k",)}, ("N/m",), "N/m"
+
+    def evaluator(self, structure, parameters, points):
+        return lambda physical: physical[:1]
+
+
+def test_a_band_of_few_random_models_holds_the_truth_as_often_as_one_of_many():
+    model, coverage = make_oscillator(0.02), []
+    for seed in range(100):
+        found = sid.predict(model, Stiffness(), n_draws=60, seed=seed)
+        ends = stats.norm.cdf(np.log([found.low[0], found.high[0]] / found.values[0]) / 0.02)
+        coverage.append(ends[1] - ends[0])
+    assert np.mean(coverage) == pytest.approx(0.95, abs=0.008)  # 0.92 between the quantiles of the draws
 
 
 def test_an_error_that_mass_and_stiffness_share_cancels_in_the_frequency_and_not_in_the_static_response():

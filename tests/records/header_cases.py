@@ -69,6 +69,8 @@ class Case:
         Whether a reader may ask for more, though the file and the options say all.
     digits : float
         Relative size of the last digit of its numbers.
+    axis_error : float
+        Error of the axis that its digits explain, as a part of its largest value.
     notes : list of str
         What was drawn.
     """
@@ -83,6 +85,7 @@ class Case:
     is_open: bool = False
     may_be_refused: bool = False
     digits: float = 1e-5
+    axis_error: float = 5e-5
     notes: list = field(default_factory=list)
 
     def refuse(self, why: str) -> None:
@@ -106,7 +109,7 @@ def judge(case: Case, path: Path, read, refusal: type[Exception]) -> tuple[str, 
 def _differences(case: Case, record) -> str:
     axis = record.frequency if case.is_frf else record.time
     size = np.abs(case.axis).max()
-    if axis.shape != case.axis.shape or np.abs(axis - case.axis).max() > 5e-5 * size:
+    if axis.shape != case.axis.shape or np.abs(axis - case.axis).max() > case.axis_error * size:
         return f"axis {axis[:3]}..., truth {case.axis[:3]}..."
     if case.is_frf:
         if record.kind != KINDS[case.quantity]:
@@ -569,6 +572,8 @@ def table_case(seed):
     shown = rng.choice(UNKNOWN) if unknown else whole
     if unknown and rng.random() < 0.4:
         case.options["unit" if case.is_frf else "units"] = whole
+        if shown in ("dB", "g rms") and not case.is_frf:
+            case.refuse("levels")
         shown, case.may_be_refused = "" if case.is_frf else shown, bool(below)  # units below names that are none
     elif unknown:
         case.refuse(f"channels in {shown}")

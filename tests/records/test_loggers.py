@@ -236,7 +236,9 @@ def test_a_waveform_of_labview_in_ms(tmp_path):
 
 @pytest.mark.parametrize("old, new, words", [
     ("X_Dimension\tTime", "X_Dimension\tFrequency", "over Frequency, not over time"),
-    ("X_Columns\tNo", "X_Columns\tMulti", "times of its own"), ("LabVIEW", "Lab", "does not begin with LabVIEW"),
+    ("X_Columns\tNo", "X_Columns\tMulti", "3 channels, and it has 2 names"), ("LabVIEW", "Lab", "does not begin with LabVIEW"),
+    ("Samples\t300\t300\t300", "Samples\t150\t150\t150", "it holds 300; several writings without times"),
+    ("Samples\t300", "Samples\t301", "says 301 samples of 'Acc A', and it holds 300"),
     ("***End_of_Header***\nChannels", "***End_of_Header***\n***End_of_Header***\nChannels", "one segment, got 2"),
 ])  # fmt: skip
 def test_text_of_labview_that_says_something_else_is_refused(tmp_path, old, new, words):
@@ -280,3 +282,49 @@ def test_text_of_labview_in_ms_and_with_times_that_its_head_contradicts(tmp_path
                 read_record(path, options("lvm"))
         else:
             assert read_record(path, options("lvm")).sampling_rate == pytest.approx(RATE)
+
+
+def labview_text(head, segment, names, rows):
+    """An LVM file with decimal points, each line ended as LabVIEW ends them."""
+    parts = (["LabVIEW Measurement", "Writer_Version\t2", *head], segment, [])
+    lines = [line for part in parts[:2] for line in (*part, "***End_of_Header***")]
+    return "\n".join([*lines, "\t".join([*names, "Comment"]), *("\t".join([*row, ""]) for row in rows), ""])
+
+
+def test_text_of_labview_with_times_for_each_channel_and_channels_without_samples(tmp_path):
+    """Each channel has its own times and time of day; one that was not sampled is left out."""
+    path = tmp_path / "a.lvm"
+    rows = [[f"{0.25 * i:.6f}", f"{i}.5", "", "", f"{0.25 * i:.6f}", f"-{i}.25"] for i in range(6)]
+    segment = [
+        "Channels\t3", "Samples\t6\t\t0\t\t6\t", "Date\t2024/05/01\t\t2024/05/01\t\t2024/05/02",
+        "Time\t23:59:59.75\t\t00:00:00\t\t00:00:00.250", "Y_Unit_Label\tg\t\tN\t\tm/s^2\t", "Delta_X\t0.25\t\t1\t\t0.25\t",
+    ]  # fmt: skip
+    names = ["X_Value", "1X", "X_Value", "off", "X_Value", "2X"]
+    path.write_text(labview_text(["X_Columns\tMulti"], segment, names, rows))
+    record = read_record(path)
+    assert (record.sampling_rate, record.start) == (4, 0.5)
+    np.testing.assert_allclose(record.values / [9.80665, 1], [[2.5, -0.25], [3.5, -1.25], [4.5, -2.25], [5.5, -3.25]])
+    rows[2][4] = "0.550000"
+    path.write_text(labview_text(["X_Columns\tMulti"], segment, names, rows))
+    with pytest.raises(FileError, match=r"'2X' is not sampled evenly: a sample is 0.2 steps off"):
+        read_record(path)
+
+
+@pytest.mark.parametrize("layout, step, rate", [
+    ("No", "0.000977", 0),
+    ("No", "0.000250", 4000), ("No", "9.765625E-4", 1024), ("One", "0.000977", 1024), ("One", "0.000250", 4000),
+])  # fmt: skip
+def test_a_step_of_labview_with_few_digits_is_not_taken_as_exact(tmp_path, layout, step, rate):
+    """A step of 0.000977 s is one of 1/1024 s to 0.05 %: the printed times of a long record tell it better, or the user."""
+    path = tmp_path / "a.lvm"
+    times = [f"{i / (rate or 1024):.6f}" if layout == "One" else "" for i in range(2500)]
+    segment = ["Channels\t1", "Samples\t2500", "Y_Unit_Label\tg", "X_Dimension\tTime", "X0\t0.0", f"Delta_X\t{step}"]
+    path.write_text(labview_text([f"X_Columns\t{layout}"], segment, ["X_Value", "1X"], [[t, "0.5"] for t in times]))
+    if rate:
+        assert read_record(path).sampling_rate == rate
+        return
+    with pytest.raises(InputError, match=r"its sampling rate 1023.54 Hz to 0.051 % only"):
+        read_record(path)
+    assert read_record(path, ReadOptions(sampling_rate=1024)).sampling_rate == 1024
+    with pytest.raises(InputError, match="`sampling_rate` 1025 was given"):
+        read_record(path, ReadOptions(sampling_rate=1025))

@@ -93,6 +93,7 @@ def test_time_table_complaint(tmp_path, old, new, word):
         ("1X/3Z- [g/lbf] im", "1X/4Z- [g/lbf] im", r"no column 1X\+/4Z- re"),
         ("1X/3Z- [g/lbf] im", "1X/3Z- [g/lbf] re", "twice"),
         ("1X/3Z- [g/lbf] im", "1X/3Z- [mm/lbf] im", "one kind"),
+        ("1X/3Z- [g/lbf] im", "1X/3Z- [g/N] im", r"line 1, column 3 .*real and imaginary parts are in different units"),
         ("1X/3Z- coherence", "2X/3Z- coherence", r"no column 2X\+/3Z- re"),
         ("\n2,", "\n0.5,", r"lines 2 and 3, column 1 \(frequency_hz\): .*must increase, got 1 Hz followed by 0.5 Hz"),
         ("0.25", "1.25", r"line 3, column 4 \(1X/3Z- coherence\) must be from 0 to 1, got 1.25 at 2 Hz"),

@@ -16,7 +16,7 @@ from structid.fem import PointMass, RigidLink, Shell, Solid, SpaceBeam, Spring, 
 from structid.fem.importers import read_matrices, read_matrix, read_numbering
 from structid.fem.meshes import read_mesh
 from structid.modal.formats.files import read_modes
-from structid.modal.formats.printed import ModeFileOptions
+from structid.modal.formats.options import ModeFileOptions
 from structid.prediction.identified_model import identified_model
 from structid.prediction.predict import predict
 from structid.prediction.quantities import NaturalModes

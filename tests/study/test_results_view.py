@@ -12,7 +12,7 @@ import pytest
 from structid.cli.console import identification_summary
 from structid.core.display import as_sentence
 from structid.core.json_types import json_text
-from structid.diagnose.verdict import Cause, Diagnosis, Judgement
+from structid.diagnose.verdict import NOT_TRIED, Cause, Diagnosis, Judgement
 from structid.report.identification.page import report_page
 from structid.study.results.folder import estimate_summary
 from structid.study.results.view import MOST_ADVICE, ParameterResult, parameter_states, results_view
@@ -104,6 +104,15 @@ def test_the_next_step_names_the_first_cause_and_its_study(result):
     assert told.next_step.startswith("Run `structid identify suggestions/")
     shown = SimpleNamespace(view=told, solver=None)
     assert "Run `structid identify out/suggestions/" in texts(identification_summary(shown, False, "out"))
+
+
+def test_the_next_step_does_not_send_to_changes_that_nobody_tried(result):
+    judgement = Judgement("wrong_model", "Wrong model: do not use the values.")
+    searched = results_view(result.identification, Diagnosis(judgement, n_tried=9)).next_step
+    stopped = results_view(result.identification, Diagnosis(replace(judgement, reasons=(NOT_TRIED,)))).next_step
+    assert "changes that were tried" in searched
+    assert "`structid explain` tries" in stopped
+    assert "changes that were tried" not in stopped
 
 
 def test_changes_that_explain_nothing_do_not_stand_under_cause(result):

@@ -104,7 +104,11 @@ def test_a_field_is_declared_by_its_grid(tmp_path):
     "old, new, words",
     [
         ('path = "plate.msh"', 'path = "plates.msh"', "there is no such file"),
-        ('length_unit = "mm"', 'length_unit = "mil"', '[structure.mesh] length_unit: must be one of "m", "cm", "mm"'),
+        (
+            'length_unit = "mm"',
+            'length_unit = "yd"',
+            '[structure.mesh] length_unit: must be one of "m", "km", "dm", "cm", "mm"',
+        ),
         ('length_unit = "mm"', 'length_unit = "um"', "farther than the cells there are long"),
         (
             "9004 = [0.25, 0.15]",

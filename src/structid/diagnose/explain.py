@@ -1,198 +1,75 @@
-"""The diagnosis of an identification: its verdict, and where that is not sound the changes that would explain why."""
+"""Diagnoses for which changes of model or record are fitted: the search for causes, and changes that a sound answer asks for."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache, partial
+from dataclasses import replace
 
 import numpy as np
 
 from structid.core.display import as_sentence, plural
-from structid.core.errors import InputError, StructidError
+from structid.core.errors import StructidError
 from structid.diagnose.causes.places import MOST_DOFS
-from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted, is_clear
+from structid.diagnose.diagnosed import DiagnosedIdentification, Parts, noise_level, without_causes
+from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted
 from structid.diagnose.freed_model import fixed_value_sensitivities
 from structid.diagnose.model_averaging import intervals_of, widened
 from structid.diagnose.modified_model import are_small, base_model
 from structid.diagnose.refits import Fitted
 from structid.diagnose.search import Explanation, is_misfit, requested_changes, search_causes, with_freed
-from structid.diagnose.search_budget import UNLIMITED, SearchBudget, iteration_effort
-from structid.diagnose.split_consistency import Disagreement
+from structid.diagnose.search_budget import SearchBudget
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.thresholds import (
     ALIKE,
-    IDENTIFICATIONS,
     LARGE_MODEL_REFITS,
     MATTERS,
     MOST_ALIKE,
     MOST_FREED,
-    SEARCH_EFFORT,
-    STAGE_PART,
 )
 from structid.diagnose.verdict import (
-    NOT_TRIED,
     Cause,
     Diagnosis,
     ParameterShift,
     are_causes,
-    data_disagreements,
     fits_noise,
     is_sound,
-    is_untested,
     judged,
-    noise_ratio,
     not_found,
 )
 from structid.forward import FrfProblem
-from structid.forward.frf.solvers.tabulated import NO_MATRICES
 from structid.identification.identified import Identification
-from structid.inversion.search.work import ALONE, Work
+from structid.inversion.search.work import Work
 
-#: The verdict of an answer that is written while causes are still looked for.
-_SEARCHING = "the search for causes had not ended when this was written"
-_NO_MATRIX = "no change of model or record was tried: the search leaves no Jacobian to look for one with"
 _FEW_FITTED = (
     f"of a model of more than {MOST_DOFS} degrees of freedom, {LARGE_MODEL_REFITS} likely changes are fitted at most"
 )
 _OF_RECORDS = "of a model as large as this, or with components, causes are looked for in the records alone"
-_NO_PLACES = "causes were not looked for: frequencies without any shape show no place"
 
 
-#: Gives the parts of the data that do not agree.
-Parts = Callable[[], tuple[Disagreement, ...]]
-
-
-@dataclass(frozen=True, eq=False)
-class DiagnosedIdentification:
-    """An identification with its diagnosis.
-
-    Attributes
-    ----------
-    identification : Identification
-        With intervals that hold whichever of the likely changes is the truth.
-    diagnosis : Diagnosis
-    fits : tuple of Fitted
-        The fits behind its causes, in their order; a cause without a fit of its own has none.
-    """
-
-    identification: Identification
-    diagnosis: Diagnosis
-    fits: tuple[Fitted, ...] = ()
-
-
-def budget_for_causes(identification: Identification) -> SearchBudget:
-    """The default budget of a search for causes: in proportion to the effort of the identification, and some besides."""
-    search, effort = identification.estimate.search, 0.0
-    if identification.target is not None:
-        effort = STAGE_PART * search.n_starts * search.n_iterations * iteration_effort(identification.target)
-    return SearchBudget(IDENTIFICATIONS * effort + SEARCH_EFFORT)
-
-
-def explain(identification: Identification, seconds: float | None = None) -> Diagnosis:
-    """The verdict on an identification, and the changes of model or record that would explain its misfit.
-
-    Parameters
-    ----------
-    identification : Identification
-    seconds : float, optional
-        Processor time of the search for causes; without a limit by default.
-
-    Returns
-    -------
-    Diagnosis
-        Printed, it begins with the verdict and lists the causes, the likeliest first.
-
-    Raises
-    ------
-    InputError
-        If `seconds` is not greater than 0, or the identification does not know its set-ups.
-    """
-    if seconds is not None and not seconds > 0:
-        raise InputError(
-            f"`seconds` must be greater than 0, got {seconds:g}; leave it out for a search without a limit"
-        )
-    if not identification.setups or identification.options is None:
-        raise InputError("`identification` must be one of `identify` or `identify_together`, which keeps its set-ups")
-    model = TestedModel(identification.setups, identification.options)
-    budget = SearchBudget(seconds=np.inf if seconds is None else seconds)
-    return diagnose(model, identification, explain=True, budget=budget).diagnosis
-
-
-def diagnose(
+def diagnose_by_search(
     model: TestedModel,
     identification: Identification,
-    explain: bool | None = None,
-    work: Work = ALONE,
-    budget: SearchBudget = UNLIMITED,
-    before_search: Callable[[Diagnosis], None] | None = None,
+    sensitivities: tuple[FixedValueSensitivity, ...],
+    work: Work,
+    budget: SearchBudget,
+    apart: Parts,
 ) -> DiagnosedIdentification:
-    """The diagnosis of an identification: its verdict, and where that is not sound the causes of the misfit.
-
-    Parameters
-    ----------
-    model : TestedModel
-    identification : Identification
-        Its answer.
-    explain : bool, optional
-        Whether causes are looked for; by default where the answer is not sound.
-    work : Work
-        Where candidates are looked at and refitted.
-    budget : SearchBudget
-        What the search for causes may take from its beginning on; all is tried by default.
-    before_search : callable, optional
-        Takes the diagnosis as it is before causes are looked for, which may take long.
-    """
+    """The diagnosis of an answer after a search for the causes of its misfit."""
     estimate = identification.estimate
-    apart = cache(partial(data_disagreements, identification, work))  # the verdict is given before the search and after
-    sensitivities: tuple[FixedValueSensitivity, ...] = ()
-    if is_sound(identification):
-        sensitivities = fixed_value_sensitivities(model, identification)
-        if not explain and (explain is False or not is_clear(sensitivities)):
-            return _diagnose_sound(model, identification, sensitivities, work, apart, is_asked=explain is None)
-    if any(one.warning for one in identification.truncations) and not explain:
-        return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
-    if is_untested(identification) and not explain:
-        return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
-    ratio = noise_ratio(identification)
-    if ratio is not None and ratio != 1.0 and not explain:
-        causes = (_noise_level(estimate.goodness.least_per_dof, ratio),)
-        return DiagnosedIdentification(identification, Diagnosis(judged(identification, causes, apart=apart), causes))
-    if estimate.goodness.least_per_dof <= 1 and not identification.missed and not explain and not sensitivities:
-        return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
-    why_not = _why_not_searched(model, identification, explain)
-    if why_not:
-        return _without_causes(identification, why_not, apart)
-    if before_search is not None:
-        before_search(_without_causes(identification, _SEARCHING, apart).diagnosis)
     try:
         explanation = search_causes(_base(model, identification), work, budget.part(1.0))
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
-        return _without_causes(identification, f"causes could not be looked for: {error}", apart)
+        return without_causes(identification, f"causes could not be looked for: {error}", apart)
     if explanation.better is not None:
         reached = explanation.better.misfit / max(estimate.goodness.degrees_of_freedom, 1)
         return DiagnosedIdentification(identification, Diagnosis(not_found(identification, reached)))
     tests = estimate.goodness.residual_tests
     is_noise = tests is not None and not tests.words[1:] and bool(identification.modal_fits) and not sensitivities
     if not explanation.causes and is_noise:
-        causes = (_noise_level(estimate.goodness.least_per_dof, float(np.sqrt(estimate.goodness.least_per_dof))),)
+        causes = (noise_level(estimate.goodness.least_per_dof, float(np.sqrt(estimate.goodness.least_per_dof))),)
         judgement = judged(identification, causes, apart=apart)
         wider = widened(identification, explanation.likely, model.options.direction)
         return DiagnosedIdentification(wider, Diagnosis(judgement, causes, n_tried=explanation.tried))
     return _diagnose_explained(model, identification, explanation, sensitivities, apart)
-
-
-def _why_not_searched(model: TestedModel, identification: Identification, explain: bool | None) -> str:
-    """The reason why causes cannot be looked for, in words; "" where they can."""
-    if explain is False:
-        return NOT_TRIED
-    if identification.target is None or not identification.estimate.uncertainty.has_matrix:
-        return _NO_MATRIX
-    if not model.setups[0].structure.has_matrices:
-        return f"causes were not looked for: that {NO_MATRICES}"
-    if any(role == "output" and not dofs for setup in model.setups for role, dofs in setup.channels):
-        return _NO_PLACES
-    return ""
 
 
 def _base(model: TestedModel, identification: Identification) -> Fitted:
@@ -205,7 +82,7 @@ def _base(model: TestedModel, identification: Identification) -> Fitted:
     return Fitted(modified, theta, estimate.goodness.chi_square, 0.0, least, not fits_noise(identification))
 
 
-def _diagnose_sound(
+def diagnose_sound(
     model: TestedModel,
     identification: Identification,
     sensitivities: tuple[FixedValueSensitivity, ...],
@@ -221,14 +98,14 @@ def _diagnose_sound(
             explanation = with_freed(_base(model, identification), names, len(sensitivities), work)
         except (StructidError, np.linalg.LinAlgError) as error:
             why = f"it could not be fitted with what it holds set free: {error}"
-            return _without_causes(identification, why, apart, sensitivities)
+            return without_causes(identification, why, apart, sensitivities)
         return _diagnose_explained(model, identification, explanation, sensitivities, apart, is_search=False)
     if is_asked and _can_be_asked(model, identification):
         try:
             explanation = requested_changes(_base(model, identification), work)
         except (StructidError, np.linalg.LinAlgError) as error:
             why = f"it could not be held against single changes: {error}"
-            return _without_causes(identification, why, apart, sensitivities)
+            return without_causes(identification, why, apart, sensitivities)
         shifts = [one for fit in explanation.causes for one in _shifts(identification, explanation.base, fit)]
         if any(one.distance > MATTERS for one in shifts):
             return _diagnose_explained(model, identification, explanation, sensitivities, apart, is_search=False)
@@ -295,25 +172,12 @@ def unfinished_words(explanation: Explanation) -> tuple[str, ...]:
     )
 
 
-def _without_causes(
-    identification: Identification, why: str, apart: Parts, sensitivities: tuple[FixedValueSensitivity, ...] = ()
-) -> DiagnosedIdentification:
-    judgement = judged(identification, untried=why, held=sensitivities, apart=apart)
-    return DiagnosedIdentification(identification, Diagnosis(judgement, sensitivities=sensitivities))
-
-
 def _friction_like(cause: Cause) -> tuple[Cause, ...]:
     """Friction at the place of a damper to the ground, which the record cannot distinguish; none for other causes."""
     if cause.kind != "dashpot" or len(cause.where) > 1:
         return ()
     words = f"something rubs at {cause.where[0]}: one level of the force cannot distinguish it from a damper"
     return (replace(cause, kind="friction", words=words, is_alike=True, has_fit=False),)
-
-
-def _noise_level(chi_square: float, ratio: float) -> Cause:
-    words = f"the noise is not what it was taken for; it is {ratio:.3g} times that"
-    share = 1.0 - 1 / chi_square if chi_square > 1 else 0.0
-    return Cause("noise_level", ("all records",), words, share, 1.0, has_fit=False)
 
 
 def _ranked(explanation: Explanation) -> list[tuple[Fitted, bool]]:

@@ -240,3 +240,11 @@ def _parameter_of_mark(file: str, text: str, mark: re.Match[str], names: Sequenc
     if parts[2] is not None and int(parts[2]) < _NARROWEST:
         raise InputError(f"{file}, line {line}: {mark[0]} is too narrow; give it {_NARROWEST} characters or more")
     return parts[1]
+
+
+@dataclass(frozen=True)
+class MatrixFile:
+    """A matrix in a file of a run; the name where the file holds several."""
+
+    path: str
+    matrix: str | None = None

@@ -9,15 +9,15 @@ from scipy import sparse
 from scipy.linalg import eigh
 
 from structid.core.arrays import FloatArray
-from structid.external.expansion import Point, Powers, expand_about_centre
-from structid.external.model import Part, SolverModel
+from structid.core.units import LENGTHS
+from structid.external.expansion import Point, expand_about_centre
 from structid.external.outputs import ModesOut
 from structid.external.runs import Solver, needed_runs, point_words, run_words
 from structid.external.shapes import Shapes, require_same_dofs
 from structid.external.solved import Checked, Solved, Units, model_parameters
 from structid.external.steps import StepRules, taken
 from structid.external.tangent import tangent
-from structid.fem.importers.exports import LENGTHS
+from structid.fem.elements.solver_model import Part, Powers, SolverModel
 from structid.inversion.search.work import Work
 
 _RULES = StepRules(first=0.01, least=1e-5, most=0.1, no_effect=2e-7, what="frequency")

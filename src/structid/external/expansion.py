@@ -12,6 +12,7 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.external.deck import Deck, DeckParameter
+from structid.fem.elements.solver_model import Powers
 
 #: Change of a parameter as a part of its value, over which the dependence is found.
 RANGE = 0.5
@@ -28,8 +29,6 @@ Point = dict[str, float]
 #: Numbers at several points, (n_points, n_numbers), and what each is measured by, (n_numbers,). Further points may add numbers
 #: at the end, which are then 0 at all points before; those that were there keep their places.
 Evaluate = Callable[[Sequence[Point]], tuple[FloatArray, FloatArray]]
-#: Powers of parameters, each over its reference; () is the constant.
-Powers = tuple[tuple[str, int], ...]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,19 +11,12 @@ import numpy as np
 from structid.core.arrays import IntArray
 from structid.core.dof import Dof
 from structid.core.errors import FileError, InputError
+from structid.external.deck import MatrixFile
 from structid.external.shapes import Shapes, read_shapes
 from structid.fem.importers import ImportedMatrix, dof_table, read_matrix, read_numbering
 
 #: Files that others are read with, by suffix.
 _BESIDE = {".sti": (".dof",), ".mas": (".dof",)}
-
-
-@dataclass(frozen=True)
-class MatrixFile:
-    """A matrix in a file of a run; the name where the file holds several."""
-
-    path: str
-    matrix: str | None = None
 
 
 @dataclass(frozen=True, eq=False)

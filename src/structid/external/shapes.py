@@ -12,9 +12,10 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import DIRECTIONS
 from structid.core.errors import FileError, InputError
 from structid.files import damage_told, require_readable
-from structid.modal.formats.calculix import FRD_SUFFIXES, frd_modes
+from structid.modal.formats.calculix import frd_modes
 from structid.modal.formats.files import read_modes
-from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES, nastran_modes
+from structid.modal.formats.nastran import nastran_modes
+from structid.modal.formats.options import F06_SUFFIXES, FRD_SUFFIXES, PUNCH_SUFFIXES
 from structid.modal.formats.printed import PrintedMode, require_same_points
 
 #: Suffixes that are read here; others are files of modes as `read_modes` knows them.

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from structid.core.dof import Dof
+from structid.core.units import FORCES, LENGTHS
 from structid.external.expansion import Point
-from structid.external.model import ModelParameter
 from structid.external.runs import RunCounts, Solver
 from structid.external.tangent import ShapeTie
 from structid.fem.elements import ElementSet
-from structid.fem.importers.exports import FORCES, LENGTHS
+from structid.fem.elements.solver_model import ModelParameter
 from structid.inversion.search.work import Work
 
 

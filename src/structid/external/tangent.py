@@ -16,10 +16,10 @@ from scipy.linalg import qr
 from structid.core.arrays import FloatArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
-from structid.external.expansion import Powers
 from structid.external.shapes import Shapes
 from structid.external.steps import Pair
 from structid.fem.elements.element import dof_code
+from structid.fem.elements.solver_model import Powers
 from structid.fem.supports import Equations
 
 #: Motions beside the centre's shapes that are smaller than so many times the rounding of printed shapes are left out.

@@ -2,7 +2,7 @@
 
 Each reader gives one entry a channel: name, unit or "", values, and its clock: start in s, samples per second, and the
 largest distance of a sample from that clock in parts of a step; a rate of 0 where the file does not say. A note tells what is
-doubtful about the file. Times are there where they are uneven.
+doubtful about the file. Times are there where they are uneven. A rate that was printed with few digits has a relative error.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from structid.core.arrays import FloatArray
 from structid.core.units import parse_time_unit
+from structid.files.lvm import read_lvm
 
 
 class Channel(NamedTuple):
@@ -31,6 +32,7 @@ class Channel(NamedTuple):
     off: float
     note: str = ""
     times: FloatArray = np.zeros(0)
+    rate_error: float = 0.0
 
 
 def logger(path: str, kind: str) -> list[Channel]:
@@ -38,8 +40,6 @@ def logger(path: str, kind: str) -> list[Channel]:
 
     A warning of the library counts as damage, except for miniSEED: those records have checks of their own, and their
     library warns of harmless things.
-
-    Those files are of records with checks of their own, and their library warns of harmless ones.
     """
     os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # the others reserve more address space than the child may take
     with warnings.catch_warnings():
@@ -78,8 +78,6 @@ def _make_channel(
 
 #: Distance of a sample from an even clock, in parts of a step, above which the times are kept.
 _EVEN = 1e-3
-#: Relative distance of the steps of the printed times of an LVM file, which are rounded, from that of its head.
-_LVM_STEPS = 0.02
 
 
 def _is_series(values: np.ndarray) -> bool:
@@ -199,53 +197,13 @@ def _read_parquet(path: str) -> Iterator[Channel]:
 
 
 def _read_lvm(path: str) -> Iterator[Channel]:
-    """Channels of a LabVIEW measurement file (LVM) with one segment and one column of times or none."""
-    text = Path(path).read_text(encoding="cp1252")
-    lines = text.splitlines()
-    if not text.endswith("\n"):
-        raise ValueError("its last line has no end")
-    if not lines[0].startswith("LabVIEW Measurement"):
-        raise ValueError("it does not begin with LabVIEW Measurement")
-    ends = [i for i, line in enumerate(lines) if line.startswith("***End_of_Header***")]
-    if len(ends) != 2:
-        raise ValueError(f"it must hold one segment, got {max(len(ends) - 1, 0)}; write one a file")
-    separator = "," if any(line.startswith("Separator,Comma") for line in lines[: ends[0]]) else "\t"
-    file, segment = ({words[0].strip(): words[1:] for line in part if (words := line.split(separator))} for part in
-                     (lines[: ends[0]], lines[ends[0] + 1 : ends[1]]))  # fmt: skip
-    comma = file.get("Decimal_Separator", ["."])[0].strip() == ","
-    if file.get("X_Columns", ["One"])[0].strip() == "Multi":
-        raise ValueError("every channel has times of its own; write them with one column of times, or none")
-    count = int(segment["Channels"][0])
-    dimensions = {text.strip() for text in segment.get("X_Dimension", [])[:count]} - {""}
-    if dimensions - {"Time"}:
-        other = ", ".join(sorted(dimensions - {"Time"}))
-        raise ValueError(f"its channels are over {other}, not over time; write time histories")
-    rows = [line.split(separator)[: count + 1] for line in lines[ends[1] + 2 :] if line.strip()]
-    names = [name.strip() for name in lines[ends[1] + 1].split(separator)][1 : count + 1]
-    values = np.array([[_decimal(text, comma) for text in row[1:]] for row in rows])
-    samples = [int(text) for text in segment["Samples"][:count]]
-    if len(names) != count or samples != [len(rows)] * count or values.shape != (len(rows), count):
-        raise ValueError(
-            f"its head says {count} channels of {samples} samples, and it holds {len(rows)} lines of {values.shape[-1]}"
-        )
-    units = [*segment.get("Y_Unit_Label", []), *[""] * count]
-    steps, starts = ([_decimal(text, comma) for text in segment[key][:count]] for key in ("Delta_X", "X0"))
-    of_x = [text.strip() for text in segment.get("X_Unit_Label", [])[:count]]
-    scales = [parse_time_unit(text) if text else 1.0 for text in [*of_x, *[""] * count][:count]]
-    times = [row[0] for row in rows] if file.get("X_Columns", ["One"])[0].strip() == "One" else []
-    for j in range(count):
-        step = steps[j] * scales[j]
-        if len(times) > 1 and all(text.strip() for text in (times[0], times[-1])) and step > 0:
-            printed = (_decimal(times[-1], comma) - _decimal(times[0], comma)) * scales[j] / (len(times) - 1)
-            if abs(printed / step - 1) > _LVM_STEPS:
-                raise ValueError(f"its X_Value column runs in steps of {printed:g} s, and its head says {step:g} s")
+    """Channels of a LabVIEW measurement file (LVM)."""
+    for channel in read_lvm(Path(path)):
+        clock = channel.clock
         yield _make_channel(
-            names[j], units[j].strip(), values[:, j], 1 / step if step > 0 else 0.0, starts[j] * scales[j]
-        )
-
-
-def _decimal(text: str, comma: bool) -> float:
-    return float(text.replace(",", ".") if comma else text)
+            channel.name, channel.unit, channel.values, clock.rate, channel.start, clock.off,
+            times=clock.times if clock.off > _EVEN else None,
+        )._replace(rate_error=clock.error)  # fmt: skip
 
 
 #: Kinds whose library's warnings are told and not taken for damage.

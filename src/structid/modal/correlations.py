@@ -18,7 +18,8 @@ from structid.core.errors import InputError
 from structid.records import TimeRecord
 from structid.records.record import MOTION_DERIVATIVES, Quantity
 
-_AT_ONCE = 1 << 20  # samples of all channels that are transformed together
+_AT_ONCE = 24  # segments that are transformed together: few enough for a cache, many enough to add up by one product
+_CHUNK = 2048  # samples whose sums are taken together
 _DEAD = 1e-9  # part of the median rms of channels of its quantity below which a channel has no motion
 
 
@@ -106,10 +107,13 @@ def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
 
 def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> FloatArray:
     """Root mean square of every channel, (n_channels,); `InputError` if a channel does not vary."""
-    n_samples = sum(len(y) for y in series)
-    centred = sum(len(y) * y.var(axis=0) for y in series)
-    offset = sum(len(y) * y.mean(axis=0) ** 2 for y in series)
-    scale, spread = np.sqrt((centred + offset) / n_samples), np.sqrt(centred / n_samples)
+    start = series[0][0]
+    chunks = (y[first : first + _CHUNK] - start for y in series for first in range(0, len(y), _CHUNK))
+    sums = [(len(chunk), np.ones(len(chunk)) @ chunk, np.einsum("ij,ij->j", chunk, chunk)) for chunk in chunks]
+    n_samples, total, square = (sum(part) for part in zip(*sums, strict=True))
+    mean = total / n_samples
+    spread = np.sqrt(np.maximum(square / n_samples - mean**2, 0.0))
+    scale = np.hypot(spread, start + mean)
     kinds = np.array(quantities)
     for i, (channel, quantity) in enumerate(zip(channels, quantities, strict=True)):
         typical = np.median(spread[kinds == quantity])
@@ -192,9 +196,8 @@ def lag_sums(y: FloatArray, first_lag: int, n_lags: int, start: int, stop: int) 
     n_inside = max(0, (min(stop, len(y) - first_lag - n_lags + 1) - start) // step)
     edge = start + n_inside * step
     spectrum = np.zeros((size // 2 + 1, m, m), dtype=np.complex128)
-    at_once = max(1, _AT_ONCE // (size * m))
-    for k in range(0, n_inside, at_once):  # segments inside of `y`
-        count, first = min(at_once, n_inside - k), start + k * step
+    for k in range(0, n_inside, _AT_ONCE):  # segments inside of `y`
+        count, first = min(_AT_ONCE, n_inside - k), start + k * step
         here = y[first : first + count * step].reshape(count, step, m)
         windows = np.lib.stride_tricks.sliding_window_view(y[first + first_lag :], size, axis=0)
         ahead = windows[: count * step : step].transpose(0, 2, 1)
@@ -208,8 +211,8 @@ def lag_sums(y: FloatArray, first_lag: int, n_lags: int, start: int, stop: int) 
 
 
 def _cross_spectrum(ahead: ComplexArray, here: ComplexArray) -> ComplexArray:
-    """Sum over segments of the cross spectra of two sets of lines (n_segments, n_lines, n_channels)."""
-    return np.asarray(ahead.transpose(1, 2, 0) @ here.conj().transpose(1, 0, 2))
+    """Sum over segments of the cross spectra of two sets of lines (n_segments, n_lines, n_channels); changes `here`."""
+    return np.asarray(ahead.transpose(1, 2, 0) @ np.conjugate(here, out=here).transpose(1, 0, 2))
 
 
 def _samples(y: FloatArray, start: int, stop: int) -> FloatArray:

@@ -279,6 +279,7 @@ def _band(
         )
         words = f"{words}, and {error.words}" if words else error.words
     sizes = np.abs(draws) if np.iscomplexobj(draws) else draws
+    # between order statistics so that the truth, which is like one model more, lies inside with the probability LEVEL
     low, high = np.quantile(sizes, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0, method="weibull")
     std = np.sqrt(np.mean(np.abs(draws - nominal) ** 2, axis=0))
     kept = None if {"time", "frequency"} & set(quantity.axes) else locked(draws)

@@ -193,17 +193,17 @@ def _by_poles(response_of: LinearResponse, frequency: FloatArray) -> Evaluator:
 def _by_fields(exact: Response, structure: Structure, parameters: Parameters, rows: OutputMap, frf: Frf) -> Evaluator:
     """FRFs of rows that elements are read by, from the motion of all degrees of freedom, line by line."""
     loads = structure.selection([each for each in frf.inputs if isinstance(each, Dof)])
+    read_dofs = np.unique(rows.columns.indices)
 
     def evaluate(physical: FloatArray) -> ComplexArray:
-        read = rows.rows(parameters.values(physical))
+        by_order = (
+            rows.rows(parameters.values(physical))[read_dofs, :].toarray().T.reshape(len(rows.orders), rows.n_rows, -1)
+        )
         values = np.empty((len(frf.frequency), rows.n_rows, loads.shape[1]), dtype=complex)
         for part, fields in exact.solved_at(physical, loads):
             s = (2j * np.pi * frf.frequency[part])[:, None, None]
-            groups = [read[:, k * rows.n_rows : (k + 1) * rows.n_rows].T for k in range(len(rows.orders))]
-            values[part] = sum(
-                s**order * np.stack([group @ line for line in fields])
-                for order, group in zip(rows.orders, groups, strict=True)
-            )
+            motion = fields[:, read_dofs]
+            values[part] = sum(s**order * (group @ motion) for order, group in zip(rows.orders, by_order, strict=True))
         return values
 
     return evaluate

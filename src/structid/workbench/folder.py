@@ -13,15 +13,13 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path, PurePosixPath
 from threading import Lock
-from types import ModuleType
 from typing import Any
 
 from structid.core.errors import FileError, InputError
 from structid.fem import importers, meshes
 from structid.files import claimed, read_start, replace_unchanged
-from structid.modal.formats.calculix import FRD_SUFFIXES
-from structid.modal.formats.files import JSON_SUFFIXES
-from structid.modal.formats.nastran import F06_SUFFIXES, OP2_SUFFIXES, PUNCH_SUFFIXES
+from structid.lazy import FormatModule
+from structid.modal.formats.options import F06_SUFFIXES, FRD_SUFFIXES, JSON_SUFFIXES, OP2_SUFFIXES, PUNCH_SUFFIXES
 from structid.modal.formats.recognition import holds_modes
 from structid.records.formats import FORMATS, LOGGERS, LoggerFormat
 from structid.study.schema.toml_lines import parse_toml
@@ -31,14 +29,14 @@ OWN = ".structid"
 #: How a folder of files for other programs ends, beside the results that they are made of; it holds no records of the study.
 EXPORTS = "_exports"
 #: By their suffix; JSON, TOML and text files are looked into.
-_RECORDS: tuple[ModuleType | LoggerFormat, ...] = (*FORMATS, *LOGGERS)
+_RECORDS: tuple[FormatModule | LoggerFormat, ...] = (*FORMATS, *LOGGERS)
 RECORD_SUFFIXES = (
     *(suffix for one in _RECORDS for suffix in one.SUFFIXES),
     *F06_SUFFIXES,
     *OP2_SUFFIXES,
     *FRD_SUFFIXES,
 )
-_MODELS: tuple[ModuleType, ...] = (*meshes.FORMATS, *importers.FORMATS)
+_MODELS: tuple[FormatModule, ...] = (*meshes.FORMATS, *importers.FORMATS)
 MODEL_SUFFIXES = tuple(suffix for one in _MODELS for suffix in one.SUFFIXES if suffix not in RECORD_SUFFIXES)
 _LISTED = {".toml", *RECORD_SUFFIXES, *MODEL_SUFFIXES, *PUNCH_SUFFIXES, *JSON_SUFFIXES}
 #: Levels of folders and files that are looked at, and entries of a folder at most that are put in order.
@@ -140,13 +138,13 @@ class OpenFolder:
                 lists["unusable"].append({"path": _shown_name(name), "words": words})
         return {"folder": str(self.root), "writable": self.is_writable, "most": None if is_all else _MOST, **lists}
 
-    def stamps(self) -> dict[str, int]:
-        """Modification time (ns) of each TOML file in the listing, by its name."""
+    def stamps(self) -> dict[str, str]:
+        """Modification time (ns) and size of each TOML file in the listing, by its name."""
         stamps = {}
-        for path, _ in self._files()[0]:
+        for path, size in self._files()[0]:
             if path.suffix == ".toml":
                 with suppress(OSError):
-                    stamps[_shown_name(self.name(path))] = path.stat().st_mtime_ns
+                    stamps[_shown_name(self.name(path))] = f"{path.stat().st_mtime_ns} {size}"
         return stamps
 
     def _refusal(self, path: Path) -> str:

@@ -29,9 +29,8 @@ from structid.fem.importers import (
 from structid.fem.importers.abaqus import Form
 from structid.files import claimed, require_readable
 from structid.modal import ModalRecord
-from structid.modal.formats.files import JSON_SUFFIXES, UFF_SUFFIXES, read_modes, write_modes
-from structid.modal.formats.nastran import PUNCH_SUFFIXES
-from structid.modal.formats.printed import ModeFileOptions
+from structid.modal.formats.files import read_modes, write_modes
+from structid.modal.formats.options import JSON_SUFFIXES, PUNCH_SUFFIXES, UFF_SUFFIXES, ModeFileOptions
 from structid.modal.formats.recognition import holds_modes
 from structid.records import FrfRecord, ReadOptions, Record, read_record, write_record
 from structid.records.formats import how_read

@@ -90,7 +90,7 @@ def identify(
     from structid.cli.progress import ProgressFile, run_progress
     from structid.cli.tables import show
     from structid.core.isolation import paths_as_called
-    from structid.diagnose.explain import budget_for_causes
+    from structid.diagnose.diagnosis import budget_for_causes
     from structid.diagnose.search_budget import SearchBudget
     from structid.inversion.estimate import Status
     from structid.study.results.folder import staged_folder

@@ -5,18 +5,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from pathlib import Path
-from types import ModuleType
+from typing import TYPE_CHECKING
 
-import structid.fem.importers.abaqus as _abaqus
-import structid.fem.importers.ansys as _ansys
-import structid.fem.importers.arrays as _arrays
-import structid.fem.importers.calculix as _calculix
-import structid.fem.importers.dmig as _dmig
-import structid.fem.importers.harwell_boeing as _harwell_boeing
-import structid.fem.importers.op4.op4 as _op4
 from structid.core.errors import FileError
-from structid.fem.importers.abaqus import Form
-from structid.fem.importers.dmig import Field
 from structid.fem.importers.exports import group_from_exports, in_si, require_total_mass, total_mass
 from structid.fem.importers.imported import (
     ElementEntries,
@@ -29,9 +20,21 @@ from structid.fem.importers.imported import (
 from structid.fem.importers.numbering import read_numbering, write_numbering
 from structid.fem.importers.op4.strings import Op4Options
 from structid.files import atomic_write, damage_told, require_readable
+from structid.lazy import FormatModule
 
-#: Each has SUFFIXES and read(path). A .mtx file is MatrixMarket where its first line says so, else Abaqus.
-FORMATS: tuple[ModuleType, ...] = (_op4, _dmig, _abaqus, _ansys, _arrays, _harwell_boeing, _calculix)
+if TYPE_CHECKING:
+    from structid.fem.importers.abaqus import Form
+    from structid.fem.importers.dmig import Field
+
+OP4 = FormatModule("structid.fem.importers.op4.op4", (".op4", ".ou1"))  # the second is MYSTRAN's
+DMIG = FormatModule("structid.fem.importers.dmig", (".pch", ".pun", ".dmig", ".bdf", ".nas", ".bulk", ".blk", ".dat"))
+ABAQUS = FormatModule("structid.fem.importers.abaqus", (".mtx",))
+ANSYS = FormatModule("structid.fem.importers.ansys", (".full", ".emat"))
+ARRAYS = FormatModule("structid.fem.importers.arrays", (".npz", ".npy", ".mtx", ".mat"))
+HARWELL_BOEING = FormatModule("structid.fem.importers.harwell_boeing", (".hb", ".rb", ".rua", ".rsa", ".matrix"))
+CALCULIX = FormatModule("structid.fem.importers.calculix", (".sti", ".mas"))
+#: Each module has read(path). A .mtx file is MatrixMarket where its first line says so, else Abaqus.
+FORMATS: tuple[FormatModule, ...] = (OP4, DMIG, ABAQUS, ANSYS, ARRAYS, HARWELL_BOEING, CALCULIX)
 
 __all__ = [
     "FORMATS",
@@ -58,12 +61,12 @@ __all__ = [
 ]
 
 
-def _format_of(path: Path) -> ModuleType:
+def _format_of(path: Path) -> FormatModule:
     """The module that reads matrices of the file at `path`, by its suffix (for .mtx by its first bytes)."""
     suffix = path.suffix.lower()
     if suffix == ".mtx":
         with path.open("rb") as stream:
-            return _arrays if stream.read(2) == b"%%" else _abaqus
+            return ARRAYS if stream.read(2) == b"%%" else ABAQUS
     for module in FORMATS:
         if suffix in module.SUFFIXES:
             return module
@@ -135,7 +138,7 @@ def write_op4(path: str | Path, matrices: Iterable[ImportedMatrix], options: Op4
         If a name or a matrix does not fit the format, or the file cannot be written.
     """
     path = Path(path)
-    content = _op4.file_bytes(path, list(matrices), options or Op4Options())
+    content = OP4.file_bytes(path, list(matrices), options or Op4Options())
     with atomic_write(path) as temporary:
         temporary.write_bytes(content)
 
@@ -154,7 +157,7 @@ def write_dmig(path: str | Path, matrices: Iterable[ImportedMatrix], field: Fiel
         If a name does not fit the format, numbering is missing, or the file cannot be written.
     """
     path = Path(path)
-    text = _dmig.file_text(path, list(matrices), field)
+    text = DMIG.file_text(path, list(matrices), field)
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="ascii")
 
@@ -168,7 +171,7 @@ def write_abaqus(path: str | Path, matrix: ImportedMatrix, form: Form = "labels"
         If the matrix lacks what the form needs, or the file cannot be written.
     """
     path = Path(path)
-    text = _abaqus.file_text(path, matrix, form)
+    text = ABAQUS.file_text(path, matrix, form)
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="ascii")
 
@@ -193,10 +196,10 @@ def write_matrices(path: str | Path, matrices: Iterable[ImportedMatrix]) -> None
         If the suffix is none of these, the matrices do not fit the format, or the file cannot be written.
     """
     path, items = Path(path), list(matrices)
-    if path.suffix.lower() in _op4.SUFFIXES:
+    if path.suffix.lower() in OP4.SUFFIXES:
         write_op4(path, items)
-    elif path.suffix.lower() in _dmig.SUFFIXES:
+    elif path.suffix.lower() in DMIG.SUFFIXES:
         write_dmig(path, items)
     else:
         with atomic_write(path) as temporary:
-            _arrays.write(temporary, items, path)
+            ARRAYS.write(temporary, items, path)

@@ -26,8 +26,6 @@ from structid.fem.importers.imported import (
 )
 from structid.files.sparse import coordinates
 
-SUFFIXES: tuple[str, ...] = (".mtx",)
-
 Form = Literal["labels", "coordinate", "elements"]
 
 _HELD = 1e30

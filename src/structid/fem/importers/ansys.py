@@ -19,8 +19,6 @@ from structid.files import damage_told
 from structid.files.contained import ReaderError, read_in_child
 from structid.files.sparse import compressed
 
-SUFFIXES: tuple[str, ...] = (".full", ".emat")
-
 _KINDS = {"stress": "STIFFNESS", "mass": "MASS", "damping": "DAMPING"}
 
 

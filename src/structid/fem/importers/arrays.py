@@ -22,8 +22,6 @@ from structid.files.matlab import matlab_variables
 from structid.files.npy import npy_array, npz_arrays
 from structid.files.sparse import compressed, coordinates
 
-SUFFIXES: tuple[str, ...] = (".npz", ".npy", ".mtx", ".mat")
-
 _REMEDY = "write it with scipy.sparse.save_npz, scipy.io.mmwrite (.mtx) or numpy.save (.npy)"
 _KIND = "a file of a matrix"
 _MATLAB_NAME = re.compile(r"[A-Za-z]\w{0,62}", re.ASCII)

@@ -19,8 +19,6 @@ from structid.core.errors import FileError
 from structid.fem.importers.imported import ImportedMatrix, completed
 from structid.files import require_readable
 
-SUFFIXES: tuple[str, ...] = (".sti", ".mas")
-
 _NAMES = {".sti": "STIFFNESS", ".mas": "MASS"}
 _REMEDY = "run CalculiX again with *FREQUENCY, SOLVER=MATRIXSTORAGE"
 

@@ -18,8 +18,6 @@ from structid.fem.importers.bulk_lines import BulkLines, bulk_lines
 from structid.fem.importers.fixed_fields import is_blank
 from structid.fem.importers.imported import ImportedMatrix, codes_of, labelled, tables_of
 
-SUFFIXES: tuple[str, ...] = (".pch", ".pun", ".dmig", ".bdf", ".nas", ".bulk", ".blk", ".dat")
-
 Field = Literal["large", "small", "free"]
 
 

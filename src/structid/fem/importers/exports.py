@@ -13,6 +13,7 @@ from scipy.sparse.linalg import norm
 from structid.core.arrays import FloatArray
 from structid.core.dof import DIRECTIONS, Dof, parse_dofs
 from structid.core.errors import InputError
+from structid.core.units import FORCES, LENGTHS
 
 #: Largest relative difference of masses that passes.
 _MASS_ERROR = 0.1
@@ -95,11 +96,6 @@ def require_total_mass(found: float, declared: float, left_aside: str = "") -> N
     )
 
 
-#: Metres, and newtons, of the units that a matrix may be in; time is always in seconds.
-LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
-FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kip": 4448.2216152605}
-
-
 def in_si(matrix: Any, dofs: Sequence[str | Dof], length_unit: str = "m", force_unit: str = "N") -> sparse.csc_array:
     """A mass, damping or stiffness matrix in SI units, translations and rotations alike.
 
@@ -110,8 +106,8 @@ def in_si(matrix: Any, dofs: Sequence[str | Dof], length_unit: str = "m", force_
     ----------
     matrix : (n, n) sparse or dense array
     dofs : n degrees of freedom
-    length_unit : {"m", "mm", "cm", "in", "ft"}
-    force_unit : {"N", "mN", "kN", "lbf", "kip"}
+    length_unit, force_unit : str
+        Units of `structid.core.units`, such as ``mm`` and ``N``; time is always in seconds.
     """
     for name, unit, known in (("length_unit", length_unit, LENGTHS), ("force_unit", force_unit, FORCES)):
         if unit not in known:

@@ -20,8 +20,6 @@ from structid.core.errors import FileError
 from structid.fem.importers.fixed_fields import FieldError, chunks, fields_at, real_numbers, whole_numbers
 from structid.fem.importers.imported import ImportedMatrix, completed
 
-SUFFIXES: tuple[str, ...] = (".hb", ".rb", ".rua", ".rsa", ".matrix")
-
 _FORM = re.compile(rb"\(?\s*(?:\d+P\s*,?\s*)?(\d*)\s*([IEDFG])\s*(\d+)", re.IGNORECASE)
 #: Letters of a line of forms that are looked at; it has 80.
 _LONGEST = 200

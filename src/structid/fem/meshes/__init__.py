@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
 from structid.core.errors import FileError, InputError
-from structid.fem.importers.exports import FORCES
-from structid.fem.meshes import abaqus, gmsh, nastran, universal, vtk
+from structid.core.units import FORCES, LENGTHS
 from structid.fem.meshes.deck_parts import DeckPart, DeckUnits, choose_parts, describe_left_aside
 from structid.fem.meshes.mesh import (
     CELL_DIMENSIONS,
@@ -21,17 +19,20 @@ from structid.fem.meshes.mesh import (
     unassigned,
 )
 from structid.files import damage_told, require_readable
+from structid.lazy import FormatModule
 
-#: Each has SUFFIXES and read(path, units), the mesh in SI units.
-FORMATS: tuple[ModuleType, ...] = (gmsh, nastran, abaqus, vtk, universal)
-#: What the numbers of a file are multiplied by to give m.
-LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+GMSH = FormatModule("structid.fem.meshes.gmsh", (".msh",))
+NASTRAN = FormatModule("structid.fem.meshes.nastran", (".bdf", ".nas", ".fem", ".dat"))
+ABAQUS = FormatModule("structid.fem.meshes.abaqus", (".inp",))
+VTK = FormatModule("structid.fem.meshes.vtk", (".vtu", ".vtk"))
+UNIVERSAL = FormatModule("structid.fem.meshes.universal", (".unv", ".uff", ".uf"))
+#: Each module has read(path, units), the mesh in SI units.
+FORMATS: tuple[FormatModule, ...] = (GMSH, NASTRAN, ABAQUS, VTK, UNIVERSAL)
 _FARTHEST = 1e100  # its square is still finite
 
 __all__ = [
     "CELL_DIMENSIONS",
     "FORMATS",
-    "LENGTH_UNITS",
     "CellBlock",
     "DeckPart",
     "Mesh",
@@ -52,8 +53,8 @@ def read_mesh(path: str | Path, length_unit: str = "m", force_unit: str = "N") -
     ----------
     path : str or Path
         Gmsh ``.msh``, Nastran ``.bdf .nas .fem .dat``, Abaqus ``.inp``, VTK ``.vtu .vtk``, universal ``.unv .uff``.
-    length_unit : {"m", "cm", "mm", "um", "in", "ft"}
-        Unit of the coordinates in the file; those of the mesh are in m.
+    length_unit : str
+        A unit of `structid.core.units.LENGTHS`, such as ``mm``: that of the coordinates in the file; those of the mesh are in m.
     force_unit : {"N", "mN", "kN", "lbf", "kip"}
         It gives, with the length and s, the units of masses and springs in the file: with mm and N, masses are in tonnes.
 
@@ -73,12 +74,12 @@ def read_mesh(path: str | Path, length_unit: str = "m", force_unit: str = "N") -
     if reader is None:
         known = " ".join(suffix for module in FORMATS for suffix in module.SUFFIXES)
         raise FileError(f"{place}: the suffix of a mesh must be one of {known}; export it as one of these")
-    if length_unit not in LENGTH_UNITS:
-        raise InputError(f"`length_unit` must be one of {' '.join(LENGTH_UNITS)}, got {length_unit!r}")
+    if length_unit not in LENGTHS:
+        raise InputError(f"`length_unit` must be one of {' '.join(LENGTHS)}, got {length_unit!r}")
     if force_unit not in FORCES:
         raise InputError(f"`force_unit` must be one of {' '.join(FORCES)}, got {force_unit!r}")
     with damage_told(place, "a whole mesh", "export it again"):
-        mesh: Mesh = reader.read(place, DeckUnits(LENGTH_UNITS[length_unit], FORCES[force_unit]))
+        mesh: Mesh = reader.read(place, DeckUnits(LENGTHS[length_unit], FORCES[force_unit]))
     if not (np.abs(mesh.positions) < _FARTHEST).all():
         raise FileError(f"{place}: coordinates must be finite, and below {_FARTHEST:g} m; export it again")
     return mesh

@@ -18,8 +18,6 @@ from structid.fem.meshes.abaqus_surfaces import Surfaces
 from structid.fem.meshes.deck_parts import DeckUnits
 from structid.fem.meshes.mesh import CellBlock, Mesh
 
-SUFFIXES: tuple[str, ...] = (".inp",)
-
 _KINDS = (
     (r"C3D4", "tetra", 4),
     (r"C3D5", "pyramid", 5),

@@ -1,4 +1,4 @@
-"""Gmsh files as meshes: versions 2.2 and 4.1, ASCII or binary, with their node numbers and physical groups."""
+"""Gmsh files as meshes: versions 2.0 to 2.2 and 4.1, ASCII or binary, with their node numbers and physical groups."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ from structid.core.errors import FileError
 from structid.fem.meshes.deck_parts import DeckUnits
 from structid.fem.meshes.gmsh_numbers import Ascii, Binary, Numbers
 from structid.fem.meshes.mesh import CellBlock, Mesh
-
-SUFFIXES: tuple[str, ...] = (".msh",)
 
 _REMEDY = "save it as version 4.1 or 2.2 (Mesh.MshFileVersion = 4.1)"
 _AGAIN = "copy the file again, or save the mesh again"
@@ -76,7 +74,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     if head is None:
         raise FileError(f"{path}: has no $MeshFormat as Gmsh files have; {_REMEDY}")
     version = head[1].decode()
-    if version not in ("2", "2.1", "2.2", "4.1"):
+    if version not in ("2", "2.0", "2.1", "2.2", "4.1"):
         raise FileError(f"{path}: is of version {version}; {_REMEDY}")
     is_version_2, is_binary = version.startswith("2"), head[2] == b"1"
     content = _Content()
@@ -118,9 +116,9 @@ def _is_swapped(data: bytes, at: int) -> bool:
 
 
 def _names(content: _Content, numbers: Numbers) -> None:
-    for _ in range(numbers.integer()):
-        dimension, tag = numbers.integer(), numbers.integer()
-        content.names[dimension, tag] = numbers.quoted()
+    for dimension, tag, name in numbers.groups():
+        for stated in range(4) if dimension is None else (dimension,):
+            content.names[stated, tag] = name
 
 
 def _read_entities(content: _Content, numbers: Numbers) -> None:

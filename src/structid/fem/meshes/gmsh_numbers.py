@@ -13,7 +13,8 @@ from structid.core.arrays import FloatArray, IntArray
 
 #: Cells of one type: the type, the physical group and the entity of each (0 where it has none), and their nodes.
 Cells = tuple[int, IntArray, IntArray]
-_QUOTED = re.compile(rb'\s*"([^"]*)"')
+#: A physical group: its dimension (not in version 2.0), its number and its name.
+_GROUP = re.compile(rb'\s*(?:(\d+)[ \t]+)?(\d+)[ \t]+"([^"]*)"[^\r\n]*')
 
 
 class Numbers(Protocol):
@@ -34,7 +35,9 @@ class Numbers(Protocol):
 
     def integer(self) -> int: ...
 
-    def quoted(self) -> str: ...
+    def groups(self) -> list[tuple[int | None, int, str]]:
+        """Dimension, number and name of each physical group; None where the file does not say its dimension."""
+        ...
 
     def old_nodes(self, count: int) -> tuple[IntArray, FloatArray]:
         """Numbers and positions of the nodes of version 2."""
@@ -77,23 +80,21 @@ class Ascii:
 
     def integer(self) -> int:
         """The next whole number."""
-        if self._words is not None:
-            return int(self._next(1)[0])
-        word = self._text.lstrip().split(maxsplit=1)[0]  # names with blanks may follow, so that words cannot be cut yet
-        self._skip(self._text.index(word) + len(word))
-        return int(word)
+        return int(self._next(1)[0])
 
-    def quoted(self) -> str:
-        """The next name in quotation marks."""
-        match = _QUOTED.match(self._text)
-        if match is None:
-            raise ValueError("a physical group has no name in quotation marks")
-        self._skip(match.end())
-        return match[1].decode("utf-8", "replace")
-
-    def _skip(self, length: int) -> None:
-        self._text = self._text[length:]
-        self.place += length
+    def groups(self) -> list[tuple[int | None, int, str]]:
+        """Dimension, number and name of each physical group; None where the file does not say its dimension."""
+        count, end = int(self._text.split(maxsplit=1)[0]), re.search(rb"\d+", self._text)
+        place = end.end() if end else 0
+        groups: list[tuple[int | None, int, str]] = []
+        for _ in range(count):
+            match = _GROUP.match(self._text, place)
+            if match is None:
+                raise ValueError("a physical group has no number, or no name in quotation marks")
+            place = match.end()
+            groups.append((int(match[1]) if match[1] else None, int(match[2]), match[3].decode("utf-8", "replace")))
+        self.place += place
+        return groups
 
     def old_nodes(self, count: int) -> tuple[IntArray, FloatArray]:
         table = self._next(4 * count).reshape(count, 4)
@@ -160,7 +161,7 @@ class Binary:
     def integer(self) -> int:
         return int(self.integers(1)[0])
 
-    def quoted(self) -> str:
+    def groups(self) -> list[tuple[int | None, int, str]]:
         raise ValueError("names of physical groups stand in text")
 
     def old_nodes(self, count: int) -> tuple[IntArray, FloatArray]:

@@ -18,8 +18,6 @@ from structid.fem.meshes.nastran_offsets import OFFSET_CARDS, OffsetReader, prop
 from structid.fem.meshes.nastran_parts import PART_CARDS, read_parts
 from structid.fem.meshes.nastran_systems import SYSTEM_CARDS, BulkSystems
 
-SUFFIXES: tuple[str, ...] = (".bdf", ".nas", ".fem", ".dat")
-
 #: Corners and all nodes of each element card, and the cell types with them.
 _CELLS = {
     "CTRIA3": (3, 3, "triangle", ""),

@@ -18,8 +18,6 @@ from structid.fem.meshes.mesh import CellBlock, Mesh
 from structid.files.uff import read_blocks, read_nodes, read_unit_factors
 from structid.files.uff.elements import read_elements, row_of_integers
 
-SUFFIXES: tuple[str, ...] = (".unv", ".uff", ".uf")
-
 _GROUPS = (2435, 2452, 2467, 2477)
 _NODE, _ELEMENT = 7, 8
 

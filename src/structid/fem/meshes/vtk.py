@@ -14,7 +14,6 @@ from structid.core.errors import FileError
 from structid.fem.meshes.deck_parts import DeckUnits
 from structid.fem.meshes.mesh import CellBlock, Mesh
 
-SUFFIXES: tuple[str, ...] = (".vtu", ".vtk")
 _LABEL_ARRAYS = ("node_id", "node_ids", "GlobalNodeId", "NodeID", "label", "labels")
 #: Nodes of wedges whose triangles run the other way about.
 _OTHER_WAY = {

@@ -42,6 +42,8 @@ _COUNTS = {
 }  # fmt: skip
 #: Elements that have a line more, with their orientation.
 _BEAMS = (11, 21, 22, 23, 24)
+#: A tapered beam of I-DEAS, and a line with a node in its middle where Salome writes three nodes.
+_SALOME_CURVE = 22
 _AXISYMMETRIC = range(81, 86)
 _BESIDE = {
     121: "rigid bar", 122: "rigid element", 136: "spring between nodes", 137: "rotational spring between nodes",
@@ -120,7 +122,7 @@ def _add_elements(
             raise FileError(
                 f"{where}: element {label} is axisymmetric (type {descriptor}); model the part in plates or solids"
             )
-        kind = _CELLS.get(descriptor)
+        kind = "line3" if descriptor == _SALOME_CURVE and count == 3 else _CELLS.get(descriptor)
         if kind is None:
             elements.beside[_BESIDE.get(descriptor, f"element of type {descriptor}")] += 1
             continue

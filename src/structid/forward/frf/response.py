@@ -16,8 +16,8 @@ from structid.core.errors import InputError
 from structid.dynamics.factorization import VARIABLE
 from structid.dynamics.modal_fields import worthwhile
 from structid.dynamics.receptance import DENSE_UP_TO
-from structid.external.frf_model import SolverFrfs
 from structid.fem import Base, Structure
+from structid.fem.elements.solver_model import SolverFrfs
 from structid.fem.measured import joined_receptance
 from structid.forward.frf.channels import Channels, channels
 from structid.forward.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts

@@ -142,8 +142,8 @@ class ModalFit:
         heavy = float(np.sum(shape**2) / (np.sum(shape**2) + np.sum(off**2)))
         change = 100 * (self.fitted.frequency[worst] / of - 1)
         remedy = (
-            f"their errors are stated too small: with errors {size:.2g} times as large (`shape_error`) they would fit, and"
-            " count less"
+            f"where the model is right, their errors are stated too small: with errors {size:.2g} times as large"
+            " (`shape_error`) they would fit, and count less"
             if size > 1.5
             else "the shapes fit, so that it is the model that cannot have both: state larger errors of the frequencies"
             " (`frequency_error`) only if these are in doubt"

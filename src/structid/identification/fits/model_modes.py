@@ -9,8 +9,8 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.dynamics import Modes
 from structid.dynamics.normal_modes import modes
-from structid.external.model import SolverModel
 from structid.fem import Structure
+from structid.fem.elements.solver_model import SolverModel
 
 #: Relative error of a frequency that is worth a word.
 _ROUNDING = 1e-3

@@ -12,8 +12,9 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.forward import ChannelUnknown, ModalProblem, ModalSettings, channel_errors
+from structid.forward import ChannelUnknown, ModalProblem, ModalSettings
 from structid.forward.channel_errors import ChannelErrors, Measured
+from structid.forward.channel_unknowns import channel_errors
 from structid.identification.fits.modal_fit import ModalFit, modal_fit
 from structid.identification.fits.record_fit import Own
 from structid.identification.options import IdentifyOptions

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from structid import forward
 from structid.core.arrays import FloatArray
 from structid.core.constraints import Positive
 from structid.core.dof import Dof
@@ -22,11 +23,10 @@ from structid.forward import (
     ResponseCache,
     SpectraProblem,
     TimeOptions,
-    channel_errors,
-    identify_time,
     output_error_problem,
 )
 from structid.forward.channel_errors import ChannelErrors, Measured
+from structid.forward.channel_unknowns import channel_errors
 from structid.forward.time.options import Hold, Initial, TimeMethod
 from structid.forward.time.spectra import NO_WINDOW, transient_order
 from structid.identification.checks import record_warnings
@@ -215,7 +215,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return "" if self.settings.fit == "spectra" else f"fit {self.settings.fit!r}"
 
     def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Estimate:
-        return identify_time(
+        return forward.identify_time(
             self.structure, self.parameters, self.record, _options(self.settings, options), work, progress
         )
 

@@ -18,7 +18,6 @@ from structid.modal.formats.printed import (
 )
 from structid.modal.modal_record import ModalRecord
 
-FRD_SUFFIXES = (".frd",)
 _MASS = re.compile(r"^\s+1PGM\s+(\S+)")
 #: Columns of a row: the label ends at the first, and each number has this width.
 _FIRST, _WIDTH = 13, 12

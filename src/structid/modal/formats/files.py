@@ -13,18 +13,26 @@ import numpy as np
 from structid.core.errors import FileError, InputError
 from structid.core.json_types import Entry, json_text
 from structid.files import atomic_write, damage_told, require_readable
-from structid.modal.formats.calculix import FRD_SUFFIXES, read_modes_calculix
+from structid.modal.formats.calculix import read_modes_calculix
 from structid.modal.formats.csv import modes_csv, read_modes_csv
-from structid.modal.formats.nastran import F06_SUFFIXES, OP2_SUFFIXES, PUNCH_SUFFIXES, read_modes_nastran
-from structid.modal.formats.printed import ModeFileOptions
+from structid.modal.formats.nastran import read_modes_nastran
+from structid.modal.formats.options import (
+    CSV_SUFFIXES,
+    F06_SUFFIXES,
+    FRD_SUFFIXES,
+    JSON_SUFFIXES,
+    OP2_SUFFIXES,
+    PUNCH_SUFFIXES,
+    UFF_SUFFIXES,
+    WRITTEN_SUFFIXES,
+    ModeFileOptions,
+)
 from structid.modal.formats.punch import modes_punch
 from structid.modal.formats.uff import modes_uff, read_modes_uff
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles.poles import modal_phase_collinearity
 from structid.records.formats import Geometry
 
-JSON_SUFFIXES, CSV_SUFFIXES, UFF_SUFFIXES = (".json",), (".csv",), (".uff", ".unv", ".uf")
-WRITTEN_SUFFIXES = (*JSON_SUFFIXES, *UFF_SUFFIXES, *CSV_SUFFIXES, *PUNCH_SUFFIXES)
 _NASTRAN = (*F06_SUFFIXES, *PUNCH_SUFFIXES, *OP2_SUFFIXES)
 _READ = (*dict.fromkeys((*WRITTEN_SUFFIXES, *_NASTRAN, *FRD_SUFFIXES)),)
 #: What to do about files that are often at hand.

@@ -13,11 +13,10 @@ from structid.fem.meshes.nastran_systems import SYSTEM_CARDS, BulkSystems
 from structid.files import damage_told, require_readable
 from structid.modal.formats.f06 import f06_modes
 from structid.modal.formats.op2 import op2_modes
-from structid.modal.formats.printed import RUN_AGAIN, ModeFileOptions, PrintedModes, printed_record
+from structid.modal.formats.options import F06_SUFFIXES, OP2_SUFFIXES, ModeFileOptions
+from structid.modal.formats.printed import RUN_AGAIN, PrintedModes, printed_record
 from structid.modal.formats.punch import punch_modes
 from structid.modal.modal_record import ModalRecord
-
-F06_SUFFIXES, PUNCH_SUFFIXES, OP2_SUFFIXES = (".f06",), (".pch", ".pun"), (".op2",)
 
 
 def nastran_modes(path: Path, options: ModeFileOptions | None = None) -> PrintedModes:

@@ -10,59 +10,15 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray, NumberArray
 from structid.core.dof import DIRECTIONS, Dof
-from structid.core.errors import FileError, InputError
-from structid.core.units import FORCES, LENGTHS
+from structid.core.errors import FileError
 from structid.fem.importers.fixed_fields import FieldError, real_numbers
+from structid.modal.formats.options import ModeFileOptions
 from structid.modal.modal_record import ModalRecord, Scaling, unit_largest
 
 RUN_AGAIN = "let the solver print frequencies and displacements of all modes"
 #: Size of a negative eigenvalue beside the largest one, above which the structure has buckled rather than floats.
 _UNSTABLE = 1e-6
 _SAME_EIGENVALUE = 2e-5
-
-
-@dataclass(frozen=True)
-class ModeFileOptions:
-    """What a file of modes may not say about itself.
-
-    Parameters
-    ----------
-    subcase : int, optional
-        Subcase of a Nastran file whose modes are meant, where several have modes.
-    eigenvalues : str
-        `real` or `complex`: which modes of a Nastran file are meant, where it has both.
-    deck : Path, optional
-        Nastran bulk data whose GRID cards say in which systems a listing or punch file gives motions; without it they count
-        as global.
-    length_unit : str
-        Unit of length of the model or file, such as `mm`, where the file does not say it.
-    force_unit : str
-        Unit of force of the model or file, such as `N`, where the file does not say it.
-    """
-
-    subcase: int | None = None
-    eigenvalues: str = ""
-    deck: Path | None = None
-    length_unit: str = ""
-    force_unit: str = ""
-
-    def __post_init__(self) -> None:
-        """Raise `InputError` on an unknown kind of eigenvalue or unit."""
-        if self.eigenvalues not in ("", "real", "complex"):
-            raise InputError(f"`eigenvalues` must be real or complex, got {self.eigenvalues!r}", "eigenvalues")
-        for name, unit, units in (("length_unit", self.length_unit, LENGTHS), ("force_unit", self.force_unit, FORCES)):
-            if unit and unit not in units:
-                raise InputError(f"`{name}` must be one of {' '.join(units)}, got {unit!r}", name)
-
-    @property
-    def length(self) -> float | None:
-        """Metres of the unit of length."""
-        return LENGTHS[self.length_unit] if self.length_unit else None
-
-    @property
-    def force(self) -> float | None:
-        """Newtons of the unit of force."""
-        return FORCES[self.force_unit] if self.force_unit else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,16 @@ from itertools import islice
 from pathlib import Path
 
 from structid.files import read_start
-from structid.modal.formats.calculix import FRD_SUFFIXES
 from structid.modal.formats.csv import is_modes_table
-from structid.modal.formats.files import CSV_SUFFIXES, JSON_SUFFIXES, UFF_SUFFIXES
-from structid.modal.formats.nastran import F06_SUFFIXES, OP2_SUFFIXES, PUNCH_SUFFIXES
+from structid.modal.formats.options import (
+    CSV_SUFFIXES,
+    F06_SUFFIXES,
+    FRD_SUFFIXES,
+    JSON_SUFFIXES,
+    OP2_SUFFIXES,
+    PUNCH_SUFFIXES,
+    UFF_SUFFIXES,
+)
 
 #: Texts and numbers at most before the frequencies.
 _MODES_BEGIN = re.compile(

@@ -27,7 +27,7 @@ from structid.core.errors import FileError, InputError
 from structid.core.units import FORCES, LENGTHS
 from structid.files.uff import Block, UniversalNodes, read_blocks, read_nodes, read_unit_factors
 from structid.files.uff.fields import integers, read_reals
-from structid.modal.formats.printed import ModeFileOptions
+from structid.modal.formats.options import ModeFileOptions
 from structid.modal.modal_record import ModalRecord, Scaling, unit_largest
 from structid.records.formats import Geometry
 from structid.records.formats.uff.write import SI_UNITS, block, geometry_blocks

@@ -191,8 +191,9 @@ def state_poles(
         duals = np.linalg.inv(basis) * (0.5 / np.sqrt(sizes @ sizes) * sizes)
         square = np.einsum("ij,ij->i", duals, duals)
         energy = np.sqrt(square[kept] + square[kept + 1])
-    vectors = basis[:, kept] + 1j * basis[:, kept + 1]
-    return Poles(np.log(values[kept]) * sampling_rate, output @ vectors, len(transition), energy)
+    columns = output @ basis
+    shapes = columns[:, kept] + 1j * columns[:, kept + 1]
+    return Poles(np.log(values[kept]) * sampling_rate, shapes, len(transition), energy)
 
 
 def oscillating(values: ComplexArray, sampling_rate: float) -> IntArray:

@@ -37,8 +37,8 @@ class Subspace:
         Channels the first block row stands for.
     left, singular, right : arrays (n_rows, rank), (rank,), (n_columns, rank)
         Singular value decomposition of the matrix, complete where there are `windows` for a covariance.
-    triangle, moved : (max_order, max_order) float arrays
-        A_n = triangle[:n, :n]^-1 moved[:n, :n].
+    inverse, moved : (max_order, max_order) float arrays
+        A_n = inverse[:n, :n] moved[:n, :n]; the inverse is that of a triangular matrix, whose leading parts are inverses too.
     parts : function of (data, windows), or None
         Yields what each piece of the records contributes to the matrix; their sum is the matrix.
     windows : tuple of Piece
@@ -51,7 +51,7 @@ class Subspace:
     left: FloatArray
     singular: FloatArray
     right: FloatArray
-    triangle: FloatArray
+    inverse: FloatArray
     moved: FloatArray
     parts: Parts | None
     windows: tuple[Piece, ...]
@@ -59,11 +59,11 @@ class Subspace:
 
     @property
     def max_order(self) -> int:
-        return len(self.triangle)
+        return len(self.inverse)
 
     def transition(self, order: int) -> FloatArray:
         """A of `order` states."""
-        return np.asarray(linalg.solve_triangular(self.triangle[:order, :order], self.moved[:order, :order]))
+        return self.inverse[:order, :order] @ self.moved[:order, :order]
 
     def output(self, order: int) -> FloatArray:
         """C of `order` states, in the units of the channels."""
@@ -83,7 +83,8 @@ def shift_invariant(
     m, n = data.n_channels, min(max_order, len(singular), len(matrix) - data.n_channels)
     q, triangle = np.linalg.qr(left[:-m, :n])
     _require_full(triangle, n)
-    return Subspace(data, left, singular, right.T, triangle, q.T @ left[m:, :n], parts, tuple(windows), method)
+    inverse = linalg.solve_triangular(triangle, np.eye(n))
+    return Subspace(data, left, singular, right.T, inverse, q.T @ left[m:, :n], parts, tuple(windows), method)
 
 
 def _singular_vectors(matrix: FloatArray, rank: int, complete: bool) -> tuple[FloatArray, FloatArray, FloatArray]:

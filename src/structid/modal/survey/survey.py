@@ -43,9 +43,8 @@ from structid.records import (
     read_record,
 )
 from structid.records.correlation import CorrelationRecord
-from structid.records.formats import how_read
+from structid.records.formats import UFF, how_read
 from structid.records.formats.spectra import CORRELATION, SPECTRUM, read_correlation, read_spectrum
-from structid.records.formats.uff.uff import SUFFIXES
 from structid.records.spectrum import SpectrumRecord
 
 #: Name of the page that is written beside modes.json.
@@ -423,7 +422,7 @@ def record_geometry(
         If the file that was given lacks a node with a sensor.
     """
     if given is None:
-        own = path.suffix.lower() in SUFFIXES and any(dataset_lines(path, number) for number in (15, 2411))
+        own = path.suffix.lower() in UFF.SUFFIXES and any(dataset_lines(path, number) for number in (15, 2411))
         found = read_geometry(path) if own else None
         return found if found is not None and not _missing(record, found) else None
     geometry = read_geometry(given)

@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import ModuleType
 
-import structid.records.formats.csv.csv as _csv
-import structid.records.formats.hdf5 as _hdf5
-import structid.records.formats.mat as _mat
-import structid.records.formats.npy as _npy
-import structid.records.formats.npz as _npz
-import structid.records.formats.uff.uff as _uff
 from structid.core.errors import FileError, InputError
 from structid.files import damage_told, require_readable
+from structid.lazy import FormatModule
 from structid.records.formats.csv.layout import CsvLayout
 from structid.records.formats.geometry import Geometry, read_geometry
 from structid.records.formats.kept import keep_records, kept_or_read
@@ -20,11 +14,17 @@ from structid.records.formats.loggers import LOGGERS, LoggerFormat
 from structid.records.formats.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
-#: Each has SUFFIXES, read(path, options) and write(path, record).
-FORMATS: tuple[ModuleType, ...] = (_npz, _hdf5, _mat, _csv, _uff, _npy)
+NPZ = FormatModule("structid.records.formats.npz", (".npz",))
+HDF5 = FormatModule("structid.records.formats.hdf5", (".h5", ".hdf5"))
+MAT = FormatModule("structid.records.formats.mat", (".mat",))
+CSV = FormatModule("structid.records.formats.csv.csv", (".csv", ".txt", ".tsv"))
+UFF = FormatModule("structid.records.formats.uff.uff", (".uff", ".unv", ".uf", ".ufb"))
+NPY = FormatModule("structid.records.formats.npy", (".npy",))
+#: Each module has read(path, options) and write(path, record).
+FORMATS: tuple[FormatModule, ...] = (NPZ, HDF5, MAT, CSV, UFF, NPY)
 
 #: Those whose channels have names of their own, which `columns` and `time_column` of `ReadOptions` use.
-_NAMED: tuple[ModuleType | LoggerFormat, ...] = (_csv, *LOGGERS)
+_NAMED: tuple[FormatModule | LoggerFormat, ...] = (CSV, *LOGGERS)
 
 _DEWESOFT = "only the vendor's own library reads Dewesoft files; export as UFF, TDMS, MAT or CSV from DewesoftX"
 #: What to do about files that are often at hand.
@@ -46,10 +46,10 @@ __all__ = [
 ]
 
 
-def _format_of(path: Path) -> ModuleType | LoggerFormat:
+def _format_of(path: Path) -> FormatModule | LoggerFormat:
     """The format (a module, or one of loggers) of the file at `path`, by its suffix."""
     suffix = path.suffix.lower()
-    formats: tuple[ModuleType | LoggerFormat, ...] = (*FORMATS, *LOGGERS)
+    formats: tuple[FormatModule | LoggerFormat, ...] = (*FORMATS, *LOGGERS)
     for module in formats:
         if suffix in module.SUFFIXES:
             return module
@@ -100,19 +100,19 @@ def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfReco
     return kept_or_read(path, options, read)
 
 
-def _require_applicable(path: Path, module: ModuleType | LoggerFormat, options: ReadOptions) -> None:
+def _require_applicable(path: Path, module: FormatModule | LoggerFormat, options: ReadOptions) -> None:
     """Raise `InputError` if an option is given that this format cannot use, such as columns for a file without names."""
     options_given = options.given()
-    if "csv" in options_given and module is not _csv:
+    if "csv" in options_given and module is not CSV:
         raise InputError(f"{path}: is no table, which `csv` is about; leave it out", "csv")
-    for name, formats in (("columns", (*_NAMED, _uff)), ("time_column", _NAMED)):
+    for name, formats in (("columns", (*_NAMED, UFF)), ("time_column", _NAMED)):
         if name in options_given and module not in formats:
             raise InputError(
                 f"{path}: has no named columns, which `{name}` is about; choose with `channels` or `array`", name
             )
-    if "axes" in options_given and module is not _uff:
+    if "axes" in options_given and module is not UFF:
         raise InputError(f"{path}: has no coordinate systems, which `axes` is about; leave it out", "axes")
-    if "resample" in options_given and module not in (_csv, _uff, *LOGGERS):
+    if "resample" in options_given and module not in (CSV, UFF, *LOGGERS):
         raise InputError(
             f"{path}: has no times of its samples, of which `resample` makes even ones; leave it out", "resample"
         )

@@ -15,6 +15,8 @@ from structid.records.formats.options import option_words
 _EVEN = 1e-6
 #: Distance of a rounded time from the even one, as a part of its last digit.
 _ROUNDED = 0.75
+#: Relative error of a sampling rate from rounded times or steps that is let pass.
+SURE = 1e-4
 #: Steps, as parts of the usual one, between which an uneven clock is resampled: outside of them samples are missing.
 _STEPS = (0.5, 1.5)
 #: Frequencies, as parts of the sampling rate, at which the cost of resampling is told.

@@ -24,8 +24,6 @@ from structid.records.record import FrfRecord, TimeRecord
 if TYPE_CHECKING:
     import h5py
 
-SUFFIXES: tuple[str, ...] = (".h5", ".hdf5")
-
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """The record in the HDF5 file at `path`: structid's own layout, or bare arrays that `options` describe.

@@ -17,8 +17,9 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import FileError, InputError
 from structid.files.contained import ReaderError, read_in_child
 from structid.files.loggers import PACKAGES, Channel
-from structid.records.formats.clocks import resample, resampling_remedy
-from structid.records.formats.named_channels import NamedChannels, chosen, is_time, record_of, scale_of_times
+from structid.records.formats.clocks import SURE, resample, resampling_remedy
+from structid.records.formats.headers import is_time
+from structid.records.formats.named_channels import NamedChannels, chosen, record_of, scale_of_times
 from structid.records.formats.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
@@ -207,7 +208,13 @@ def _own_clock(path: Path, channel: Channel, options: ReadOptions) -> tuple[floa
             f"{path}: channel {channel.name!r} is not sampled evenly: a sample is {channel.off:.2g} steps off;"
             f" {resampling_remedy()}"
         )
-    if stated is not None and abs(stated / channel.rate - 1) > _SAME_RATE:
+    if stated is None and channel.rate_error > SURE:
+        raise InputError(
+            f"{path}: channel {channel.name!r} tells its sampling rate {channel.rate:.6g} Hz to {100 * channel.rate_error:.2g} %"
+            " only, by the digits of its step; give `sampling_rate` (Hz)",
+            "sampling_rate",
+        )
+    if stated is not None and abs(stated / channel.rate - 1) > max(_SAME_RATE, channel.rate_error):
         raise InputError(
             f"{path}: channel {channel.name!r} is sampled at {channel.rate:.9g} Hz, but `sampling_rate` {stated:g} was given; leave"
             " it out"

@@ -17,7 +17,6 @@ from structid.records.formats.selection import selected
 from structid.records.formats.stated import statements_of
 from structid.records.record import FrfRecord, TimeRecord
 
-SUFFIXES: tuple[str, ...] = (".mat",)
 _LARGEST = 2**31 - 1
 
 

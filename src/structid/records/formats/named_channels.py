@@ -6,7 +6,6 @@ called by `ReadOptions.channels`, in the order of `ReadOptions.columns`.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,21 +18,11 @@ from structid.core.errors import FileError, InputError, about
 from structid.core.units import Unit, parse_time_unit, parse_unit
 from structid.records.formats.bare import channel_units, require_same_rotation
 from structid.records.formats.gaps import Lines, sourced, whole
+from structid.records.formats.headers import level_word, name_and_unit, time_factor, units_in_name
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import selected
 from structid.records.record import FrfRecord, TimeRecord
 
-_HEAD = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]+|[^\[\]]*\([^\[\]]*\)[^\[\]]*)[\])]$")
-#: Letters of a header at most that is taken apart.
-_LONGEST_HEAD = 200
-_TIME = re.compile(r"^(time|times|t|zeit|temps|tiempo|tempo|timestamp|date|datetime|x)$|^(time|zeit)\b", re.IGNORECASE)
-#: A word for times with their unit behind it, as in ``Time ms``, ``t_us`` or ``time, sec``.
-_TIME_AND_UNIT = re.compile(
-    r"^(?:time|times|t|zeit|temps|tiempo|tempo|timestamp|elapsed)(?:[ _.,/-]+(?:in |since start )?)(?P<unit>[^\W\d_]+)\.?$",
-    re.IGNORECASE,
-)
-#: Units that are names of columns of times too, as loggers of hobbyists call them.
-_TIMES_BY_UNIT = ("millis", "micros", "milliseconds", "microseconds", "seconds", "msec", "usec", "secs")
 _SHOWN = 8
 _NAMED_BY = '`channels`, in the order of the columns, as in channels = ["1X", "2X"]'
 
@@ -87,45 +76,6 @@ class NamedChannels:
 
     def number(self, j: int) -> int:
         return self.numbers[j] if self.numbers else j + 1
-
-
-def name_and_unit(text: str) -> tuple[str, str]:
-    """A header without its unit, and the unit in brackets behind it or ""."""
-    text = text.strip()
-    match = _HEAD.match(text) if len(text) <= _LONGEST_HEAD else None
-    return (match["name"], match["unit"].strip()) if match else (text, "")
-
-
-def is_time(text: str) -> bool:
-    """True if a header is one of times."""
-    name = name_and_unit(text)[0]
-    return _TIME.match(name) is not None or time_factor(name) is not None
-
-
-def time_factor(name: str, unit: str = "") -> float | None:
-    """Factor to s for a column of times with this header; None if neither name nor unit states it.
-
-    Parameters
-    ----------
-    name : str
-        Header, such as ``Time [ms]``, ``Time ms``, ``t_us``, ``time_s`` or ``millis``.
-    unit : str
-        Unit beside or below the name; it must be a unit of time.
-
-    Raises
-    ------
-    InputError
-        If the unit is said, and is none of times.
-    """
-    bare, bracketed = name_and_unit(name)
-    if unit or bracketed:
-        return parse_time_unit(unit or bracketed)
-    match = _TIME_AND_UNIT.match(bare)
-    word = match["unit"] if match else bare if bare.lower() in _TIMES_BY_UNIT else ""
-    try:
-        return parse_time_unit(word) if word else None
-    except InputError:
-        return None  # a word such as "stamp" of a time stamp
 
 
 def scale_of_times(place: str, name: str, unit: str, options: ReadOptions) -> float:
@@ -265,6 +215,7 @@ def _units_of(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptio
     by_file: list[Unit | None] = []
     for j, text in enumerate(unit_texts):
         try:
+            _require_samples(part, j)
             unit = _unit(text, bool(options.units))
             if unit is not None:
                 require_same_rotation(part.path, str(channels[j]), channels[j].is_rotation, unit.rotation)
@@ -278,10 +229,11 @@ def _units_of(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptio
                     f"{part.path}: {part.place(j)}: has no unit; head a channel with degree of freedom and unit, as in"
                     ' 12Z+ [m/s^2], or give `units`, as in "g" for all or one a column'
                 )
-        return tuple(u.quantity for u in by_file if u is not None), np.array(
-            [u.factor for u in by_file if u is not None]
-        )
+        units = [unit for unit in by_file if unit is not None]
+        _require_names_agree(part, [unit.quantity for unit in units], [unit.factor for unit in units], options)
+        return tuple(unit.quantity for unit in units), np.array([unit.factor for unit in units])
     quantities, factors = channel_units(part.path, channels, options)
+    _require_names_agree(part, quantities, factors.tolist(), options)
     for j, unit in enumerate(by_file):
         if unit is not None and (unit.quantity != quantities[j] or abs(unit.factor / factors[j] - 1) > 1e-9):
             raise InputError(
@@ -289,6 +241,32 @@ def _units_of(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptio
                 "units",
             )
     return quantities, factors
+
+
+def _require_samples(part: NamedChannels, j: int) -> None:
+    """Raise `InputError` if name or unit of channel `j` say that it holds levels, means or densities."""
+    word = level_word(f"{part.names[j]} {part.units[j]}")
+    if word:
+        raise InputError(
+            f"{word!r} stands for a level, a mean or a density, and a record holds samples; export these, or give the column"
+            " another name or unit"
+        )
+
+
+def _require_names_agree(
+    part: NamedChannels, quantities: Sequence[str], factors: Sequence[float], options: ReadOptions
+) -> None:
+    """Raise `FileError` if the name of a channel says another unit than that which it is read in."""
+    for j, (name, quantity, factor) in enumerate(zip(part.names, quantities, factors, strict=True)):
+        for text, unit, is_bracketed in units_in_name(name, parse_unit):
+            is_same = unit.quantity == quantity.removeprefix("support_")
+            if (is_bracketed and not is_same) or (is_same and abs(unit.factor / factor - 1) > 1e-9):
+                other = "`units`" if options.units else part.told_units[j] or "SI"
+                raise FileError(
+                    f"{part.path}: {part.place(j)}: the name says {text!r}, and the channel is read in another unit ({other});"
+                    " correct one of them",
+                    "units",
+                )
 
 
 def _unit(text: str, is_given: bool) -> Unit | None:

@@ -10,8 +10,6 @@ from structid.records.formats.bare import time_from_array
 from structid.records.formats.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
-SUFFIXES: tuple[str, ...] = (".npy",)
-
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """The time record in the NPY file at `path`, shape (n_times, n_channels), as `options` describe it.

@@ -15,8 +15,6 @@ from structid.records.formats.selection import selected
 from structid.records.formats.stated import statements_of
 from structid.records.record import FrfRecord, TimeRecord
 
-SUFFIXES: tuple[str, ...] = (".npz",)
-
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """The record in the NPZ archive at `path`: structid's own layout, or bare arrays that `options` describe.

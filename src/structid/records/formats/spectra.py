@@ -17,11 +17,10 @@ from structid.files.hdf5 import hdf5_datasets, hdf5_fields
 from structid.files.matlab import matlab_variables
 from structid.files.npy import npz_arrays
 from structid.records.correlation import CorrelationRecord
-from structid.records.formats import hdf5, mat, npz
+from structid.records.formats import HDF5, MAT, NPZ, UFF
 from structid.records.formats.bare import channel_units, require_option
 from structid.records.formats.gaps import sourced
 from structid.records.formats.options import ReadOptions, option_words
-from structid.records.formats.uff import uff
 from structid.records.formats.uff.correlations import read_correlations
 from structid.records.formats.uff.spectra import read_spectra
 from structid.records.lags import FORWARD, lag_halves
@@ -55,7 +54,7 @@ def read_spectrum(path: str | Path, options: ReadOptions | None = None) -> Spect
     """
     path, options = require_readable(path), options or ReadOptions()
     with damage_told(path, "spectra that can be read"):
-        if path.suffix.lower() in uff.SUFFIXES:
+        if path.suffix.lower() in UFF.SUFFIXES:
             return read_spectra(path, options)
         return _bare_spectrum(path, options)
 
@@ -63,13 +62,13 @@ def read_spectrum(path: str | Path, options: ReadOptions | None = None) -> Spect
 def _arrays(path: Path) -> tuple[list[str], Callable[[str], np.ndarray]]:
     """Names of the arrays of a file, and what loads one."""
     suffix = path.suffix.lower()
-    if suffix in npz.SUFFIXES:
+    if suffix in NPZ.SUFFIXES:
         arrays = npz_arrays(path)
         return list(arrays), arrays.__getitem__
-    if suffix in mat.SUFFIXES:
+    if suffix in MAT.SUFFIXES:
         variables = {name: value for name, value in matlab_variables(path).items() if isinstance(value, np.ndarray)}
         return list(variables), variables.__getitem__
-    if suffix in hdf5.SUFFIXES:
+    if suffix in HDF5.SUFFIXES:
         return list(hdf5_datasets(path)), lambda name: np.asarray(hdf5_fields(path, [name])[name])
     raise FileError(f"{path}: spectra are read from universal files and from arrays of .npz, .mat and .h5; convert it")
 
@@ -96,7 +95,7 @@ def read_correlation(path: str | Path, options: ReadOptions | None = None) -> Co
     """
     path, options = require_readable(path), options or ReadOptions()
     with damage_told(path, "correlation functions that can be read"):
-        if path.suffix.lower() in uff.SUFFIXES:
+        if path.suffix.lower() in UFF.SUFFIXES:
             return read_correlations(path, options)
         return _bare_correlation(path, options)
 

@@ -8,16 +8,18 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import tomlkit
 
 from structid.core.errors import InputError
-from structid.diagnose.modified_model import Change
-from structid.diagnose.refits import Fitted
 from structid.diagnose.verdict import Cause, Diagnosis
 from structid.study.results.result import StudyResult
 from structid.study.schema.study import Study
+
+if TYPE_CHECKING:
+    from structid.diagnose.modified_model import Change
+    from structid.diagnose.refits import Fitted
 
 FOLDER = "suggestions"
 

@@ -12,7 +12,7 @@ import numpy as np
 from structid.core.display import Overview, Shown, as_sentence, join_words, plural
 from structid.core.quantities import exact, number, percent, prefixed, span_text, with_std, with_unit
 from structid.diagnose.fixed_value_influence import resting_words
-from structid.diagnose.verdict import Cause, Diagnosis, judged
+from structid.diagnose.verdict import NOT_TRIED, Cause, Diagnosis, judged
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.warning_words import (
@@ -43,6 +43,10 @@ _NEXT_STEPS = {
     "undetermined": "Tie, fix or give a prior to what is not determined, or measure at more places and frequencies.",
     "untested": "Measure more than there are parameters, or tie or fix some of them.",
 }
+_NOT_SEARCHED = (
+    "Find what is wrong with the model or the record before you use a value: `structid explain` tries single changes of"
+    " both, in Python `explain(identification)`."
+)
 _NOT_ALL = "Use the values with their intervals, but not those that the lines below name."
 #: What the verdict says of a value that is not to be relied on.
 _DOUBTFUL = "ot rely on"
@@ -244,6 +248,7 @@ def results_view(
     >>> [(one.name, one.state) for one in view.parameters]
     [('stiffness[spring]', 'determined')]
     """
+    is_searched = diagnosis is not None and NOT_TRIED not in diagnosis.judgement.reasons
     diagnosis = diagnosis or Diagnosis(judged(identification))
     sentences = _BETWEEN_SENTENCES.split(diagnosis.judgement.words)
     n_headline = 2 if len(sentences[0]) < _SHORT_SENTENCE else 1
@@ -253,7 +258,7 @@ def results_view(
         diagnosis=diagnosis,
         title=title,
         headline=" ".join(sentences[:n_headline]),
-        next_step=_next_step(diagnosis, any(_DOUBTFUL in words for words in advice)),
+        next_step=_next_step(diagnosis, is_searched, any(_DOUBTFUL in words for words in advice)),
         advice=advice,
         parameters=_parameters(identification),
         channels=tuple(channel for fit in identification.fits for channel in _channels(fit)),
@@ -263,7 +268,7 @@ def results_view(
     )
 
 
-def _next_step(diagnosis: Diagnosis, is_any_doubtful: bool) -> str:
+def _next_step(diagnosis: Diagnosis, is_searched: bool, is_any_doubtful: bool) -> str:
     verdict = diagnosis.judgement.verdict
     if verdict == "wrong_model" and diagnosis.causes:
         first = diagnosis.causes[0]
@@ -273,6 +278,8 @@ def _next_step(diagnosis: Diagnosis, is_any_doubtful: bool) -> str:
         return f"Check on the structure and in the test log whether {first.words}" + (
             f", and run {run}." if run else "."
         )
+    if verdict == "wrong_model" and not is_searched:
+        return _NOT_SEARCHED
     return _NOT_ALL if verdict == "approximate" and is_any_doubtful else _NEXT_STEPS[verdict]
 
 

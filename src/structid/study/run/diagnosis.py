@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from structid.diagnose.explain import diagnose
-from structid.diagnose.refits import Fitted
+from structid.diagnose.diagnosis import diagnose_identification
 from structid.diagnose.search_budget import UNLIMITED, SearchBudget
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import Diagnosis, Judgement, is_sound
@@ -18,6 +18,9 @@ from structid.study.run.before import leaking_windows
 from structid.study.run.start import Start
 from structid.study.run.workers import threads_for
 from structid.study.schema.records.record import read_histories
+
+if TYPE_CHECKING:
+    from structid.diagnose.refits import Fitted
 
 #: Modes of a model that windows may blur.
 _MOST_MODES = 12
@@ -58,7 +61,7 @@ def diagnose_study(
 
     model = TestedModel(ready.setups, ready.study.options)
     with threads_for(identification.problems):
-        diagnosed = diagnose(model, identification, explain, work, budget, show)
+        diagnosed = diagnose_identification(model, identification, explain, work, budget, show)
     diagnosis = with_suggestions(ready.study, diagnosed.diagnosis, diagnosed.fits)
     if diagnosis.judgement.verdict in ("approximate", "wrong_model"):
         diagnosis = replace(diagnosis, judgement=_with_findings(diagnosis.judgement, _window_warnings(ready)))

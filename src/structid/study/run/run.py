@@ -13,9 +13,9 @@ from structid.identification.mesh_pieces import MeshPieces, judge_pieces
 from structid.identification.search import chosen_method
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.study.results.result import StudyResult, provenance
+from structid.study.run import solver
 from structid.study.run.before import mesh_warnings
 from structid.study.run.resources import require_room
-from structid.study.run.solver.rounds import about_answer, from_nominal, with_solver
 from structid.study.run.start import Start, compare_with_models, started, with_pieces
 from structid.study.run.workers import threads_for
 from structid.study.schema.study import Study
@@ -60,8 +60,11 @@ def run_from_start(
     study: Study, progress: StageProgress | None = None, work: Work = ALONE
 ) -> tuple[Start, StudyResult]:
     """The same, with what it began from; see `run_study`."""
-    ready, result = run_refined(about_answer(started(study), progress, work), progress, work)
-    return ready, with_solver(from_nominal(result), work)
+    ready = started(study)
+    if study.solved is None:
+        return run_refined(ready, progress, work)
+    ready, result = run_refined(solver.about_answer(ready, progress, work), progress, work)
+    return ready, solver.with_solver(solver.from_nominal(result), work)
 
 
 def run_refined(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> tuple[Start, StudyResult]:

@@ -12,8 +12,8 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError, NoLinesError, SingularModelError
 from structid.diagnose.checks.initial_comparison import InitialComparison, compare_with_initial_model
 from structid.diagnose.checks.mesh import MeshErrors
-from structid.external.model import SolverModel
 from structid.fem import Structure
+from structid.fem.elements.solver_model import SolverModel
 from structid.forward import RecordProblem, ResponseCache
 from structid.identification.checks import require_sound_model
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem

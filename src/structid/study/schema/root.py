@@ -6,14 +6,17 @@ import re
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from structid.external.solved import Solved
 from structid.fem import MeasuredComponent
 from structid.files import digest, require_readable
 from structid.inversion.search.work import ALONE, Work
 from structid.study.schema.kinds import TEXT
 from structid.study.schema.section import Section, StudyError, StudyText
 from structid.study.schema.tables import Key, Table
+
+if TYPE_CHECKING:
+    from structid.external.solved import Solved
 
 #: Bytes of a study file at most: one with a node a line and a million nodes has 30 MB.
 MOST_STUDY_BYTES = 100_000_000

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from structid.core.display import Overview, Shown, plural
 from structid.core.json_types import Entry, Plain
-from structid.external.solved import Solved
 from structid.fem import MeasuredComponent, Structure
 from structid.identification.options import IdentifyOptions
 from structid.inversion.search.work import ALONE, Work
@@ -20,6 +20,9 @@ from structid.study.schema.root import InputFiles, read_root, root_of, title_of
 from structid.study.schema.section import Section
 from structid.study.schema.unknowns import read_regularization
 from structid.unknowns import Parameters
+
+if TYPE_CHECKING:
+    from structid.external.solved import Solved
 
 
 @dataclass(frozen=True, eq=False, repr=False)

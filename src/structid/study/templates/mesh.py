@@ -11,7 +11,8 @@ from typing import ClassVar
 import numpy as np
 
 from structid.core.errors import InputError
-from structid.fem.meshes import LENGTH_UNITS, Mesh, read_mesh
+from structid.core.units import LENGTHS
+from structid.fem.meshes import Mesh, read_mesh
 from structid.fem.meshes.mesh import CELL_DIMENSIONS, orphan_nodes
 from structid.study.templates.template import NO_RECORD, Template, asked, number, unknown
 
@@ -27,7 +28,7 @@ class MeshTemplate(Template):
 
     words: ClassVar[str] = "A mesh from a file: a flat one bends as a plate, others are shells or solids; a set a group"
     path: str = asked("file of the mesh", "", "mesh.msh")
-    length_unit: str = asked("unit of its coordinates: m, cm, mm, um, in or ft", "", "m", tuple(LENGTH_UNITS))
+    length_unit: str = asked("unit of its coordinates", "", "m", tuple(LENGTHS))
     held: str = asked("group that is held; none where it is free", "", _FREE)
     youngs_modulus: float = asked("Young's modulus", "Pa", 7.0e10)
     density: float = asked("density", "kg/m^3", 2700.0)

@@ -18,8 +18,6 @@ from structid.fem.importers.op4 import binary as op4_binary
 from structid.fem.importers.op4 import text as op4_text
 from structid.fem.importers.op4.strings import Op4Options, Strings, strings_of
 
-SUFFIXES: tuple[str, ...] = (".op4", ".ou1")  # the second is MYSTRAN's
-
 
 def read(path: Path) -> list[ImportedMatrix]:
     """Every matrix in the OUTPUT4 file at `path`, in order; symmetric ones complete.

@@ -11,8 +11,8 @@ from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.core.errors import InputError
-from structid.external.frf_model import SolverFrfs
 from structid.fem import Structure
+from structid.fem.elements.solver_model import SolverFrfs
 from structid.forward.frf.solvers.solver import LineDerivatives
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
@@ -74,7 +74,7 @@ class TabulatedFrf:
     def _seen(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Receptances in the senses of the record, and their derivatives with respect to the parameters."""
         lines, (outputs, senses), (inputs, ways) = self._places
-        values, change = self.element.found.evaluated(self.parameters.values(physical)[self._rows])
+        values, change = self.element.table.evaluated(self.parameters.values(physical)[self._rows])
         chosen = np.ix_(lines, outputs, inputs)
         sign = senses[:, None] * ways
         inner = np.asarray(self.parameters.design[self._rows, :].toarray())
@@ -84,7 +84,7 @@ class TabulatedFrf:
     def _rows(self) -> IntArray:
         """Property values that are the parameters of the deck, in its order."""
         row = {item.term.property: item.values.start for item in self.structure.properties}
-        return np.array([row[name] for name in self.element.found.at], dtype=np.int64)
+        return np.array([row[name] for name in self.element.table.at], dtype=np.int64)
 
     @cached_property
     def _columns(self) -> tuple[int, ...]:
@@ -95,7 +95,7 @@ class TabulatedFrf:
     @cached_property
     def _places(self) -> tuple[IntArray, tuple[IntArray, FloatArray], tuple[IntArray, FloatArray]]:
         own = self.element
-        found = own.found.lines(self.record.frequency)
+        found = own.table.lines(self.record.frequency)
         return (
             found,
             own.channel_indices(self.record.outputs, "output"),

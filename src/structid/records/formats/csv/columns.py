@@ -18,19 +18,13 @@ from structid.core.dof import Dof, as_dof, parse_dof
 from structid.core.errors import FileError, InputError
 from structid.core.units import FrfUnit, parse_frf_unit
 from structid.records.formats.bare import require_same_rotation
-from structid.records.formats.clocks import Rate, even_rate, resample, resampling_remedy
+from structid.records.formats.clocks import SURE, Rate, even_rate, resample, resampling_remedy
 from structid.records.formats.csv.layout import CsvLayout
-from structid.records.formats.csv.recognition import LONGEST_NAME, as_date, is_axis
+from structid.records.formats.csv.recognition import as_date, is_axis
 from structid.records.formats.csv.table import Table
 from structid.records.formats.gaps import sourced
-from structid.records.formats.named_channels import (
-    NamedChannels,
-    chosen,
-    is_time,
-    name_and_unit,
-    record_of,
-    scale_of_times,
-)
+from structid.records.formats.headers import LONGEST_NAME, is_time, level_word, name_and_unit, units_in_name
+from structid.records.formats.named_channels import NamedChannels, chosen, record_of, scale_of_times
 from structid.records.formats.options import ReadOptions, layout_words, option_words
 from structid.records.formats.selection import selected
 from structid.records.record import COHERENCE_MOST, FrfKind, FrfRecord, TimeRecord
@@ -40,6 +34,9 @@ _PART_WORDS = {
     "re": "re", "real": "re", "real part": "re", "im": "im", "imag": "im", "imaginary": "im", "imaginary part": "im",
     "magnitude": "magnitude", "mag": "magnitude", "abs": "magnitude", "amplitude": "magnitude", "ampl": "magnitude",
     "phase": "phase", "angle": "phase", "coherence": "coherence", "coh": "coherence", "std": "std",
+    "modulus": "magnitude", "module": "magnitude", "betrag": "magnitude", "realteil": "re", "imaginärteil": "im",
+    "partie réelle": "re", "partie imaginaire": "im", "winkel": "phase", "phasenwinkel": "phase", "kohärenz": "coherence",
+    "cohérence": "coherence",
 }  # fmt: skip
 _PAIR = re.compile(
     r"(?P<output>[^\[\]/]+?)\s*/\s*(?P<input>[^\[\]/]+?)"
@@ -48,13 +45,14 @@ _PAIR = re.compile(
     r"(\s*[\[(](?P<own>[^\[\]]*)[\])])?",
     re.IGNORECASE,
 )
+_PART_WORD = re.compile(
+    rf"(?<![^\W\d_])(?:{'|'.join(sorted(_PART_WORDS, key=len, reverse=True))})(?![^\W\d_])", re.IGNORECASE
+)
 _PHASE_UNITS = {"deg": math.pi / 180, "°": math.pi / 180, "degree": math.pi / 180, "degrees": math.pi / 180, "rad": 1.0}
-#: Phases that reach beyond this are deg: of rad it were eight turns of an unwrapped phase.
-_MOST_RAD = 50.0
+#: Rounding of phases in rad that is let pass.
+_PHASE_ROUNDING = 0.01
 #: Units of a number that has none.
 _RATIOS = ("1", "-")
-#: Relative error of a sampling rate from rounded times that is let pass.
-_SURE = 1e-4
 
 
 def _column(table: Table, j: int, error: InputError | None = None, text: str = "") -> FileError:
@@ -153,7 +151,7 @@ def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
         return _Clock(0.0, 0.0, "", time)
     rate, error, step = even
     words = f"times rounded to {step:g} s" if error else ""
-    if stated is None and error > _SURE:
+    if stated is None and error > SURE:
         raise FileError(
             f"{table.path}: column {axis + 1} ({table.names[axis]}) is rounded to {step:g} s, so that it tells the sampling rate"
             f" {rate:.6g} Hz to {100 * error:.2g} % only; give `sampling_rate`, or write more digits"
@@ -283,6 +281,15 @@ class _Column(NamedTuple):
 def _read_headers(table: Table, options: ReadOptions) -> list[_Head]:
     """Output, input, unit and part of each column but the axis, from its header or from the option `parts`."""
     layout = options.csv or CsvLayout()
+    for j, name in enumerate(table.names[1:], start=1):
+        word = level_word(f"{name} {table.units[j]}")
+        if word:
+            raise _column(
+                table,
+                j,
+                text=f"{word!r} stands for a level, a mean or a density, which has no phase or another one; export"
+                " the response itself, or give the column another name or unit",
+            )
     units = [unit or name_and_unit(name)[1] for name, unit in zip(table.names, table.units, strict=True)]
     if layout.parts:
         count = len(options.outputs) * len(options.inputs) * len(layout.parts)
@@ -308,9 +315,19 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_Head]:
         unit = match["unit"] or match["round"] or match["own"] or table.units[j]
         part = _PART_WORDS[match["part"].lower()]
         heads.append(
-            _Head(match["output"], match["input"], (match["own"] or table.units[j]) if part == "phase" else unit, part)
+            _Head(
+                match["output"], match["input"], _phase_unit(table, j, match["own"]) if part == "phase" else unit, part
+            )
         )
     return _output_first(heads, options)
+
+
+def _phase_unit(table: Table, j: int, in_name: str | None) -> str:
+    """The unit of phases by the name of column `j`, or by what stands below it; `FileError` if these differ."""
+    units = [text for text in (in_name, table.units[j]) if text]
+    if len({_PHASE_UNITS.get(text.strip().lower()) for text in units}) > 1:
+        raise _column(table, j, text=f"says {units[0]} and {units[1]} of its phases; correct one of them")
+    return units[0] if units else ""
 
 
 def _output_first(heads: list[_Head], options: ReadOptions) -> list[_Head]:
@@ -334,8 +351,7 @@ def _require_headers_agree(table: Table, assumed: Sequence[_Head]) -> None:
     for j, head in enumerate(assumed, start=1):
         name = table.names[j]
         match = _PAIR.fullmatch(name) if len(name) <= LONGEST_NAME else None
-        last = re.search(r"([A-Za-z]+)\)?\.?$", name)
-        part = match["part"] if match is not None else last[1] if last is not None else ""
+        part = match["part"] if match is not None else next(iter(_PART_WORD.findall(name)), "")
         said = _PART_WORDS.get(part.lower(), head.part)
         told = (
             [] if match is None else [("output", match["output"], head.output), ("input", match["input"], head.input)]
@@ -381,6 +397,7 @@ def _parse_column(
         if not (head.unit or options.unit):
             raise InputError("has no unit; head it as in 12Z+/3Z+ [(m/s^2)/N] re, or give `unit` in [record]")
         unit = _unit_of(head.unit or options.unit, output, load)
+        _require_name_agrees(table.names[j], unit)
         require_same_rotation(table.path, f"output {output}", output.is_rotation, unit.output_rotation)
         require_same_rotation(table.path, f"input {load}", load.is_rotation, unit.input_rotation)
     except InputError as error:
@@ -392,16 +409,35 @@ def _parse_column(
     return _Column(output, load, unit, head.part, unit.factor)
 
 
+def _require_name_agrees(name: str, unit: FrfUnit) -> None:
+    """Raise `InputError` if the name of a column says another unit than that which it is read in."""
+    for text, stated, is_bracketed in units_in_name(name, parse_frf_unit):
+        is_same = stated.kind == unit.kind
+        if (is_bracketed and not is_same) or (is_same and abs(stated.factor / unit.factor - 1) > 1e-9):
+            raise InputError(f"the name says {text!r}, and the column is read in another unit; correct one of them")
+
+
 def _phase_factor(table: Table, j: int, unit: str, layout: CsvLayout) -> float:
     """Factor from the phases in column `j` to rad: by their unit, or because numbers are too large for rad."""
     factor = _PHASE_UNITS.get((unit or layout.phase_unit).strip().lower())
-    if factor is None and np.abs(table.values[:, j]).max() > _MOST_RAD:
+    if unit and layout.phase_unit and factor not in (None, _PHASE_UNITS[layout.phase_unit]):
+        raise InputError(
+            f"says that its phases are {unit}, but `phase_unit` {layout.phase_unit} was given; leave it out"
+        )
+    if factor is None and _is_surely_degrees(table.values[:, j]):
         factor = _PHASE_UNITS["deg"]
     if factor is None:
         raise InputError(
             f"does not say whether its phases are deg or rad; give {layout_words(phase_unit='deg')}, or rad"
         )
     return factor
+
+
+def _is_surely_degrees(phase: FloatArray) -> bool:
+    """True if phases can be none in rad: within one turn they are too large, and unwrapped they step by half a turn at most."""
+    return bool(
+        np.abs(phase).max() > 2 * np.pi + _PHASE_ROUNDING and np.abs(np.diff(phase)).max() > np.pi + _PHASE_ROUNDING
+    )
 
 
 def _unit_of(text: str, output: Dof, load: Dof) -> FrfUnit:
@@ -441,6 +477,8 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
     of_inputs = _names_by_user(table, "inputs", [head.input for head in heads], options.inputs)
     columns = [_parse_column(table, j, head, of_outputs, of_inputs, options) for j, head in enumerate(heads, start=1)]
     _require_unit(table, columns, options.unit)
+    kind = _kind(table, columns)
+    _require_same_unit_of_both_parts(table, columns)
     outputs = tuple(dict.fromkeys(column.output for column in columns))
     inputs = tuple(dict.fromkeys(column.input for column in columns))
     parts: dict[str, FloatArray] = {}
@@ -459,7 +497,7 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
         values=parts["magnitude"] * np.exp(1j * parts["phase"]) if is_polar else parts["re"] + 1j * parts["im"],
         outputs=outputs,
         inputs=inputs,
-        kind=_kind(table, columns),
+        kind=kind,
         variance=parts["std"] ** 2 if "std" in parts else None,
         coherence=parts.get("coherence"),
         noise_source="declared" if "std" in parts else "unknown",
@@ -482,6 +520,19 @@ def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:
             " option out",
             "unit",
         )
+
+
+def _require_same_unit_of_both_parts(table: Table, columns: list[_Column]) -> None:
+    """Refuse a real part in one unit beside an imaginary part of the same pair in another."""
+    units: dict[tuple[Dof, Dof], FrfUnit | None] = {}
+    for j, column in enumerate(columns, start=1):
+        if column.part not in ("re", "im"):
+            continue
+        other = units.setdefault((column.output, column.input), column.unit)
+        if column.unit != other:
+            raise _column(
+                table, j, text="its real and imaginary parts are in different units; write the unit that both are in"
+            )
 
 
 def _kind(table: Table, columns: list[_Column]) -> FrfKind:

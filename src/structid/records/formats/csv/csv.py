@@ -22,8 +22,6 @@ from structid.records.formats.csv.table import read_table
 from structid.records.formats.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
-SUFFIXES: tuple[str, ...] = (".csv", ".txt", ".tsv")
-
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """The record in the CSV table at `path`: UTF-8, with comma, semicolon, tab or blanks between cells.

@@ -14,15 +14,11 @@ from structid.core.display import plural
 from structid.core.errors import FileError, InputError
 from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_time_unit, parse_unit
 from structid.records.formats.csv.layout import SEPARATORS, CsvLayout
+from structid.records.formats.headers import bare_unit, frequency_factor
 from structid.records.formats.options import layout_words
 
 #: Headers of times, in small letters, as structid writes them and the like.
 _TIMES = ("time_s", "time [s]", "time (s)")
-_FREQUENCY = re.compile(
-    r"(?P<name>frequency|frequencies|freq|frequenz|fréquence|frequence|frecuencia|frequenza|f|omega|ω)\.?"
-    r"(?P<unit>(_|\s*[,/]\s*|\s+in\s+|\s+(?=[\[(])|(?=[\[(])|\s+)[\[(]?(?P<of>[^\[\]]+?)[\])]?)?",
-    re.IGNORECASE,
-)
 _REAL = r"(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?"
 _NUMBER = re.compile(rf"[+-]?{_REAL}|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _COMPLEX = re.compile(
@@ -31,9 +27,11 @@ _COMPLEX = re.compile(
 _POINT, _COMMA = re.compile(r"\.\d"), re.compile(r",\d")
 #: With thousands apart.
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:[' ]\d{3})+[.,]\d+)")
+#: What may be a whole number with its thousands apart, or one with three decimals.
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")
 _SAMPLE, _HEAD, _LONGEST_UNIT = 40, 200, 16
-#: Letters of a number, and of a name that is taken apart, at most: the patterns take time with the square of them.
-_LONGEST_NUMBER, LONGEST_NAME = 100, 120
+#: Letters of a number at most: the patterns take time with the square of them.
+_LONGEST_NUMBER = 100
 
 
 @dataclass(frozen=True)
@@ -96,28 +94,6 @@ def complex_parts(cell: str) -> tuple[str, str] | None:
     return match and (match["re"], match["sign"] + match["im"])
 
 
-def frequency_factor(name: str, unit: str = "") -> float | None:
-    """Factor to Hz for a column with this header; NaN if it states no unit, None if it is no column of frequencies.
-
-    Parameters
-    ----------
-    name : str
-        Header, such as ``Frequency [Hz]``, ``freq_hz``, ``f [kHz]`` or ``omega [rad/s]``.
-    unit : str
-        Unit from a second header line.
-    """
-    text = name.strip()
-    match = _FREQUENCY.fullmatch(text) if len(text) <= LONGEST_NAME else None
-    if match is None:
-        return None
-    text = (match["of"] or unit).strip()
-    is_word = match["name"].lower() not in ("f", "omega", "ω")  # which a force may be called too
-    try:
-        return parse_frequency_unit(text)
-    except InputError:
-        return float("nan") if is_word and (not match["of"] or match["unit"].strip()[0] in "[(,/_") else None
-
-
 def is_axis(name: str) -> bool:
     """True if a first column headed so holds times as structid writes them, or frequencies."""
     return name.lower() in _TIMES or frequency_factor(name) is not None
@@ -144,12 +120,6 @@ def is_unit(cell: str) -> bool:
             continue
         return True
     return False
-
-
-def bare_unit(cell: str) -> str:
-    """A unit without the brackets around it."""
-    text = cell.strip()
-    return text[1:-1].strip() if re.fullmatch(r"\[[^\[\]]*\]|\([^()]*\)", text) else text
 
 
 def _are_units(row: Sequence[str]) -> bool:
@@ -283,13 +253,25 @@ def _has_decimal_commas(
     if separator == ",":
         return False
     seen: dict[bool, int] = {}
+    surely_decimals = False
     for row in range(0, len(rows), max(1, len(rows) // _HEAD)):
         for cell in rows[row]:
             if is_number(cell) and (_COMMA.search(cell) or _POINT.search(cell)):
                 seen.setdefault("," in cell, first_line + row)
+                surely_decimals = surely_decimals or _THOUSANDS.fullmatch(cell.strip()) is None
     if len(seen) == 2:
         raise FileError(
             f"{path}: line {seen[True]} has decimal commas and line {seen[False]} decimal points; export all numbers alike, or"
             f' give {layout_words(decimal="comma")} or "point" and leave the other lines out'
         )
+    if seen and not surely_decimals:
+        raise FileError(
+            f"{path}: line {next(iter(seen.values()))}: numbers such as {_grouped_cell(rows)!r} may have decimals or thousands"
+            f' apart, and no other number tells; give {layout_words(decimal="point")} or "comma"'
+        )
     return seen.popitem()[0] if seen else False
+
+
+def _grouped_cell(rows: Sequence[Sequence[str]]) -> str:
+    """The first cell that may be a number with its thousands apart."""
+    return next((cell.strip() for row in rows for cell in row if _THOUSANDS.fullmatch(cell.strip())), "")

@@ -19,13 +19,12 @@ from structid.records.formats.csv.recognition import (
     Grid,
     Rows,
     as_date,
-    bare_unit,
     complex_parts,
-    frequency_factor,
     is_axis,
     is_number,
     recognised,
 )
+from structid.records.formats.headers import bare_unit, frequency_factor
 from structid.records.formats.options import layout_words
 
 _FEW = 20
@@ -98,7 +97,10 @@ def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "")
 
 def _to_hertz(path: Path, name: str, unit: str, axis_unit: str) -> float | None:
     """Factor from the first column to Hz; None if it holds no frequencies, NaN if nothing states their unit."""
-    by_table = frequency_factor(name, unit)
+    try:
+        by_table = frequency_factor(name, unit)
+    except InputError as error:
+        raise FileError(f"{path}: column 1: {error}") from error
     try:
         by_user = parse_frequency_unit(axis_unit) if axis_unit else None
     except InputError:

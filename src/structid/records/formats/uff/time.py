@@ -14,7 +14,7 @@ from structid.core.errors import FileError, InputError, about
 from structid.files.uff.nodes import UniversalNodes
 from structid.files.uff.units import UnitFactors
 from structid.records.formats.bare import channel_units
-from structid.records.formats.clocks import even_rate, resample, resampling_remedy
+from structid.records.formats.clocks import SURE, even_rate, resample, resampling_remedy
 from structid.records.formats.gaps import sourced, whole
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import positions
@@ -26,8 +26,6 @@ from structid.records.record import Quantity, TimeRecord
 
 #: Difference allowed between a step of six digits, as the format stores it, and the true one.
 _SIX_DIGITS = 1e-5
-#: Relative error of a sampling rate from rounded times that is let pass.
-_SURE = 1e-4
 
 
 def read_times(
@@ -191,7 +189,7 @@ def _even_samples(
         raise FileError(
             f"{path}: sample times are not even: a step differs from the mean of {step:.6g} s by {off:.2g} s; {resampling_remedy()}"
         )
-    if even.error > _SURE and options.sampling_rate is None:
+    if even.error > SURE and options.sampling_rate is None:
         raise FileError(
             f"{path}: sample times are rounded to {even.digit:g} s, so that they tell the sampling rate {even.rate:.6g} Hz to"
             f" {100 * even.error:.2g} % only; give {option_words(sampling_rate=None)}"

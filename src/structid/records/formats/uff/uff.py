@@ -27,8 +27,6 @@ from structid.records.formats.uff.time import read_times
 from structid.records.formats.uff.write import file_bytes, require_same
 from structid.records.record import FrfRecord, TimeRecord
 
-SUFFIXES: tuple[str, ...] = (".uff", ".unv", ".uf", ".ufb")
-
 _DIRECTIONS = {sign * (i + 1): f"{d}{'+' if sign > 0 else '-'}" for i, d in enumerate(DIRECTIONS) for sign in (1, -1)}
 _FUNCTIONS = {
     0: "general function", 1: "time response", 2: "auto spectrum", 3: "cross spectrum", 4: "frequency response function",

@@ -12,19 +12,19 @@ import numpy as np
 
 from structid.core.display import join_words
 from structid.core.errors import FileError, InputError
+from structid.core.units import FORCES, LENGTHS
 from structid.external.blocks import Card, cards_in, keywords_in
 from structid.external.deck import WIDTH, number_text
 from structid.external.marks import CardField, DeckPosition, KeywordEntry
 from structid.fem import PointMass, Structure
 from structid.fem.elements import ELEMENT_TYPES
-from structid.fem.importers.exports import FORCES
-from structid.fem.meshes import LENGTH_UNITS, Mesh, abaqus, nastran, read_mesh
+from structid.fem.meshes import ABAQUS, NASTRAN, Mesh, read_mesh
 from structid.files import atomic_write, require_readable
 from structid.files.uff.fields import real_number
 from structid.prediction.element_values import ElementValues
 from structid.study.schema.study import Study
 
-DECK_SUFFIXES = (*nastran.SUFFIXES, *abaqus.SUFFIXES)
+DECK_SUFFIXES = (*NASTRAN.SUFFIXES, *ABAQUS.SUFFIXES)
 #: Relative difference of numbers that count as one, and of a number in the deck from the one that the study begins at.
 _SAME, _DIGITS = 1e-9, 1e-3
 #: Fields of MAT1 by property, and entries of the material of Abaqus.
@@ -136,7 +136,7 @@ def export_deck(study: Study, values: Sequence[ElementValues], path: Path) -> li
     if path.suffix.lower() != original.suffix.lower():
         raise FileError(f"{path}: must end in {original.suffix}, as the deck {original.name} that it is made of")
     source = _read_source(study, original, values)
-    is_nastran = original.suffix.lower() in nastran.SUFFIXES
+    is_nastran = original.suffix.lower() in NASTRAN.SUFFIXES
     find_numbers = _nastran_numbers if is_nastran else _abaqus_numbers
     numbers: dict[CardField | KeywordEntry, DeckNumber] = {}
     absent: list[str] = []
@@ -170,7 +170,7 @@ def _read_source(study: Study, path: Path, values: Sequence[ElementValues]) -> _
     stated = section.table["mesh"]
     options = stated if isinstance(stated, dict) else {}
     length_unit, force_unit = str(options.get("length_unit", "m")), str(options.get("force_unit", "N"))
-    length, force = LENGTH_UNITS[length_unit], FORCES[force_unit]
+    length, force = LENGTHS[length_unit], FORCES[force_unit]
     text = path.read_bytes().decode("latin-1")
     factors = {real_number(word) for word in _WTMASS.findall(text)} or {1.0}
     mass = length / force / factors.pop()

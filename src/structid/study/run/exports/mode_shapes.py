@@ -12,7 +12,8 @@ from structid.dynamics import Modes, modes
 from structid.fem import Structure
 from structid.fem.elements.element import dof_of_code
 from structid.modal import ModalRecord
-from structid.modal.formats.files import CSV_SUFFIXES, JSON_SUFFIXES, write_modes
+from structid.modal.formats.files import write_modes
+from structid.modal.formats.options import CSV_SUFFIXES, JSON_SUFFIXES
 from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.quantities import NaturalModes
 from structid.records.formats import Geometry

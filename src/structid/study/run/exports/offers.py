@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from structid.core.errors import InputError
-from structid.modal.formats.files import WRITTEN_SUFFIXES
+from structid.modal.formats.options import WRITTEN_SUFFIXES
 from structid.prediction.identified_model import IdentifiedModel
 from structid.study.run.exports.deck import deck_path
 from structid.study.run.exports.matrices import MATRIX_SUFFIXES

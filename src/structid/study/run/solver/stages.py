@@ -17,9 +17,10 @@ from functools import partial
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
-from structid.external.frf_model import FrfRuns, SolvedFrfs, SolverFrfs
+from structid.external.frf_model import SolvedFrfs
 from structid.external.runs import RunFailedError
 from structid.fem import Structure
+from structid.fem.elements.solver_model import FrfRuns, SolverFrfs
 from structid.forward import FrfProblem, RecordProblem
 from structid.forward.frf.continuation import level_frequencies, start_deviation
 from structid.identification.joint_problem import joint_problem
@@ -198,7 +199,7 @@ def _smoothed_lines(weights: FloatArray, lines: IntArray, power: FloatArray, val
 def _runs(problem: RecordProblem) -> FrfRuns:
     [element] = problem.structure.elements
     assert isinstance(element, SolverFrfs)
-    return element.found
+    return element.table
 
 
 def _with_runs(problem: RecordProblem, runs: FrfRuns) -> FrfProblem:
@@ -208,5 +209,5 @@ def _with_runs(problem: RecordProblem, runs: FrfRuns) -> FrfProblem:
     assert isinstance(element, SolverFrfs)
     assert isinstance(problem, FrfProblem)
     return replace(
-        problem, structure=Structure(structure.nodes, [replace(element, found=runs)], active=structure.active)
+        problem, structure=Structure(structure.nodes, [replace(element, table=runs)], active=structure.active)
     )

@@ -16,6 +16,7 @@ from structid.core.constraints import NotNegative, Positive
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Plain
+from structid.core.units import FORCES, LENGTHS
 from structid.fem import MatrixGroup
 from structid.fem.importers import (
     ImportedMatrix,
@@ -29,7 +30,6 @@ from structid.fem.importers import (
     read_numbering,
 )
 from structid.fem.importers.definite import require_semidefinite
-from structid.fem.importers.exports import FORCES, LENGTHS
 from structid.fem.importers.imported import codes_of, completed, tables_of
 from structid.study.schema.kinds import (
     BOOLEAN,

@@ -9,10 +9,9 @@ from typing import Annotated, Literal
 from structid.core.arrays import IntArray
 from structid.core.display import join_words
 from structid.core.dof import DIRECTIONS, Dof
+from structid.core.units import FORCES, LENGTHS
 from structid.fem.elements import ElementSet
-from structid.fem.importers.exports import FORCES
 from structid.fem.meshes import (
-    LENGTH_UNITS,
     Mesh,
     choose_parts,
     describe_left_aside,
@@ -37,7 +36,7 @@ class MeshEntry:
     """``[structure.mesh]``."""
 
     path: Annotated[str, "Gmsh .msh, Nastran .bdf .nas .fem .dat, Abaqus .inp, VTK .vtu .vtk"]
-    length_unit: Annotated[str, choice(*LENGTH_UNITS), "Of the coordinates in the file"] = "m"
+    length_unit: Annotated[str, choice(*LENGTHS), "Of the coordinates in the file"] = "m"
     force_unit: Annotated[str, choice(*FORCES), "With length and s, of masses and springs in the file"] = "N"
     take: Annotated[
         tuple[str, ...],

@@ -8,25 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from structid import external
 from structid.core.arrays import FloatArray
 from structid.core.constraints import Limits, Positive
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Plain
+from structid.core.units import FORCES, LENGTHS
 from structid.external.confirmation import command_words, confirmation_of
-from structid.external.deck import Deck, DeckParameter, deck_texts, with_frequencies
-from structid.external.differences import solved_modes
-from structid.external.frf_model import FrfsOut, solved_frfs
+from structid.external.deck import Deck, DeckParameter, MatrixFile, deck_texts, with_frequencies
 from structid.external.marks import CardField, DeckMark, DeckPosition, KeywordEntry, value_at, with_marks
-from structid.external.matrices import solved_matrices
-from structid.external.outputs import MatricesOut, MatrixFile, ModesOut
-from structid.external.runs import Solver
-from structid.external.solved import Solved, Units
-from structid.fem.importers.exports import FORCES, LENGTHS
 from structid.fem.meshes import read_mesh
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import used_lines
-from structid.modal.formats.nastran import PUNCH_SUFFIXES
+from structid.modal.formats.options import PUNCH_SUFFIXES
 from structid.records import FrfRecord
 from structid.study.schema.kinds import (
     BOOLEAN,
@@ -105,7 +100,7 @@ _NOT_OF_FRFS = {
 }
 
 
-def read_solver(section: Section, files: InputFiles) -> Solved | None:
+def read_solver(section: Section, files: InputFiles) -> external.Solved | None:
     """The results of the solver runs of ``[structure.solver]``, made once for all records; None without a solver.
 
     Parameters
@@ -128,7 +123,7 @@ def read_solver(section: Section, files: InputFiles) -> Solved | None:
     return files.solved[0]
 
 
-def _run_solver(section: Section, files: InputFiles) -> Solved:
+def _run_solver(section: Section, files: InputFiles) -> external.Solved:
     """The model that the solver's runs give: of FRFs, modes or matrices."""
     values = SOLVER.defaults | section.values(SOLVER)
     with section.located("deck"):
@@ -137,22 +132,24 @@ def _run_solver(section: Section, files: InputFiles) -> Solved:
     stem = {"stem": Path(next(iter(texts))).stem}
     out = _read_outputs(section, values, stem, files)
     with section.located("deck"):
-        deck = Deck(with_frequencies(texts, out.frequency.tolist()) if isinstance(out, FrfsOut) else texts, parameters)
+        deck = Deck(
+            with_frequencies(texts, out.frequency.tolist()) if isinstance(out, external.FrfsOut) else texts, parameters
+        )
     linked = {Path(name).name: files.path(name) for name in as_list(values.get("files", []))}
     inputs = [*(files.path(name) for name in as_list(values["deck"])), *linked.values()]
     folder = files.folder / values.get("runs", f"{section.source.path.stem}.runs")
     with section.located("command"):
         confirmation = confirmation_of(values["command"], files.folder, inputs)
-    solver = Solver(
+    solver = external.Solver(
         deck, values["command"], folder, files.folder, linked, out, values["timeout"], values["retries"], confirmation
     )
-    name, units = values["name"], Units(values["length_unit"], values["force_unit"])
+    name, units = values["name"], external.Units(values["length_unit"], values["force_unit"])
     with section.located():
-        if isinstance(out, FrfsOut):
-            return solved_frfs(name, solver, out, units, files.work)
-        if isinstance(out, ModesOut):
-            return solved_modes(name, solver, out, units, files.work)
-        return solved_matrices(name, solver, out, units, files.work, values["indefinite"])
+        if isinstance(out, external.FrfsOut):
+            return external.solved_frfs(name, solver, out, units, files.work)
+        if isinstance(out, external.ModesOut):
+            return external.solved_modes(name, solver, out, units, files.work)
+        return external.solved_matrices(name, solver, out, units, files.work, values["indefinite"])
 
 
 class SolverCommand(NamedTuple):
@@ -218,7 +215,7 @@ def _find_positions(entry: Section, marks: Plain, texts: Mapping[str, str]) -> l
 
 def _read_outputs(
     section: Section, values: Given, stem: Mapping[str, str], files: InputFiles
-) -> MatricesOut | ModesOut | FrfsOut:
+) -> external.MatricesOut | external.ModesOut | external.FrfsOut:
     """The output that the study expects of a run (matrices, modes or FRFs); keys of another kind are an error."""
     gives = values["gives"]
     for kind, keys in _OF_KIND.items():
@@ -241,12 +238,12 @@ def _read_outputs(
             raise section.error('`loads` is missing; add `loads = ["3Z"]`, what acts in each subcase with a size of 1')
         with section.located("loads"):
             loads = parse_dofs(as_list(values.get("loads", [])))
-        units = Units(values["length_unit"], values["force_unit"])
-        return FrfsOut(name, *wanted_frfs(section, files), loads, units)
+        units = external.Units(values["length_unit"], values["force_unit"])
+        return external.FrfsOut(name, *wanted_frfs(section, files), loads, units)
     if gives == "modes":
         if "modes" not in values:
             raise section.error('`modes` is missing; add `modes = "{stem}.frd"`, the file of frequencies and shapes')
-        return ModesOut(_output_name(section, "modes", values["modes"], stem))
+        return external.ModesOut(_output_name(section, "modes", values["modes"], stem))
     for key in ("stiffness", "mass"):
         if key not in values:
             raise section.error(
@@ -267,7 +264,7 @@ def _read_outputs(
         text = values["dofs"]
         with section.located("dofs"):
             numbering = _output_name(section, "dofs", text, stem) if isinstance(text, str) else parse_dofs(text)
-    return MatricesOut(matrices, numbering)
+    return external.MatricesOut(matrices, numbering)
 
 
 def _output_name(section: Section, key: str, text: str, stem: Mapping[str, str]) -> str:
@@ -281,7 +278,7 @@ def _output_name(section: Section, key: str, text: str, stem: Mapping[str, str])
     return name
 
 
-def positions_of(solved: Solved) -> dict[int, list[float]]:
+def positions_of(solved: external.Solved) -> dict[int, list[float]]:
     """Position in m of each node of the model: from the deck if structid can read its mesh, else at the origin."""
     deck = solved.solver.deck
     try:

@@ -6,12 +6,11 @@ import difflib
 import inspect
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
-from typing import Annotated, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 from structid.core.constraints import Limits, Positive
 from structid.core.dof import Dof, dofs_of_text, parse_dof
 from structid.core.errors import InputError
-from structid.external.solved import Solved
 from structid.fem import (
     ELEMENT_TYPES,
     Base,
@@ -62,6 +61,9 @@ from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Given, Key, Table, kind_of_argument, own_table, table_of
 from structid.unknowns.tolerances import EXACT, Tolerances
+
+if TYPE_CHECKING:
+    from structid.external.solved import Solved
 
 Positions = dict[int, list[float]]
 Elements = list[tuple[Section, ElementSet]]

@@ -14,9 +14,8 @@ from structid.core.dof import Dof, parse_dofs, renamed
 from structid.core.errors import InputError
 from structid.forward import ModalSettings
 from structid.identification.setups.modal import chosen_modes
-from structid.modal import ModalRecord
-from structid.modal.formats.files import read_modes
-from structid.modal.formats.printed import ModeFileOptions
+from structid.modal import ModalRecord, formats
+from structid.modal.formats.options import ModeFileOptions
 from structid.modal.modal_record import independent_errors, largest_entries
 from structid.study.schema.kinds import COUNT, Kind, as_list, list_of
 from structid.study.schema.records.sensors import used_names
@@ -137,7 +136,7 @@ class ModesSource:
             If the file is damaged, or lacks a mode or sensor that the study asks for.
         """
         with self.section.located("path"):
-            record = read_modes(self.path, self.file_options)
+            record = formats.read_modes(self.path, self.file_options)
         with self.section.located("relabel"):
             record = replace(record, channels=renamed(record.channels, (), self.relabel)[0])
         with self.section.located("sensors"):

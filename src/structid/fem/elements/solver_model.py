@@ -1,17 +1,18 @@
-"""The model that a solver's runs give: matrices that are polynomials in the deck's parameters, as one element set."""
+"""Elements that stand for the model of another solver: its matrices as polynomials in parameters, or its FRFs alone."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from scipy import sparse
 
-from structid.core.arrays import IntArray, locked
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, locked
 from structid.core.dof import Dof
 from structid.core.errors import InputError
-from structid.external.expansion import Powers
 from structid.fem.elements.element import (
     ElementMatrixTerm,
     ElementSet,
@@ -26,6 +27,8 @@ from structid.fem.elements.element import (
     element,
 )
 
+#: Powers of parameters, each over its reference; () is the constant.
+Powers = tuple[tuple[str, int], ...]
 #: The kind of property that a factor on a matrix is.
 _KINDS: dict[str, Kind] = {"mass": "mass", "damping": "viscous_damping", "stiffness": "stiffness"}
 
@@ -132,6 +135,122 @@ class SolverModel(ElementSet):
             if part.matrix_of == matrix_of:
                 total = total + part.matrix * np.prod([(values[n] / references[n]) ** k for n, k in part.powers])
         return total
+
+
+@dataclass(frozen=True, eq=False)
+class FrfRuns:
+    """Receptances of a solver at a centre, and at two changes of each parameter.
+
+    Beside the centre each value goes straight with the parameters, by the slope at the centre of the parabola through its
+    three runs.
+
+    Attributes
+    ----------
+    frequency : (n_lines,) float array
+        Hz.
+    outputs, inputs : tuple of Dof
+    centre : (n_lines, n_outputs, n_inputs) complex array
+        SI units.
+    at : mapping of str to float
+        Value of each parameter there.
+    changes : (n_params, 2) float array
+        Of each parameter, in its unit.
+    runs : (n_params, 2, n_lines, n_outputs, n_inputs) complex array
+    """
+
+    frequency: FloatArray
+    outputs: tuple[Dof, ...]
+    inputs: tuple[Dof, ...]
+    centre: ComplexArray
+    at: Mapping[str, float]
+    changes: FloatArray
+    runs: ComplexArray
+
+    def mapped(self, frequency: FloatArray, convert: Callable[[ComplexArray], ComplexArray]) -> FrfRuns:
+        """A copy whose receptances (n_lines, ...) of all runs went through `convert`; `frequency` are the new lines, Hz."""
+        centre = convert(self.centre)
+        transformed = np.zeros((*self.runs.shape[:2], *centre.shape), dtype=np.complex128)
+        for index in np.ndindex(*self.runs.shape[:2]):
+            transformed[index] = convert(self.runs[index])
+        return replace(self, frequency=frequency, centre=centre, runs=transformed)
+
+    def lines(self, frequency: FloatArray) -> IntArray:
+        """Indices of the lines `frequency`, Hz, among those of the runs; raises `InputError` if one is missing.
+
+        Raises
+        ------
+        InputError
+            If one is not there.
+        """
+        index = np.clip(np.searchsorted(self.frequency, frequency), 0, len(self.frequency) - 1)
+        missing = frequency[self.frequency[index] != frequency]
+        if len(missing):
+            raise InputError(
+                f"the solver was not asked for the line at {missing[0]:g} Hz; take lines of the records, inside `band`"
+            )
+        return index
+
+    @cached_property
+    def _derivatives(self) -> ComplexArray:
+        """Derivatives of the receptances by the parameters at the centre, (n_lines, n_outputs, n_inputs, n_params)."""
+        derivatives = np.zeros((*self.centre.shape, len(self.changes)), dtype=np.complex128)
+        for k, ((a, b), (run_a, run_b)) in enumerate(zip(self.changes, self.runs, strict=True)):
+            up, down = (run_a - self.centre) / a, (run_b - self.centre) / b
+            derivatives[..., k] = up - a * (down - up) / (b - a)
+        return derivatives
+
+    def evaluated(self, values: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Receptances and their derivatives, (n_lines, n_outputs, n_inputs) and (..., n_params), for values of all parameters."""
+        return self.centre + self._derivatives @ (values - np.array(list(self.at.values()))), self._derivatives
+
+
+@element
+class SolverFrfs(ElementSet):
+    """A structure of which a solver gives FRFs alone: parameters of its deck are the properties, and there are no matrices."""
+
+    has_matrices: ClassVar[bool] = False
+
+    nodes: Nodes = declared("Nodes of sensors and loads, in order, as one element", init=False)
+    table: FrfRuns = declared("FRFs of the runs of the solver")
+    parameters: tuple[ModelParameter, ...] = declared("Parameters of the deck")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nodes", locked(np.unique([dof.node for dof in self.dofs])[None, :], np.int64))
+        super().__post_init__()
+
+    @property
+    def dofs(self) -> tuple[Dof, ...]:
+        """Of sensors and loads, each once, as they come."""
+        return tuple(dict.fromkeys(dof.unsigned for dof in (*self.table.outputs, *self.table.inputs)))
+
+    def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
+        """The parameters as properties with empty matrices; see `ElementSet.terms`."""
+        codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
+        nothing = sparse.csc_array((codes.size, codes.size))
+        matrix_term = ElementMatrixTerm(
+            codes, np.zeros((1, 0, 0)), whole=nothing, matrix_kind="stiffness", reduced=True
+        )
+        return tuple(
+            Term(p.name, "parameter", p.unit, locked([p.value], float), [matrix_term]) for p in self.parameters
+        )
+
+    def channel_indices(self, dofs: tuple[Dof, ...], role: str) -> tuple[IntArray, FloatArray]:
+        """Indices of sensors (`role` ``output``) or loads (``input``) among the solver's channels, and their relative sign.
+
+        Raises
+        ------
+        InputError
+            If it has no such channel.
+        """
+        channels = self.table.outputs if role == "output" else self.table.inputs
+        index_and_sign = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(channels)}
+        for dof in dofs:
+            if dof.unsigned not in index_and_sign:
+                raise InputError(f"the solver gives no FRF with {role} {dof}, only {', '.join(map(str, channels))}")
+        pairs = [index_and_sign[dof.unsigned] for dof in dofs]
+        return np.array([k for k, _ in pairs]), np.array(
+            [sign * dof.sign for (_, sign), dof in zip(pairs, dofs, strict=True)], dtype=float
+        )
 
 
 def _split_powers(part: Part) -> tuple[str, Powers]:

@@ -1,0 +1,51 @@
+"""An identification with its diagnosis, and the diagnoses that need no search for causes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from structid.diagnose.fixed_value_influence import FixedValueSensitivity
+from structid.diagnose.split_consistency import Disagreement
+from structid.diagnose.verdict import Cause, Diagnosis, judged
+from structid.identification.identified import Identification
+
+if TYPE_CHECKING:
+    from structid.diagnose.refits import Fitted
+
+#: Gives the parts of the data that do not agree.
+Parts = Callable[[], tuple[Disagreement, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosedIdentification:
+    """An identification with its diagnosis.
+
+    Attributes
+    ----------
+    identification : Identification
+        With intervals that hold whichever of the likely changes is the truth.
+    diagnosis : Diagnosis
+    fits : tuple of Fitted
+        The fits behind its causes, in their order; a cause without a fit of its own has none.
+    """
+
+    identification: Identification
+    diagnosis: Diagnosis
+    fits: tuple[Fitted, ...] = ()
+
+
+def without_causes(
+    identification: Identification, why: str, apart: Parts, sensitivities: tuple[FixedValueSensitivity, ...] = ()
+) -> DiagnosedIdentification:
+    """The identification as it is, with a verdict that says why no causes were looked for."""
+    judgement = judged(identification, untried=why, held=sensitivities, apart=apart)
+    return DiagnosedIdentification(identification, Diagnosis(judgement, sensitivities=sensitivities))
+
+
+def noise_level(chi_square: float, ratio: float) -> Cause:
+    """The cause that the noise is `ratio` times the stated one, for a chi-square per degree of freedom."""
+    words = f"the noise is not what it was taken for; it is {ratio:.3g} times that"
+    share = 1.0 - 1 / chi_square if chi_square > 1 else 0.0
+    return Cause("noise_level", ("all records",), words, share, 1.0, has_fit=False)

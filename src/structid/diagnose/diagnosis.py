@@ -1,0 +1,137 @@
+"""The diagnosis of an identification: its verdict, and where that is not sound the changes that would explain why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache, partial
+
+import numpy as np
+
+from structid import diagnose
+from structid.core.errors import InputError
+from structid.diagnose.diagnosed import DiagnosedIdentification, noise_level, without_causes
+from structid.diagnose.fixed_value_influence import FixedValueSensitivity, is_clear
+from structid.diagnose.search_budget import UNLIMITED, SearchBudget, iteration_effort
+from structid.diagnose.tested_model import TestedModel
+from structid.diagnose.thresholds import (
+    IDENTIFICATIONS,
+    SEARCH_EFFORT,
+    STAGE_PART,
+)
+from structid.diagnose.verdict import (
+    NOT_TRIED,
+    Diagnosis,
+    data_disagreements,
+    is_sound,
+    is_untested,
+    judged,
+    noise_ratio,
+)
+from structid.forward.frf.solvers.tabulated import NO_MATRICES
+from structid.identification.identified import Identification
+from structid.inversion.search.work import ALONE, Work
+
+#: The verdict of an answer that is written while causes are still looked for.
+_SEARCHING = "the search for causes had not ended when this was written"
+_NO_MATRIX = "no change of model or record was tried: the search leaves no Jacobian to look for one with"
+_NO_PLACES = "causes were not looked for: frequencies without any shape show no place"
+
+
+def budget_for_causes(identification: Identification) -> SearchBudget:
+    """The default budget of a search for causes: in proportion to the effort of the identification, and some besides."""
+    search, effort = identification.estimate.search, 0.0
+    if identification.target is not None:
+        effort = STAGE_PART * search.n_starts * search.n_iterations * iteration_effort(identification.target)
+    return SearchBudget(IDENTIFICATIONS * effort + SEARCH_EFFORT)
+
+
+def explain(identification: Identification, seconds: float | None = None) -> Diagnosis:
+    """The verdict on an identification, and the changes of model or record that would explain its misfit.
+
+    Parameters
+    ----------
+    identification : Identification
+    seconds : float, optional
+        Processor time of the search for causes; without a limit by default.
+
+    Returns
+    -------
+    Diagnosis
+        Printed, it begins with the verdict and lists the causes, the likeliest first.
+
+    Raises
+    ------
+    InputError
+        If `seconds` is not greater than 0, or the identification does not know its set-ups.
+    """
+    if seconds is not None and not seconds > 0:
+        raise InputError(
+            f"`seconds` must be greater than 0, got {seconds:g}; leave it out for a search without a limit"
+        )
+    if not identification.setups or identification.options is None:
+        raise InputError("`identification` must be one of `identify` or `identify_together`, which keeps its set-ups")
+    model = TestedModel(identification.setups, identification.options)
+    budget = SearchBudget(seconds=np.inf if seconds is None else seconds)
+    return diagnose_identification(model, identification, explain=True, budget=budget).diagnosis
+
+
+def diagnose_identification(
+    model: TestedModel,
+    identification: Identification,
+    explain: bool | None = None,
+    work: Work = ALONE,
+    budget: SearchBudget = UNLIMITED,
+    before_search: Callable[[Diagnosis], None] | None = None,
+) -> DiagnosedIdentification:
+    """The diagnosis of an identification: its verdict, and where that is not sound the causes of the misfit.
+
+    Parameters
+    ----------
+    model : TestedModel
+    identification : Identification
+        Its answer.
+    explain : bool, optional
+        Whether causes are looked for; by default where the answer is not sound.
+    work : Work
+        Where candidates are looked at and refitted.
+    budget : SearchBudget
+        What the search for causes may take from its beginning on; all is tried by default.
+    before_search : callable, optional
+        Takes the diagnosis as it is before causes are looked for, which may take long.
+    """
+    estimate = identification.estimate
+    apart = cache(partial(data_disagreements, identification, work))  # the verdict is given before the search and after
+    sensitivities: tuple[FixedValueSensitivity, ...] = ()
+    if is_sound(identification):
+        sensitivities = diagnose.fixed_value_sensitivities(model, identification)
+        if not explain and (explain is False or not is_clear(sensitivities)):
+            return diagnose.diagnose_sound(model, identification, sensitivities, work, apart, is_asked=explain is None)
+    if any(one.warning for one in identification.truncations) and not explain:
+        return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
+    if is_untested(identification) and not explain:
+        return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
+    ratio = noise_ratio(identification)
+    if ratio is not None and ratio != 1.0 and not explain:
+        causes = (noise_level(estimate.goodness.least_per_dof, ratio),)
+        return DiagnosedIdentification(identification, Diagnosis(judged(identification, causes, apart=apart), causes))
+    if estimate.goodness.least_per_dof <= 1 and not identification.missed and not explain and not sensitivities:
+        return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
+    why_not = _why_not_searched(model, identification, explain)
+    if why_not:
+        return without_causes(identification, why_not, apart)
+    if before_search is not None:
+        before_search(without_causes(identification, _SEARCHING, apart).diagnosis)
+    return diagnose.diagnose_by_search(model, identification, sensitivities, work, budget, apart)
+
+
+def _why_not_searched(model: TestedModel, identification: Identification, explain: bool | None) -> str:
+    """The reason why causes cannot be looked for, in words; "" where they can."""
+    if explain is False:
+        return NOT_TRIED
+    if identification.target is None or not identification.estimate.uncertainty.has_matrix:
+        return _NO_MATRIX
+    if not model.setups[0].structure.has_matrices:
+        return f"causes were not looked for: that {NO_MATRICES}"
+    if any(role == "output" and not dofs for setup in model.setups for role, dofs in setup.channels):
+        return _NO_PLACES
+    return ""

@@ -1,0 +1,229 @@
+"""Text files of LabVIEW (LVM): one segment, with one column of times, with one for each channel, or with none.
+
+References
+----------
+National Instruments: Specification for the LabVIEW Measurement File (.lvm).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.display import join_words
+from structid.core.units import parse_time_unit
+
+_END = "***End_of_Header***"
+#: Relative distance of the steps of the printed times, which are rounded, from that of the head.
+_STEPS = 0.02
+#: Distance of a printed time from an even one, in parts of its last digit, that rounding explains.
+_ROUNDED = 0.75
+#: Relative distance of a rate from a whole number of Hz that counts as one.
+_WHOLE = 1e-9
+
+
+class LvmClock(NamedTuple):
+    """When the samples of a channel were taken.
+
+    Attributes
+    ----------
+    rate : float
+        Hz; 0 where the file does not say it.
+    error : float
+        Relative error of `rate` that the digits of the file leave open.
+    off : float
+        Largest distance of a printed time from an even one, in steps, beyond what rounding explains.
+    times : (n_samples,) float array
+        s; empty where they are even.
+    """
+
+    rate: float
+    error: float = 0.0
+    off: float = 0.0
+    times: FloatArray = np.zeros(0)
+
+
+class LvmChannel(NamedTuple):
+    """A channel of an LVM file.
+
+    Attributes
+    ----------
+    name, unit : str
+    values : (n_samples,) float array
+        As printed; NaN where a cell is empty.
+    clock : LvmClock
+    start : float
+        s, relative to the channel that starts first.
+    """
+
+    name: str
+    unit: str
+    values: FloatArray
+    clock: LvmClock
+    start: float
+
+
+class _Segment(NamedTuple):
+    """A file taken apart: entries of its head and of its segment by key, names of its columns, and its rows of cells."""
+
+    head: Mapping[str, Sequence[str]]
+    entries: Mapping[str, Sequence[str]]
+    names: list[str]
+    rows: list[list[str]]
+    comma: bool
+
+    def decimal(self, text: str) -> float:
+        """The number in a cell; NaN for an empty one."""
+        if not text.strip():
+            return np.nan
+        return float(text.replace(",", ".") if self.comma else text)
+
+    def of_channels(self, key: str, count: int, step: int) -> list[str]:
+        """The entry `key` of each channel, "" where it is missing; `step` is the number of columns that a channel has."""
+        words = [*self.entries.get(key, []), *[""] * (count * step)]
+        return [words[j * step].strip() for j in range(count)]
+
+
+def read_lvm(path: Path) -> list[LvmChannel]:
+    """The channels of the LVM file at `path` that hold samples.
+
+    Raises
+    ------
+    ValueError
+        If the file is no LVM file, holds several segments, its head and its rows differ, or its channels are not over time.
+    """
+    segment = _take_apart(path)
+    count = int(segment.entries["Channels"][0])
+    layout = (segment.head.get("X_Columns") or ["One"])[0].strip()
+    own_times, step = layout == "Multi", 2 if layout == "Multi" else 1
+    other = set(segment.of_channels("X_Dimension", count, step)) - {"", "Time"}
+    if other:
+        raise ValueError(f"its channels are over {join_words(sorted(other))}, not over time; write time histories")
+    columns = [1 + step * j for j in range(count)]
+    names = [segment.names[column] for column in columns if column < len(segment.names)]
+    width = max(columns) + 1
+    if len(names) != count or any(len(row) < width for row in segment.rows):
+        fewest = min((len(row) for row in segment.rows), default=0)
+        raise ValueError(
+            f"its head says {count} channels, and it has {len(names)} names and a line of {fewest} cells, times included"
+        )
+    samples = [int(text) for text in segment.of_channels("Samples", count, step)]
+    units, of_x, of_start, steps, dates, hours = (
+        segment.of_channels(key, count, step)
+        for key in ("Y_Unit_Label", "X_Unit_Label", "X0", "Delta_X", "Date", "Time")
+    )
+    sampled = [j for j in range(count) if samples[j]]
+    starts = dict(zip(sampled, _starts([(dates[j], hours[j]) for j in sampled]), strict=True))
+    channels = []
+    for j in sampled:
+        column = columns[j]
+        n_rows = _count_rows(segment, column, samples[j], layout)
+        scale = parse_time_unit(of_x[j]) if of_x[j] else 1.0
+        printed = [row[column - 1 if own_times else 0] for row in segment.rows[:n_rows]] if layout != "No" else []
+        clock = _clock(segment, printed, steps[j], scale)
+        values = np.array([segment.decimal(row[column]) for row in segment.rows[:n_rows]])
+        later = starts[j] if layout != "One" else 0.0
+        start = later + scale * segment.decimal(of_start[j] or "0")
+        channels.append(LvmChannel(names[j], units[j], values, clock, start))
+    return channels
+
+
+def _take_apart(path: Path) -> _Segment:
+    """Head, segment and rows of the file at `path`; `ValueError` if it is no LVM file of one segment."""
+    text = path.read_text(encoding="cp1252")
+    lines = text.splitlines()
+    if not text.endswith("\n"):
+        raise ValueError("its last line has no end")
+    if not lines[0].startswith("LabVIEW Measurement"):
+        raise ValueError("it does not begin with LabVIEW Measurement")
+    ends = [i for i, line in enumerate(lines) if line.startswith(_END)]
+    if len(ends) != 2:
+        raise ValueError(f"it must hold one segment, got {max(len(ends) - 1, 0)}; write one a file")
+    separator = "," if any(line.startswith("Separator,Comma") for line in lines[: ends[0]]) else "\t"
+    head, entries = (
+        {words[0].strip(): words[1:] for line in part if (words := line.split(separator))}
+        for part in (lines[: ends[0]], lines[ends[0] + 1 : ends[1]])
+    )
+    rows = [line.split(separator) for line in lines[ends[1] + 2 :] if line.strip()]
+    names = [name.strip() for name in lines[ends[1] + 1].split(separator)]
+    if "Comment" in names:
+        rows = [row[: names.index("Comment")] for row in rows]
+    return _Segment(head, entries, names, rows, (head.get("Decimal_Separator") or ["."])[0].strip() == ",")
+
+
+def _count_rows(segment: _Segment, column: int, n_samples: int, layout: str) -> int:
+    """Rows that belong to a channel: those of its head, or all where rows that were appended continue its times.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer rows than the head says, or more without times that tell whether they continue it.
+    """
+    filled = [i for i, row in enumerate(segment.rows) if row[column].strip()]
+    last = filled[-1] + 1 if filled else 0
+    if last < n_samples or (last > n_samples and layout == "No"):
+        joined = (
+            "; several writings without times do not say whether one continues the other" if last > n_samples else ""
+        )
+        raise ValueError(f"its head says {n_samples} samples of {segment.names[column]!r}, and it holds {last}{joined}")
+    return last
+
+
+def _starts(moments: Sequence[tuple[str, str]]) -> list[float]:
+    """Times in s after the first of `moments`, each a date and a time of day; 0 where one of them is missing."""
+    wholes, parts = [], []
+    for date, hour in moments:
+        whole, _, part = hour.replace(",", ".").partition(".")
+        try:
+            wholes.append(datetime.strptime(f"{date} {whole}", "%Y/%m/%d %H:%M:%S"))
+            parts.append(float(f"0.{part or 0}"))
+        except ValueError:
+            return [0.0] * len(moments)
+    seconds = [(whole - min(wholes)).total_seconds() + part for whole, part in zip(wholes, parts, strict=True)]
+    return [second - min(seconds) for second in seconds]
+
+
+def _last_digit(text: str) -> float:
+    """Size of the last digit of a number as it is written."""
+    mantissa, _, power = text.strip().lower().replace(",", ".").partition("e")
+    return float(10.0 ** (int(power or 0) - len(mantissa.partition(".")[2])))
+
+
+def _clock(segment: _Segment, printed: Sequence[str], step_text: str, scale: float) -> LvmClock:
+    """The clock of a channel by the step of the head and by its printed times; `scale` turns both into s.
+
+    Raises
+    ------
+    ValueError
+        If the printed times do not increase, or run in other steps than the head says.
+    """
+    step = scale * segment.decimal(step_text or "0")
+    by_head = _rounded_clock(1 / step, scale * _last_digit(step_text) / 2 / step) if step > 0 else LvmClock(0.0)
+    if len(printed) < 2 or not all(text.strip() for text in printed):
+        return by_head
+    times = scale * np.array([segment.decimal(text) for text in printed])
+    digits = scale * np.array([_last_digit(text) for text in printed])
+    mean = float(times[-1] - times[0]) / (len(times) - 1)
+    if not mean > 0:
+        raise ValueError("its X_Value column does not increase")
+    off = np.abs(times - times[0] - mean * np.arange(len(times)))
+    if (off > _ROUNDED * (digits + digits[0] + digits[-1])).any():
+        return LvmClock(1 / mean, 0.0, float(off.max()) / mean, times)
+    if step > 0 and abs(mean / step - 1) > _STEPS:
+        raise ValueError(f"its X_Value column runs in steps of {mean:g} s, and its head says {step:g} s")
+    error = float(digits.max()) / float(times[-1] - times[0])
+    agrees = by_head.error == 0 and by_head.rate > 0 and abs(mean * by_head.rate - 1) <= error
+    return by_head if agrees or 0 < by_head.error <= error else _rounded_clock(1 / mean, error)
+
+
+def _rounded_clock(rate: float, error: float) -> LvmClock:
+    """A clock whose rate is a whole number of Hz where it is one, or where its error leaves but one."""
+    near = round(rate)
+    if near and (abs(rate - near) <= _WHOLE * rate or abs(rate - near) <= rate * error < 0.1):
+        return LvmClock(float(near))
+    return LvmClock(rate, error)

@@ -1,0 +1,59 @@
+"""Suffixes of files of modes, and what such a file may not say about itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from structid.core.errors import InputError
+from structid.core.units import FORCES, LENGTHS
+
+JSON_SUFFIXES, CSV_SUFFIXES, UFF_SUFFIXES = (".json",), (".csv",), (".uff", ".unv", ".uf")
+#: Of Nastran, and of CalculiX.
+F06_SUFFIXES, PUNCH_SUFFIXES, OP2_SUFFIXES = (".f06",), (".pch", ".pun"), (".op2",)
+FRD_SUFFIXES = (".frd",)
+WRITTEN_SUFFIXES = (*JSON_SUFFIXES, *UFF_SUFFIXES, *CSV_SUFFIXES, *PUNCH_SUFFIXES)
+
+
+@dataclass(frozen=True)
+class ModeFileOptions:
+    """What a file of modes may not say about itself.
+
+    Parameters
+    ----------
+    subcase : int, optional
+        Subcase of a Nastran file whose modes are meant, where several have modes.
+    eigenvalues : str
+        `real` or `complex`: which modes of a Nastran file are meant, where it has both.
+    deck : Path, optional
+        Nastran bulk data whose GRID cards say in which systems a listing or punch file gives motions; without it they count
+        as global.
+    length_unit : str
+        Unit of length of the model or file, such as `mm`, where the file does not say it.
+    force_unit : str
+        Unit of force of the model or file, such as `N`, where the file does not say it.
+    """
+
+    subcase: int | None = None
+    eigenvalues: str = ""
+    deck: Path | None = None
+    length_unit: str = ""
+    force_unit: str = ""
+
+    def __post_init__(self) -> None:
+        """Raise `InputError` on an unknown kind of eigenvalue or unit."""
+        if self.eigenvalues not in ("", "real", "complex"):
+            raise InputError(f"`eigenvalues` must be real or complex, got {self.eigenvalues!r}", "eigenvalues")
+        for name, unit, units in (("length_unit", self.length_unit, LENGTHS), ("force_unit", self.force_unit, FORCES)):
+            if unit and unit not in units:
+                raise InputError(f"`{name}` must be one of {' '.join(units)}, got {unit!r}", name)
+
+    @property
+    def length(self) -> float | None:
+        """Metres of the unit of length."""
+        return LENGTHS[self.length_unit] if self.length_unit else None
+
+    @property
+    def force(self) -> float | None:
+        """Newtons of the unit of force."""
+        return FORCES[self.force_unit] if self.force_unit else None

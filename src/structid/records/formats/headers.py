@@ -1,0 +1,147 @@
+"""Headers of columns and names of channels: the units that they say, whether they are of times, frequencies or levels."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from structid.core.errors import InputError
+from structid.core.units import parse_frequency_unit, parse_time_unit
+
+T = TypeVar("T")
+
+_HEAD = re.compile(r"^(?P<name>.*?)\s*[\[({<](?P<unit>[^\[\]()]+|[^\[\]]*\([^\[\]]*\)[^\[\]]*)[\])}>]$")
+#: Letters of a header at most that is taken apart.
+_LONGEST_HEAD = 200
+_TIME = re.compile(r"^(time|times|t|zeit|temps|tiempo|tempo|timestamp|date|datetime|x)$|^(time|zeit)\b", re.IGNORECASE)
+#: A word for times with their unit behind it, as in ``Time ms``, ``t_us`` or ``time, sec``.
+_TIME_AND_UNIT = re.compile(
+    r"^(?:time|times|t|zeit|temps|tiempo|tempo|timestamp|elapsed)(?:[ _.,/-]+(?:in |since start )?)(?P<unit>[^\W\d_]+)\.?$",
+    re.IGNORECASE,
+)
+#: Units that are names of columns of times too, as loggers of hobbyists call them.
+_TIMES_BY_UNIT = ("millis", "micros", "milliseconds", "microseconds", "seconds", "msec", "usec", "secs")
+_FREQUENCY = re.compile(
+    r"(?P<name>frequency|frequencies|freq|frequenz|fréquence|frequence|frecuencia|frequenza|f|omega|ω)\.?"
+    r"(?P<unit>(_|\s*[,/]\s*|\s+in\s+|\s+(?=[\[(])|(?=[\[(])|\s+)[\[(]?(?P<of>[^\[\]]+?)[\])]?)?",
+    re.IGNORECASE,
+)
+#: Letters of a name that is taken apart, at most: the patterns take time with the square of them.
+LONGEST_NAME = 120
+#: A unit within brackets, wherever it stands.
+_BRACKETED = re.compile(r"\[([^\[\]]+)\]|\(([^()]*(?:\([^()]*\)[^()]*)*)\)|\{([^{}]+)\}|<([^<>]+)>")
+#: The last word of a name, which may be a unit without brackets, as in ``Acc_g``, ``a / m/s^2`` and ``a in m/s^2``.
+_LAST_WORDS = (re.compile(r"[\s_,;:]([^\s_,;:]+)$"), re.compile(r"(?:\s/\s*|\sin\s+)(.+)$"))
+#: Words for what is no history and no response, but a level, a mean or a density of one.
+_LEVEL = re.compile(
+    r"(?<![a-z])(dB|g?rms|pk(?:-pk)?|p-p|psd|asd|csd|cpsd|apsd|log ?mag(?:nitude)?|(?:20 ?)?log10|20 ?log)(?![a-z])"
+    r"|/ ?(\u221a|sqrt ?\(?|rt ?)?hz",
+    re.IGNORECASE,
+)
+
+
+def name_and_unit(text: str) -> tuple[str, str]:
+    """A header without its unit, and the unit in brackets behind it or ""."""
+    text = text.strip()
+    match = _HEAD.match(text) if len(text) <= _LONGEST_HEAD else None
+    return (match["name"], match["unit"].strip()) if match else (text, "")
+
+
+def is_time(text: str) -> bool:
+    """True if a header is one of times."""
+    name = name_and_unit(text)[0]
+    return _TIME.match(name) is not None or time_factor(name) is not None
+
+
+def time_factor(name: str, unit: str = "") -> float | None:
+    """Factor to s for a column of times with this header; None if neither name nor unit states it.
+
+    Parameters
+    ----------
+    name : str
+        Header, such as ``Time [ms]``, ``Time ms``, ``t_us``, ``time_s`` or ``millis``.
+    unit : str
+        Unit beside or below the name; it must be a unit of time.
+
+    Raises
+    ------
+    InputError
+        If the unit is said, and is none of times, or two are.
+    """
+    bare, bracketed = name_and_unit(name)
+    match = _TIME_AND_UNIT.match(bare)
+    word = match["unit"] if match else bare if bare.lower() in _TIMES_BY_UNIT else ""
+    stated = [parse_time_unit(unit or bracketed)] if unit or bracketed else []
+    stated += _read(parse_time_unit, word) + _read(parse_time_unit, bracketed)  # a word may be "stamp" of a time stamp
+    _require_one(stated, f"{name!r} above {unit!r}" if unit else repr(name))
+    return stated[0] if stated else None
+
+
+def _read(parse: Callable[[str], T], text: str) -> list[T]:
+    """The unit that a text names as the only entry, or no entry."""
+    try:
+        return [parse(text)] if text else []
+    except InputError:
+        return []
+
+
+def _require_one(factors: Sequence[float], where: str) -> None:
+    """Raise `InputError` if the same header states two units by their factors."""
+    if any(abs(factor / factors[0] - 1) > 1e-9 for factor in factors):
+        raise InputError(f"{where} states two units; correct one of them")
+
+
+def frequency_factor(name: str, unit: str = "") -> float | None:
+    """Factor to Hz for a column with this header; NaN if it states no unit, None if it is no column of frequencies.
+
+    Parameters
+    ----------
+    name : str
+        Header, such as ``Frequency [Hz]``, ``freq_hz``, ``f [kHz]`` or ``omega [rad/s]``.
+    unit : str
+        Unit from a second header line.
+    """
+    text = name.strip()
+    match = _FREQUENCY.fullmatch(text) if len(text) <= LONGEST_NAME else None
+    if match is None:
+        return None
+    is_word = match["name"].lower() not in ("f", "omega", "ω")  # which a force may be called too
+    try:
+        factor = parse_frequency_unit((match["of"] or unit).strip())
+    except InputError:
+        return float("nan") if is_word and (not match["of"] or match["unit"].strip()[0] in "[(,/_") else None
+    _require_one([factor, *_read(parse_frequency_unit, unit)], f"{name!r} above {unit!r}")
+    return factor
+
+
+def bare_unit(cell: str) -> str:
+    """A unit without the brackets around it."""
+    text = cell.strip()
+    return text[1:-1].strip() if re.fullmatch(r"\[[^\[\]]*\]|\([^()]*\)|\{[^{}]*\}|<[^<>]*>", text) else text
+
+
+def units_in_name(name: str, parse: Callable[[str], T]) -> list[tuple[str, T, bool]]:
+    """The units that a header says in any place: text, unit, and whether brackets show that it is meant as one.
+
+    Parameters
+    ----------
+    name : str
+    parse : callable
+        It reads a unit, or raises `InputError`.
+    """
+    if len(name) > _LONGEST_HEAD:
+        return []
+    texts = [(next(filter(None, match.groups()), ""), True) for match in _BRACKETED.finditer(name)]
+    texts += [(match[1], False) for pattern in _LAST_WORDS if (match := pattern.search(name.strip()))]
+    return [
+        (text, unit, is_bracketed and text != "N")  # the N of a direction may stand in brackets too
+        for text, is_bracketed in texts
+        for unit in _read(parse, text)
+    ]
+
+
+def level_word(text: str) -> str:
+    """The word by which a header or a unit says that a column holds levels, means or densities, such as ``dB``; "" for none."""
+    match = _LEVEL.search(text[:_LONGEST_HEAD])
+    return match[0].strip("/ ") if match else ""
