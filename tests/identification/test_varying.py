@@ -19,7 +19,7 @@ from structid.diagnose.screening import screen_sets
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import judged
 from structid.forward import RecordProblem
-from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
+from structid.forward.record_problem import linearization_with_priors, residual_with_priors
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
 from structid.identification.search import answered
 from structid.identification.varying import _chances
