@@ -133,7 +133,7 @@ Inside = dict[str, list[np.ndarray]]
 
 
 def identified(rig: Rig, tolerance: float, *seeds: list[int]) -> tuple[sid.Identification, dict[str, float]]:
-    """An identification from noisy FRFs with wrong fixed values, and the true values of all properties; one seed, or one of each."""
+    """An identification from noisy FRFs with wrong fixed values, and the true values; one seed, or one of each."""
     generators = [np.random.default_rng(seed) for seed in seeds]
     values, _, gain = truth(rig, generators[0], tolerance)
     options = sid.IdentifyOptions(tolerances=Tolerances(tolerance, tolerance, DAMPING, tolerance))
