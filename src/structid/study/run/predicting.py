@@ -22,7 +22,6 @@ from structid.prediction.changes import Change, changed_model
 from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.linear_response import Input, support_base
 from structid.prediction.loads import coloured_noise, half_sine, read_density, sine
-from structid.prediction.model_error import ModelError
 from structid.prediction.options import PredictOptions
 from structid.prediction.predict import PredictedChange, Prediction, predict_changes, predict_together
 from structid.prediction.quantities import (
@@ -112,7 +111,9 @@ def predict_study(
         raise InputError(f"`sensors` must name where the motion under `{loaded}` is wanted, got none", "sensors")
     several = partial(predict_changes, model, changes=changes) if changes else partial(predict_together, model)
 
-    def of(*quantities: Quantity, error: ModelError | None = None) -> list[Prediction] | list[PredictedChange]:
+    error = stored_model_error(folder, source, model) if outputs else None
+
+    def of(*quantities: Quantity) -> list[Prediction] | list[PredictedChange]:
         return several(quantities, n_draws=options.draws, seed=options.seed, model_error=error)
 
     frf: Found = None
@@ -130,7 +131,7 @@ def predict_study(
             inputs = _inputs(model.structure, names, options)
             is_moved = all(isinstance(each, Base) for each in inputs)
             quantity = Frf(linear, inputs, _lines(band, options), "transmissibility" if is_moved else options.kind)
-            [frf] = of(quantity, error=stored_model_error(folder, source, model))
+            [frf] = of(quantity)
         elif not linear and loaded is None:
             raise InputError(
                 "a von Mises stress has no FRF, since it is not linear in the load; give `history`, `half_sine`, `sine` or `noise`",
