@@ -21,7 +21,7 @@ from structid.prediction.model_error import ModelError
 from structid.records import FrfRecord
 from structid.study.results.folder import STUDY_PATH
 from structid.study.results.hdf5 import ESTIMATE_FORMAT
-from structid.study.results.solver import UPDATED
+from structid.study.results.result import UPDATED
 from structid.study.schema.model.structure import AUTO
 from structid.study.schema.study import Study, cut_study, load_study
 
