@@ -11,8 +11,8 @@ from frame_cases import STUDY, written, written_shaken
 from structid.diagnose.causes import CAUSES, DERIVED, candidates, data_candidates, rows_left_out, set_candidates
 from structid.diagnose.causes.delay import SensorDelay
 from structid.diagnose.modified_model import base_model
-from structid.diagnose.refits import Fitted, fit_fully, load_fit
-from structid.diagnose.screening import screen_sets
+from structid.diagnose.refits import Fitted, fit_fully, restore_fit
+from structid.diagnose.set_screening import screen_sets
 from structid.diagnose.tested_model import TestedModel
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
 from structid.records.formats import read_record, write_record
@@ -125,9 +125,11 @@ def require_first(base, kind, where):
 def require_explained(base, candidate, strength, folder):
     """The fit of a cause alone, which explains all; its study as text is the one that was fitted."""
     theta = base.modified.changed(candidate, strength).theta_of(base.values)
-    fitted = load_fit(base, candidate, fit_fully(base, (candidate, strength, theta), PLAIN_TOOLS))
+    fitted = restore_fit(base, candidate, fit_fully(base, (candidate, strength, theta), PLAIN_TOOLS))
     n_data = base.modified.target.n_data
-    assert fitted.cost - fitted.aside == pytest.approx(fitted.modified.target.n_data, abs=4 * np.sqrt(2 * n_data))
+    assert fitted.chi_square - fitted.left_out == pytest.approx(
+        fitted.modified.target.n_data, abs=4 * np.sqrt(2 * n_data)
+    )
     std = dict(zip(fitted.modified.target.names, np.sqrt(np.diag(fitted.covariance)), strict=True))
     for name, value in base.values.items():
         if name in std:
@@ -138,7 +140,7 @@ def require_explained(base, candidate, strength, folder):
     [problem] = again.problems
     assert problem.names == fitted.modified.target.names
     residual = problem.residual(fitted.theta)
-    assert residual @ residual == pytest.approx(fitted.cost - fitted.aside, rel=1e-6)
+    assert residual @ residual == pytest.approx(fitted.chi_square - fitted.left_out, rel=1e-6)
     assert lines
     return fitted, std
 

@@ -87,7 +87,7 @@ def test_the_cause_is_named_first_and_its_study_is_right(tmp_path, fault):
     better, _ = answered(again)
     assert better.diagnosis.judgement.verdict == "sound"
     # each weighed by what its own model has of noise that goes with size
-    assert better.identification.estimate.goodness.chi_square == pytest.approx(fits[0].cost, rel=3e-3)
+    assert better.identification.estimate.goodness.chi_square == pytest.approx(fits[0].chi_square, rel=3e-3)
     right, wide = (by_name(one.identification) for one in (better, result))
     for one in result.diagnosis.causes[0].moved:
         assert one.interval == pytest.approx(right[one.name], rel=1e-3)

@@ -42,7 +42,7 @@ def test_feet_come_first_where_a_look_promises_something_of_one_of_them():
 
 def test_of_modes_free_translations_of_held_nodes_are_held_all_but_rigidly():
     springs = [SpringToGround(where=(place,), strengths=np.array([1.0, 60.0])) for place in ("4X", "7X", "7RZ")]
-    of_modes, of_frfs = (SimpleNamespace(cost=9.0, modified=SimpleNamespace(is_of_modes=is_so)) for is_so in (1, 0))
+    of_modes, of_frfs = (SimpleNamespace(misfit=9.0, modified=SimpleNamespace(is_of_modes=is_so)) for is_so in (1, 0))
     rows = _rollers(of_modes, [support("7Y"), *springs], {1, 7})
     assert [(row.candidate.where, row.strength, row.left) for row in rows] == [(("7X",), 60.0, 9.0)]
     assert _rollers(of_frfs, springs, {1, 7}) == []

@@ -22,7 +22,7 @@ from structid.diagnose.causes import (
 )
 from structid.diagnose.derived_candidates import _misplaced, _of_one_card, _off_otherwise, _turned
 from structid.diagnose.modified_model import base_model
-from structid.diagnose.refits import Fitted, fit_fully, fit_near, load_fit
+from structid.diagnose.refits import Fitted, fit_fully, fit_near, restore_fit
 from structid.diagnose.score_test import Screened
 from structid.diagnose.screening import _feet
 from structid.diagnose.search import _weighed
@@ -148,8 +148,8 @@ def test_a_foot_lets_go_of_all_rotations_at_once(tmp_path):
     written_in_space(tmp_path, SPACE.replace('fixed = ["1", "5"]', 'fixed = ["1 X Y Z", "5"]'))
     base = begun(path)
     near = fit_near(base, (pinned, foot.strength, np.inf), PLAIN_TOOLS)
-    fitted = load_fit(base, pinned, fit_fully(base, (pinned, foot.strength, near["theta"]), PLAIN_TOOLS))
-    assert fitted.cost < 1.2 * base.modified.target.n_data < 0.01 * base.cost
+    fitted = restore_fit(base, pinned, fit_fully(base, (pinned, foot.strength, near["theta"]), PLAIN_TOOLS))
+    assert fitted.chi_square < 1.2 * base.modified.target.n_data < 0.01 * base.chi_square
     assert pinned.sentence(None) == "the supports 1RX, 1RY, 1RZ are flexible"
     _, lines = suggestion_text(load_study(path), fitted.modified.changes)
     assert '+ first = ["1RX", "1RY", "1RZ"]' in lines

@@ -62,7 +62,7 @@ def test_two_faults_are_found_by_the_one_beside_which_a_second_promises_most(tmp
     assert [one.cause.kind for one in found.causes] == ["swap"]
     kinds = {(one.cause.kind, one.cause.where) for one in found.further.causes[:2]}
     assert ("joint", ("girder:1", "3RZ")) in kinds
-    assert found.further.causes[0].cost < 1.2 * base.modified.target.n_data
+    assert found.further.causes[0].chi_square < 1.2 * base.modified.target.n_data
 
 
 @pytest.mark.parametrize("is_exchanged", [True, False])

@@ -10,7 +10,7 @@ from test_each_cause import begun
 
 from structid.diagnose.causes import Appendage, FaultyChannel, Mass
 from structid.diagnose.causes.rotary_inertia import AddedRotaryInertia
-from structid.diagnose.search import _weighed, is_misfit
+from structid.diagnose.search import _weighed
 from structid.diagnose.thresholds import ALIKE
 from structid.diagnose.verdict import Cause, ParameterShift, find_moving_change
 
@@ -32,9 +32,9 @@ def trials(base):
 
 def weighed(base, trials, cost, fits, tried=200):
     """What comes of a misfit before any change, and of kinds with their misfit and the part of it that is left out."""
-    own = replace(base, cost=cost)
+    own = replace(base, chi_square=cost)
     changed = [
-        replace(base, modified=trials[kind], theta=trials[kind].target.theta_start, cost=left, aside=aside)
+        replace(base, modified=trials[kind], theta=trials[kind].target.theta_start, chi_square=left, left_out=aside)
         for kind, left, aside in fits
     ]
     return _weighed(own, changed, tried)
@@ -103,7 +103,7 @@ def test_data_that_are_left_out_miss_twice_as_much_as_the_others(base, trials):
 def test_noise_is_no_misfit(base):
     dof = N_DATA - N_PARAMS
     for risk, is_more in ((1.05e-3, False), (0.95e-3, True)):
-        assert is_misfit(replace(base, cost=float(stats.chi2.isf(risk, dof)))) is is_more
+        assert replace(base, chi_square=float(stats.chi2.isf(risk, dof))).is_misfit is is_more
 
 
 @pytest.mark.parametrize(("share", "is_wrong"), [(0.6, True), (0.4, False)])

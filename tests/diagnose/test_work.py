@@ -10,15 +10,16 @@ from structid.diagnose import modified_model, refits, search, search_budget
 from structid.diagnose.causes import Mass
 from structid.diagnose.explain import unfinished_words
 from structid.diagnose.modified_model import base_model
-from structid.diagnose.refits import Fitted, fit_near, reuse_equivalent_fit
+from structid.diagnose.refits import Fitted, fit_mirrored, fit_near
 from structid.diagnose.search import Explanation, search_causes
 from structid.diagnose.search_budget import (
-    CLOCK,
+    METER,
     UNLIMITED,
-    Limits,
-    Measured,
+    Expense,
+    FitLimits,
     SearchBudget,
     SearchEndedError,
+    TaskWithEffort,
     iteration_effort,
     map_within_budget,
 )
@@ -69,7 +70,7 @@ def same(one, other):
     assert len(fits) == len(other_fits) > 0
     for first, second in zip(fits, other_fits, strict=True):
         assert np.array_equal(first.theta, second.theta)
-        assert (first.cost, first.aside) == (second.cost, second.aside)
+        assert (first.chi_square, first.left_out) == (second.chi_square, second.left_out)
         assert [change.edits for change in first.modified.changes] == [
             change.edits for change in second.modified.changes
         ]
@@ -86,7 +87,7 @@ def test_causes_on_processes_and_from_a_checkpoint_have_the_bits_of_one_run(stud
     def again(*arguments):
         raise AssertionError("fitted again")
 
-    monkeypatch.setattr(refits, "_finally", again)
+    monkeypatch.setattr(refits, "_fit_to_the_end", again)
     kept = Checkpoint(tmp_path / "c", fingerprint(study), resume=True, seconds=0.0)
     same(causes(study, LongRun(checkpoint=kept)), whole)
 
@@ -97,10 +98,10 @@ def test_a_change_takes_the_answer_of_another_only_where_its_misfit_is_the_same(
     def own(*arguments):
         return {"theta": "own"}
 
-    taken = reuse_equivalent_fit(base, (own, (Mass(where=("4",)), 0.3, np.inf), first), PLAIN_TOOLS)
+    taken = fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, np.inf), first), PLAIN_TOOLS)
     assert taken["theta"] is first["theta"]
-    assert reuse_equivalent_fit(base, (own, (Mass(where=("3",)), 0.3, np.inf), first), PLAIN_TOOLS) == {"theta": "own"}
-    assert reuse_equivalent_fit(base, (own, (Mass(where=("4",)), 0.3, np.inf), {}), PLAIN_TOOLS) == {"theta": "own"}
+    assert fit_mirrored(base, (own, (Mass(where=("3",)), 0.3, np.inf), first), PLAIN_TOOLS) == {"theta": "own"}
+    assert fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, np.inf), {}), PLAIN_TOOLS) == {"theta": "own"}
 
 
 def test_a_near_fit_ends_early_only_where_it_would_end_above_what_is_of_use(base, monkeypatch):
@@ -116,14 +117,14 @@ def test_a_near_fit_ends_early_only_where_it_would_end_above_what_is_of_use(base
     monkeypatch.setattr(modified_model, "minimize", counted)
     whole = fit_near(base, (*other, np.inf), PLAIN_TOOLS)
     n_whole = sum(iterations)
-    assert whole["cost"] > 2 * best["cost"]
+    assert whole["chi_square"] > 2 * best["chi_square"]
     iterations.clear()
-    short = fit_near(base, (*other, best["cost"]), PLAIN_TOOLS)
+    short = fit_near(base, (*other, best["chi_square"]), PLAIN_TOOLS)
     assert sum(iterations) < n_whole
-    assert short["cost"] > best["cost"]
-    same = fit_near(base, (*forgotten, whole["cost"]), PLAIN_TOOLS)
+    assert short["chi_square"] > best["chi_square"]
+    same = fit_near(base, (*forgotten, whole["chi_square"]), PLAIN_TOOLS)
     assert np.array_equal(same["theta"], best["theta"])
-    assert same["cost"] == best["cost"]
+    assert same["chi_square"] == best["chi_square"]
 
 
 class Ticking:
@@ -144,7 +145,7 @@ def still(monkeypatch):
     def spend(clock, effort):
         clock.reading += effort == 1.0
 
-    monkeypatch.setattr(search_budget.EffortClock, "spend", spend)
+    monkeypatch.setattr(search_budget.EffortMeter, "add", spend)
 
 
 def test_the_search_for_causes_ends_in_its_limit_names_the_cause_and_says_what_was_left_out(base, still):
@@ -173,7 +174,7 @@ def test_a_search_that_may_take_nothing_still_fits_the_two_likeliest_changes(bas
 
 
 def test_a_fit_that_takes_too_much_is_given_up(base):
-    for limits in (Limits(effort=0.0), Limits(seconds=-1.0)):
+    for limits in (FitLimits(effort=0.0), FitLimits(seconds=-1.0)):
         hurried = replace(base, modified=replace(base.modified, fit_limits=limits))
         with pytest.raises(SearchEndedError, match="the fit was ended after 1 iterations"):
             hurried.modified.fit_near()
@@ -196,7 +197,7 @@ def test_effort_is_counted_from_sizes_and_is_the_same_each_time(base):
     """A near fit takes what its iterations take on its lines; with twice the lines an iteration takes more."""
 
     def effort_of(task, *arguments):
-        return Measured(task)(*arguments)["effort"]
+        return TaskWithEffort(task)(*arguments)["effort"]
 
     item = (Mass(where=("4",)), 0.3, np.inf)
     first = effort_of(fit_near, base, item, PLAIN_TOOLS)
@@ -210,18 +211,18 @@ def test_effort_is_counted_from_sizes_and_is_the_same_each_time(base):
 def test_other_pairs_are_looked_for_as_long_as_the_budget_allows_one_more(base, monkeypatch, effort, n_more, is_single):
     """Each pair takes an effort of 10, one of them that of the second cause; none leaves noise alone or is better."""
     first, efforts = Explanation(base, (base, base, base), (0.0, 0.0, 0.0), 3), []
-    second = Explanation(base, (base,), (0.0,), 3, spent=Limits(10.0, 0.0))
+    second = Explanation(base, (base,), (0.0,), 3, spent=Expense(10.0, 0.0))
     budget = SearchBudget(effort)
 
     def take(*arguments):
         efforts.append(arguments[-1].spent.effort)
-        CLOCK.spend(10.0)
+        METER.add(10.0)
 
     def beside(*arguments):
-        CLOCK.spend(10.0)
+        METER.add(10.0)
         return second
 
-    monkeypatch.setattr(search, "is_misfit", lambda one: True)
+    monkeypatch.setattr(Fitted, "is_misfit", True)
     monkeypatch.setattr(search, "_is_far", lambda one: False)
     monkeypatch.setattr(search, "_beside", beside)
     monkeypatch.setattr(search, "_from_second", take)

@@ -10,7 +10,7 @@ from structid import Beam, Status, Structure, TimeRecord, Unknown, parameters
 from structid.forward import Oscillation, TimeOptions, simulated_time_record
 from structid.forward.time import output_error_search
 from structid.forward.time.identify_time import identify_time
-from structid.forward.time.problem import output_error_problem
+from structid.forward.time.output_error import output_error_problem
 from structid.inversion.search.work import ALONE
 
 

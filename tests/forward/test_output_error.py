@@ -12,7 +12,7 @@ from structid.dynamics import harmonic_transient, sampled_transient
 from structid.dynamics.exact_discretization import exponential_derivative
 from structid.forward import Oscillation, TimeOptions, output_error_problem
 from structid.forward.time.identify_time import identify_time
-from structid.forward.time.problem import time_model
+from structid.forward.time.output_error import time_model
 from structid.inversion import minimize
 
 MIXED = [("1X", "acceleration"), ("2X", "velocity"), ("3X", "displacement"), ("3X-", "acceleration")]

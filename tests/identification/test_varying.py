@@ -15,11 +15,11 @@ import structid as sid
 from structid.cli import app as cli
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.refits import Fitted
-from structid.diagnose.screening import screen_sets
+from structid.diagnose.set_screening import screen_sets
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import judged
 from structid.forward import RecordProblem
-from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
+from structid.forward.record_problem import linearization_with_priors, residual_with_priors
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
 from structid.identification.search import answered
 from structid.identification.varying import _chances
@@ -321,7 +321,7 @@ def test_of_changes_of_the_study_one_step_promises_most_of_a_value_of_each_recor
     base = Fitted(trial, found.estimate.theta, found.estimate.goodness.chi_square)
     first = min(screen_sets(base, ALONE, "changes of the study"), key=lambda row: row.left)
     assert (first.candidate.kind, first.candidate.where) == ("varies", ("stiffness[clamp]",))
-    assert first.left < 0.2 * base.cost
+    assert first.left < 0.2 * base.chi_square
     assert suggestion_text(ready.study, trial.changed(first.candidate, first.strength).changes)[1] == (
         "+ varies = true",
     )

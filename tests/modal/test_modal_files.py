@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import pyuff
 
-from structid.core.errors import FileError
+from structid.core.errors import FileError, InputError
 from structid.modal import ModalRecord
 from structid.modal.formats.files import read_modes, write_modes
+from structid.modal.formats.options import ModeFileOptions
 from structid.modal.modal_record import unit_largest
 from structid.records import Geometry, read_geometry
 
@@ -343,3 +344,50 @@ def test_columns_of_one_entry_are_refused(tmp_path, header):
     path.write_text(f"frequency_hz,{header}\n10{',1' * count}\n")
     with pytest.raises(FileError, match=r"columns '.*' and '.*' are of the same entries of 1X\+"):
         read_modes(path)
+
+
+def shapes_of_skewed_node(path, angle, measured):
+    """One real mode of node 5 in axes turned about X, as test software writes it: `measured` directions, 0 in the others."""
+    c, s_ = np.float32(np.cos(angle)), np.float32(np.sin(angle))
+    rows = [(1, 0, 0), (0, c, s_), (0, -s_, c), (0, 0, 0)]
+    system = ["\n".join("".join(f"{x:25.16E}" for x in map(float, row)) for row in rows)]
+    node = [f"{5:10d}{0:10d}{3:10d}{8:10d}", "".join(f"{x:25.16E}" for x in (1.0, 2.0, 3.0))]
+    kind = "".join(f"{n:10d}" for n in (1, 2, 2, 8, 2, 3))
+    head = [
+        "a",
+        "NONE",
+        "NONE",
+        "NONE",
+        "NONE",
+        kind,
+        "".join(f"{n:10d}" for n in (2, 4, 1, 1)),
+        "".join(f"{x:13.5E}" for x in (8, 1, 0.01, 0)),
+    ]
+    shape = "".join(f"{x * (j in measured):13.5E}" for j, x in enumerate((0.5, 0.25, 2.0)))
+    sets = {
+        2420: [f"{1:10d}", "part", f"{3:10d}{0:10d}{8:10d}", "CS", *system],
+        2411: node,
+        55: [*head, f"{5:10d}", shape],
+    }
+    lines = [line for number, body in sets.items() for line in ("    -1", f"{number:6d}", *body, "    -1")]
+    path.write_text("\n".join([*lines, ""]))
+    return path
+
+
+def test_a_sensor_along_no_global_axis_is_refused_or_taken_as_it_is_named(tmp_path):
+    """A turn of 90 degrees in single precision is one: its rounding is no direction."""
+    turned = read_modes(shapes_of_skewed_node(tmp_path / "a.unv", np.pi / 2, (2,)))
+    assert [str(dof) for dof in turned.channels] == ["5Y+"]
+    path = shapes_of_skewed_node(tmp_path / "b.unv", 0.6, (2,))
+    with pytest.raises(
+        FileError, match=r'node 5 was measured in 1 of the directions .* `axes = "named"` in \[record.modes\]'
+    ):
+        read_modes(path)
+    named = read_modes(path, ModeFileOptions(axes="named"))
+    assert [str(dof) for dof in named.channels] == ["5Z+"]
+    assert "directions as they are named" in named.source
+    two = read_modes(shapes_of_skewed_node(tmp_path / "c.unv", 0.6, (1, 2)))
+    expected = np.array([0.25 * np.cos(0.6) - 2 * np.sin(0.6), 0.25 * np.sin(0.6) + 2 * np.cos(0.6)])
+    np.testing.assert_allclose(two.mode_shapes[:, 0] / two.mode_shapes[1, 0], expected / expected[1], rtol=1e-6)
+    with pytest.raises(InputError, match="`axes` is about universal files"):
+        read_modes(tmp_path / "a.f06", ModeFileOptions(axes="named"))

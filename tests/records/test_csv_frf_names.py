@@ -81,3 +81,30 @@ def test_hints_name_what_the_reader_can_give(tmp_path):
         read_record(path)
     with options_given_as_flags(), pytest.raises(FileError, match="give --csv-skip-rows 2"):
         read_record(path)
+
+
+@pytest.mark.parametrize("form", [
+    "H1 {s}X/{load}X [g/N] {part}",
+    "H {s}X+/{load}X+ (g/N) {part}", "FRF: {s}X/{load}X [g/N] {part}", "{part} Hv {s}X/{load}X [g/N]",
+    "{part} {s}X+/{load}X+ [g/N]", "H2_{s}:+X/{load}:+X_{part} [g/N]",
+])  # fmt: skip
+def test_the_estimator_and_the_part_may_stand_before_a_pair(tmp_path, form):
+    """The response comes first, the reference behind it."""
+    record = read_record(table(tmp_path / "lab.csv", heads(form, ORDERS["loads first"])))
+    for (s, load), values in VALUES.items():
+        i, j = (
+            [str(dof) for dof in record.outputs].index(f"{s}X+"),
+            [str(dof) for dof in record.inputs].index(f"{load}X+"),
+        )
+        np.testing.assert_allclose(record.values[:, i, j], values * STANDARD_GRAVITY, rtol=1e-12)
+
+
+@pytest.mark.parametrize("head, words", [
+    ("H11X/2X [g/N] Real", "'H11X'"), ("H1 P1/2X [g/N] Real", "'H1 P1'"), ("H1 [g/N] Real", "head a pair"),
+])  # fmt: skip
+def test_what_could_be_an_estimator_or_a_name_is_asked_for(tmp_path, head, words):
+    path = tmp_path / "lab.csv"
+    rows = "".join(f"{f},1,2\n" for f in FREQUENCY)
+    path.write_text(f"Frequency [Hz],{head},{head.replace('Real', 'Imag')}\n{rows}")
+    with pytest.raises(FileError, match=words):
+        read_record(path)

@@ -64,6 +64,17 @@ def test_no_unit_is_assumed(tmp_path, values):
     assert record.source.endswith("a.unv; in (m/s^2)/N as given; frequencies in Hz, as the format has them")
 
 
+@pytest.mark.parametrize(
+    "label, words", [("g", "in (m/s^2)/N as given, though the file says g per N;"), ("m/s^2", "in (m/s^2)/N as given;")]
+)
+def test_a_unit_that_is_given_against_the_file_is_said(tmp_path, values, label, words):
+    labels = {"ordinate_axis_units_lab": label, "orddenom_axis_units_lab": "N"}
+    path = write(tmp_path / "a.unv", [frfs(values)[0] | labels])
+    record = read_record(path, ReadOptions(unit="(m/s^2)/N"))
+    np.testing.assert_allclose(record.values[:, 0, 0], values[:, 0, 0], rtol=1e-11)
+    assert words in record.source
+
+
 def test_reads_uneven_axis_and_unknown_datasets(tmp_path, values):
     axis = np.array([1, 2, 4, 7, 8, 9, 10, 20, 21, 22.0])
     path = write(tmp_path / "a.uff", [units(), *frfs(values, x=axis, abscissa_spacing=0)])

@@ -5,6 +5,7 @@ Pictures of every step go to the folder that STRUCTID_SCREENS names; without it 
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 LOOKS = ((1400, "light"), (1400, "dark"), (420, "light"), (420, "dark"))
@@ -16,9 +17,10 @@ def shown(page, screens: Path | None, name: str) -> None:
     for width, scheme in LOOKS if screens else LOOKS[::2]:
         page.set_viewport_size({"width": width, "height": 900})
         page.emulate_media(color_scheme=scheme)
-        page.wait_for_timeout(250)
-        assert page.evaluate("document.documentElement.scrollWidth") <= width, (name, width)
+        frames(page)
+        page.wait_for_function("width => document.documentElement.scrollWidth <= width", arg=width)
         if screens:
+            page.wait_for_timeout(250)
             page.screenshot(path=screens / f"{name}_{width}_{scheme}.png", full_page=True)
     page.set_viewport_size({"width": 1400, "height": 900})
     page.emulate_media(color_scheme="light")
@@ -28,7 +30,7 @@ def accessible(page, name: str) -> None:
     """No serious finding of axe-core, in either scheme."""
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
-        page.wait_for_timeout(100)
+        frames(page)
         if not page.evaluate("'axe' in window"):
             page.evaluate(AXE + "; undefined")
         found = page.evaluate(
@@ -45,9 +47,33 @@ def accessible(page, name: str) -> None:
     page.emulate_media(color_scheme="light")
 
 
+def frames(page) -> None:
+    """Wait until the browser has drawn what was asked of it: two frames."""
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done())))")
+
+
+def drawn(page, study: Path) -> None:
+    """Wait until the page shows the study as its file stands, whole."""
+    digest = hashlib.sha256(study.read_bytes()).hexdigest()
+    page.wait_for_selector(f'main[data-drawn="{digest}"]:not([aria-busy])', state="attached")
+
+
+def write_by_hand(page, study: Path, text: str) -> None:
+    """Write the study as another program does, and wait until the page shows it."""
+    replace_file(study, text)
+    drawn(page, study)
+
+
+def replace_file(path: Path, text: str) -> None:
+    """Write a file in one go: nobody reads it half written."""
+    new = path.with_suffix(".new")
+    new.write_text(text, encoding="utf-8")
+    new.replace(path)
+
+
 def eventually(page, holds) -> None:
-    """Wait until `holds()`, two minutes at most."""
-    for _ in range(1200):
+    """Wait until `holds()`, five minutes at most."""
+    for _ in range(3000):
         if holds():
             return
         page.wait_for_timeout(100)

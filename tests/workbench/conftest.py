@@ -10,6 +10,12 @@ from pathlib import Path
 
 import pytest
 
+#: Answers of the server arrive late, by up to so many seconds: no test may pass only where they come at once.
+SLOW_SERVER = """{
+  const seconds = %g, ask = window.fetch, wait = () => new Promise((done) => setTimeout(done, 1000 * seconds * Math.random()));
+  window.fetch = async (...given) => { await wait(); const answer = await ask(...given); await wait(); return answer; };
+}"""
+
 
 @pytest.fixture(scope="module")
 def browser():
@@ -35,6 +41,8 @@ def browser():
 def page(browser):
     """A page whose errors fail the test."""
     context = browser.new_context(viewport={"width": 1400, "height": 900}, accept_downloads=True)
+    if os.environ.get("STRUCTID_SLOW_SERVER"):
+        context.add_init_script(SLOW_SERVER % float(os.environ["STRUCTID_SLOW_SERVER"]))
     made = context.new_page()
     made.set_default_timeout(300_000)
     wrong: list[str] = []

@@ -14,7 +14,7 @@ import numpy as np
 import psutil
 import pytest
 from app_cases import ROOT, STOREYS, filling_disk, require_workbench, served, write_ambient, write_beam_record
-from browser_cases import accessible, eventually, shown, step
+from browser_cases import accessible, drawn, eventually, replace_file, shown, step, write_by_hand
 
 from structid.records import TimeRecord
 from structid.records.formats import write_record
@@ -96,16 +96,19 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         page.get_by_text("The band is set").wait_for()
         assert "band = [5.0, 120.0]" in (folder / "beam.toml").read_text(encoding="utf-8")
         page.get_by_label("Dragging").select_option("band")
+        page.wait_for_function("document.querySelector('#responses')._fullLayout.dragmode === 'select'")
         page.locator("#responses .nsewdrag").first.scroll_into_view_if_needed()
         box = page.locator("#responses .nsewdrag").first.bounding_box()
         page.mouse.move(box["x"] + 0.1 * box["width"], box["y"] + 40)
         page.mouse.down()
         page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + 60, steps=6)
         page.mouse.up()
-        page.wait_for_timeout(600)
-        low, high = json.loads(
-            re.search(r"^band = (\[.*\])", (folder / "beam.toml").read_text(encoding="utf-8"), re.M)[1]
-        )
+
+        def band() -> list[float]:
+            return tomllib.loads((folder / "beam.toml").read_text(encoding="utf-8"))["method"]["band"]
+
+        eventually(page, lambda: band() != [5.0, 120.0])
+        low, high = band()
         assert low == pytest.approx(2 + 0.1 * 138, abs=4)
         assert high == pytest.approx(2 + 0.8 * 138, abs=4)
         page.get_by_label("model at its start values").check()
@@ -388,7 +391,7 @@ def test_two_pages_and_a_hand_change_one_study(page, browser, screens, tmp_path)
         typed = area.input_value().replace("bending_stiffness = 25.0", "bending_stiffness = 26.0")
         area.fill(typed)
         # meanwhile another program writes the file: nothing of either is lost
-        study.write_text(study.read_text(encoding="utf-8").replace("mass = 0.1 ", "mass = 0.2 "), encoding="utf-8")
+        replace_file(study, study.read_text(encoding="utf-8").replace("mass = 0.1 ", "mass = 0.2 "))
         page.get_by_text("What you typed is still here").first.wait_for()
         assert area.input_value() == typed
         page.get_by_role("button", name="Take what is in the file").click()
@@ -409,7 +412,7 @@ def test_two_pages_and_a_hand_change_one_study(page, browser, screens, tmp_path)
         page.goto(bench.address + "#structure/study.toml")
         page.get_by_text("This study is no TOML as it stands").wait_for()
         # a record that is removed while the study is open is told
-        shutil.copy(ROOT / "examples" / "first_structure" / "study.toml", tmp_path)
+        write_by_hand(page, study, (ROOT / "examples" / "first_structure" / "study.toml").read_text(encoding="utf-8"))
         page.goto(bench.address + "#records/study.toml")
         page.locator("#histories .main-svg").first.wait_for()
         (tmp_path / "record.csv").unlink()
@@ -427,8 +430,7 @@ def test_what_was_typed_outlives_a_step_and_the_end_of_the_server_is_told(page, 
         page.route("**/api/scene*", lambda one: held.append(one))
         page.goto(bench.address + "#structure/beam.toml")
         eventually(page, lambda: held)
-        page.wait_for_timeout(1500)
-        study.write_text(before.replace("Beam clamped", "Shelf clamped"), encoding="utf-8")
+        replace_file(study, before.replace("Beam clamped", "Shelf clamped"))
         page.unroute("**/api/scene*")
         page.get_by_text("The study was changed outside this page").wait_for()
         page.get_by_role("heading", name="Shelf clamped at its left end").wait_for()
@@ -446,8 +448,7 @@ def test_what_was_typed_outlives_a_step_and_the_end_of_the_server_is_told(page, 
         shown(page, screens, "19_draft")
         accessible(page, "draft")
         step(page, "Unknowns")
-        study.write_text(before.replace("loss_factor = 0.01", "loss_factor = 0.02"), encoding="utf-8")
-        page.get_by_text("The study was changed outside this page").wait_for()
+        write_by_hand(page, study, before.replace("loss_factor = 0.01", "loss_factor = 0.02"))
         step(page, "Study file")
         page.get_by_text("The file was changed since this was typed").wait_for()
         page.get_by_role("button", name="Keep mine").click()
@@ -460,7 +461,7 @@ def test_what_was_typed_outlives_a_step_and_the_end_of_the_server_is_told(page, 
         page.get_by_role("navigation").get_by_role("link", name="Structure").click()
         for _ in range(3):
             page.get_by_role("button", name="Try again").click()
-        page.wait_for_timeout(300)
+        page.wait_for_selector("main:not([aria-busy])")
         assert page.locator("main .card").count() == 1
         shown(page, screens, "20_away")
     with served(tmp_path, "--port", str(bench.port)):
@@ -548,6 +549,8 @@ def test_modes_beside_the_model_and_set_ups_merged(page, screens, tmp_path):
         page.get_by_role("button", name="Save 3 modes").wait_for(timeout=600_000)
         page.get_by_role("button", name=re.compile("^Leave the mode at")).nth(1).click()
         page.get_by_role("button", name="Save 2 modes").wait_for()
+        page.mouse.move(*page.evaluate(POLE_OF_MODE_2))
+        page.locator("#stabilization .hovertext").first.wait_for()
         page.mouse.click(*page.evaluate(POLE_OF_MODE_2))  # taken back by hand it has a shape at once
         page.get_by_role("button", name="Save 3 modes").wait_for()
         page.get_by_label("Measured modes").select_option("found")
@@ -633,7 +636,7 @@ def test_the_measured_frame_runs_is_killed_and_resumed(page, screens, tmp_path):
         page.get_by_role("button", name="Pause").click()
         page.locator("[data-run] .state", has_text="paused").wait_for()
         page.get_by_role("button", name="Go on").click()
-        page.wait_for_timeout(9_000)  # past the first checkpoint
+        eventually(page, lambda: any(tmp_path.rglob("*.checkpoint/run.json")))
         told = json.loads(next((tmp_path / ".structid" / "runs").iterdir()).joinpath("run.json").read_text())
         runner = psutil.Process(told["pid"])
         for process in (*runner.children(recursive=True), runner):
@@ -672,11 +675,11 @@ path = "a.csv"
         for one in pages:
             one.goto(bench.address)
             one.get_by_role("heading", name="New study").wait_for()
-        (tmp_path / "second.toml").write_text('title = "made later"\n[structure]\n', encoding="utf-8")
+        replace_file(tmp_path / "second.toml", 'title = "made later"\n[structure]\n')
         for one in pages:
             one.locator("li", has_text="made later").wait_for()
         page.close()  # the one that listens; another takes over
-        (tmp_path / "third.toml").write_text('title = "made last"\n[structure]\n', encoding="utf-8")
+        replace_file(tmp_path / "third.toml", 'title = "made last"\n[structure]\n')
         for one in pages[1:]:
             one.locator("li", has_text="made last").wait_for()
         last = pages[-1]
@@ -737,7 +740,6 @@ def test_segments_that_leak_are_lengthened_or_the_histories_fitted_by_a_click(pa
     record = TimeRecord(500.0, signals, ("5Y+", "5Y+"), ("acceleration", "force"))
     write_record(tmp_path / "hammer.npz", record)
     text = study.read_text(encoding="utf-8").replace("loss_factor = 0.01", "loss_factor = 0.1")
-    page.set_default_timeout(60_000)
     study.write_text(f'{text}\n[record]\npath = "hammer.npz"\n[record.frf]\nsegment_length = 256\n', encoding="utf-8")
     with served(tmp_path) as bench:
         page.goto(bench.address + "#structure/beam.toml")
@@ -750,8 +752,11 @@ def test_segments_that_leak_are_lengthened_or_the_histories_fitted_by_a_click(pa
         eventually(
             page, lambda: tomllib.loads(study.read_text("utf-8"))["record"]["frf"]["segment_length"] == needed > 256
         )
-        study.write_text(study.read_text("utf-8").replace(str(needed), "256"), encoding="utf-8")
+        drawn(page, study)
+        write_by_hand(page, study, study.read_text("utf-8").replace(str(needed), "256"))
         page.get_by_label("noise of the channels").fill("2")
+        # another program writes while this is typed: the text stays, and the click counts
+        write_by_hand(page, study, study.read_text("utf-8") + "# by hand\n")
         page.get_by_role("button", name="Fit the histories themselves").click()
         wanted = {"fit": "spectra", "relative_noise": 0.02}
         eventually(page, lambda: tomllib.loads(study.read_text("utf-8"))["record"].get("time") == wanted)

@@ -7,7 +7,7 @@ import tomllib
 
 import pytest
 from app_cases import require_workbench, served
-from browser_cases import accessible, eventually, shown, step
+from browser_cases import accessible, eventually, frames, shown, step
 
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.root import read_root
@@ -75,7 +75,6 @@ def cell(page, label: str):
 
 def test_a_portal_frame_is_built_by_keyboard_and_says_what_is_wrong_in_its_place(page, screens, tmp_path):
     study = tmp_path / "portal_frame.toml"
-    page.set_default_timeout(30_000)
     with served(tmp_path) as bench:
         page.goto(bench.address)
         page.get_by_label("Template", exact=True).select_option("build")
@@ -121,6 +120,15 @@ def test_a_portal_frame_is_built_by_keyboard_and_says_what_is_wrong_in_its_place
             assert cell(page, label).input_value() == text
             if label != "Sensors":
                 cell(page, label).press("Escape")
+        # it outlives the step, with what is wrong of it
+        cell(page, "X of node 3").fill("two")
+        step(page, "Unknowns")
+        step(page, "Build")
+        for label, text, words in (("X of node 3", "two", "two is no number"), ("Sensors", "9X", "there is no node 9")):
+            page.get_by_text(words).wait_for()
+            assert cell(page, label).input_value() == text
+            assert cell(page, label).get_attribute("aria-invalid") == "true"
+        cell(page, "X of node 3").press("Escape")
         cell(page, "Sensors").fill("2X, 3Y")
         page.keyboard.press("Tab")
         cell(page, "X of node 4").fill("2")  # where node 3 is, which an element joins it to
@@ -170,7 +178,6 @@ def test_the_editor_offers_what_the_element_types_declare():
 
 def test_the_same_frame_is_drawn_by_mouse_and_its_nodes_are_dragged(page, screens, tmp_path):
     study = tmp_path / "portal_frame.toml"
-    page.set_default_timeout(30_000)
     with served(tmp_path) as bench:
         page.goto(bench.address)
         page.get_by_label("Template", exact=True).select_option("build")
@@ -180,7 +187,7 @@ def test_the_same_frame_is_drawn_by_mouse_and_its_nodes_are_dragged(page, screen
 
         def at(x: float, y: float) -> dict[str, float]:
             """Point of the picture at a place of the structure, once it is drawn."""
-            page.wait_for_timeout(60)
+            frames(page)
             point = page.evaluate("([x, y]) => document.querySelector('canvas.under').scene.project([x, y, 0])", [x, y])
             return {"x": point[0], "y": point[1]}
 
@@ -212,6 +219,7 @@ def test_the_same_frame_is_drawn_by_mouse_and_its_nodes_are_dragged(page, screen
         section.get_by_text("Values from material and cross-section").click()
         section.get_by_label("Cross-section").select_option("IPE 200")
         section.get_by_role("button", name="Take its values").click()
+        eventually(page, lambda: cell(page, "mass of the new beam").input_value())
         section.get_by_role("button", name="Add", exact=True).click()
         page.get_by_label("name of beams", exact=True).wait_for()
         page.locator("canvas.under").press("Escape")

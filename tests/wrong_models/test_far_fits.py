@@ -24,8 +24,8 @@ def test_exchanged_loads_are_fitted_whatever_a_model_bent_to_them_shows(tmp_path
     found = shortlist_candidates(base, ALONE, "causes").rows
     [swap] = [one for one in found if one.candidate.kind == "load_swap"]
     end = fit_near(base, (swap.candidate, swap.strength, np.inf), ALONE)
-    assert end["cost"] < 1e-2 * base.cost
-    assert end["cost"] < 1.5 * problem.n_data
+    assert end["chi_square"] < 1e-2 * base.chi_square
+    assert end["chi_square"] < 1.5 * problem.n_data
 
 
 def test_sensors_that_look_exchanged_are_fitted_so_whatever_a_model_bent_to_them_shows(tmp_path):

@@ -12,8 +12,7 @@ from structid.identification.alternatives import Alternatives
 from structid.identification.fits.ratios import ON_FORCE
 from structid.identification.identified import Identification
 from structid.study.results.changes import PARAMETERS
-from structid.study.results.result import StudyResult
-from structid.study.results.solver import UPDATED
+from structid.study.results.result import UPDATED, StudyResult
 from structid.study.results.suggestions import FOLDER as SUGGESTIONS
 from structid.study.results.view import MOST_ADVICE, ResultsView
 

@@ -77,7 +77,7 @@ def _misplaced(base: Fitted, lost: Sequence[Screened]) -> list[Screened]:
                     others = [one for one in _about(setup.structure, dof) if one not in known]
                     kind = LoadPosition if is_load else SensorPosition
                     pairs = [(dof.place, one.place) for one in others]
-                    found += [Screened(kind(where=pair, record=number), 1.0, base.cost) for pair in pairs]
+                    found += [Screened(kind(where=pair, record=number), 1.0, base.misfit) for pair in pairs]
     return found
 
 

@@ -33,9 +33,7 @@ class Directions:
 
     def rows(self, receptances: Receptances) -> tuple[IntArray, FloatArray]:
         """Positions of the free degrees of freedom that take part, (n_rows,), and D on them, (n_rows, m)."""
-        directions = receptances.reached(self.codes).T @ self.weights
-        rows = np.flatnonzero(directions.any(axis=1))
-        return rows, directions[rows]
+        return receptances.along(self.codes, self.weights)
 
     def projected(self, receptances: Receptances) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """D'x, (n_lines, m, n_inputs), D'y, (n_lines, m, n_outputs), and G = D' Z^-1 D, (n_lines, m, m)."""

@@ -14,8 +14,8 @@ from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubt
 from structid.diagnose.freed_model import fixed_value_sensitivities
 from structid.diagnose.model_averaging import intervals_of, widened
 from structid.diagnose.modified_model import are_small, base_model
-from structid.diagnose.refits import Fitted
-from structid.diagnose.search import Explanation, is_misfit, requested_changes, search_causes, with_freed
+from structid.diagnose.refits import Fitted, ToleranceTest
+from structid.diagnose.search import Explanation, requested_changes, search_causes, with_freed
 from structid.diagnose.search_budget import SearchBudget
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.thresholds import (
@@ -56,7 +56,7 @@ def diagnose_by_search(
     """The diagnosis of an answer after a search for the causes of its misfit."""
     estimate = identification.estimate
     try:
-        explanation = search_causes(_base(model, identification), work, budget.part(1.0))
+        explanation = search_causes(_base(model, identification), work, budget.portion(1.0))
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
         return without_causes(identification, f"causes could not be looked for: {error}", apart)
     if explanation.better is not None:
@@ -77,9 +77,9 @@ def _base(model: TestedModel, identification: Identification) -> Fitted:
     theta = identification.estimate.theta
     estimate = identification.estimate
     within = estimate.goodness.least_chi_square
-    least = float(within) if np.isfinite(within) else None
+    test = ToleranceTest(float(within), not fits_noise(identification)) if np.isfinite(within) else None
     modified = base_model(model, identification.problems, theta)
-    return Fitted(modified, theta, estimate.goodness.chi_square, 0.0, least, not fits_noise(identification))
+    return Fitted(modified, theta, estimate.goodness.chi_square, 0.0, test)
 
 
 def diagnose_sound(
@@ -211,14 +211,14 @@ def _cause(identification: Identification, explanation: Explanation, fit: Fitted
         kind=candidate.named_kind(value),
         where=candidate.places,
         words=candidate.sentence(value),
-        share=max(0.0, 1 - fit.misfit / first.misfit, 1 - fit.cost / first.cost),
+        share=max(0.0, 1 - fit.misfit / first.misfit, 1 - fit.chi_square / first.chi_square),
         chi_square_per_dof=fit.misfit / max(base.modified.target.n_data - len(target.names), 1),
-        rest_per_dof=(fit.misfit - fit.aside) / max(target.n_data - len(target.names), 1),
+        rest_per_dof=(fit.misfit - fit.left_out) / max(target.n_data - len(target.names), 1),
         found=added,
         moved=_shifts(identification, base, fit),
         is_alike=is_alike,
         is_second=len(fit.modified.changes) > 1,
-        leaves_noise=not is_misfit(fit),
+        leaves_noise=not fit.is_misfit,
         leaves_data_out=candidate.leaves_data_out,
     )
 

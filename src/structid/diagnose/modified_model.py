@@ -17,8 +17,9 @@ from structid.diagnose.frf_views import View, views
 from structid.diagnose.model_edits import Edits
 from structid.diagnose.receptances import MOST_LINES
 from structid.diagnose.score_test import Point, point_at
-from structid.diagnose.search_budget import CHANGE_EFFORT, CLOCK, NO_LIMITS, Limits, counted
+from structid.diagnose.search_budget import METER, NO_LIMITS, FitLimits, count_effort
 from structid.diagnose.tested_model import ModelDraft, TestedModel
+from structid.diagnose.thresholds import CHANGE_EFFORT, RACED_AT
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.forward import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
 from structid.forward.frf.continuation import LEVELS
@@ -37,7 +38,7 @@ from structid.identification.varying import with_scatters
 from structid.inversion import JointProblem, LevenbergMarquardt, Problem
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.levenberg_marquardt import Raced
-from structid.inversion.search.minimum import Minimum
+from structid.inversion.search.minimum import Minimum, residual_at, squared
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.records import FrfRecord
 from structid.unknowns.named_unknowns import begun_at
@@ -51,10 +52,11 @@ QUICK = Raced(max_iterations=12, gain_tolerance=1e-3, left_at=0.05)
 
 
 class NearFit(NamedTuple):
-    """Where an anchored fit ended: free variables and misfit."""
+    """Where a quick fit ended: free variables and sum of squares; and the free variables at the end of each of its steps."""
 
     theta: FloatArray
-    cost: float
+    chi_square: float
+    path: tuple[FloatArray, ...]
 
 
 class Change(NamedTuple):
@@ -78,7 +80,7 @@ class ModifiedModel:
         Every record as FRFs.
     changes : tuple of Change
         What was changed, in order.
-    fit_limits : Limits
+    fit_limits : FitLimits
         Effort and processor time after which a fit is given up with `SearchEndedError`.
     """
 
@@ -86,7 +88,7 @@ class ModifiedModel:
     problems: tuple[RecordProblem, ...]
     views: tuple[View, ...]
     changes: tuple[Change, ...] = ()
-    fit_limits: Limits = NO_LIMITS
+    fit_limits: FitLimits = NO_LIMITS
 
     @property
     def setups(self) -> tuple[AnySetup, ...]:
@@ -112,7 +114,7 @@ class ModifiedModel:
             If the model has no place for the change.
         """
         edits = candidate.edits(self.model, strength)
-        CLOCK.spend(CHANGE_EFFORT)
+        METER.add(CHANGE_EFFORT)
         draft = ModelDraft(self.model)
         for edit in edits:
             edit.apply(draft)
@@ -205,19 +207,38 @@ class ModifiedModel:
         silent = [
             k for k, one in enumerate(self.problems) if isinstance(one, ModalProblem) and not one.settings.use_damping
         ]
-        return point_at(problems, theta, silent, most_lines)
+        return point_at(problems, theta, silent, most_lines, self._free_fixed_values)
+
+    def _free_fixed_values(self, problems: Sequence[FrfProblem]) -> tuple[RecordProblem, ...]:
+        """Problems of all records with the fixed values of their models among the unknowns; none of large models."""
+        return () if self.is_large else freed_problems(self.setups, problems, self.model.options.tolerances)
 
     def minimize(self, problem: Problem, method: LevenbergMarquardt, theta: FloatArray) -> Minimum:
         """The minimum of one of its problems from free variables (n_params,), its effort counted and limited."""
-        return minimize(problem, method, theta, counted(problem, self.fit_limits))
+        return minimize(problem, method, theta, count_effort(problem, self.fit_limits))
 
-    def fit_near(self, above: float = np.inf) -> NearFit:
-        """The quick fit with parameters held near their start; it ends early where its misfit would stay `above`."""
-        theta = np.asarray(self.target.theta_start)
-        for _, stage in self.smoothed(NEAR_LEVELS):
-            theta = self.minimize(stage, QUICK, theta).theta
-        near = self.minimize(self.anchored(), replace(QUICK, above=above), theta)
-        return NearFit(near.theta, float(near.costs[-1]))
+    def fit_near(self, above: float = np.inf, path: Sequence[Mapping[str, float]] = ()) -> NearFit:
+        """The quick fit with parameters kept near their start: to smoothed data, then to the lines themselves.
+
+        Parameters
+        ----------
+        above : float
+            The fit ends early where its sum of squares would stay above this.
+        path : sequence of mappings of str to float
+            Physical values where each step of the quick fit without the last change ended. A step begins there where that
+            is nearer: a change that explains nothing then ends where it begins.
+        """
+        stages = [(stage, QUICK) for _, stage in self.smoothed(NEAR_LEVELS)]
+        stages.append((self.anchored(), replace(QUICK, above=above)))
+        ends = [self.theta_of(values) for values in path] if len(path) == len(stages) else []
+        theta, steps = np.asarray(self.target.theta_start), list[Minimum]()
+        for number, (problem, method) in enumerate(stages):
+            starts = [theta, *ends[number : number + 1]]
+            if len(starts) > 1:
+                starts.sort(key=lambda start: squared(residual_at(problem, start)))
+            steps.append(self.minimize(problem, method, starts[0]))
+            theta = steps[-1].theta
+        return NearFit(theta, float(steps[-1].costs[-1]), tuple(step.theta for step in steps))
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:
         """The best fit, as the options ask for, from some starts (n_params,).
@@ -230,8 +251,9 @@ class ModifiedModel:
         found: list[Minimum] = []
         last: Exception | None = None
         for theta in starts:
+            best = min((float(minimum.costs[-1]) for minimum in found), default=np.inf)
             try:
-                found.append(self.minimize(self.target, FINAL, theta))
+                found.append(self.minimize(self.target, FINAL.raced(best, RACED_AT), theta))
             except (StructidError, np.linalg.LinAlgError) as error:
                 last = error
         if not found:

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from structid.core.errors import StructidError
-from structid.diagnose.causes import candidates
 from structid.diagnose.refits import Fitted, Item
 from structid.diagnose.search_budget import UNLIMITED, SearchBudget, map_within_budget
 from structid.diagnose.thresholds import (
@@ -45,7 +44,7 @@ def promising(
             items.append(item)
     items = items[:PAIR_LOOKS]
     modified = base.modified
-    whole = modified.point_at(modified.anchored_views(), modified.fit_near().theta).left
+    whole = modified.point_at(modified.anchored_views(), base.near_theta).left
     looks = map_within_budget(budget, work, name, _looked_beside, base, items)
     left = [np.inf if look is None else look["left"] for look in looks]
     order = np.argsort(left, kind="stable").tolist()
@@ -58,7 +57,7 @@ def _looked_beside(base: Fitted, item: Item, tools: Tools) -> dict[str, float]:
     try:
         modified = base.modified.changed(candidate, strength)
         point = modified.point_at(modified.anchored_views(), theta)
-        rows = point.screened(candidates(point.records, titles(modified.setups)))
+        rows = point.screened(point.candidates(titles(modified.setups)))
     except (StructidError, np.linalg.LinAlgError):
         return {"left": np.inf}
     return {"left": min((row.left for row in rows), default=np.inf)}

@@ -84,7 +84,7 @@ class Receptances:
         given = self.structure.selection([base.supports[0].unsigned for base in self._bases])
         return np.setdiff1d(np.arange(self.structure.n_dofs), given.indices)
 
-    @property
+    @cached_property
     def laplace(self) -> ComplexArray:
         """(n_lines,), 1/s."""
         return self.problem.record.laplace
@@ -212,6 +212,24 @@ class Receptances:
                     matrix = float(weights[e]) * local
                     row = item.values.start + e
                     yield ElementMatrix(item.element, e, item.term.property, item.term.kind, codes, matrix, lost, row)
+
+    def along(self, codes: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Positions (n_rows,) of the free degrees of freedom that move along some directions, and these on them, (n_rows, m).
+
+        The directions are weights (n_codes, m) of degrees of freedom by code.
+        """
+        key = codes.tobytes(), weights.tobytes()
+        known = self._directions.get(key)
+        if known is None:
+            directions = self.reached(codes).T @ weights
+            rows = np.flatnonzero(directions.any(axis=1))
+            known = self._directions[key] = rows, directions[rows]
+        return known
+
+    @cached_property
+    def _directions(self) -> dict[tuple[bytes, bytes], tuple[IntArray, FloatArray]]:
+        """Directions that were asked for: many candidates act along the same ones."""
+        return {}
 
     def reached(self, codes: IntArray) -> FloatArray:
         """Weights (n_codes, n_dofs) by which degrees of freedom, by code, follow the free ones; zero where held."""

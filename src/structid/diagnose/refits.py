@@ -1,4 +1,4 @@
-"""Fits of modified models: near, and to the end; each a task of its own, wherever it runs."""
+"""Fits of changed models: quick ones near the start, and full ones; each is a task that may run in another process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from structid.diagnose.causes.gain import MOST_GAIN, LoadGain, SensorGain
 from structid.diagnose.causes.record_left_out import OtherState
 from structid.diagnose.data_rows import outlying_spans, scaled_misfit, tones
 from structid.diagnose.modified_model import FINAL, ModifiedModel
-from structid.diagnose.search_budget import counted
+from structid.diagnose.search_budget import count_effort
 from structid.diagnose.thresholds import (
     MISFIT,
     MOST_PASSES,
@@ -28,40 +28,63 @@ from structid.identification.joint_problem import indices_of, joint_problem
 from structid.inversion import Problem
 from structid.inversion.diagnostics.residual_tests import misfit_probability
 from structid.inversion.estimate import ParameterValues, parameters_at
+from structid.inversion.fixed_values import FitWithinTolerances
 from structid.inversion.search.minimum import Minimum
+from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import Task, Tools
 from structid.inversion.uncertainty import Uncertainty, dense_uncertainty
 
 
 @dataclass(frozen=True, eq=False)
+class ToleranceTest:
+    """Outcome of a fit with all fixed values free within their tolerances, where noise alone does not explain a misfit.
+
+    Attributes
+    ----------
+    chi_square : float
+        Sum of squares of the data and of the fixed values in tolerances.
+    is_rejected : bool
+        True where noise and tolerances leave as much with less than the probability `MISFIT`.
+    theta : (n_params + n_fixed,) float array, optional
+        Free variables of that fit, fixed values last, where they are known.
+    """
+
+    chi_square: float
+    is_rejected: bool
+    theta: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Fitted:
-    """A model with changes, fitted.
+    """A model, as it is or with changes, fitted.
 
     Attributes
     ----------
     modified : ModifiedModel
     theta : (n_params,) float array
-    cost : float
-        Sum of squares.
-    aside : float
-        The part of it that data make which are left out, their errors larger by the likeliest factor.
-    least : float, optional
-        The sum of squares with fixed values free within their tolerances, where noise alone does not explain `cost`.
-    is_beyond : bool
-        Whether noise and tolerances leave as much with less than the probability `MISFIT`; known where `least` is.
+    chi_square : float
+        Sum of squares, fixed values as they are.
+    left_out : float
+        The part of `chi_square` that belongs to data which a change leaves out, with errors larger by the likeliest factor.
+    tolerance_test : ToleranceTest, optional
+        None where noise alone explains the misfit, or the model fixes nothing.
     """
 
     modified: ModifiedModel
     theta: FloatArray
-    cost: float
-    aside: float = 0.0
-    least: float | None = None
-    is_beyond: bool = True
+    chi_square: float
+    left_out: float = 0.0
+    tolerance_test: ToleranceTest | None = None
 
     @property
     def misfit(self) -> float:
-        """The sum of squares that noise and tolerances are to explain."""
-        return self.cost if self.least is None else self.least
+        """The sum of squares by which fits are compared: with fixed values free within tolerances where noise misses it."""
+        return self.chi_square if self.tolerance_test is None else self.tolerance_test.chi_square
+
+    @property
+    def is_misfit(self) -> bool:
+        """True if the fit leaves more than noise and the tolerances of fixed values make by chance."""
+        return is_beyond_noise(self) if self.tolerance_test is None else self.tolerance_test.is_rejected
 
     @property
     def cause(self) -> Candidate:
@@ -73,6 +96,19 @@ class Fitted:
         """Physical values by name."""
         return self.modified.values(self.theta)
 
+    @cached_property
+    def near_path(self) -> tuple[dict[str, float], ...]:
+        """Physical values, by name, at the end of each step of the quick fit of the same model; none where it fails."""
+        try:
+            return tuple(self.modified.values(theta) for theta in self.modified.fit_near().path)
+        except (StructidError, np.linalg.LinAlgError):
+            return ()
+
+    @property
+    def near_theta(self) -> FloatArray:
+        """Free variables at the end of the quick fit of the same model, those of the start where it fails."""
+        return self.modified.theta_of(self.near_path[-1] if self.near_path else {})
+
     @property
     def parameters(self) -> ParameterValues:
         """All parameters, those of the changes among them, with their values."""
@@ -80,14 +116,22 @@ class Fitted:
 
     @cached_property
     def _uncertainty(self) -> Uncertainty:
-        target, values = self.modified.target, self.modified.fixed_values
-        columns = None if values is None else values.sensitivities_at(target.names, self.theta, self.least is not None)
+        target, fixed_values, columns = self.modified.target, self.modified.fixed_values, None
+        if fixed_values is not None:
+            columns = fixed_values.sensitivities_at(target.names, self.theta, self._within_tolerances(fixed_values))
         return dense_uncertainty(target, self.theta, target.linearize(self.theta), True, MISFIT, columns)
 
+    def _within_tolerances(self, fixed_values: FixedValues) -> FitWithinTolerances | None:
+        """The fit behind the tolerance test, made again from its free variables where they are known."""
+        names, test = self.modified.target.names, self.tolerance_test
+        if test is None:
+            return None
+        return fixed_values.refit(names, self.theta) if test.theta is None else fixed_values.fit_at(test.theta, names)
+
     @property
-    def covariance(self) -> FloatArray:
+    def covariance_of_data(self) -> FloatArray:
         """Covariance of the physical values, (n_params, n_params), from noise, or where that is missed from model error."""
-        return self._uncertainty.spread.covariance
+        return self._uncertainty.spread.covariance_of_data
 
     @property
     def identified(self) -> np.ndarray:
@@ -95,19 +139,20 @@ class Fitted:
         return self._uncertainty.spread.identified
 
     @property
-    def covariance_with_tolerances(self) -> FloatArray:
-        """The same with the tolerances of the values that the model fixes."""
-        fixed = self._uncertainty.spread.fixed
-        return self.covariance if fixed is None else self.covariance + fixed.covariance
+    def covariance(self) -> FloatArray:
+        """`covariance_of_data` with the tolerances of the values that the model fixes added, (n_params, n_params)."""
+        return self._uncertainty.spread.covariance
 
 
-def fitted_at(modified: ModifiedModel, theta: FloatArray, cost: float, aside: float = 0.0) -> Fitted:
-    """The fit at given free variables; where its misfit is beyond noise, with the misfit that tolerances leave."""
-    fitted = Fitted(modified, theta, cost, aside)
-    if modified.is_large or not is_beyond_noise(fitted) or modified.fixed_values is None:
+def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, left_out: float = 0.0) -> Fitted:
+    """The fit at given free variables; where its misfit is beyond noise, with its tolerance test."""
+    fitted = Fitted(modified, theta, chi_square, left_out)
+    fixed_values = modified.fixed_values
+    if modified.is_large or fixed_values is None or not is_beyond_noise(fitted):
         return fitted
-    within = modified.fixed_values.refit(modified.target.names, theta, counted(modified.fixed_values.problem))
-    return replace(fitted, least=within.chi_square + aside, is_beyond=within.misfits(MISFIT))
+    within = fixed_values.refit(modified.target.names, theta, count_effort(fixed_values.problem))
+    test = ToleranceTest(within.chi_square + left_out, within.misfits(MISFIT), within.theta)
+    return replace(fitted, tolerance_test=test)
 
 
 def is_beyond_noise(fitted: Fitted, counts_left_out: bool = False) -> bool:
@@ -117,8 +162,8 @@ def is_beyond_noise(fitted: Fitted, counts_left_out: bool = False) -> bool:
     """
     target = fitted.modified.target
     dof = target.n_data - n_parameters(fitted.modified)
-    cost = fitted.cost if counts_left_out else fitted.cost - fitted.aside
-    return dof > 0 and misfit_probability(target, cost, dof) < MISFIT
+    chi_square = fitted.chi_square if counts_left_out else fitted.chi_square - fitted.left_out
+    return dof > 0 and misfit_probability(target, chi_square, dof) < MISFIT
 
 
 def n_parameters(modified: ModifiedModel) -> int:
@@ -126,86 +171,89 @@ def n_parameters(modified: ModifiedModel) -> int:
     return len(modified.target.names) + sum(change.candidate.n_own for change in modified.changes)
 
 
-class Fit(TypedDict, total=False):
-    """What a fit of a change gave, in numbers and texts: of `fit_near` free variables and misfit, of `fit_fully` all.
+class StoredFit(TypedDict, total=False):
+    """A fit of a change in numbers and texts, as it goes between processes and into checkpoints.
 
-    Empty where there is no model with the change.
+    Near fits have `theta` and `chi_square` alone. It is empty where there is no model with the change.
     """
 
     theta: FloatArray
-    cost: float
-    aside: float
-    least: float
-    is_beyond: bool
+    chi_square: float
+    left_out: float
     where: list[str]
     strength: float
+    #: Of the tolerance test, where there is one.
+    chi_square_within: float
+    theta_within: FloatArray
+    is_rejected: bool
 
 
 #: A candidate and its strength.
 Sized = tuple[Candidate, float]
-#: A change, its strength, and the misfit above which it is of no use.
-Near = tuple[Candidate, float, float]
-#: A change, its strength, and free variables to fit it from.
+#: A candidate, its strength, and the sum of squares from which on its near fit is of no use.
+NearItem = tuple[Candidate, float, float]
+#: A candidate, its strength, and free variables to fit it from.
 Item = tuple[Candidate, float, FloatArray]
 
 
-def fit_near(base: Fitted, change: Near, tools: Tools) -> Fit:
-    """Free variables and misfit of a quick fit with a change, parameters held near their start; empty if impossible.
+def fit_near(base: Fitted, change: NearItem, tools: Tools) -> StoredFit:
+    """The quick fit of a change, parameters kept near their start; empty where no model has the change.
 
-    The misfit is only known to be above the one given where it would end there.
+    A fit that would not get below the given sum of squares ends early; its own is then only known to be above that.
     """
     candidate, strength, above = change
     try:
         modified = base.modified.changed(candidate, strength)
-        near = modified.fit_near(above - base.aside)
-        cost = near.cost + base.aside + _left_out(base, modified, near.theta, is_near=True)
-        return {"theta": near.theta, "cost": cost}
+        near = modified.fit_near(above - base.left_out, base.near_path)
+        left_out = base.left_out + _misfit_left_out(base, modified, near.theta, is_near=True)
+        return {"theta": near.theta, "chi_square": near.chi_square + left_out}
     except (StructidError, np.linalg.LinAlgError):
         return {}  # not a cause that could be offered
 
 
-def fit_fully(base: Fitted, item: Item, tools: Tools) -> Fit:
+def fit_fully(base: Fitted, item: Item, tools: Tools) -> StoredFit:
     """The fit of a change as the options ask for, started at its quick fit; empty where no model has the change."""
     candidate, strength, theta = item
     try:
         if isinstance(candidate, OtherState) and not _fits_alone(base, candidate):
             return {}
-        fitted = _finally(base, base.modified.changed(candidate, strength), theta)
+        fitted = _fit_to_the_end(base, base.modified.changed(candidate, strength), theta)
         return {} if isinstance(candidate, SensorGain | LoadGain) and _is_no_gain(base, fitted) else _stored(fitted)
     except (StructidError, np.linalg.LinAlgError):
         return {}
 
 
-def _is_no_gain(base: Fitted, found: Fitted) -> bool:
+def _is_no_gain(base: Fitted, fitted: Fitted) -> bool:
     """True where the fitted gain is so far from 1 that it only leaves the channel out, and is that of no unit."""
-    candidate = found.cause
+    candidate = fitted.cause
     assert isinstance(candidate, SensorGain | LoadGain)
-    added = [value for name, value in found.values.items() if name not in base.values and value > 0]
+    added = [value for name, value in fitted.values.items() if name not in base.values and value > 0]
     return any(abs(np.log(value)) > np.log(MOST_GAIN) and not candidate.mistaken_unit(value) for value in added)
 
 
-def reuse_equivalent_fit(base: Fitted, item: tuple[Task, Near | Item, Fit], tools: Tools) -> Fit:
-    """The fit of a candidate, taken from an equivalent candidate if the misfit is the same there; else a fit of its own.
+def fit_mirrored(base: Fitted, item: tuple[Task, NearItem | Item, StoredFit], tools: Tools) -> StoredFit:
+    """The fit of a change that may be the mirror image of another: that one's where the misfit is the same there.
 
-    Changes at mirrored positions of a symmetric structure have the same fit.
+    Changes at mirrored positions of a symmetric structure have the same fit; one residual shows it. Otherwise the change
+    has a fit of its own.
 
     Parameters
     ----------
     base : Fitted
-    item : (task, item, dict)
-        `fit_near` or `fit_fully`, its argument (candidate, strength), and its result for the equivalent candidate.
+    item : (task, item, StoredFit)
+        `fit_near` or `fit_fully`, its argument, and the fit of the other change.
     tools : Tools
     """
-    task, (candidate, strength, *_), first = item
+    task, (candidate, strength, *_), other = item
     try:
-        modified = base.modified.changed(candidate, first.get("strength", strength))
-        residual = (modified.target if "strength" in first else modified.anchored()).residual(first["theta"])
-        if abs(residual @ residual + base.aside - first["cost"]) <= SAME_MISFIT * first["cost"]:
-            return {**first, "where": list(candidate.where)}
+        modified = base.modified.changed(candidate, other.get("strength", strength))
+        residual = (modified.target if "strength" in other else modified.anchored()).residual(other["theta"])
+        if abs(residual @ residual + base.left_out - other["chi_square"]) <= SAME_MISFIT * other["chi_square"]:
+            return {**other, "where": list(candidate.where)}
     except (StructidError, np.linalg.LinAlgError, KeyError):
         pass
-    found: Fit = task(base, item[1], tools)
-    return found
+    own: StoredFit = task(base, item[1], tools)
+    return own
 
 
 def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
@@ -214,48 +262,52 @@ def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
     Without one of two records little is left to misfit, whatever is wrong with the model.
     """
     assert candidate.record is not None
-    own = base.modified.problems[candidate.record]
-    start = base.theta[indices_of(base.modified.target.names, own.names)]
-    found = base.modified.minimize(own, FINAL, start)
-    return float(found.costs[-1]) < OTHER_STATE_MISFIT * max(own.n_data - len(own.names), 1)
+    problem = base.modified.problems[candidate.record]
+    start = base.theta[indices_of(base.modified.target.names, problem.names)]
+    minimum = base.modified.minimize(problem, FINAL, start)
+    return float(minimum.costs[-1]) < OTHER_STATE_MISFIT * max(problem.n_data - len(problem.names), 1)
 
 
-def _stored(found: Fitted) -> Fit:
-    """A fit of one more change as numbers and texts."""
-    candidate, strength, _ = found.modified.changes[-1]
-    return {
-        "where": list(candidate.where), "strength": float(strength), "theta": found.theta, "cost": found.cost,
-        "aside": found.aside, "least": found.misfit, "is_beyond": found.is_beyond,
+def _stored(fitted: Fitted) -> StoredFit:
+    """A fit whose last change is the one that was asked for, in numbers and texts."""
+    candidate, strength, _ = fitted.modified.changes[-1]
+    stored: StoredFit = {
+        "where": list(candidate.where), "strength": float(strength), "theta": fitted.theta,
+        "chi_square": fitted.chi_square, "left_out": fitted.left_out,
     }  # fmt: skip
+    test = fitted.tolerance_test
+    if test is not None and test.theta is not None:
+        stored |= {"chi_square_within": test.chi_square, "theta_within": test.theta, "is_rejected": test.is_rejected}
+    return stored
 
 
-def load_fit(base: Fitted, candidate: Candidate, stored: Fit) -> Fitted:
-    """The fit of a candidate, made again from what `fit_fully` gave."""
+def restore_fit(base: Fitted, candidate: Candidate, stored: StoredFit) -> Fitted:
+    """The fit of a candidate with its model, from what `fit_fully` gave."""
     modified = base.modified.changed(replace(candidate, where=tuple(stored["where"])), float(stored["strength"]))
-    return Fitted(
-        modified, np.asarray(stored["theta"]), float(stored["cost"]), float(stored["aside"]),
-        None if stored["least"] == stored["cost"] else float(stored["least"]), bool(stored["is_beyond"]),
-    )  # fmt: skip
+    test = None
+    if "theta_within" in stored:
+        theta = np.asarray(stored["theta_within"])
+        test = ToleranceTest(float(stored["chi_square_within"]), bool(stored["is_rejected"]), theta)
+    return Fitted(modified, np.asarray(stored["theta"]), float(stored["chi_square"]), float(stored["left_out"]), test)
 
 
-def _finally(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> Fitted:
+def _fit_to_the_end(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> Fitted:
     """The fit of a changed model as the options ask for, from some starts; outlying lines and tones are found again."""
     starts = [theta, modified.theta_of(base.values)]
     if modified.changes[-1].candidate.begins_at_start:
         starts.append(np.asarray(modified.target.theta_start))
-    found = modified.fitted(starts)
-    modified, found = _stronger(base, modified, found)
+    modified, minimum = _try_other_strengths(base, modified, modified.fitted(starts))
     for _ in range(MOST_PASSES):
-        again = _other_lines(base, modified, found.theta)
+        again = _with_other_lines(base, modified, minimum.theta)
         if again is None:
             break
         modified = again
-        found = modified.fitted([modified.theta_of(base.values)])
-    aside = base.aside + _left_out(base, modified, found.theta)
-    return fitted_at(modified, found.theta, float(found.costs[-1]) + aside, aside)
+        minimum = modified.fitted([modified.theta_of(base.values)])
+    left_out = base.left_out + _misfit_left_out(base, modified, minimum.theta)
+    return fitted_at(modified, minimum.theta, float(minimum.costs[-1]) + left_out, left_out)
 
 
-def _stronger(base: Fitted, modified: ModifiedModel, found: Minimum) -> tuple[ModifiedModel, Minimum]:
+def _try_other_strengths(base: Fitted, modified: ModifiedModel, minimum: Minimum) -> tuple[ModifiedModel, Minimum]:
     """The best fit over several strengths, for candidates whose strength is no parameter or has far minima."""
     candidate, strength, _ = modified.changes[-1]
     for step in candidate.other_strengths:
@@ -265,21 +317,22 @@ def _stronger(base: Fitted, modified: ModifiedModel, found: Minimum) -> tuple[Mo
                 continue
             try:
                 other = base.modified.changed(candidate, q)
-                again = other.fitted([other.theta_of({**base.values, **_values(modified, found.theta, base)})])
+                start = other.theta_of({**base.values, **_values_in_study(modified, minimum.theta, base)})
+                again = other.fitted([start])
             except (StructidError, np.linalg.LinAlgError):
                 continue
-            if again.costs[-1] < found.costs[-1]:
-                modified, found = other, again
+            if again.costs[-1] < minimum.costs[-1]:
+                modified, minimum = other, again
         strength = modified.changes[-1][1]
-    return modified, found
+    return modified, minimum
 
 
-def _values(modified: ModifiedModel, theta: FloatArray, base: Fitted) -> dict[str, float]:
-    """Of a modified's parameters those that the study has as it is."""
+def _values_in_study(modified: ModifiedModel, theta: FloatArray, base: Fitted) -> dict[str, float]:
+    """Physical values, by name, of those parameters of a changed model that the study has without the change."""
     return {name: value for name, value in modified.values(theta).items() if name in base.modified.target.names}
 
 
-def _other_lines(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> ModifiedModel | None:
+def _with_other_lines(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> ModifiedModel | None:
     """The model with the lines or tones that stand out from its fit; None where they are those of the candidate."""
     candidate, strength, _ = modified.changes[-1]
     if not isinstance(candidate, OutlyingLines | Tone) or len(base.modified.problems) > 1:
@@ -287,7 +340,8 @@ def _other_lines(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> Mo
     [problem], [changed] = base.modified.problems, modified.problems
     spans: tuple[str, ...] = ()
     if isinstance(problem, FrfProblem):
-        spans = outlying_spans(problem, _seen_from(base, modified, theta, base.modified.target)[: problem.n_data])
+        residual = _residual_of_all_data(base, modified, theta, base.modified.target)
+        spans = outlying_spans(problem, residual[: problem.n_data])
     elif isinstance(changed, SpectraProblem):
         more = tones(changed, changed.residual(theta)[: changed.n_data])
         spans = (*candidate.where, *more) if more else ()
@@ -296,12 +350,12 @@ def _other_lines(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> Mo
     return base.modified.changed(replace(candidate, where=spans), strength)
 
 
-def _seen_from(base: Fitted, modified: ModifiedModel, theta: FloatArray, of: Problem) -> FloatArray:
-    """The residual of `of`, which has all data of `base`, at what a modified found."""
-    return of.residual(base.modified.theta_of({**base.values, **modified.values(theta)}))
+def _residual_of_all_data(base: Fitted, modified: ModifiedModel, theta: FloatArray, problem: Problem) -> FloatArray:
+    """The residual of `problem`, which has all data of `base`, at the values of a changed model."""
+    return problem.residual(base.modified.theta_of({**base.values, **modified.values(theta)}))
 
 
-def _left_out(base: Fitted, modified: ModifiedModel, theta: FloatArray, is_near: bool = False) -> float:
+def _misfit_left_out(base: Fitted, modified: ModifiedModel, theta: FloatArray, is_near: bool = False) -> float:
     """Misfit of the data that the last change leaves out; with `is_near` in the form of the quick fit.
 
     Their errors are larger by the likeliest factor.
@@ -311,5 +365,5 @@ def _left_out(base: Fitted, modified: ModifiedModel, theta: FloatArray, is_near:
         return 0.0
     problems = base.modified.anchored_problems() if is_near else base.modified.problems
     rows = rows_left_out(candidate, problems)
-    residual = _seen_from(base, modified, theta, joint_problem(problems))[: len(rows)]
+    residual = _residual_of_all_data(base, modified, theta, joint_problem(problems))[: len(rows)]
     return scaled_misfit(float(residual[rows] @ residual[rows]), int(rows.sum()))

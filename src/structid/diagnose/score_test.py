@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, TypeAlias
@@ -11,16 +11,19 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.diagnose.causes import candidates
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.data_rows import scaled_misfit
 from structid.diagnose.receptances import MOST_LINES, Receptances, receptances_at
-from structid.diagnose.search_budget import CLOCK, iteration_effort, look_effort
-from structid.forward import FrfProblem
+from structid.diagnose.search_budget import METER, iteration_effort, screening_effort
+from structid.diagnose.thresholds import FINELY_SCREENED
+from structid.diagnose.tolerance_directions import damped_basis, tolerance_directions
+from structid.forward import FrfProblem, RecordProblem
+from structid.identification.joint_problem import tolerances_of
 from structid.inversion import JointProblem
+from structid.inversion.search.within_tolerances import FixedValues
 
 _SMALL = 1e-4
-#: Candidates of each kind that are tried at more strengths.
-_CLOSER = 40
 
 #: What candidates of the same look have in common.
 _Key: TypeAlias = tuple[object, ...]
@@ -65,8 +68,10 @@ class Point:
     records : tuple of Receptances
     residual : (n_rows,) float array
         Whitened, of all records, then of priors.
-    basis : (n_rows, n_params) float array
-        Q of the Jacobian: what the parameters can follow.
+    basis : (n_rows, n_basis) float array
+        Orthonormal: what the parameters can follow, and fixed values within their tolerances.
+    weights : (n_basis,) float array
+        What part of each of these they take: 1 of those of parameters; see `damped_basis`.
     undamped : collection of int
         Positions of the records that say nothing of damping.
     """
@@ -74,6 +79,7 @@ class Point:
     records: tuple[Receptances, ...]
     residual: FloatArray
     basis: FloatArray
+    weights: FloatArray
     undamped: Collection[int] = ()
 
     @property
@@ -81,35 +87,49 @@ class Point:
         """The sum of squares off the basis without any change."""
         return float(self._base @ self._base)
 
+    def candidates(self, names: Sequence[str]) -> list[Candidate]:
+        """All candidates whose effects follow from the receptances, made once; `names` are those of the records."""
+        key = tuple(names)
+        if key not in self._candidates:
+            self._candidates[key] = candidates(self.records, names)
+        return self._candidates[key]
+
+    @cached_property
+    def _candidates(self) -> dict[tuple[str, ...], list[Candidate]]:
+        return {}
+
     def without(self, rows: np.ndarray) -> float:
         """The misfit that is left where a mask (n_data,) marks rows whose errors are larger by the likeliest factor."""
         keep = np.ones(len(self.residual), dtype=bool)
         keep[: len(rows)] = ~rows
-        step, *_ = np.linalg.lstsq(self.basis[keep], self.residual[keep], rcond=None)
-        rest = self.residual - self.basis @ step
-        return float(rest[keep] @ rest[keep]) + scaled_misfit(float(rest[~keep] @ rest[~keep]), int((~keep).sum()))
+        priors = np.diag(np.sqrt((1 - self.weights) ** 2 / (1 - (1 - self.weights) ** 2)))
+        right = np.append(self.residual[keep], np.zeros(len(priors)))
+        step, *_ = np.linalg.lstsq(np.concatenate([self.basis[keep], priors]), right, rcond=None)
+        rest, held = self.residual - self.basis @ step, priors @ step
+        out = float(rest[~keep] @ rest[~keep])
+        return float(rest[keep] @ rest[keep] + held @ held) + scaled_misfit(out, int((~keep).sum()))
 
-    def screened(self, candidates: Sequence[Candidate]) -> list[Screened]:
+    def screened(self, several: Sequence[Candidate]) -> list[Screened]:
         """Every candidate, in the given order, with its best strength, the parameters following linearly."""
-        keys = [self._key(candidate) for candidate in candidates]
+        keys = [self._key(candidate) for candidate in several]
         known: dict[_Key, _Look] = {}
-        for key, candidate in zip(keys, candidates, strict=True):
+        for key, candidate in zip(keys, several, strict=True):
             if key not in known:
                 known[key] = self._look(candidate)
         kinds = defaultdict[str, list[int]](list)
         for k in sorted(range(len(keys)), key=lambda k: known[keys[k]].promised):
-            kinds[candidates[k].kind].append(k)
-        closer = {k for kind in kinds.values() for k in kind[:_CLOSER]}
+            kinds[several[k].kind].append(k)
+        closer = {k for kind in kinds.values() for k in kind[:FINELY_SCREENED]}
         nearer: dict[_Key, _Look] = {}
         for k in sorted(closer):
             if keys[k] not in nearer:
-                nearer[keys[k]] = self._closer(candidates[k], known[keys[k]])
+                nearer[keys[k]] = self._closer(several[k], known[keys[k]])
         return [
             (nearer if k in closer else known)[key].best(candidate)
-            for k, (candidate, key) in enumerate(zip(candidates, keys, strict=True))
+            for k, (candidate, key) in enumerate(zip(several, keys, strict=True))
         ]
 
-    def requested(self, candidates: Sequence[Candidate]) -> list[RequestedChange]:
+    def requested(self, several: Sequence[Candidate]) -> list[RequestedChange]:
         """Strengths that the residual asks of small candidates, each alone, all parameters following: a score test.
 
         With w the slope of a candidate off the basis its strength is -w'r / w'w, and its score |w'r| / |w|, the size of a standard
@@ -120,7 +140,7 @@ class Point:
         Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57.
         """
         found = []
-        for candidate in candidates:
+        for candidate in several:
             small = _SMALL * np.abs(candidate.strengths).min()
             step, size = self._linear(self._off(candidate, np.array([small]))[:, 0], small)
             low, high = candidate.bounds
@@ -144,9 +164,9 @@ class Point:
         return *values, *moves
 
     def _look(self, candidate: Candidate) -> _Look:
-        """A candidate's misfit at each strength, parameters following linearly, and what its slope promises."""
-        strengths = candidate.strengths
-        if len(strengths) == 1:
+        """A candidate's misfit at every second strength, parameters following linearly, and what its slope promises."""
+        strengths = candidate.strengths[::2]
+        if len(candidate.strengths) == 1:
             left = self._left_by(candidate, strengths)
             return _Look(strengths, left, 0.0, float(left[0]))
         small = _SMALL * np.abs(strengths).min()
@@ -157,19 +177,25 @@ class Point:
         return _Look(strengths, left, step, float(min(left.min(), linear)))
 
     def _closer(self, candidate: Candidate, look: _Look) -> _Look:
-        """The screening result of a candidate with further strengths about its best and its linear estimate."""
+        """The screening result of a candidate with all strengths, and further ones about its best and its linear estimate."""
+        if len(candidate.strengths) == 1:
+            return look
+        others = candidate.strengths[1::2]
+        look = _with_strengths(look, others, self._left_by(candidate, others))
         low, high = candidate.bounds
         best = look.best(candidate)
         about = (0.5 * look.step, look.step, 2 * look.step, 0.75 * best.strength, 1.35 * best.strength)
         more = np.array([q for q in about if low < q < high and q])
-        if len(candidate.strengths) == 1 or not len(more):
-            return look
-        strengths, left = np.append(look.strengths, more), np.append(look.left, self._left_by(candidate, more))
-        return look._replace(strengths=strengths, left=left)
+        return _with_strengths(look, more, self._left_by(candidate, more)) if len(more) else look
 
     @cached_property
     def _base(self) -> FloatArray:
-        return self.residual - self.basis @ (self.basis.T @ self.residual)
+        return self._off_basis(self.residual)
+
+    def _off_basis(self, rows: FloatArray) -> FloatArray:
+        """Rows (n_rows, ...) without what parameters, and fixed values within their tolerances, can follow."""
+        followed = self.basis.T @ rows
+        return rows - (self.basis * self.weights) @ followed
 
     def _left_by(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
         return _squares(self._off(candidate, strengths))
@@ -177,7 +203,7 @@ class Point:
     def _off(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
         """Residuals with a candidate, without what the parameters can follow, (n_rows, n_strengths)."""
         rows = np.empty((len(self.residual), len(strengths)))
-        CLOCK.spend(look_effort(*rows.shape))
+        METER.add(screening_effort(*rows.shape))
         rows[:] = self.residual[:, None]
         first = 0
         with np.errstate(all="ignore"):
@@ -189,8 +215,12 @@ class Point:
                     change = candidate.effect(receptances, strengths)
                     rows[first : first + size] = problem.data_rows(receptances.frf + change)
                 first += size
-            rows -= self.basis @ (self.basis.T @ rows)
-        return rows
+            return self._off_basis(rows)
+
+
+def _with_strengths(look: _Look, strengths: FloatArray, left: FloatArray) -> _Look:
+    """A screening result with further strengths and what they leave."""
+    return look._replace(strengths=np.append(look.strengths, strengths), left=np.append(look.left, left))
 
 
 def _squares(off: FloatArray) -> FloatArray:
@@ -200,12 +230,39 @@ def _squares(off: FloatArray) -> FloatArray:
 
 
 def point_at(
-    problems: Sequence[FrfProblem], theta: FloatArray, undamped: Collection[int] = (), most_lines: int = MOST_LINES
+    problems: Sequence[FrfProblem],
+    theta: FloatArray,
+    undamped: Collection[int] = (),
+    most_lines: int = MOST_LINES,
+    free_fixed_values: Callable[[Sequence[FrfProblem]], Sequence[RecordProblem]] = lambda problems: (),
 ) -> Point:
-    """FRF problems linearized at free variables (n_params,) of all of them, on at most `most_lines` lines."""
+    """FRF problems linearized at free variables (n_params,) of all of them, on at most `most_lines` lines.
+
+    Parameters
+    ----------
+    problems : sequence of FrfProblem
+    theta : (n_params,) float array
+    undamped : collection of int
+        Positions of the records that say nothing of damping.
+    most_lines : int
+    free_fixed_values : callable
+        Gives the problems with the fixed values of their models among the unknowns; none by default, and the fixed
+        values are exact.
+    """
     own = JointProblem(tuple(problems), first_prior_counts=True).unknowns.split(theta)
     records = tuple(receptances_at(problem, at, most_lines) for problem, at in zip(problems, own, strict=True))
-    whole = JointProblem(tuple(receptances.problem for receptances in records), first_prior_counts=True)
-    CLOCK.spend(iteration_effort(whole))
+    on_lines = tuple(receptances.problem for receptances in records)
+    whole = JointProblem(on_lines, first_prior_counts=True)
+    METER.add(iteration_effort(whole))
     at = whole.linearize(theta)
-    return Point(records, at.residual, np.linalg.qr(at.jacobian)[0], undamped)
+    freed = free_fixed_values(on_lines)
+    tolerances = tolerances_of(freed)
+    columns = np.zeros((len(at.residual), 0))
+    if tolerances:
+        joint = JointProblem(tuple(freed), first_prior_counts=True)
+        METER.add(iteration_effort(joint))
+        of_fixed = FixedValues(joint, tolerances).sensitivities_at(whole.names, theta)
+        columns = np.pad(of_fixed.columns * of_fixed.tolerance, ((0, len(at.residual) - whole.n_data), (0, 0)))
+    directions = tolerance_directions(at.jacobian, columns)
+    basis, weights = damped_basis(np.linalg.qr(at.jacobian)[0], directions)
+    return Point(records, at.residual, basis, weights, undamped)

@@ -12,39 +12,31 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.dof import parse_dof
-from structid.core.errors import StructidError
 from structid.diagnose.causes import (
-    CoarseMesh,
     Dashpot,
     DryFriction,
-    ExponentialWindow,
     FaultyChannel,
-    ShearFlexibility,
     SpringToGround,
     Support,
     SwappedLoads,
-    candidates,
     data_candidates,
     exchanged_channels,
     rows_left_out,
-    set_candidates,
 )
 from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.clock import Clock
 from structid.diagnose.causes.friction import FORCES
 from structid.diagnose.causes.gain import LoadGain
 from structid.diagnose.data_rows import rows_of, scaled_misfit
 from structid.diagnose.modified_model import QUICK
-from structid.diagnose.refits import Fitted, Sized
+from structid.diagnose.refits import Fitted
 from structid.diagnose.score_test import Point, Screened
 from structid.diagnose.search_budget import (
-    CLOCK,
     UNLIMITED,
     SearchBudget,
     SearchEndedError,
-    iteration_effort,
     map_within_budget,
 )
+from structid.diagnose.set_screening import left_by_steps, linearize_fit
 from structid.diagnose.thresholds import (
     CERTAIN_AT_FIT,
     CHANNEL_PART,
@@ -64,38 +56,6 @@ _SCREENED_LEVELS = (0.12, 0.06, 0.015)
 
 #: By what tells candidates apart, the part of the misfit that a linear look promises to remove, and the look.
 _Promises = dict[Hashable, tuple[float, Screened]]
-
-
-def screen_sets(base: Fitted, work: Work, name: str, budget: SearchBudget = UNLIMITED) -> list[Screened]:
-    """Changes of whole sets and of the mesh that lower the misfit by one linear step, with their best strengths."""
-    several = set_candidates(base.modified.model, base.modified.problems)
-    sized = [(candidate, float(strength)) for candidate in several for strength in candidate.strengths]
-    left = iter(_left_by_step(base, sized, work, name, budget))
-    screened: list[Screened] = []
-    for candidate in several:
-        least, strength = min((next(left), float(strength)) for strength in candidate.strengths)
-        is_always = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow | Clock)
-        if np.isfinite(least) and (is_always or least < (1 - LEAST_DROP) * base.cost):
-            screened.append(Screened(candidate, strength, least))
-    return screened
-
-
-def _left_by_step(base: Fitted, sized: Sequence[Sized], work: Work, name: str, budget: SearchBudget) -> list[float]:
-    """The misfit that a linear step of each changed model leaves; infinite where there is none, or no time for it."""
-    steps = map_within_budget(budget, work, name, _stepped, base, sized)
-    return [np.inf if step is None else step["left"] for step in steps]
-
-
-def _stepped(base: Fitted, change: Sized, tools: Tools) -> dict[str, float]:
-    """The misfit that one linear step leaves of a model with the change; infinite where it cannot be evaluated."""
-    try:
-        modified = base.modified.changed(*change)
-        CLOCK.spend(iteration_effort(modified.target))
-        at = modified.target.linearize(modified.theta_of(base.values))
-    except (StructidError, np.linalg.LinAlgError):
-        return {"left": np.inf}
-    rest = at.triangle()[at.n_params :, -1]
-    return {"left": float(rest @ rest)}
 
 
 def screening_points(base: Fitted) -> list[Point]:
@@ -165,8 +125,8 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
     for point, answer in zip(points, answers, strict=True):
         if answer is None:
             continue
-        several = candidates(point.records, names)
-        feet = feet or [*_feet(several, base.cost), *_rollers(base, several, held_nodes)]
+        several = point.candidates(names)
+        feet = feet or [*_feet(several, base.misfit), *_rollers(base, several, held_nodes)]
         problems = [receptances.problem for receptances in point.records]
         data = list(data_candidates(problems, names))
         tried = max(tried, len(several) + len(data))
@@ -254,7 +214,7 @@ def _rollers(base: Fitted, several: Iterable[Candidate], held_nodes: Collection[
         and candidate.is_clamp(held_nodes)
         and not parse_dof(candidate.where[0]).is_rotation
     ]
-    return [Screened(candidate, float(candidate.strengths.max()), base.cost) for candidate in stuck[:MOST_FEET]]
+    return [Screened(candidate, float(candidate.strengths.max()), base.misfit) for candidate in stuck[:MOST_FEET]]
 
 
 def _exchanged(base: Fitted, points: Sequence[Point]) -> set[Hashable]:
@@ -294,7 +254,7 @@ def _outstanding(base: Fitted) -> set[Hashable]:
         for channel in FaultyChannel.from_data([view.problem], [""]):
             rows = channel.rows_left_out(problem)
             squares = float(own[rows] @ own[rows])
-            if squares - scaled_misfit(squares, int(rows.sum())) > CHANNEL_PART * base.cost:
+            if squares - scaled_misfit(squares, int(rows.sum())) > CHANNEL_PART * base.chi_square:
                 keys.add(replace(channel, record=number).key)
     return keys
 
@@ -317,7 +277,9 @@ def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, bud
     fifths of the other.
     """
     left = np.array(
-        _left_by_step(base, [(row.candidate, row.strength) for row in rows], work, f"{name}, of modes", budget)
+        left_by_steps(
+            linearize_fit(base), [(row.candidate, row.strength) for row in rows], work, f"{name}, of modes", budget
+        )
     )
     first = range(min(FIRST_OF_POINT, len(rows)))
     order = [k for k in np.argsort(left, kind="stable").tolist() if k >= len(first)]
@@ -328,7 +290,7 @@ def _looked(looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: To
     """The best strength of every candidate at one point and the misfit that it leaves, (n_candidates,) each."""
     points, names = looks
     point = points[number]
-    rows = point.screened(candidates(point.records, names))
+    rows = point.screened(point.candidates(names))
     return {"strength": np.array([row.strength for row in rows]), "left": np.array([row.left for row in rows])}
 
 

@@ -11,7 +11,7 @@ from scipy import special
 
 from structid.core.dof import parse_dof
 from structid.core.errors import StructidError
-from structid.diagnose.causes import candidates, residual_candidates
+from structid.diagnose.causes import residual_candidates
 from structid.diagnose.causes.appendage import Appendage
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.fixed_value import FixedValue
@@ -25,21 +25,22 @@ from structid.diagnose.derived_candidates import derived_candidates
 from structid.diagnose.modified_model import ModifiedModel
 from structid.diagnose.pairs import promising
 from structid.diagnose.refits import (
-    Fit,
     Fitted,
     Item,
     Sized,
+    StoredFit,
     fit_fully,
+    fit_mirrored,
     fit_near,
     fitted_at,
     is_beyond_noise,
-    load_fit,
     n_parameters,
-    reuse_equivalent_fit,
+    restore_fit,
 )
 from structid.diagnose.score_test import RequestedChange, Screened
-from structid.diagnose.screening import screen_sets, shortlist_candidates
-from structid.diagnose.search_budget import NOTHING, UNLIMITED, Limits, SearchBudget, map_within_budget
+from structid.diagnose.screening import shortlist_candidates
+from structid.diagnose.search_budget import NOTHING, UNLIMITED, Expense, SearchBudget, map_within_budget
+from structid.diagnose.set_screening import screen_sets
 from structid.diagnose.thresholds import (
     ALIKE,
     ALWAYS_FITTED,
@@ -90,7 +91,7 @@ class Explanation:
         Of what the first cause leaves.
     better : Fitted, optional
         The study as it is, from another start, where that explains the record: the search ended in a wrong place.
-    spent : Limits
+    spent : Expense
         Effort and processor seconds that it took.
     left_out : int
         How many changes a linear look promises something of, and were not fitted for want of time.
@@ -107,7 +108,7 @@ class Explanation:
     near: tuple[Fitted, ...] = ()
     further: Explanation | None = None
     better: Fitted | None = None
-    spent: Limits = NOTHING
+    spent: Expense = NOTHING
     left_out: int = 0
     is_single: bool = False
     begun: tuple[Item, ...] = ()
@@ -133,12 +134,12 @@ def search_causes(base: Fitted, work: Work = ALONE, budget: SearchBudget = UNLIM
     if base.modified.is_large:
         return _of_large_model(base, work, budget)
     other = _from_elsewhere(base)
-    if other is not None and not is_misfit(other):
+    if other is not None and not other.is_misfit:
         return Explanation(base, (), (), 0, better=other)
     base = other or base
-    first = _search_once(base, work, "", budget.part(FIRST_CAUSE_TIME))
+    first = _search_once(base, work, "", budget.portion(FIRST_CAUSE_TIME))
     if _is_clear(first):
-        return _paired(first, work, budget) if is_misfit(first.causes[0]) else first
+        return _paired(first, work, budget) if first.causes[0].is_misfit else first
     return _of_two(first, work, budget) if _is_far(base) else first
 
 
@@ -170,7 +171,7 @@ def _of_two(explanation: Explanation, work: Work, budget: SearchBudget, tried: S
         if first is None or further is None:
             continue
         pair = _led_by(explanation, first, further)
-        if pair is not None and pair.further is not None and not is_misfit(pair.further.causes[0]):
+        if pair is not None and pair.further is not None and not pair.further.causes[0].is_misfit:
             return pair
     return explanation
 
@@ -219,10 +220,10 @@ def _paired(explanation: Explanation, work: Work, budget: SearchBudget) -> Expla
 
 def _second_alone(explanation: Explanation, pair: Explanation, work: Work) -> Explanation | None:
     """The second cause as the only one, where it explains as much without the first; None otherwise."""
-    if pair.further is None or not pair.further.causes or is_misfit(pair.further.causes[0]):
+    if pair.further is None or not pair.further.causes or pair.further.causes[0].is_misfit:
         return None
     alone = _alone(explanation, pair.further.causes[0], work)
-    if alone is None or is_misfit(alone):
+    if alone is None or alone.is_misfit:
         return None
     return _weighed(
         explanation.base, [alone, *(one for one in explanation.causes if one is not alone)], explanation.tried
@@ -267,7 +268,7 @@ def _led_by(explanation: Explanation, first: Fitted, further: Explanation) -> Ex
 
     None where the first removes little alone, and noise is not all that is left beside it.
     """
-    if not further.causes or (first.misfit > CLEAR * explanation.base.misfit and is_misfit(further.causes[0])):
+    if not further.causes or (first.misfit > CLEAR * explanation.base.misfit and further.causes[0].is_misfit):
         return None
     own = _criterion(explanation.base, first, _scale(explanation.base, [first]))
     return replace(explanation, causes=(first,), criteria=(own,), near=(first,), further=further)
@@ -293,30 +294,30 @@ def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | Non
 def _from_elsewhere(base: Fitted) -> Fitted | None:
     """The unchanged study fitted anew from its quick fit; None where that is not clearly better than `base`."""
     try:
-        minimum = base.modified.fitted([base.modified.fit_near().theta, base.theta])
+        minimum = base.modified.fitted([base.near_theta, base.theta])
     except (StructidError, np.linalg.LinAlgError):
         return None
     cost = float(minimum.costs[-1])
-    return fitted_at(base.modified, minimum.theta, cost) if cost < CLEARLY_BETTER * base.cost else None
+    return fitted_at(base.modified, minimum.theta, cost) if cost < CLEARLY_BETTER * base.chi_square else None
 
 
 def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> Explanation:
     """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fully."""
-    clock, looks = SearchBudget(), budget.part(SCREENING_TIME)
+    clock, looks = SearchBudget(), budget.portion(SCREENING_TIME)
     shortlist = shortlist_candidates(base, work, f"{which}causes on a linear look", looks)
     problems = base.modified.problems
     residual = base.modified.target.residual(base.theta)[: base.modified.target.n_data]
     data = residual_candidates(problems, residual)
     few = [
         *screen_sets(base, work, f"{which}changes of the study", looks),
-        *(Screened(one, 1.0, base.cost) for one in data),
+        *(Screened(one, 1.0, base.misfit) for one in data),
     ]
     tried = shortlist.tried + len(few)
     looked = [*few, *derived_candidates(base, shortlist), *shortlist.rows]
     changes = [(one.candidate, one.strength) for one in looked]
     first = len(looked) - len(shortlist.rows)
     alike = [*range(first), *(first + k for k in _first_alike(shortlist.rows))]
-    telling = sorted((one for one in few if one.left < SET_LEFT * base.cost), key=lambda one: one.left)[:SET_REFITS]
+    telling = sorted((one for one in few if one.left < SET_LEFT * base.misfit), key=lambda one: one.left)[:SET_REFITS]
     at_fit = [*shortlist.at_fit, *telling]
     kept = {k for k, one in enumerate(looked) if one.candidate.is_always_fitted or one in at_fit}
     rank = [
@@ -325,8 +326,8 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
         *range(len(shortlist.rows)),
     ]
     approaches = _fit_near_all(base, changes, alike, rank, kept, work, f"{which}causes", budget)
-    near = [one or Fit() for one in approaches]
-    order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["cost"]))
+    near = [one or StoredFit() for one in approaches]
+    order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["chi_square"]))
     always = [k for k in order if changes[k][0].is_always_fitted][:ALWAYS_FITTED]
     finalists = [*always, *(k for k in order if not changes[k][0].is_always_fitted)][:FINALISTS]
     finalists += [k for k, one in enumerate(looked) if near[k] and one in at_fit and k not in finalists]
@@ -381,30 +382,28 @@ def _fit_near_all(
     work: Work,
     name: str,
     budget: SearchBudget,
-) -> list[Fit | None]:
+) -> list[StoredFit | None]:
     """Quick fits (`fit_near`) of every change, of low `rank` first; None of those that there is no time for.
 
     Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is `kept`
     whatever comes of it.
     """
-    time = budget.part(1.0, reserve=1 - NEAR_FIT_TIME)
+    time = budget.portion(1.0, kept=1 - NEAR_FIT_TIME)
     originals = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
     first = [k for k in originals if rank[k] < FINALISTS]
-    least = LEAST_REFITS
-    fits = map_within_budget(
-        time, work, f"most promising {name}", fit_near, base, [(*changes[k], np.inf) for k in first], least
-    )
-    known: dict[int, Fit | None] = dict(zip(first, fits, strict=True))
-    costs = sorted(fit["cost"] for k, fit in known.items() if fit and not changes[k][0].is_always_fitted)
-    above = costs[FINALISTS - 1] if len(costs) >= FINALISTS else np.inf
-    rest = sorted((k for k in originals if k not in known), key=lambda k: (k not in kept, rank[k]))
-    items = [(*changes[k], np.inf if k in kept else above) for k in rest]
-    known.update(zip(rest, map_within_budget(time, work, name, fit_near, base, items), strict=True))
+    rest = sorted((k for k in originals if rank[k] >= FINALISTS), key=lambda k: (k not in kept, rank[k]))
+    known: dict[int, StoredFit | None] = {}
+    base.near_path  # noqa: B018  # computed once, before it is sent to other processes
+    above, least = np.inf, LEAST_REFITS
+    for block in [first, *(rest[i : i + FINALISTS] for i in range(0, len(rest), FINALISTS))]:
+        items = [(*changes[k], np.inf if k in kept else above) for k in block]
+        what = name if known else f"most promising {name}"
+        known.update(zip(block, map_within_budget(time, work, what, fit_near, base, items, least), strict=True))
+        sizes = sorted(fit["chi_square"] for k, fit in known.items() if fit and not changes[k][0].is_always_fitted)
+        above, least = sizes[FINALISTS - 1] if len(sizes) >= FINALISTS else np.inf, 0
     twins = [k for k in range(len(changes)) if k not in known and known[alike[k]] is not None]
-    asked = [(fit_near, (*changes[k], np.inf if k in kept else above), known[alike[k]] or Fit()) for k in twins]
-    known.update(
-        zip(twins, map_within_budget(time, work, f"{name}, alike", reuse_equivalent_fit, base, asked), strict=True)
-    )
+    asked = [(fit_near, (*changes[k], np.inf if k in kept else above), known[alike[k]] or StoredFit()) for k in twins]
+    known.update(zip(twins, map_within_budget(time, work, f"{name}, alike", fit_mirrored, base, asked), strict=True))
     return [known.get(k) for k in range(len(changes))]
 
 
@@ -436,14 +435,12 @@ def _refits_in_time(
     alike = range(len(items)) if alike is None else alike
     originals = [k for k, other in enumerate(alike) if other == k]
     ends = map_within_budget(budget, work, name, fit_fully, base, [items[k] for k in originals], least)
-    fits: dict[int, Fit | None] = dict(zip(originals, ends, strict=True))
+    fits: dict[int, StoredFit | None] = dict(zip(originals, ends, strict=True))
     twins = [k for k in range(len(items)) if k not in fits and fits[alike[k]] is not None]
-    asked = [(fit_fully, items[k], fits[alike[k]] or Fit()) for k in twins]
-    fits.update(
-        zip(twins, map_within_budget(budget, work, f"{name}, alike", reuse_equivalent_fit, base, asked), strict=True)
-    )
+    asked = [(fit_fully, items[k], fits[alike[k]] or StoredFit()) for k in twins]
+    fits.update(zip(twins, map_within_budget(budget, work, f"{name}, alike", fit_mirrored, base, asked), strict=True))
     ended = [(k, fit) for k, fit in sorted(fits.items()) if fit is not None]
-    return [load_fit(base, items[k][0], fit) for k, fit in ended if fit], len(ended)
+    return [restore_fit(base, items[k][0], fit) for k, fit in ended if fit], len(ended)
 
 
 def _simpler(base: Fitted, one: Fitted) -> list[Item]:
@@ -479,7 +476,7 @@ def _lossy(base: Fitted, one: Fitted) -> list[Item]:
     candidate, strength = _last_change(one)
     if not isinstance(candidate, SpringToGround | Support | FlexibleJoint) or base.modified.is_of_modes:
         return []
-    if one.misfit > CLEAR * base.misfit or not is_misfit(one):
+    if one.misfit > CLEAR * base.misfit or not one.is_misfit:
         return []
     lossy = replace(candidate, loss_factor=SPRING_LOSS)
     return _begun(base.modified, [(lossy, strength)], {**base.values, **one.values})
@@ -500,13 +497,13 @@ def _of_large_model(base: Fitted, work: Work, budget: SearchBudget) -> Explanati
     Where a fit bends all values to a fault, linear looks at it see what it was bent to; those at the start see the fault.
     """
     clock = SearchBudget()
-    shortlist = shortlist_candidates(base, work, "causes on a linear look", budget.part(SCREENING_TIME))
+    shortlist = shortlist_candidates(base, work, "causes on a linear look", budget.portion(SCREENING_TIME))
     residual = base.modified.target.residual(base.theta)[: base.modified.target.n_data]
     data = OutlyingLines.from_residual(base.modified.problems, residual)
     likeliest = dict[Hashable, Screened]()
     for row in (*shortlist.in_turn, *shortlist.rows):
         likeliest.setdefault(row.candidate.key, row)
-    few = [*(Screened(one, 1.0, base.cost) for one in data), *likeliest.values()][:LARGE_MODEL_REFITS]
+    few = [*(Screened(one, 1.0, base.misfit) for one in data), *likeliest.values()][:LARGE_MODEL_REFITS]
     items = _begun(base.modified, [(one.candidate, one.strength) for one in few], {})
     fits, n_ended = _refits_in_time(base, items, work, "likeliest causes", None, budget)
     return replace(_weighed(base, fits, shortlist.tried), spent=clock.spent, left_out=len(items) - n_ended)
@@ -543,7 +540,7 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
     work : Work
     """
     point = base.modified.point_at(base.modified.shown_problems, base.theta, REQUEST_LINES)
-    several = candidates(point.records, titles(base.modified.setups))
+    several = point.candidates(titles(base.modified.setups))
     scale = max(1.0, base.misfit / max(base.modified.target.n_data - len(base.modified.target.names), 1))
     limit = float(special.ndtri(1 - REQUEST_RISK / (2 * max(len(several), 1)))) * np.sqrt(scale)
     best: dict[Hashable, RequestedChange] = {}
@@ -614,10 +611,5 @@ def _stands_out(base: Fitted, one: Fitted, tried: int) -> bool:
     out = base.modified.target.n_data - left
     if out <= 0:
         return True
-    ratio = (base.misfit - one.misfit) * left / (out * (one.misfit - one.aside))
+    ratio = (base.misfit - one.misfit) * left / (out * (one.misfit - one.left_out))
     return ratio >= OUTLYING_RATIO and float(special.fdtrc(out, left, ratio)) * max(tried, 1) < CAUSE_RISK
-
-
-def is_misfit(fitted: Fitted) -> bool:
-    """True if a fit leaves more than noise and the tolerances of fixed values make by chance."""
-    return fitted.is_beyond if fitted.least is not None else is_beyond_noise(fitted)

@@ -1,4 +1,8 @@
-"""The effort that a search for causes may take: counted from the sizes of what is evaluated, so that no machine matters."""
+"""The effort that a search for causes may take: counted from the sizes of what is evaluated, so that no machine matters.
+
+Effort is in seconds, those that the processor of the measurements behind `thresholds` would take. Equal searches take equal
+effort on every machine and with any number of workers; how long they last is another matter.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,16 @@ import numpy as np
 import psutil
 
 from structid.core.errors import StructidError
-from structid.diagnose.thresholds import LEAST_FIT, PART_OF_ONE_FIT
+from structid.diagnose.thresholds import (
+    ENTRY_EFFORT,
+    FULL_DOFS,
+    ITERATION_EFFORT,
+    LEAST_FIT,
+    MODE_EFFORT,
+    PART_OF_ONE_FIT,
+    SCREENED_EFFORT,
+    VALUE_EFFORT,
+)
 from structid.forward import FrfProblem, ModalProblem, RecordProblem
 from structid.inversion import JointProblem, Problem
 from structid.inversion.search.minimum import Progress
@@ -20,59 +33,48 @@ from structid.inversion.search.work import Item, Shared, Task, Work
 
 Result = TypeVar("Result")
 
-#: Effort of one iteration, in seconds of the processor that it was measured on: for each, for each entry of the Jacobian and of
-#: the dynamic stiffness at all lines, for each cubed degree of freedom of modes, and for each value of a history. Examples of
-#: 3 to 171 degrees of freedom take 0.5 to 2 times this; it only says what is large beside what.
-_EACH, _ENTRY, _MODE, _VALUE = 1e-3, 3e-8, 1.4e-8, 2e-6
-#: The same of one entry of a residual that a candidate changes, parameters following linearly.
-_LOOK = 2.5e-8
-#: The same of a changed model, assembled anew.
-CHANGE_EFFORT = 0.005
-#: Degrees of freedom up to which a dynamic stiffness is full.
-_BAND = 500
-
 
 class SearchEndedError(StructidError):
-    """A fit took more effort, or longer, than it may."""
+    """A fit has used up the effort or the processor time that one fit may take."""
 
 
 def iteration_effort(problem: Problem) -> float:
-    """Effort of one iteration of a search on a problem: a linearization and a trial step, from sizes alone."""
+    """Effort, s, of one iteration of a search on a problem: a linearization and a trial step, from sizes alone."""
     if isinstance(problem, JointProblem):
         return sum(iteration_effort(one) for one in problem.problems)
-    jacobian = _ENTRY * problem.n_data * len(problem.names)
+    jacobian = ENTRY_EFFORT * problem.n_data * len(problem.names)
     if not isinstance(problem, RecordProblem):
         return jacobian
     n_dofs = problem.structure.n_dofs
     if isinstance(problem, ModalProblem):
-        return _EACH + jacobian + _MODE * n_dofs**2 * min(n_dofs, _BAND)
+        return ITERATION_EFFORT + jacobian + MODE_EFFORT * n_dofs**2 * min(n_dofs, FULL_DOFS)
     if isinstance(problem, FrfProblem):
-        return _EACH + jacobian + _ENTRY * len(problem.frequency) * n_dofs * min(n_dofs, _BAND)
-    return _EACH + jacobian + _VALUE * problem.n_data
+        return ITERATION_EFFORT + jacobian + ENTRY_EFFORT * len(problem.frequency) * n_dofs * min(n_dofs, FULL_DOFS)
+    return ITERATION_EFFORT + jacobian + VALUE_EFFORT * problem.n_data
 
 
-def look_effort(n_rows: int, n_strengths: int) -> float:
-    """Effort of the residuals of a linear look, (n_rows, n_strengths)."""
-    return _LOOK * n_rows * n_strengths
+def screening_effort(n_rows: int, n_strengths: int) -> float:
+    """Effort, s, of screening a candidate: residuals (n_rows, n_strengths) without what the parameters can follow."""
+    return SCREENED_EFFORT * n_rows * n_strengths
 
 
-class EffortClock:
-    """A clock that goes by what is evaluated in this process.
+class EffortMeter:
+    """The sum of all effort that this process has taken.
 
-    Tasks in other processes, and those that a checkpoint keeps, bring their effort with them.
+    Tasks in other processes, and those that a checkpoint keeps, bring their effort with their results.
     """
 
     def __init__(self) -> None:
-        """A clock begins at 0."""
+        """A meter begins at 0."""
         self.reading = 0.0
 
-    def spend(self, effort: float) -> None:
-        """Let the clock go on by an effort."""
+    def add(self, effort: float) -> None:
+        """Count an effort, s."""
         self.reading += effort
 
 
-#: The clock of this process.
-CLOCK = EffortClock()
+#: The meter of this process.
+METER = EffortMeter()
 
 #: Processor seconds of every child process so far, by its number; one that has ended keeps the last that were seen.
 _CHILD_SECONDS: dict[int, float] = {}
@@ -87,17 +89,24 @@ def processor_seconds() -> float:
     return time.process_time() + sum(_CHILD_SECONDS.values())
 
 
-class Limits(NamedTuple):
-    """Effort and processor seconds that something took, or that it may take at most."""
+class Expense(NamedTuple):
+    """Effort, s, and processor time, s, that something took."""
+
+    effort: float = 0.0
+    seconds: float = 0.0
+
+
+class FitLimits(NamedTuple):
+    """Effort, s, and processor time, s, that the fit of one changed study may take."""
 
     effort: float = np.inf
     seconds: float = np.inf
 
 
-#: Whatever it takes.
-NO_LIMITS = Limits()
 #: What nothing took.
-NOTHING = Limits(0.0, 0.0)
+NOTHING = Expense()
+#: A fit may take whatever it takes.
+NO_LIMITS = FitLimits()
 
 
 @dataclass(frozen=True)
@@ -111,12 +120,12 @@ class SearchBudget:
     seconds : float
         Processor time, infinite by default; where it ends a search, what was tried depends on the machine.
     effort_begun, seconds_begun : float
-        Readings of `CLOCK` and of `processor_seconds` at its beginning.
+        Readings of `METER` and of `processor_seconds` at its beginning.
     """
 
     effort: float = np.inf
     seconds: float = np.inf
-    effort_begun: float = field(default_factory=lambda: CLOCK.reading)
+    effort_begun: float = field(default_factory=lambda: METER.reading)
     seconds_begun: float = field(default_factory=processor_seconds)
 
     @property
@@ -125,14 +134,14 @@ class SearchBudget:
         return bool(np.isfinite(self.effort) or np.isfinite(self.seconds))
 
     @property
-    def spent(self) -> Limits:
-        """Effort and processor seconds so far."""
-        return Limits(CLOCK.reading - self.effort_begun, processor_seconds() - self.seconds_begun)
+    def spent(self) -> Expense:
+        """Effort and processor time since its beginning."""
+        return Expense(METER.reading - self.effort_begun, processor_seconds() - self.seconds_begun)
 
-    def allows(self, needed: Limits, fraction: float = 1.0) -> bool:
-        """True if more is left than `fraction` of what something took; of what is not limited there is always enough."""
+    def allows(self, needed: Expense, fraction: float = 1.0) -> bool:
+        """True if more is left than `fraction` of an expense; of what is not limited there is always enough."""
         if np.isfinite(self.effort):
-            effort_left = self.effort - (CLOCK.reading - self.effort_begun)
+            effort_left = self.effort - (METER.reading - self.effort_begun)
             if not effort_left > fraction * needed.effort:
                 return False
         if np.isfinite(self.seconds):  # all processes of the run are asked, so only where a user limits them
@@ -145,18 +154,18 @@ class SearchBudget:
         """True if anything is left."""
         return self.allows(NOTHING)
 
-    def part(self, fraction: float, reserve: float = 0.0) -> SearchBudget:
-        """A new budget that begins now: `fraction` of what is left when `reserve`, a part of this whole budget, is kept."""
+    def portion(self, fraction: float, kept: float = 0.0) -> SearchBudget:
+        """A budget that begins now: `fraction` of what is left beyond the part `kept` of this whole budget."""
         left = [
-            limit - spent - reserve * limit if np.isfinite(limit) else np.inf
+            limit - spent - kept * limit if np.isfinite(limit) else np.inf
             for limit, spent in zip((self.effort, self.seconds), self.spent, strict=True)
         ]
         return SearchBudget(fraction * left[0], fraction * left[1])
 
     @property
-    def fit_limits(self) -> Limits:
+    def fit_limits(self) -> FitLimits:
         """Limits of the fit of one changed study: a part of the whole budget, but a least in any case."""
-        return Limits(max(PART_OF_ONE_FIT * self.effort, LEAST_FIT), max(PART_OF_ONE_FIT * self.seconds, LEAST_FIT))
+        return FitLimits(max(PART_OF_ONE_FIT * self.effort, LEAST_FIT), max(PART_OF_ONE_FIT * self.seconds, LEAST_FIT))
 
 
 #: All is tried, however long it takes.
@@ -177,7 +186,7 @@ def map_within_budget(
     The first `least` items run in any case. Results are taken in the order of the items, each with its effort, and those of a
     batch that come after the budget is used up are dropped: what is tried does not depend on the number of workers.
     """
-    measured = Measured(task)
+    measured = TaskWithEffort(task)
     results: list[Result | None] = []
     step = len(items)
     if budget.is_limited:
@@ -189,34 +198,34 @@ def map_within_budget(
             if len(results) >= least and not budget.is_left:
                 break
             results.append(answer["result"])
-            CLOCK.spend(answer["effort"])
+            METER.add(answer["effort"])
     return [*results, *[None] * (len(items) - len(results))]
 
 
 @dataclass(frozen=True)
-class Measured:
+class TaskWithEffort:
     """A task whose answer is its result with its effort."""
 
     task: Callable
 
     def __call__(self, shared: object, item: object, tools: object) -> dict:
         """The `result` of the task and its `effort`."""
-        before, CLOCK.reading = CLOCK.reading, 0.0  # the digits of a sum do not depend on what came before
+        before, METER.reading = METER.reading, 0.0  # the digits of a sum do not depend on what came before
         try:
-            return {"result": self.task(shared, item, tools), "effort": CLOCK.reading}
+            return {"result": self.task(shared, item, tools), "effort": METER.reading}
         finally:
-            CLOCK.reading = before
+            METER.reading = before
 
 
-def counted(problem: Problem, limits: Limits = NO_LIMITS) -> Progress:
+def count_effort(problem: Problem, limits: FitLimits = NO_LIMITS) -> Progress:
     """A `progress` callback of a search that counts its effort, and raises `SearchEndedError` beyond the limits."""
     effort = iteration_effort(problem)
-    most = CLOCK.reading + limits.effort
+    most = METER.reading + limits.effort
     end = time.process_time() + limits.seconds
 
     def count(iteration: int, cost: float) -> None:
-        CLOCK.spend(effort)
-        if CLOCK.reading > most or time.process_time() > end:
+        METER.add(effort)
+        if METER.reading > most or time.process_time() > end:
             raise SearchEndedError(f"the fit was ended after {iteration} iterations")
 
     return count

@@ -103,6 +103,8 @@ OUTLYING_RATIO = 2.0
 #: Candidates of each point of the screen that go on; in the 54 trials the right one was among the first four of some
 #: point.
 FIRST_OF_POINT = 6
+#: Candidates of each kind, the most promising ones, that are screened at all strengths; the others at every second one.
+FINELY_SCREENED = 16
 #: Candidates of each kind that go on besides.
 FIRST_OF_KIND = 2
 #: Candidates at most that are fitted near.
@@ -113,6 +115,9 @@ CERTAIN_AT_FIT = 2
 LEAST_DROP = 0.02
 #: Supports at most that are released in all rotations.
 MOST_FEET = 8
+#: Change of all data together, in standard deviations, by tolerances of fixed values below which it is left out of the screen:
+#: noise hides it, and a residual along it is lowered by less than a tenth.
+LEAST_TOLERANCE_EFFECT = 0.3
 #: Part of the misfit that goes with a sensor from where on it may be elsewhere, or of the other sense.
 CHANNEL_PART = 0.3
 #: Part of the misfit of the initial model that an exchange or a gain leaves at most where it is fitted whatever else is
@@ -128,6 +133,8 @@ PAIR_LOOKS_OF_KIND = 2
 PAIR_LEFT = 0.3
 
 # fits of changed models
+#: Part of its sum of squares that the next step of a fit promises at most before it is left for a better one.
+RACED_AT = 0.05
 #: Probability of a misfit below which noise and tolerances are not its cause.
 MISFIT = 1e-3
 #: Passes in which lines and tones that stand out from a fit are looked for once more.
@@ -166,3 +173,20 @@ SEARCH_EFFORT = 8.0
 #: Part of this that the fit of one changed study may take, and the effort that it may take in any case.
 PART_OF_ONE_FIT = 0.2
 LEAST_FIT = 0.5
+
+# effort: seconds of the processor that these were measured on. Examples of 3 to 171 degrees of freedom take 0.5 to 2 times this;
+# it only says what is large beside what
+#: Of one iteration of a search, whatever its size,
+ITERATION_EFFORT = 1e-3
+#: for each entry of its Jacobian, and of the dynamic stiffness at all lines,
+ENTRY_EFFORT = 3e-8
+#: for each cubed degree of freedom of its modes,
+MODE_EFFORT = 1.4e-8
+#: and for each value of a history.
+VALUE_EFFORT = 2e-6
+#: Of one entry of a residual that a candidate changes, parameters following linearly.
+SCREENED_EFFORT = 2.5e-8
+#: Of a changed model, assembled anew.
+CHANGE_EFFORT = 0.005
+#: Degrees of freedom up to which a dynamic stiffness is full.
+FULL_DOFS = 500

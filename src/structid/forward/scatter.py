@@ -9,8 +9,12 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray, locked
-from structid.forward.prior_rows import linearization_with_priors, residual_with_priors, sparse_prior_rows
-from structid.forward.record_problem import RecordProblem
+from structid.forward.record_problem import (
+    RecordProblem,
+    linearization_with_priors,
+    residual_with_priors,
+    sparse_prior_rows,
+)
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import DataRows, Problem
 from structid.unknowns import Coupling, NamedUnknowns, Transforms

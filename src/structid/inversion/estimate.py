@@ -572,7 +572,9 @@ def estimate(
     fixed = None if chosen.is_matrix_free else fixed
     sampled = fixed.on_sample() if fixed is not None and sample is not None else fixed
 
-    refits: dict[int, FitWithinTolerances] = {}
+    refits: dict[
+        int, tuple[Minimum, FitWithinTolerances]
+    ] = {}  # with the minima, so that no other one has their identity
     accepted: list[tuple[Minimum, FloatArray]] = []
 
     def refit(minimum: Minimum) -> FitWithinTolerances | None:
@@ -580,8 +582,8 @@ def estimate(
         if sampled is None or not chosen.misfits(searched, minimum, misfit_probability):
             return None
         if id(minimum) not in refits:
-            refits[id(minimum)] = sampled.refit(searched.names, minimum.theta)
-        return refits[id(minimum)]
+            refits[id(minimum)] = minimum, sampled.refit(searched.names, minimum.theta)
+        return refits[id(minimum)][1]
 
     def fits(minimum: Minimum) -> bool:
         """True if the data allow `minimum`, with fixed values free within tolerances, and it is a new answer."""
@@ -613,7 +615,10 @@ def estimate(
         n_iterations += len(best.costs) - 1
     columns = None
     if fixed is not None:
-        columns = fixed.sensitivities_at(problem.names, best.theta, chosen.misfits(problem, best, _DOUBTFUL))
+        _, within = refits.get(id(best), (best, None))
+        if within is None and chosen.misfits(problem, best, _DOUBTFUL):
+            within = fixed.refit(problem.names, best.theta)
+        columns = fixed.sensitivities_at(problem.names, best.theta, within)
     uncertainty = chosen.uncertainty(problem, best, misfit_probability, search.seed, columns)
     within = None if columns is None else columns.within
     theta, residual = best.theta, best.linearization.residual

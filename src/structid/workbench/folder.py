@@ -138,13 +138,13 @@ class OpenFolder:
                 lists["unusable"].append({"path": _shown_name(name), "words": words})
         return {"folder": str(self.root), "writable": self.is_writable, "most": None if is_all else _MOST, **lists}
 
-    def stamps(self) -> dict[str, int]:
-        """Modification time (ns) of each TOML file in the listing, by its name."""
+    def stamps(self) -> dict[str, str]:
+        """Modification time (ns) and size of each TOML file in the listing, by its name."""
         stamps = {}
-        for path, _ in self._files()[0]:
+        for path, size in self._files()[0]:
             if path.suffix == ".toml":
                 with suppress(OSError):
-                    stamps[_shown_name(self.name(path))] = path.stat().st_mtime_ns
+                    stamps[_shown_name(self.name(path))] = f"{path.stat().st_mtime_ns} {size}"
         return stamps
 
     def _refusal(self, path: Path) -> str:

@@ -76,13 +76,14 @@ class Workbench:
     watcher: Watcher
 
     def version(self, study: str) -> str:
-        """Digest of the modification times in the folder of `study`, which changes if any of its files does."""
+        """Digest of the modification times and sizes in the folder of `study`, which changes if any of its files does."""
         path = self.opened.inside(study)
         stamps = []
         with suppress(OSError), os.scandir(path.parent) as scan:
             for entry in islice(scan, _MOST_STAMPS):
                 with suppress(OSError):
-                    stamps.append(os.fsencode(entry.name) + str(entry.stat().st_mtime_ns).encode())
+                    stat = entry.stat()
+                    stamps.append(os.fsencode(entry.name) + f" {stat.st_mtime_ns} {stat.st_size}".encode())
         return digest(b"|".join(sorted(stamps))) if path.exists() else ""
 
     def shown(self, page: str) -> str:

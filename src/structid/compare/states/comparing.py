@@ -26,7 +26,7 @@ from structid.inversion.fixed_values import FIXED
 from structid.inversion.search.minimum import residual_at, squared
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import StageProgress
-from structid.study.run.run import SearchFailedError, is_matrix_free, run_refined
+from structid.study.run.run import SearchFailedError, is_matrix_free, refine_mesh, run_started
 from structid.study.run.solver.rounds import about_answer
 from structid.study.run.start import started
 from structid.study.schema.study import Study, load_study
@@ -218,7 +218,10 @@ def _run_study(study: Study, progress: StageProgress | None) -> State:
             f"{study.path}: [method] search is 'matrix_free', which gives no covariance matrix to compare by; group the"
             " unknowns and leave it out"
         )
-    return state_of(run_refined(ready, progress)[1])
+    result = run_started(ready, progress)
+    if ready.mesh is not None:
+        _, result = refine_mesh(ready, result, ready.mesh.count, progress)
+    return state_of(result)
 
 
 def _from_baseline(study: Study, baseline: State, names: Sequence[str]) -> Study:

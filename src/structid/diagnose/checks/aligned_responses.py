@@ -45,7 +45,7 @@ class ResonancePair:
 
 @dataclass(frozen=True, eq=False)
 class Aligned:
-    """Measured FRFs in parts of the model's, resonance upon resonance.
+    """TaskWithEffort FRFs in parts of the model's, resonance upon resonance.
 
     Attributes
     ----------

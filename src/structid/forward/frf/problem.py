@@ -21,13 +21,17 @@ from structid.forward.frf.continuation import (
     start_deviation,
     thinned_lines,
 )
-from structid.forward.frf.forms import Form, WhitenedFrf
 from structid.forward.frf.leakage import LeakedFrf, leaking_lines, require_leaking
 from structid.forward.frf.observed import ObservedFrf
-from structid.forward.frf.products import STORED_BYTES, response_products
+from structid.forward.frf.products import STORED_BYTES, Form, WhitenedFrf, response_products
 from structid.forward.frf.response import Response, ResponseCache, response
-from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
-from structid.forward.record_problem import RecordFacts, RecordProblem, complex_rows
+from structid.forward.record_problem import (
+    RecordFacts,
+    RecordProblem,
+    complex_rows,
+    linearization_with_priors,
+    residual_with_priors,
+)
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import ContinuationPath, DataRows, NoiseLaw, RowNoise
 from structid.records import FrfRecord

@@ -17,12 +17,10 @@ from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.last_evaluation import LastEvaluation
 from structid.forward.modal.dynamic import dynamic_rows
-from structid.forward.modal.measured import FewSensorsError, MeasuredModes
+from structid.forward.modal.measured import FewSensorsError, MeasuredModes, ModalForm, ModalSettings
 from structid.forward.modal.model import DENSE_UP_TO, ModalModel
 from structid.forward.modal.paired import output_changes, output_rows, pairing
-from structid.forward.modal.settings import ModalForm, ModalSettings
-from structid.forward.prior_rows import linearization_with_priors
-from structid.forward.record_problem import RecordFacts, RecordProblem
+from structid.forward.record_problem import RecordFacts, RecordProblem, linearization_with_priors
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import DataRows, NoiseLaw, RowNoise, Schedule
 from structid.modal import ModalRecord

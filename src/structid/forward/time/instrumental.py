@@ -31,7 +31,7 @@ from structid.forward.motion.motion import MOTION_QUANTITIES, Motion, field_map,
 from structid.forward.time.estimate import WhitenedRows, dense_rows, linear_estimate, whitened_rows
 from structid.forward.time.model import TimeModel
 from structid.forward.time.options import TimeOptions
-from structid.forward.time.problem import declared_variance, time_model
+from structid.forward.time.output_error import declared_variance, time_model
 from structid.inversion import Estimate
 from structid.inversion.search.minimum import Keeper
 from structid.inversion.search.work import ALONE, Work

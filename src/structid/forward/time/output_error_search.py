@@ -14,8 +14,7 @@ from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward.motion.fit import identify_motion
 from structid.forward.time.options import TimeOptions
-from structid.forward.time.output_error import OutputErrorProblem
-from structid.forward.time.problem import output_error_problem
+from structid.forward.time.output_error import OutputErrorProblem, output_error_problem
 from structid.forward.time.weak_form import identified_by_weak_form
 from structid.inversion import Estimate, LevenbergMarquardt, Linearization, OperatorLinearization
 from structid.inversion.diagnostics.refusal import bound_at

@@ -14,8 +14,13 @@ from structid.fem import Friction, Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.continuation import thinned_lines
 from structid.forward.frf.response import ResponseCache
-from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
-from structid.forward.record_problem import RecordFacts, RecordProblem, complex_rows
+from structid.forward.record_problem import (
+    RecordFacts,
+    RecordProblem,
+    complex_rows,
+    linearization_with_priors,
+    residual_with_priors,
+)
 from structid.forward.time.spectra_model import SpectraModel
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import DataRows, Schedule

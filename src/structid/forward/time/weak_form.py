@@ -32,7 +32,7 @@ from structid.forward.motion.equations import TimeEquations, time_equations
 from structid.forward.time.estimate import WhitenedRows, dense_rows, linear_estimate, whitened_rows
 from structid.forward.time.model import require_viscous
 from structid.forward.time.options import TimeOptions
-from structid.forward.time.problem import declared_variance
+from structid.forward.time.output_error import declared_variance
 from structid.inversion import Estimate
 from structid.records import TimeRecord
 from structid.records.record import MOTION_DERIVATIVES

@@ -184,8 +184,8 @@ class LevenbergMarquardt(WithJacobian):
     def for_reduced(self) -> LevenbergMarquardt:
         return replace(self, gain_tolerance=max(self.gain_tolerance, _OF_REDUCED))
 
-    def raced(self, above: float) -> Raced:
-        return Raced(**vars(self), above=above)
+    def raced(self, above: float, left_at: float = _LEFT_AT) -> Raced:
+        return Raced(**vars(self), above=above, left_at=left_at)
 
     def for_polishing(self) -> LevenbergMarquardt:
         """Steps are hardly damped."""

@@ -56,21 +56,28 @@ class FixedValues:
     def refit(self, names: tuple[str, ...], theta: FloatArray, progress: Progress | None = None) -> FitWithinTolerances:
         """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta`."""
         minimum = minimize(self.problem, _REFIT, self._whole(names, theta), progress)
-        asked = minimum.theta[self._index(self.names)] / self.std
-        linearization, parameters = cast(Linearization, minimum.linearization), minimum.theta[self._index(names)]
-        return FitWithinTolerances(self.problem, minimum.theta, linearization, asked, parameters)
+        return self._fit(minimum.theta, cast(Linearization, minimum.linearization), names)
 
-    def sensitivities_at(self, names: tuple[str, ...], theta: FloatArray, is_doubtful: bool) -> FixedColumns:
+    def fit_at(self, theta: FloatArray, names: tuple[str, ...]) -> FitWithinTolerances:
+        """The fit that ended at the free variables `theta` of all unknowns; `names` are those that are sought."""
+        return self._fit(theta, self.problem.linearize(theta), names)
+
+    def sensitivities_at(
+        self, names: tuple[str, ...], theta: FloatArray, within: FitWithinTolerances | None = None
+    ) -> FixedColumns:
         """Derivatives (n_data, n_fixed) of the residual by the logarithm of each fixed value at `theta`.
 
-        They are taken at the free variables `theta` of the parameters `names`; a refit comes with them where the residual
-        `is_doubtful`, so that noise hardly explains it.
+        They are taken at the free variables `theta` of the parameters `names`; `within` is the refit from there, where the
+        residual is doubtful.
         """
         linearization = self.problem.linearize(self._whole(names, theta))
         columns = linearization.jacobian[: self.problem.n_data, self._index(self.names)]
-        within = self.refit(names, theta) if is_doubtful else None
         kinds = tuple(self.problem.unknowns.kinds[i] for i in self._index(self.names))
         return FixedColumns(tuple(name.removeprefix(FIXED) for name in self.names), kinds, self.std, columns, within)
+
+    def _fit(self, theta: FloatArray, linearization: Linearization, names: tuple[str, ...]) -> FitWithinTolerances:
+        asked = theta[self._index(self.names)] / self.std
+        return FitWithinTolerances(self.problem, theta, linearization, asked, theta[self._index(names)])
 
     def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
         """Free variables of all unknowns, every fixed value as the model has it."""

@@ -35,6 +35,8 @@ from structid.records.formats.uff.write import SI_UNITS, block, geometry_blocks
 _STRUCTURAL, _NORMAL, _COMPLEX, _DISPLACEMENT = 1, 2, 3, 8
 _EIGENVALUES = (3, 7)
 _LARGEST_LABEL = 9_999_999_999
+#: Part of a direction along another axis that is rounding.
+_ROUNDED = 1e-5
 #: How often each kind of motion is the displacement differentiated by time.
 _MOTIONS = {8: ("displacement", 0), 11: ("velocity", 1), 12: ("acceleration", 2)}
 #: Result types of which a file says that it does not know them; 94 and 97 are scalars and tensors.
@@ -193,7 +195,11 @@ def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalR
     for mode, shape in zip(modes, values, strict=True):
         if not shape.any():
             raise FileError(f"{mode.where}: the mode shape is 0 throughout; export it again")
-    _turn_to_global_axes(read_nodes(path, blocks), nodes, values, notes)
+    universal = read_nodes(path, blocks)
+    if options.axes == "named":
+        notes.append("directions as they are named, whatever coordinate systems the nodes have")
+    else:
+        _turn_to_global_axes(universal, nodes, values, notes)
     values[:, :, :3] *= length
     scaling: Scaling = "unit_largest"
     if factors := _mass_factors(modes, force * length, notes):
@@ -329,11 +335,12 @@ def _turn_to_global_axes(
             measured = np.any(motion != 0, axis=0)
             if not measured.any():
                 continue
-            touched = np.any(np.abs(axes[measured]) > 1e-9, axis=0)
+            touched = np.any(np.abs(axes[measured]) > _ROUNDED, axis=0)
             if touched.sum() > measured.sum():
                 raise FileError(
                     f"{universal.path}: node {node} was measured in {int(measured.sum())} of the directions of its own coordinate"
-                    " system, which are along no global axes; export shapes in global axes, or all directions of the node"
+                    " system, which are along no global axes; export shapes in global axes, or all directions of the node, or give"
+                    ' `axes = "named"` in [record.modes], and say by `direction` in [record.sensors] where such sensors point'
                 )
             values[:, i, part] = motion @ np.where(touched, axes, 0.0)
     if n_turned:

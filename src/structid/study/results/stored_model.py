@@ -21,7 +21,7 @@ from structid.prediction.model_error import ModelError
 from structid.records import FrfRecord
 from structid.study.results.folder import STUDY_PATH
 from structid.study.results.hdf5 import ESTIMATE_FORMAT
-from structid.study.results.solver import UPDATED
+from structid.study.results.result import UPDATED
 from structid.study.schema.model.structure import AUTO
 from structid.study.schema.study import Study, cut_study, load_study
 
@@ -108,7 +108,8 @@ def stored_model(folder: Path, study: Study) -> IdentifiedModel:
     if all(name in stored for name in _FIXED):
         names = [name for name in texts_of(stored["fixed_names"]) if name != SECOND_ORDER]
         fixed = dict(zip(names, np.asarray(stored["fixed_tolerances"], dtype=float).tolist(), strict=True))
-        changes = np.asarray(stored["fixed_changes"], dtype=float)[index, : len(names)]
+        fixed[SECOND_ORDER] = 0.0
+        changes = np.asarray(stored["fixed_changes"], dtype=float)[index]
         words = "± includes the tolerances of fixed values"
     values, spread = np.asarray(stored["values"], dtype=float)[index], covariance[np.ix_(index, index)]
     try:

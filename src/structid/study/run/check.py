@@ -258,9 +258,7 @@ def _predict_by_jacobian(ready: Start) -> Predicted:
     of_data = DenseCovariance(cramer_rao_bound(problem, linearization))
     covariance, assumption, influence = of_data, "", None
     if fixed is not None:
-        influence = fixed.sensitivities_at(problem.names, theta, False).influence(
-            theta, linearization, problem.slope(theta)
-        )
+        influence = fixed.sensitivities_at(problem.names, theta).influence(theta, linearization, problem.slope(theta))
         covariance, assumption = DenseCovariance(of_data.matrix + influence.covariance), f"± includes {influence.words}"
     relative = relative_jacobian(problem, theta, linearization)
     identified_directions = identifiability(relative, problem.physical(theta), problem.names)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 import tracemalloc
 from collections.abc import Callable, Sequence
@@ -14,7 +12,7 @@ import numpy as np
 import psutil
 
 from structid.core.errors import InputError, StructidError
-from structid.core.isolation import NEUTRAL_FOLDER, SAFE_FLAGS, child_environment
+from structid.core.isolation import python_arguments, start_child
 from structid.diagnose.verdict import is_sound
 from structid.forward import RecordProblem
 from structid.forward.frf.products import STORED_BYTES
@@ -282,7 +280,9 @@ def _start_seconds() -> float:
     """Seconds that a Python process takes to import what a run uses."""
     begun = time.perf_counter()
     words = "import structid.study.run.run, structid.report, structid.diagnose.verdict"
-    subprocess.run([sys.executable, *SAFE_FLAGS, "-c", words], check=True, cwd=NEUTRAL_FOLDER, env=child_environment())
+    code = start_child(python_arguments("-c", words)).wait()
+    if code:
+        raise RuntimeError(f"Python ended with code {code} while it loaded structid; run `structid doctor`")
     return time.perf_counter() - begun
 
 

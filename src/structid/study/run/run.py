@@ -30,7 +30,7 @@ _MOST_CUTS = 3
 
 
 def run_study(study: Study, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
-    """What the study identifies.
+    """The result of a study: parameters with their uncertainty, and how the model fits its records.
 
     Parameters
     ----------
@@ -59,21 +59,24 @@ def run_study(study: Study, progress: StageProgress | None = None, work: Work = 
 def run_from_start(
     study: Study, progress: StageProgress | None = None, work: Work = ALONE
 ) -> tuple[Start, StudyResult]:
-    """The same, with what it began from; see `run_study`."""
+    """The records and models that a study begins with, and its result; see `run_study` for arguments and errors."""
     ready = started(study)
-    if study.solved is None:
-        return run_refined(ready, progress, work)
-    ready, result = run_refined(solver.about_answer(ready, progress, work), progress, work)
-    return ready, solver.with_solver(solver.from_nominal(result), work)
-
-
-def run_refined(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> tuple[Start, StudyResult]:
-    """The run of a study whose records are read, with beams cut until the mesh moves no value much where the study asks for it."""
+    if study.solved is not None:
+        ready = solver.about_answer(ready, progress, work)
     result = run_started(ready, progress, work)
-    if ready.mesh is None:
-        return ready, result
+    if ready.mesh is not None:
+        ready, result = refine_mesh(ready, result, ready.mesh.count, progress, work)
+    if study.solved is not None:
+        result = solver.with_solver(solver.from_nominal(result), work)
+    return ready, result
+
+
+def refine_mesh(
+    ready: Start, result: StudyResult, count: int, progress: StageProgress | None = None, work: Work = ALONE
+) -> tuple[Start, StudyResult]:
+    """The study and its result with beams cut into more pieces than `count`, until finer ones move no value much."""
     options, tried = ready.study.options, 0
-    mesh = judge_pieces(ready.setups, result.identification, options, ready.mesh.count)
+    mesh = judge_pieces(ready.setups, result.identification, options, count)
     while not mesh.is_enough and not mesh.obstacle and tried < _MOST_CUTS:
         study, setups = with_pieces(ready.study, ready.setups, mesh.needed)
         ready = compare_with_models(study, setups, MeshPieces(mesh.needed))

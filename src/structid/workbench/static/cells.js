@@ -1,5 +1,6 @@
 // Tables of cells that are typed into: by keyboard alone, with what is wrong told beneath its cell.
 import {h} from "./dom.js";
+import {forgetTyped, refuseTyped} from "./typed.js";
 
 // Put `wanted` into `parent`, in order, without moving what is in place already: the focus stays where it is.
 export function arrange(parent, wanted) {
@@ -135,6 +136,7 @@ export class Cells {
       input.addEventListener("input", () => {
         this.clear(cell);
       });
+      input.addEventListener("refused", ({detail}) => this.describe(cell, detail));
       this.cells.set(id, cell);
     }
     cell.input.setAttribute(
@@ -171,9 +173,12 @@ export class Cells {
   }
 
   refuse(cell, words) {
+    refuseTyped(cell.input, words);
+  }
+
+  describe(cell, words) {
     cell.note.textContent = words;
     cell.place.append(cell.note);
-    cell.input.setAttribute("aria-invalid", "true");
     cell.input.setAttribute("aria-describedby", cell.note.id);
   }
 
@@ -190,6 +195,7 @@ export class Cells {
     cell.tried = text;
     try {
       await this.changed(cell.row, cell.column.key, text.trim());
+      forgetTyped(cell.input);
     } catch (error) {
       if (cell.input.value === text) {
         this.refuse(cell, error.message);
@@ -237,7 +243,7 @@ export class Cells {
       const cell = this.cells.get(`new|${key}`);
       if (cell) {
         cell.input.value = text;
-        this.clear(cell);
+        cell.input.dispatchEvent(new Event("input", {bubbles: true})); // as if it were typed
       }
     }
   }

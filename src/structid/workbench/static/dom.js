@@ -1,4 +1,5 @@
 // Elements from names, attributes and children. Texts are texts: nothing that a file says becomes markup.
+import {forgetTyped, refuseTyped} from "./typed.js";
 
 export function h(tag, given = {}, ...children) {
   const made = document.createElement(tag);
@@ -36,6 +37,7 @@ export function writing(app, words, name, write, given = {}) {
       again.hidden = true;
       try {
         await write(replace);
+        forgetTyped(name);
       } catch (error) {
         again.hidden = error.status !== 409;
         fill(again, `Replace ${name.value}`);
@@ -123,8 +125,7 @@ export function table(header, rows, numeric = [], marks = []) {
 }
 
 function refused(input, words) {
-  input.setAttribute("aria-invalid", "true");
-  input.addEventListener("input", () => input.removeAttribute("aria-invalid"), {once: true});
+  refuseTyped(input, words);
   input.focus();
   throw new Error(`${input.labels?.[0]?.textContent || input.getAttribute("aria-label")}: ${words}`);
 }

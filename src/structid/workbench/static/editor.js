@@ -34,17 +34,16 @@ export class Editor {
     }
     this.table = applied(this.table, edits); // what follows builds on it before it is written
     this.read();
-    this.drawn();
-    return this.queued(async () => {
+    const written = this.queued(async () => {
       const before = this.app.now.text;
-      if (!(await this.app.edit(edits))) {
-        throw new Error("it was not written; the study is shown as it is now");
-      }
+      await this.app.edit(edits);
       if (this.app.now.text !== before) {
         this.history.undo.push({text: before, words});
         this.history.redo.length = 0;
       }
     });
+    this.drawn();
+    return written;
   }
 
   async queued(job) {
@@ -78,7 +77,7 @@ export class Editor {
         return;
       }
       const before = this.app.now.text;
-      this.app.now = await this.app.own(
+      this.app.now = await this.app.answer(
         post("study", {study: this.study, text: last.text, digest: this.app.now.digest}),
       );
       from.pop();

@@ -1,6 +1,8 @@
 // The page as a whole: which study is open, which step is shown, and what has changed behind it.
 import {events, get, post} from "./api.js";
+import {keepClicks, pointerUp} from "./clicks.js";
 import {fill, h, options} from "./dom.js";
+import {forgetTyped, keepFocus, keepTyped} from "./typed.js";
 
 const STEPS = [
   ["start", "Start"],
@@ -28,8 +30,12 @@ export const app = {
   heard: new Set(),
   shown: 0,
   drafts: new Map(),
-  digests: [],
+  acting: new Set(), // controls whose action goes on
+  asked: 0, // answers about the open study that were asked for, and when all of them are there
+  answered: null,
 };
+keepClicks();
+keepTyped(main, () => `${app.step} ${app.study} ${app.record}`);
 
 app.say = (words, bad = false) => {
   const place = document.getElementById("told");
@@ -62,12 +68,14 @@ app.fail = (error) => {
 app.doing = async (button, action) => {
   button.disabled = true;
   button.setAttribute("aria-busy", "true");
+  app.acting.add(button);
   try {
     return await action();
   } catch (error) {
     app.fail(error);
     return null;
   } finally {
+    app.acting.delete(button);
     button.disabled = false;
     button.removeAttribute("aria-busy");
   }
@@ -97,38 +105,33 @@ app.reload = async () => {
 };
 
 app.read = async () => {
-  app.reading = app.study ? get("study", {study: app.study}) : null;
-  app.now = await app.reading;
+  app.now = await app.answer(app.study ? get("study", {study: app.study}) : null);
   app.record = Math.max(0, Math.min(app.record, [app.now?.table?.record ?? []].flat().length - 1)); // the one of several that is shown
   return app.now;
 };
 
-// The answer to what this page writes itself, which is then not heard as the change of another.
-app.own = async (writing) => {
-  app.reading = writing;
-  const now = await writing;
-  app.digests.push(now.digest);
-  if (app.digests.length > 50) {
-    app.digests.shift();
-  }
-  return now;
+// The answer of the server to a reading or a writing of the open study; changes that are heard meanwhile wait for it.
+app.answer = (asked) => {
+  const answer = Promise.resolve(asked);
+  app.asked += 1;
+  app.answered = Promise.allSettled([app.answered, answer]);
+  return answer;
 };
 
-// Change keys of the open study; comments and order of all else stay. `edits` as in structid.workbench.edits.
+// Change keys of the open study; comments and order of all else stay. `edits` as in structid.workbench.edits. What is refused is an error.
 app.edit = async (edits, words) => {
   try {
-    app.now = await app.own(post("edit", {study: app.study, digest: app.now.digest, edits}));
-    if (words) {
-      app.say(words);
-    }
-    return true;
+    app.now = await app.answer(post("edit", {study: app.study, digest: app.now.digest, edits}));
   } catch (error) {
     if (error.status === 409) {
       await app.read();
       show();
     }
-    app.fail(error);
-    return false;
+    throw error;
+  }
+  app.acting.forEach(forgetTyped);
+  if (words) {
+    app.say(words);
   }
 };
 
@@ -140,6 +143,7 @@ function place() {
 async function show() {
   const [step, study] = place(),
     turn = ++app.shown;
+  main.setAttribute("aria-busy", "true");
   app.heard.clear();
   if (app.step === "text" && app.drafts.has(app.study) && (step !== "text" || study !== app.study)) {
     app.say(`What you typed into ${app.study} is not saved yet; it is kept on its page, Study file.`, true);
@@ -190,6 +194,7 @@ async function show() {
       return;
     }
     const box = h("div", {"data-step": step});
+    keepFocus();
     fill(main, box);
     if (!study && !WITHOUT_STUDY.includes(step)) {
       fill(box, h("p", {}, "Choose a study above, or make one on the start page."));
@@ -221,6 +226,11 @@ async function show() {
         ),
       ),
     );
+  } finally {
+    if (turn === app.shown) {
+      main.dataset.drawn = app.now?.digest ?? ""; // of the study as it is shown
+      main.removeAttribute("aria-busy");
+    }
   }
 }
 
@@ -245,6 +255,27 @@ window.addEventListener("beforeunload", (event) => {
 });
 
 // Changes made by hand, by another page or by a run are heard here.
+async function noticeChange(study) {
+  let found = null,
+    asked = 0;
+  do {
+    await app.answered;
+    asked = app.asked;
+    found = await get("study", {study});
+  } while (asked !== app.asked); // else it may be older than what the page itself has read or written meanwhile
+  if (!app.now || app.study !== study || found.digest === app.now.digest) {
+    return;
+  }
+  for (const heard of app.heard) {
+    heard({changed: found});
+  }
+  if (app.step !== "text") {
+    await pointerUp();
+    app.say("The study was changed outside this page; it is shown as it is now.");
+    show();
+  }
+}
+
 let stamps = null,
   away = {words: "", note: null};
 events(
@@ -265,24 +296,7 @@ events(
         .catch(app.fail);
     }
     if (study && stamps[study] && (!before || before[study] !== stamps[study])) {
-      Promise.all([get("study", {study}), app.reading])
-        .then(([found]) => {
-          if (
-            app.now &&
-            app.study === study &&
-            found.digest !== app.now.digest &&
-            !app.digests.includes(found.digest)
-          ) {
-            for (const heard of app.heard) {
-              heard({changed: found});
-            }
-            if (app.step !== "text") {
-              app.say("The study was changed outside this page; it is shown as it is now.");
-              show();
-            }
-          }
-        })
-        .catch(app.fail);
+      noticeChange(study).catch(app.fail);
     }
     for (const heard of app.heard) {
       heard({runs: now.runs});

@@ -23,7 +23,7 @@ from structid.records.formats.csv.layout import CsvLayout
 from structid.records.formats.csv.recognition import as_date, is_axis
 from structid.records.formats.csv.table import Table
 from structid.records.formats.gaps import sourced
-from structid.records.formats.headers import LONGEST_NAME, is_time, level_word, name_and_unit, units_in_name
+from structid.records.formats.headers import LONGEST_NAME, bare_unit, is_time, level_word, name_and_unit, units_in_name
 from structid.records.formats.named_channels import NamedChannels, chosen, record_of, scale_of_times
 from structid.records.formats.options import ReadOptions, layout_words, option_words
 from structid.records.formats.selection import selected
@@ -45,6 +45,8 @@ _PAIR = re.compile(
     r"(\s*[\[(](?P<own>[^\[\]]*)[\])])?",
     re.IGNORECASE,
 )
+#: What may stand before a pair of degrees of freedom: the estimator of an FRF.
+_ESTIMATOR = re.compile(r"(?:H[12v]?|FRF|TF)[\s:_]+", re.IGNORECASE)
 _PART_WORD = re.compile(
     rf"(?<![^\W\d_])(?:{'|'.join(sorted(_PART_WORDS, key=len, reverse=True))})(?![^\W\d_])", re.IGNORECASE
 )
@@ -305,7 +307,7 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_Head]:
         return assumed
     heads = []
     for j, name in enumerate(table.names[1:], start=1):
-        match = _PAIR.fullmatch(name) if len(name) <= LONGEST_NAME else None
+        match = _match_pair(name)
         if match is None:
             raise _column(table, j, text=(
                 "head a pair with output/input, unit and part, as in 12Z+/3Z+ [(m/s^2)/N] re (or im, magnitude, phase, std,"
@@ -314,12 +316,39 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_Head]:
             ))  # fmt: skip
         unit = match["unit"] or match["round"] or match["own"] or table.units[j]
         part = _PART_WORDS[match["part"].lower()]
-        heads.append(
-            _Head(
-                match["output"], match["input"], _phase_unit(table, j, match["own"]) if part == "phase" else unit, part
-            )
-        )
+        if part == "phase":
+            unit = _phase_unit(table, j, match["own"] or match["unit"] or match["round"])
+        heads.append(_Head(_without_estimator(match["output"], match["input"]), match["input"], unit, part))
     return _output_first(heads, options)
+
+
+def _match_pair(name: str) -> re.Match[str] | None:
+    """The header `name` as a pair of sensor and load, its part behind it, or in front of degrees of freedom; None for no pair."""
+    if len(name) > LONGEST_NAME:
+        return None
+    match, part = _PAIR.fullmatch(name), _PART_WORD.match(name)
+    if match and _is_unit(f"{match['output']}/{match['input']}"):
+        match = None  # its unit alone, as in (m/s^2)/N Real
+    if match or part is None:
+        return match
+    turned = _PAIR.fullmatch(f"{name[part.end() :].strip(' :_')} {part[0]}")
+    is_pair = turned and as_dof(_without_estimator(turned["output"], turned["input"])) and as_dof(turned["input"])
+    return turned if is_pair else None
+
+
+def _is_unit(text: str) -> bool:
+    """True if a text is the unit of a frequency response, in brackets or not."""
+    try:
+        parse_frf_unit(bare_unit(text))
+    except InputError:
+        return False
+    return True
+
+
+def _without_estimator(output: str, load: str) -> str:
+    """The sensor of a header without ``H1`` and the like before it, where a pair of degrees of freedom follows."""
+    bare = _ESTIMATOR.sub("", output, count=1)
+    return bare if as_dof(bare) and as_dof(load) else output
 
 
 def _phase_unit(table: Table, j: int, in_name: str | None) -> str:
@@ -350,11 +379,16 @@ def _require_headers_agree(table: Table, assumed: Sequence[_Head]) -> None:
     meant: dict[tuple[str, str], str] = {}
     for j, head in enumerate(assumed, start=1):
         name = table.names[j]
-        match = _PAIR.fullmatch(name) if len(name) <= LONGEST_NAME else None
+        match = _match_pair(name)
         part = match["part"] if match is not None else next(iter(_PART_WORD.findall(name)), "")
         said = _PART_WORDS.get(part.lower(), head.part)
         told = (
-            [] if match is None else [("output", match["output"], head.output), ("input", match["input"], head.input)]
+            []
+            if match is None
+            else [
+                ("output", _without_estimator(match["output"], match["input"]), head.output),
+                ("input", match["input"], head.input),
+            ]
         )
         own = next((role for role, word, name in told if meant.setdefault((role, word), name) != name), "")
         if said != head.part or own:

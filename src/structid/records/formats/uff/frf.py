@@ -118,11 +118,26 @@ def read_frfs(
 
 def _unit_words(functions: Sequence[Function], options: ReadOptions) -> str:
     """A phrase on the units of responses that are not in SI by their labels; "" if all are."""
-    if options.unit:
-        return f"in {options.unit} as given"
     labels = {(f.ordinate.label, f.denominator.label) for f in functions}
+    if options.unit:
+        stated = [
+            " per ".join(filter(None, pair))
+            for pair in sorted(labels)
+            if any(pair) and not _is_unit(pair, options.unit)
+        ]
+        beside = f", though the file says {', '.join(stated)}" if stated else ""
+        return f"in {options.unit} as given{beside}"
     other = [pair for pair in sorted(labels) if not set(pair) <= SI_UNITS]
     return f"in {', '.join(' per '.join(filter(None, pair)) for pair in other)}" if other else ""
+
+
+def _is_unit(labels: tuple[str, str], unit: str) -> bool:
+    """True if the labels of ordinate and denominator state `unit`."""
+    try:
+        stated = parse_frf_unit(f"({labels[0]})/({labels[1]})")
+    except InputError:
+        return False
+    return stated == parse_frf_unit(unit)
 
 
 def _chosen(path: Path, name: str, texts: tuple[str, ...], present: list[Dof]) -> tuple[Dof, ...]:

@@ -123,9 +123,11 @@ def _require_distinct(
 
 def _unit_words(times: Sequence[Function], options: ReadOptions) -> str:
     """A phrase on the units of channels that are not in SI by their labels; "" if all are."""
-    if options.units:
-        return f"units {', '.join(dict.fromkeys(options.units))} as given"
     labels = dict.fromkeys(function.ordinate.label for function in times)
+    if options.units:
+        stated = ", ".join(filter(None, labels))
+        beside = f", though the file says {stated}" if stated and tuple(labels) != options.units else ""
+        return f"units {', '.join(dict.fromkeys(options.units))} as given{beside}"
     return f"units {', '.join(labels)}" if set(labels) - SI_UNITS else ""
 
 

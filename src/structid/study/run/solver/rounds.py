@@ -18,10 +18,8 @@ from structid.identification.identify import identify_together
 from structid.identification.joint_problem import indices_of, joint_problem
 from structid.identification.options import IdentifyOptions
 from structid.inversion.search.work import ALONE, StageProgress, Work
-from structid.study.results.result import StudyResult
-from structid.study.results.solver import SolverAnswer
-from structid.study.run.solver.moves import about, deck_std, deck_values, tables, within
-from structid.study.run.solver.stages import confirmed, led_near
+from structid.study.results.result import SolverAnswer, StudyResult
+from structid.study.run.solver.stages import about, confirmed, deck_std, deck_values, led_near, tables, within
 from structid.study.run.start import Start, started, study_problems
 from structid.study.run.workers import threads_for
 from structid.study.schema.study import edited_study

@@ -17,6 +17,7 @@ import {
   shownNumber,
   springEnds,
 } from "../study_structure.js";
+import {forgetTyped, refuseTyped} from "../typed.js";
 
 const COORDINATES = ["X", "Y", "Z"];
 const MOST_NODES = 1500;
@@ -461,6 +462,10 @@ export async function show(box, app) {
   function read() {
     clearTimeout(timer);
     const {model} = editor;
+    if (editor.count) {
+      fill(state, "Saving…");
+      return;
+    }
     if (!model.nodes.size) {
       fill(state, "Begin with the nodes: type a coordinate, Tab, and Enter at the end of the row.");
       return;
@@ -510,20 +515,22 @@ export async function show(box, app) {
   for (const [key, input] of planInputs) {
     input.addEventListener("change", () => {
       const list = input.value.split(/[,;\s]+/).filter(Boolean);
-      input.removeAttribute("aria-invalid");
       planWords();
       try {
-        run((model) => actions.setPlan(model, key, list)).catch((error) => planWords(input, error.message));
+        run((model) => actions.setPlan(model, key, list)).then(
+          () => forgetTyped(input),
+          (error) => refuseTyped(input, error.message),
+        );
       } catch (error) {
-        planWords(input, error.message);
+        refuseTyped(input, error.message);
       }
     });
+    input.addEventListener("refused", ({detail}) => planWords(detail));
   }
-  const planWords = (input = null, words = "") => {
-    input?.setAttribute("aria-invalid", "true");
+  const planWords = (words = "") => {
     fill(
       planNote,
-      input
+      words
         ? h("span", {class: "wrong"}, words)
         : editor.model.hasRecord
           ? "Those of the record are placed in step Structure; these are for a plan."

@@ -325,14 +325,11 @@ function savedModes(place, page, app, saved, folder) {
         type: "button",
         onclick: () =>
           app.doing(button, async () => {
-            if (
-              await app.edit(
-                which,
-                `The modes are now ${words.toLowerCase().includes("beside") ? "another" : "the"} record of this study`,
-              )
-            ) {
-              app.go("structure");
-            }
+            await app.edit(
+              which,
+              `The modes are now ${words.toLowerCase().includes("beside") ? "another" : "the"} record of this study`,
+            );
+            app.go("structure");
           }),
       },
       words,

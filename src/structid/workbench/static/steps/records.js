@@ -3,6 +3,7 @@ import {get, post} from "../api.js";
 import {chart, colours} from "../charts.js";
 import {bandIn, checkbox, field, fill, h, options, table, toml, typed, unpacked, withUnit} from "../dom.js";
 import {fileOf, givenOptions, recordName, recordPath, records} from "../recorded.js";
+import {forgetTyped} from "../typed.js";
 import {facts, use} from "./start.js";
 import {priorWords, priorWritten} from "./unknowns.js";
 
@@ -107,14 +108,11 @@ function studyRecords(app, look) {
                     "aria-label": `Take out record ${name}`,
                     onclick: () =>
                       app.doing(out, async () => {
-                        if (
-                          await app.edit(
-                            [{remove: Array.isArray(app.now.table.record) ? ["record", k] : ["record"]}],
-                            `Record ${name} is taken out of the study; its file stays`,
-                          )
-                        ) {
-                          app.go("records");
-                        }
+                        await app.edit(
+                          [{remove: Array.isArray(app.now.table.record) ? ["record", k] : ["record"]}],
+                          `Record ${name} is taken out of the study; its file stays`,
+                        );
+                        app.go("records");
                       }),
                   },
                   "Take out",
@@ -168,9 +166,8 @@ function channelErrors(box, app, found) {
     isModes = found.kind === "modes",
     away = !app.folder.writable;
   const say = async (edits, words) => {
-    if (await app.edit(edits, words)) {
-      channelErrors(box, app, found);
-    }
+    await app.edit(edits, words);
+    channelErrors(box, app, found);
   };
   const rows = list.map((one, k) => {
     const channels = ["outputs", "inputs"]
@@ -486,13 +483,13 @@ async function lines(box, app) {
     ),
   );
   const set = async (edit, words) => {
-    if (await app.edit([edit], words)) {
-      const method = app.now.table.method || {};
-      told.band = method.band ?? null;
-      told.exclude = method.exclude ?? [];
-      bands();
-      await draw();
-    }
+    await app.edit([edit], words);
+    forgetTyped(place);
+    const method = app.now.table.method || {};
+    told.band = method.band ?? null;
+    told.exclude = method.exclude ?? [];
+    bands();
+    await draw();
   };
   const bands = () => {
     const low = h("input", {value: typed(told.band?.[0] ?? f[0], 5), inputmode: "decimal"}),
@@ -642,12 +639,12 @@ async function lines(box, app) {
         } // drawing anew tells the same range again
         place.last = told_;
         if (mode.value === "band") {
-          set({set: ["method", "band"], to: written([low, high])}, "The band is set");
+          set({set: ["method", "band"], to: written([low, high])}, "The band is set").catch(app.fail);
         } else {
           set(
             {set: ["method", "exclude"], to: `[${[...(told.exclude || []), [low, high]].map(written).join(", ")}]`},
             "These lines are left out",
-          );
+          ).catch(app.fail);
         }
       });
     }

@@ -2,6 +2,7 @@
 import {get, post, put, view} from "../api.js";
 import {bytes, field, fill, h, number, numberIn, options, table} from "../dom.js";
 import {besideStudy, givenOptions, readingFields, recordEdits, records} from "../recorded.js";
+import {forgetTyped} from "../typed.js";
 
 export async function show(box, app) {
   await app.reload();
@@ -220,6 +221,7 @@ async function fresh(app) {
       isMesh = kind.value === "mesh";
     fill(words, one.words);
     fill(told);
+    inputs.dataset.typed = one.name;
     fill(
       files,
       [...app.folder.models, ...app.folder.records.filter((each) => /\.(npz|mat)$/i.test(each.path))]
@@ -311,11 +313,13 @@ async function fresh(app) {
           if (kind.value === BUILT.name) {
             const path = /\.toml$/i.test(name.value) ? name.value : `${name.value}.toml`;
             await post("study", {study: path, text: builtText(path, numbers.moves), digest: ""});
+            forgetTyped(button);
             await app.reload();
             app.go("build", path);
             return;
           }
           const {path} = await post("init", {template: kind.value, path: name.value, numbers});
+          forgetTyped(button);
           await app.reload();
           app.go("structure", path);
         });
@@ -475,16 +479,24 @@ function preview(path, form, given) {
   };
   const read = async () => {
     const wanted = said("encoding");
-    if (wanted === encoding) {
-      draw();
-      return;
+    if (wanted !== encoding) {
+      encoding = wanted;
+      lines = [];
+      try {
+        const answer = await post("lines", {record: path, encoding: wanted});
+        if (wanted !== encoding) {
+          return;
+        }
+        ({lines} = answer);
+      } catch (error) {
+        if (wanted === encoding) {
+          fill(place, h("p", {class: "wrong"}, error.message));
+        }
+        return;
+      }
     }
-    encoding = wanted;
-    try {
-      ({lines} = await post("lines", {record: path, encoding}));
+    if (lines.length) {
       draw();
-    } catch (error) {
-      fill(place, h("p", {class: "wrong"}, error.message));
     }
   };
   for (const kind of ["input", "change"]) {
@@ -585,10 +597,9 @@ export function use(app, path, found, given) {
         disabled: !app.folder.writable,
         onclick: () =>
           app.doing(button, async () => {
-            if (await app.edit(edits()[which], told)) {
-              app.record = Infinity;
-              app.go("structure");
-            }
+            await app.edit(edits()[which], told);
+            app.record = Infinity;
+            app.go("structure");
           }),
       },
       words,

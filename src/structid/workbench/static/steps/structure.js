@@ -3,6 +3,7 @@ import {get} from "../api.js";
 import {checkbox, field, fill, h, number, numberIn, options, percent, quantity, table, toml} from "../dom.js";
 import {recordPath, recordPicker, records} from "../recorded.js";
 import {Scene, sceneStage} from "../scene.js";
+import {forgetTyped} from "../typed.js";
 
 const WAYS = [
   ["+X", [1, 0, 0]],
@@ -251,6 +252,7 @@ function nodePanel(place, state, told, refresh) {
       if (found === undefined) {
         app.say(`There is no node ${event.target.value}`, true);
       } else {
+        forgetTyped(event.target);
         scene.choose(found);
       }
     },
@@ -314,19 +316,16 @@ function nodePanel(place, state, told, refresh) {
                   throw new Error("A direction is three numbers, as in 0.3, 0.95, 0");
                 }
                 const sign = chosen.name.endsWith("-") ? -1 : 1;
-                if (
-                  await app.edit(
-                    [
-                      {
-                        set: [...recordPath(app), "sensors", key],
-                        to: `{ node = ${label}, direction = ${toml(vector.map((x) => (x === 0 ? 0 : sign * x)))} }`,
-                      },
-                    ],
-                    `${chosen.name} reads node ${label} now`,
-                  )
-                ) {
-                  await refresh();
-                }
+                await app.edit(
+                  [
+                    {
+                      set: [...recordPath(app), "sensors", key],
+                      to: `{ node = ${label}, direction = ${toml(vector.map((x) => (x === 0 ? 0 : sign * x)))} }`,
+                    },
+                  ],
+                  `${chosen.name} reads node ${label} now`,
+                );
+                await refresh();
               }),
           },
           chosen.node === label ? `Turn ${chosen.name}` : `Place ${chosen.name} here`,
@@ -338,22 +337,19 @@ function nodePanel(place, state, told, refresh) {
             type: "button",
             onclick: () =>
               app.doing(remove, async () => {
-                if (
-                  await app.edit(
-                    [
-                      {
-                        remove: [
-                          ...recordPath(app),
-                          "sensors",
-                          ...(Object.keys(sensorsOf(app)).length > 1 ? [taken] : []),
-                        ],
-                      },
-                    ],
-                    `${chosen.name} is where its name says again`,
-                  )
-                ) {
-                  await refresh();
-                }
+                await app.edit(
+                  [
+                    {
+                      remove: [
+                        ...recordPath(app),
+                        "sensors",
+                        ...(Object.keys(sensorsOf(app)).length > 1 ? [taken] : []),
+                      ],
+                    },
+                  ],
+                  `${chosen.name} is where its name says again`,
+                );
+                await refresh();
               }),
           },
           "As its name says",
@@ -384,9 +380,8 @@ function nodePanel(place, state, told, refresh) {
               if (old.includes(name)) {
                 throw new Error(`${name} is there already`);
               }
-              if (await app.edit([{set: ["plan", role.value], to: toml([...old, name])}], `${name} is planned`)) {
-                await refresh();
-              }
+              await app.edit([{set: ["plan", role.value], to: toml([...old, name])}], `${name} is planned`);
+              await refresh();
             }),
         },
         "Place here",
@@ -420,9 +415,8 @@ function nodePanel(place, state, told, refresh) {
         const change = (button, next) =>
           app.doing(button, async () => {
             const list = next(app.now.table.plan[key]);
-            if (await app.edit([list.length ? {set: ["plan", key], to: toml(list)} : {remove: ["plan", key]}])) {
-              await refresh();
-            }
+            await app.edit([list.length ? {set: ["plan", key], to: toml(list)} : {remove: ["plan", key]}]);
+            await refresh();
           });
         parts.push(h("div", {class: "row"}, turn, remove));
       }
@@ -455,9 +449,8 @@ function leaking(app, warnings) {
         type: "button",
         onclick: () =>
           app.doing(button, async () => {
-            if (await app.edit(edits(), told)) {
-              app.go("structure");
-            }
+            await app.edit(edits(), told);
+            app.go("structure");
           }),
       },
       text,

@@ -1,6 +1,7 @@
 // What is sought: properties of element sets, priors and bounds, with the accuracy that is predicted beside each.
 import {get} from "../api.js";
 import {field, fill, h, options, percent, quantity, table, toml, typed, unitText} from "../dom.js";
+import {refuseTyped} from "../typed.js";
 
 export async function show(box, app) {
   const told = await get("scene", {study: app.study}),
@@ -98,17 +99,22 @@ function draw(place, app, told, changed) {
     });
     input.addEventListener("change", () =>
       app.doing(input, async () => {
-        input.setAttribute("aria-invalid", "true");
-        if (await save(input.value.trim())) {
-          changed();
+        try {
+          if (await save(input.value.trim())) {
+            changed();
+          }
+        } catch (error) {
+          refuseTyped(input, error.message);
+          throw error;
         }
-        input.removeAttribute("aria-invalid");
       }),
     );
     return input;
   };
-  const change = (k, key, value, remove = value === "") =>
-    app.edit([remove ? {remove: ["unknown", k, key]} : {set: ["unknown", k, key], to: value}]);
+  const change = async (k, key, value, remove = value === "") => {
+    await app.edit([remove ? {remove: ["unknown", k, key]} : {set: ["unknown", k, key], to: value}]);
+    return true;
+  };
   fill(
     place,
     h("h2", {}, `Unknowns (${list.length} entries)`),
@@ -128,9 +134,8 @@ function draw(place, app, told, changed) {
                 "aria-label": `${key === "each" ? "one for each element" : "kept at its start"}: ${name}`,
                 onchange: (event) =>
                   app.doing(event.target, async () => {
-                    if (await change(k, key, "true", !event.target.checked)) {
-                      changed();
-                    }
+                    await change(k, key, "true", !event.target.checked);
+                    changed();
                   }),
               });
             const prior = priorWords(one.prior);
@@ -164,9 +169,8 @@ function draw(place, app, told, changed) {
                   "aria-label": `Remove ${name}`,
                   onclick: (event) =>
                     app.doing(event.target, async () => {
-                      if (await app.edit([{remove: ["unknown", k]}], `${name} is no unknown any more`)) {
-                        changed();
-                      }
+                      await app.edit([{remove: ["unknown", k]}], `${name} is no unknown any more`);
+                      changed();
                     }),
                 },
                 "Remove",
@@ -230,11 +234,8 @@ function fresh(app, told, changed) {
           if (each.checked) {
             entry.each = "true";
           }
-          if (
-            await app.edit([{add: ["unknown"], table: entry}], `${property.value} of ${chosen.join(", ")} is sought`)
-          ) {
-            changed();
-          }
+          await app.edit([{add: ["unknown"], table: entry}], `${property.value} of ${chosen.join(", ")} is sought`);
+          changed();
         }),
     },
     "Add",
@@ -367,17 +368,14 @@ function planning(place, app) {
               onclick: () =>
                 app.doing(take, async () => {
                   const bare = (list) => toml(list.map((name) => name.replace(/\+$/, "")));
-                  if (
-                    await app.edit(
-                      [
-                        {set: ["plan", "installed_sensors"], to: bare(found.sensors)},
-                        {set: ["plan", "installed_loads"], to: bare(found.loads)},
-                      ],
-                      "The plan is in the study",
-                    )
-                  ) {
-                    app.go("structure");
-                  }
+                  await app.edit(
+                    [
+                      {set: ["plan", "installed_sensors"], to: bare(found.sensors)},
+                      {set: ["plan", "installed_loads"], to: bare(found.loads)},
+                    ],
+                    "The plan is in the study",
+                  );
+                  app.go("structure");
                 }),
             },
             "Take into the plan",

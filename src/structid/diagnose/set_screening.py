@@ -1,0 +1,151 @@
+"""Screening of changes that receptances do not show: each is evaluated anew, and judged by what one linear step leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.errors import StructidError
+from structid.diagnose.causes import CoarseMesh, ExponentialWindow, FixedValue, ShearFlexibility, set_candidates
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.clock import Clock
+from structid.diagnose.refits import Fitted, Sized
+from structid.diagnose.score_test import Screened
+from structid.diagnose.search_budget import METER, UNLIMITED, SearchBudget, iteration_effort, map_within_budget
+from structid.diagnose.thresholds import LEAST_DROP
+from structid.diagnose.tolerance_directions import tolerance_directions
+from structid.inversion.linearization import triangle_of
+from structid.inversion.search.work import Tools, Work
+
+
+class LinearizedFit(NamedTuple):
+    """A fit with its residual, and the ways in which fixed values change that within their tolerances.
+
+    Attributes
+    ----------
+    fitted : Fitted
+    residual : (n_rows,) float array
+        Whitened data rows, then priors.
+    directions : (n_data, n_directions) float array
+        Changes of the data rows, each by one tolerance, that no parameter can follow; see `tolerance_directions`.
+    names : tuple of str
+        Fixed values whose effect is known.
+    triangle : (n, n) float array
+        R of the QR factorization of the Jacobian, `directions`, the columns of the fixed values, and the residual.
+    """
+
+    fitted: Fitted
+    residual: FloatArray
+    directions: FloatArray
+    names: tuple[str, ...]
+    triangle: FloatArray
+
+    @property
+    def left(self) -> float:
+        """The sum of squares that a linear step leaves, fixed values within their tolerances."""
+        return self._left_with(np.zeros((len(self.triangle), 0)))
+
+    def left_with_freed(self, names: Sequence[str]) -> float:
+        """The sum of squares that a linear step leaves where fixed values change by one factor, however large."""
+        first = len(self.triangle) - len(self.names) - 1
+        chosen = [first + self.names.index(name) for name in names]
+        return self._left_with(self.triangle[:, chosen].sum(axis=1, keepdims=True))
+
+    def _left_with(self, freed: FloatArray) -> float:
+        n_directions = self.directions.shape[1]
+        n_params = len(self.triangle) - len(self.names) - n_directions - 1
+        columns = [self.triangle[:, : n_params + n_directions], freed, self.triangle[:, -1:]]
+        return left_by_step(np.column_stack(columns), n_params, n_directions)
+
+
+def left_by_step(rows: FloatArray, n_params: int, n_directions: int) -> float:
+    """The sum of squares that the best linear step leaves.
+
+    Parameters
+    ----------
+    rows : (n_rows, n_columns) float array
+        Jacobian by parameters, changes by one tolerance each, further columns, and the residual.
+    n_params, n_directions : int
+        How many columns are of parameters, and how many of tolerances: each of these has a standard normal prior.
+    """
+    priors = np.zeros((n_directions, rows.shape[1]))
+    priors[:, n_params : n_params + n_directions] = np.eye(n_directions)
+    rest = triangle_of(np.concatenate([rows, priors]))[rows.shape[1] - 1 :, -1]
+    return float(rest @ rest)
+
+
+def linearize_fit(fitted: Fitted) -> LinearizedFit:
+    """A fit linearized once for all changes that are held against it; that of a large model without tolerances."""
+    modified, target = fitted.modified, fitted.modified.target
+    METER.add(iteration_effort(target))
+    at = target.linearize(fitted.theta)
+    n_rows, names = len(at.residual), tuple[str, ...]()
+    columns: FloatArray = np.zeros((n_rows, 0))
+    tolerance: FloatArray = np.zeros(0)
+    fixed_values = None if modified.is_large else modified.fixed_values
+    if fixed_values is not None:
+        METER.add(iteration_effort(fixed_values.problem))
+        of_fixed = fixed_values.sensitivities_at(target.names, fitted.theta)
+        columns = np.pad(of_fixed.columns, ((0, n_rows - target.n_data), (0, 0)))
+        names, tolerance = of_fixed.names, of_fixed.tolerance
+    directions = tolerance_directions(at.jacobian, columns * tolerance)
+    triangle = triangle_of(np.column_stack([at.jacobian, directions, columns, at.residual]))
+    return LinearizedFit(fitted, at.residual, directions[: target.n_data], names, triangle)
+
+
+def screen_sets(base: Fitted, work: Work, name: str, budget: SearchBudget = UNLIMITED) -> list[Screened]:
+    """Changes of whole sets and of the mesh that lower the misfit by one linear step, with their best strengths."""
+    several = set_candidates(base.modified.model, base.modified.problems)
+    sized = [(candidate, float(strength)) for candidate in several for strength in candidate.strengths]
+    linearized = linearize_fit(base)
+    left = iter(left_by_steps(linearized, sized, work, name, budget))
+    whole, screened = linearized.left, list[Screened]()
+    for candidate in several:
+        least, strength = min((next(left), float(strength)) for strength in candidate.strengths)
+        is_always = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow | Clock)
+        if np.isfinite(least) and (is_always or least < (1 - LEAST_DROP) * whole):
+            screened.append(Screened(candidate, strength, least))
+    return screened
+
+
+def left_by_steps(
+    linearized: LinearizedFit, sized: Sequence[Sized], work: Work, name: str, budget: SearchBudget
+) -> list[float]:
+    """The misfit that a linear step of each changed model leaves; infinite where there is none, or no time for it."""
+    known = {k: linearized.left_with_freed(one.where) for k, (one, _) in enumerate(sized) if _is_known(linearized, one)}
+    others = [item for k, item in enumerate(sized) if k not in known]
+    steps = iter(map_within_budget(budget, work, name, _step_of, linearized, others))
+    return [known[k] if k in known else (next(steps) or {"left": np.inf})["left"] for k in range(len(sized))]
+
+
+def _is_known(linearized: LinearizedFit, candidate: Candidate) -> bool:
+    """True of fixed values whose effect is a column of the linearized fit."""
+    return isinstance(candidate, FixedValue) and set(candidate.where) <= set(linearized.names)
+
+
+def _step_of(linearized: LinearizedFit, change: Sized, tools: Tools) -> dict[str, float]:
+    """The misfit that one linear step leaves of a model with the change; infinite where it cannot lower the misfit.
+
+    A change without a parameter of its own that hardly changes the residual lowers the sum of squares |r|^2 by no more than
+    2 |r| |d|, d the change of the residual.
+    """
+    base = linearized.fitted
+    try:
+        modified = base.modified.changed(*change)
+        target, theta = modified.target, modified.theta_of(base.values)
+        n_data, is_comparable = target.n_data, target.n_data == base.modified.target.n_data
+        if is_comparable and target.names == base.modified.target.names:
+            difference = np.linalg.norm(target.residual(theta)[:n_data] - linearized.residual[:n_data])
+            if 2 * difference < LEAST_DROP * np.linalg.norm(linearized.residual):
+                return {"left": np.inf}
+        METER.add(iteration_effort(target))
+        at = target.linearize(theta)
+    except (StructidError, np.linalg.LinAlgError):
+        return {"left": np.inf}
+    directions = linearized.directions if is_comparable else np.zeros((n_data, 0))
+    directions = np.pad(directions, ((0, len(at.residual) - n_data), (0, 0)))
+    rows = np.column_stack([at.jacobian, directions, at.residual])
+    return {"left": left_by_step(rows, at.n_params, directions.shape[1])}

@@ -1,0 +1,48 @@
+"""Changes of whitened data by fixed values within their tolerances, which no cause is asked to explain."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import linalg
+
+from structid.core.arrays import FloatArray
+from structid.diagnose.thresholds import LEAST_TOLERANCE_EFFECT
+from structid.inversion.linearization import triangle_of
+
+
+def tolerance_directions(jacobian: FloatArray, columns: FloatArray) -> FloatArray:
+    """Independent changes of data rows by one tolerance each that parameters cannot follow, (n_rows, n_directions).
+
+    Columns T of one tolerance each are turned to T V, with V the right singular vectors of the part of T that is off the
+    Jacobian; the rows of V are standard normal as the tolerances are. Those of less than `LEAST_TOLERANCE_EFFECT`, in
+    standard deviations of the data altogether, are left out: the noise hides them.
+
+    Parameters
+    ----------
+    jacobian : (n_rows, n_params) float array
+    columns : (n_rows, n_fixed) float array
+    """
+    n_params = jacobian.shape[1]
+    if not columns.shape[1]:
+        return columns
+    off = triangle_of(np.column_stack([jacobian, columns]))[n_params:, n_params:]
+    _, size, right = linalg.svd(off, full_matrices=False)
+    return np.asarray(columns @ right[size > LEAST_TOLERANCE_EFFECT].T)
+
+
+def damped_basis(basis: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """An orthonormal basis of what parameters and tolerances can follow, and the part of each direction that they take.
+
+    With Q = `basis` and the singular values s of the part of `directions` off it, least squares with standard normal priors
+    on the directions leave |(I - B W B') r|^2 of a residual r: W is 1 for Q and 1 - 1 / sqrt(1 + s^2) for the rest.
+
+    Parameters
+    ----------
+    basis : (n_rows, n_params) float array
+        Orthonormal.
+    directions : (n_rows, n_directions) float array
+        Changes by one tolerance each.
+    """
+    left, size, _ = linalg.svd(directions - basis @ (basis.T @ directions), full_matrices=False)
+    weights = np.concatenate([np.ones(basis.shape[1]), 1 - 1 / np.sqrt(1 + size**2)])
+    return np.column_stack([basis, left]), weights

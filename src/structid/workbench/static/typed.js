@@ -1,0 +1,102 @@
+// Text that is typed and not taken yet: it stands in its field again, with what is wrong of it, when a step is drawn anew or opened again.
+const CARDS = "[data-typed], [data-record], [data-row], [data-offer], section, [id]";
+const texts = new Map(), // by step and study, card and label: {field, text, words}
+  keys = new WeakMap(),
+  before = new WeakMap(); // of a field: what stood there before it was typed into
+let whatIsShown = () => "",
+  focused = null;
+
+const isTyped = (field) =>
+  field.matches?.("input:not([type=checkbox], [type=radio], [type=file]), textarea") && !field.closest(".editor");
+
+function keyOf(field) {
+  if (!keys.has(field)) {
+    const card = field.parentElement?.closest(CARDS),
+      label = field.getAttribute("aria-label") ?? field.labels?.[0]?.textContent ?? field.name,
+      name = Object.values(card?.dataset ?? {}).join(" ") || card?.id || "";
+    keys.set(field, [whatIsShown(), name, label].join("\n"));
+  }
+  return keys.get(field);
+}
+
+// Keep what is typed within `place`; `shown()` names the step and the study that it shows.
+export function keepTyped(place, shown) {
+  whatIsShown = shown;
+  place.addEventListener("focusin", ({target, isTrusted}) => {
+    if (isTrusted) {
+      focused = null;
+    }
+    if (isTyped(target) && !texts.has(keyOf(target))) {
+      before.set(target, target.value);
+    }
+  });
+  place.addEventListener("input", ({target}) => {
+    target.removeAttribute("aria-invalid");
+    if (!isTyped(target)) {
+      return;
+    }
+    if (target.value === before.get(target)) {
+      texts.delete(keyOf(target));
+    } else {
+      texts.set(keyOf(target), {field: target, text: target.value, words: ""});
+    }
+  });
+  new MutationObserver((changes) => {
+    for (const node of changes.flatMap((change) => [...change.addedNodes])) {
+      if (node.isConnected && node.querySelectorAll) {
+        [node, ...node.querySelectorAll("input, textarea")].filter(isTyped).forEach(restore);
+      }
+    }
+  }).observe(place, {childList: true, subtree: true});
+}
+
+function restore(field) {
+  const key = keyOf(field),
+    kept = texts.get(key);
+  if (kept && kept.field !== field) {
+    if (kept.field.value !== kept.text) {
+      texts.delete(key); // the page itself wrote another text there
+    } else if (!field.readOnly && !field.disabled) {
+      before.set(field, field.value);
+      field.value = kept.text;
+      field.dispatchEvent(new Event("input", {bubbles: true}));
+      if (kept.words) {
+        refuseTyped(field, kept.words);
+      }
+    }
+  }
+  if (focused?.key === key && document.activeElement === document.body) {
+    const {start, end} = focused;
+    field.focus();
+    if (start !== null && field.type !== "number") {
+      field.setSelectionRange(start, end);
+    }
+  }
+}
+
+// Mark a field whose text cannot be taken; the words are told at the field where its table hears of it.
+export function refuseTyped(field, words) {
+  const kept = texts.get(keyOf(field));
+  if (kept) {
+    kept.words = words;
+  }
+  field.setAttribute("aria-invalid", "true");
+  field.dispatchEvent(new CustomEvent("refused", {detail: words}));
+}
+
+// A field's text, or those of the card in which a button stands, are taken.
+export function forgetTyped(control) {
+  const fields = isTyped(control)
+    ? [control]
+    : [...(control.parentElement?.closest(CARDS)?.querySelectorAll("input, textarea") ?? [])].filter(isTyped);
+  for (const field of fields) {
+    texts.delete(keyOf(field));
+    before.delete(field);
+  }
+}
+
+// The field that is typed into has the focus again once it is drawn anew.
+export function keepFocus() {
+  const field = document.activeElement;
+  focused = isTyped(field) ? {key: keyOf(field), start: field.selectionStart, end: field.selectionEnd} : null;
+}
