@@ -108,7 +108,8 @@ def stored_model(folder: Path, study: Study) -> IdentifiedModel:
     if all(name in stored for name in _FIXED):
         names = [name for name in texts_of(stored["fixed_names"]) if name != SECOND_ORDER]
         fixed = dict(zip(names, np.asarray(stored["fixed_tolerances"], dtype=float).tolist(), strict=True))
-        changes = np.asarray(stored["fixed_changes"], dtype=float)[index, : len(names)]
+        fixed[SECOND_ORDER] = 0.0
+        changes = np.asarray(stored["fixed_changes"], dtype=float)[index]
         words = "± includes the tolerances of fixed values"
     values, spread = np.asarray(stored["values"], dtype=float)[index], covariance[np.ix_(index, index)]
     try:
