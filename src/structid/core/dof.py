@@ -55,12 +55,12 @@ class Dof:
 
     @property
     def unsigned(self) -> Dof:
-        """The same node and direction with sign +1."""
+        """Copy with sign +1."""
         return self if self.sign > 0 else Dof(self.node, self.direction)
 
     @property
     def place(self) -> str:
-        """Where it is, without a sense: ``12Z``."""
+        """Node and direction without the sign, such as ``12Z``."""
         return f"{self.node}{self.direction}"
 
     def __str__(self) -> str:

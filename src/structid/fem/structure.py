@@ -158,7 +158,7 @@ class Structure(Shown, StructurePlots):
 
     @property
     def sets(self) -> tuple[ElementSet, ...]:
-        """What properties are of: element sets, and components in place of those that are in them."""
+        """Element sets, with components in place of those that are in them: the owners of all properties."""
         within = {name for one in self.components for name in one.elements}
         return (
             *(element for element in self.elements if element.name not in within),
@@ -239,7 +239,7 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def divisible(self) -> tuple[ElementSet, ...]:
-        """What `subdivide` cuts: beams, and bars whose pieces cannot move sideways."""
+        """Element sets that `subdivide` cuts: beams, and bars whose pieces cannot move sideways."""
         return tuple(one for one in self.elements if is_divisible(one, self.nodes, self.active or ()))
 
     @cached_property
@@ -288,7 +288,7 @@ class Structure(Shown, StructurePlots):
         return tuple(dof_of_code(code) for code in self.numbering.free)
 
     def words(self, dof: Dof) -> str:
-        """What messages call one of `dofs`, such as ``3X+``, or ``RZ inside joint 1``."""
+        """Text of one of `dofs` in messages, such as ``3X+``, or ``RZ inside joint 1``."""
         inside = self._numbered.owners.get(dof.node)
         return str(dof.unsigned) if inside is None else f"{dof.direction} inside {inside}"
 
@@ -316,7 +316,7 @@ class Structure(Shown, StructurePlots):
 
     @property
     def base_supports(self) -> frozenset[Dof]:
-        """What its bases move, whatever the sense."""
+        """Degrees of freedom, without sign, that the bases move."""
         return frozenset(dof.unsigned for base in self.bases for dof in base.supports)
 
     def driven(self, dofs: Iterable[Dof]) -> tuple[Base, ...]:
@@ -344,7 +344,7 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def unreduced(self) -> Structure:
-        """The same with all degrees of freedom of its components, and the same properties."""
+        """Copy with all degrees of freedom of its components, and the same properties."""
         return replace(self, components=tuple(replace(one, whole=True) for one in self.components))
 
     def release_supports(self, bases: tuple[Base, ...]) -> Structure:
