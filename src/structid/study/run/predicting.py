@@ -48,7 +48,7 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 
 @dataclass(frozen=True, eq=False)
 class StudyPrediction:
-    """What was predicted from a results folder; `PredictedChange` where there are changes.
+    """Predictions from a results folder; `PredictedChange` where there are changes.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class StudyPrediction:
 
     @property
     def words(self) -> str:
-        """What the bands include."""
+        """Sentence on which uncertainties the bands include."""
         shown = self.frf or self.modes
         return shown.before.words if isinstance(shown, PredictedChange) else shown.words
 
