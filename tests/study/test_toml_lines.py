@@ -145,6 +145,6 @@ def test_a_change_of_the_content_moves_no_table_and_no_comment():
 
 
 def test_a_change_without_a_line_of_its_own_is_refused():
-    text = 'record = { path = "r.csv" }\n'
-    with pytest.raises(InputError):
-        changed_text(text, lambda study: study.update(record=[study["record"], {"path": "b.csv"}]))
+    text = '[[record]]\npath = "r.csv"\n'
+    with pytest.raises(InputError, match="no line for the change"):
+        changed_text(text, lambda study: study["record"].insert(0, {"path": "b.csv"}))
