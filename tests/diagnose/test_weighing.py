@@ -87,6 +87,7 @@ def test_the_price_of_a_parameter_is_the_logarithm_of_the_number_of_data(base, t
         assert kinds(weighed(base, trials, 5000.0, [("mass", 1500.0, 0.0), ("inertia", cost, 0.0)]).near) == likely
 
 
+@pytest.mark.usefixtures("uncorrelated")
 def test_a_local_resonance_gives_way_to_the_mass_that_it_holds_as_a_limit_by_a_likelihood_ratio(base, trials):
     scale = 1500.0 / (N_DATA - N_PARAMS - 1)
     edge = stats.chi2.isf(0.01, 2) * scale
