@@ -97,7 +97,7 @@ def test_deviations_are_those_of_the_errors_and_the_sensor_left_out_agrees():
 
 
 def test_a_model_that_misses_a_resonance_does_not_make_the_forces_larger():
-    """Lightly damped, with both stiffnesses 10 % off: the noise of good sensors would make far larger forces likelier."""
+    """Lightly damped, with both stiffnesses 30 % off: the noise of good sensors would make far larger forces likelier."""
     rng, fade = np.random.default_rng(10), np.exp(-1 / RATE / CORRELATION)
     parts = [
         sid.PointMass("m", [1, 2], mass=[2.0, 1.0]),
@@ -108,14 +108,14 @@ def test_a_model_that_misses_a_resonance_does_not_make_the_forces_larger():
     ]
     structure = sid.Structure({1: 0.0, 2: 1.0}, parts, active=["X"])
     parameters = sid.parameters(structure, [sid.Unknown("stiffness", name) for name in ("k", "foot")])
-    models = [identified_model(structure, parameters, f * parameters.start, np.zeros((2, 2))) for f in (1.0, 1.1)]
+    models = [identified_model(structure, parameters, f * parameters.start, np.zeros((2, 2))) for f in (1.0, 1.3)]
     force = FORCE * signal.lfilter([1.0], [1.0, -fade], np.sqrt(1 - fade**2) * rng.standard_normal((1500, 1)), axis=0)
     motion = sid.predict(models[0], sid.History(["1X", "2X"], ["2X"], force, RATE), n_draws=50).values
-    noisy = motion + 0.1 * rng.standard_normal(motion.shape)
-    record = sid.TimeRecord(RATE, noisy, ["1X", "2X"], ["acceleration"] * 2, variance=np.full(2, 0.01))
+    noisy = motion + 0.02 * rng.standard_normal(motion.shape)
+    record = sid.TimeRecord(RATE, noisy, ["1X", "2X"], ["acceleration"] * 2, variance=np.full(2, 4e-4))
     unknown = sid.UnknownForces(["2X"], CORRELATION)
     right, wrong = (sid.sense(m, record, ["2X"], unknown=unknown, n_draws=0, is_filtered=False) for m in models)
-    assert right.prior_std == pytest.approx(force.std(), rel=0.25)
+    assert right.prior_std == pytest.approx(force.std(), rel=0.4)
     assert not right.words
     assert wrong.prior_std == pytest.approx(force.std(), rel=0.5)
     assert "likelier with far larger ones" in wrong.words[0]

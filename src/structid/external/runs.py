@@ -35,7 +35,7 @@ class RunFailedError(InputError):
 
 
 class Outputs(Protocol):
-    """What a run gives."""
+    """Files that a run of the solver gives, and how they are read."""
 
     @property
     def files(self) -> tuple[str, ...]:

@@ -74,7 +74,7 @@ class Sizes:
 
     @property
     def square_bytes(self) -> int:
-        """Of a matrix of the parameters: a triangular factor, the covariance."""
+        """Size of a square matrix of the parameters, such as the covariance."""
         return 8 * self.n_parameters**2
 
     @property
@@ -87,13 +87,13 @@ class Sizes:
 
     @property
     def least_bytes(self) -> int:
-        """What no search with a Jacobian can do without."""
+        """Least memory of a search with a Jacobian."""
         return self.record_bytes + _COPIES * (self.jacobian_bytes + self.square_bytes)
 
 
 @dataclass(frozen=True)
 class Needs:
-    """What a study needs, from a few lines that were evaluated.
+    """Memory and time that a study needs, from a few lines that were evaluated.
 
     Attributes
     ----------
