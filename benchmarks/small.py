@@ -59,6 +59,7 @@ SMALL: dict[str, str] = {
     "accuracy/modal_noise.py": "--repeats 1 --decays 4 --ambient 2",
     "accuracy/planned_test.py": "--repeats 1 --candidates 6 --parts a",
     "accuracy/roller_place.py": "--repeats 3",
+    "accuracy/shaker_force.py": "--repeats 1 --samples 400",
     "accuracy/shells.py": "--finest 4",
     "accuracy/left_out_sensors.py": "--sensors 401X+ --draws 50",
     "accuracy/predictions.py": "--repeats 1 --only chain",

@@ -4,9 +4,10 @@ The structures, truths and FRFs are those of `tolerances.py`, by its own matrice
 identifies, and predicts at degrees of freedom that no sensor reads: accelerances, and the accelerations under a half-sine push and
 the largest of them, whose truth comes from a matrix exponential. Of beams also the bending moment and the strain of a fibre at an
 end of an element, whose truth is the element's own matrix times its motion. `--changes` adds natural frequencies and FRFs with a
-mass that is added.
+mass that is added; `--frequencies` does nothing but these frequencies.
 
     python benchmarks/accuracy/predictions.py [--repeats 100] [--seed 0] [--tolerance 0.01] [--only chain] [--changes]
+        [--frequencies]
 """
 
 from __future__ import annotations
@@ -131,11 +132,12 @@ def push(rig: Rig) -> tuple[np.ndarray, float]:
 Inside = dict[str, list[np.ndarray]]
 
 
-def identified(rig: Rig, tolerance: float, seed: int) -> tuple[sid.Identification, dict[str, float]]:
-    """An identification from noisy FRFs with wrong fixed values, and the true values of all properties."""
-    values, _, gain = truth(rig, np.random.default_rng(seed), tolerance)
+def identified(rig: Rig, tolerance: float, *seeds: list[int]) -> tuple[sid.Identification, dict[str, float]]:
+    """An identification from noisy FRFs with wrong fixed values, and the true values; one seed, or one of each."""
+    generators = [np.random.default_rng(seed) for seed in seeds]
+    values, _, gain = truth(rig, generators[0], tolerance)
     options = sid.IdentifyOptions(tolerances=Tolerances(tolerance, tolerance, DAMPING, tolerance))
-    setup = frf_setup(rig, values, gain, np.random.default_rng(seed + 10_000), 0.01)
+    setup = frf_setup(rig, values, gain, generators[-1], 0.01)
     return sid.identify_together([setup], options), values
 
 
@@ -165,8 +167,10 @@ def repeat_responses(rig: Rig, found: sid.Identification, values: dict[str, floa
             masks[f"{what} of {element}"].append(mask[..., column].ravel())
 
 
-def repeat_changes(rig: Rig, found: sid.Identification, values: dict[str, float], seed: int, masks: Inside) -> None:
-    """FRFs and natural frequencies before and after a mass is added, and the difference."""
+def repeat_changes(
+    rig: Rig, found: sid.Identification, values: dict[str, float], seed: int, masks: Inside, has_frfs: bool = True
+) -> None:
+    """Natural frequencies, and FRFs where asked for, before and after a mass is added, and the difference."""
     m, k, c = matrices(rig, values)
     frequency, read = np.linspace(*rig.band, LINES), readings(rig, values)[: len(UNSEEN[rig.name])]
     node, mass = LOADED[rig.name], 0.05 * rig.structure.mass_of()
@@ -175,14 +179,12 @@ def repeat_changes(rig: Rig, found: sid.Identification, values: dict[str, float]
     def hertz(m: np.ndarray) -> np.ndarray:
         return np.sqrt(eigh(k.real, m, eigvals_only=True)[:3]) / (2 * np.pi)
 
-    frf = Frf(UNSEEN[rig.name], [rig.load], frequency)
-    of_frf, of_modes = predict_changes(found, [frf, NaturalModes(3)], [AddMass(node, mass)], n_draws=DRAWS, seed=seed)
+    quantities = [NaturalModes(3), *([Frf(UNSEEN[rig.name], [rig.load], frequency)] if has_frfs else [])]
+    of_modes, *of_frfs = predict_changes(found, quantities, [AddMass(node, mass)], n_draws=DRAWS, seed=seed)
     first, second = (true_frf(rig, each, k, c, frequency, read) for each in (m, heavy))
-    for what, predicted, true in (
-        ("FRF + mass", of_frf.after, second),
-        ("change of FRF", of_frf.difference, second - first),
-    ):
-        masks[what].append(inside(predicted, true).ravel())
+    for of_frf in of_frfs:
+        masks["FRF + mass"].append(inside(of_frf.after, second).ravel())
+        masks["change of FRF"].append(inside(of_frf.difference, second - first).ravel())
     for what, predicted, true in (
         ("hertz", of_modes.before, hertz(m)),
         ("hertz + mass", of_modes.after, hertz(heavy)),
@@ -198,6 +200,7 @@ def main() -> None:
     parser.add_argument("--tolerance", type=float, default=0.01)
     parser.add_argument("--only", nargs="+", default=list(RIGS), choices=list(RIGS))
     parser.add_argument("--changes", action="store_true")
+    parser.add_argument("--frequencies", action="store_true")
     chosen = parser.parse_args()
     print(
         f"inside the 95 % band, %; {chosen.repeats} repeats from seed {chosen.seed}, fixed values off by {chosen.tolerance:g}"
@@ -207,7 +210,11 @@ def main() -> None:
         masks: Inside = defaultdict(list)
         begun, rig = time.process_time(), RIGS[name]()
         for seed in range(chosen.seed, chosen.seed + chosen.repeats):
-            found, values = identified(rig, chosen.tolerance, seed)
+            if chosen.frequencies:  # the errors of the structures are independent
+                found, values = identified(rig, chosen.tolerance, [seed, sorted(UNSEEN).index(rig.name)])
+                repeat_changes(rig, found, values, seed, masks, has_frfs=False)
+                continue
+            found, values = identified(rig, chosen.tolerance, [seed], [seed + 10_000])
             repeat_responses(rig, found, values, seed, masks)
             if chosen.changes:
                 repeat_changes(rig, found, values, seed, masks)

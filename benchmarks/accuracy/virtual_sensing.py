@@ -17,7 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from scipy.linalg import eigh, expm
-from scipy.signal import decimate
+from scipy.signal import decimate, lfilter
 from tolerances import Rig, beam, matrices
 
 import structid as sid
@@ -35,35 +35,52 @@ STD = {
 }
 
 
+def random_force(rng: np.random.Generator, n: int, rate: float, correlation: float, size: float) -> np.ndarray:
+    """A stationary force of a correlation time, s, and a standard deviation, N, at n samples."""
+    fade = np.exp(-1 / rate / correlation)
+    drive = np.sqrt(1 - fade**2) * rng.standard_normal(n)
+    drive[0] = rng.standard_normal()
+    return size * lfilter([1.0], [1.0, -fade], drive)
+
+
+def moved_by(
+    mass: np.ndarray, stiffness: np.ndarray, loss: float, pushed: list[int], force: np.ndarray, rate: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements and accelerations (n, n_dofs) under forces (n, n_pushed) that run in straight lines between samples.
+
+    Every mode up to half the sampling rate has a damping ratio of half the loss factor.
+    """
+    squares, shapes = eigh(stiffness, mass)
+    slow = squares < (np.pi * rate) ** 2
+    omega, shapes = np.sqrt(squares[slow]), shapes[:, slow]
+    size, n_forces = len(omega), len(pushed)
+    a = np.block([[np.zeros((size, size)), np.eye(size)], [-np.diag(omega**2), -np.diag(loss * omega)]])
+    b = np.vstack([np.zeros((size, n_forces)), shapes[pushed].T])
+    wide = np.zeros((2 * size + 2 * n_forces,) * 2)
+    wide[: 2 * size, : 2 * size], wide[: 2 * size, 2 * size : -n_forces] = a / rate, b / rate
+    wide[2 * size : -n_forces, -n_forces:] = np.eye(n_forces)
+    step = expm(wide)[: 2 * size]
+    drive = np.hstack([force[:-1], np.diff(force, axis=0)]) @ step[:, 2 * size :].T
+    transition, states = step[:, : 2 * size], np.zeros((len(force), 2 * size))
+    for i in range(len(force) - 1):
+        states[i + 1] = transition @ states[i] + drive[i]
+    return states[:, :size] @ shapes.T, (states @ a.T + force @ b.T)[:, size:] @ shapes.T
+
+
+def sampled(values: np.ndarray) -> np.ndarray:
+    """Every eighth sample, behind a filter against aliasing."""
+    return decimate(values, STEPS, ftype="fir", axis=0)
+
+
 def simulate(
     rig: Rig, values: dict[str, float], rng: np.random.Generator, n: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Displacements, accelerations and forces at the samples; the loss factor acts as a damping ratio of its half at each mode."""
+    """Displacements, accelerations and forces at the samples."""
     m, k, _ = matrices(rig, values)
-    squares, shapes = eigh(k.real, m)
-    slow = squares < (2 * np.pi * 4 * RATE) ** 2
-    omega, shapes = np.sqrt(squares[slow]), shapes[:, slow]
-    size = len(omega)
-    a = np.block([[np.zeros((size, size)), np.eye(size)], [-np.diag(omega**2), -np.diag(values["loss"] * omega)]])
-    b = np.vstack([np.zeros((size, len(PUSHED))), shapes[[rig.index(d) for d in PUSHED]].T])
-    dt, fade = 1 / RATE / STEPS, np.exp(-1 / RATE / STEPS / CORRELATION)
-    force = np.zeros((n * STEPS, len(PUSHED)))
-    force[0] = FORCE * rng.standard_normal(len(PUSHED))
-    for i in range(1, len(force)):
-        force[i] = fade * force[i - 1] + FORCE * np.sqrt(1 - fade**2) * rng.standard_normal(len(PUSHED))
-    wide = np.zeros((2 * size + 2 * len(PUSHED),) * 2)
-    wide[: 2 * size, : 2 * size], wide[: 2 * size, 2 * size : -len(PUSHED)] = a * dt, b * dt
-    wide[2 * size : -len(PUSHED), -len(PUSHED) :] = np.eye(len(PUSHED))
-    step = expm(wide)[: 2 * size]
-    state, states = np.zeros(2 * size), np.zeros((len(force), 2 * size))
-    for i in range(len(force) - 1):
-        rise = force[i + 1] - force[i]
-        state = step @ np.concatenate([state, force[i], rise])
-        states[i + 1] = state
-    acceleration = (states @ a.T + force @ b.T)[:, size:] @ shapes.T
-    return tuple(
-        decimate(each, STEPS, ftype="fir", axis=0) for each in (states[:, :size] @ shapes.T, acceleration, force)
-    )
+    fine = RATE * STEPS
+    force = np.column_stack([random_force(rng, n * STEPS, fine, CORRELATION, FORCE) for _ in PUSHED])
+    moved, accelerated = moved_by(m, k.real, values["loss"], [rig.index(d) for d in PUSHED], force, fine)
+    return sampled(moved), sampled(accelerated), sampled(force)
 
 
 def expanded(rig: Rig, measured: np.ndarray, wanted: list[int]) -> np.ndarray:
@@ -99,7 +116,7 @@ def main() -> None:
         noise = 0.01 * measured.std(axis=0)
         measured = measured + noise * rng.standard_normal(measured.shape)
         record = sid.TimeRecord(RATE, measured, READ, ("acceleration",) * len(READ), variance=noise**2)
-        settled = slice(int(0.3 * RATE), None)
+        settled = slice(int(0.3 * RATE), -STEPS)  # the filter of the truth has no samples behind the last ones
         for motion, true in (("acceleration", accelerated), ("displacement", moved)):
             told = sense(model, record, outputs, motion, UnknownForces(PUSHED, CORRELATION, FORCE), seed=seed)
             squares[motion].append((((told.values - true[:, wanted]) / told.std)[settled] ** 2).mean())

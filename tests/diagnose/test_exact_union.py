@@ -8,7 +8,10 @@ from scipy import stats
 
 from structid import FrfRecord, IdentifyOptions, identify, parameters, with_declared_noise
 from structid.diagnose.model_averaging import intervals_of, widened
+from structid.diagnose.modified_model import base_model
+from structid.diagnose.refits import Fitted
 from structid.diagnose.search import _criterion
+from structid.diagnose.tested_model import TestedModel
 from structid.fem import PointMass, Spring, Structure
 from structid.inversion.estimate import ParameterValues
 from structid.unknowns import Unknown
@@ -49,9 +52,9 @@ def model(names, theta, covariance):
         parameters=parameters,
         identified=ones > 0,
         theta=np.array(theta),
-        covariance=np.array(covariance),
+        covariance_of_data=np.array(covariance),
         values=values,
-        covariance_with_tolerances=np.array(covariance),
+        covariance=np.array(covariance),
     )
 
 
@@ -85,9 +88,13 @@ def test_likely_models_count_the_tolerances_of_held_values_once():
     """A likely model that is the answer itself, as the data alone have it, leaves deviations as they are."""
     answer = oscillator(Tolerances(mass=0.02))
     estimate = answer.estimate
-    same = model(estimate.names, np.log(estimate.values), estimate.covariance_of_data)
+    tested = TestedModel(answer.setups, answer.options)
+    same = Fitted(base_model(tested, answer.problems, estimate.theta), estimate.theta, estimate.goodness.chi_square)
     wider = widened(answer, [same], None)
+    assert np.diag(estimate.fixed.covariance).min() > np.diag(estimate.covariance_of_data).max()
     np.testing.assert_allclose(wider.estimate.covariance, estimate.covariance, rtol=1e-9)
+    np.testing.assert_allclose(wider.intervals.ends, estimate.interval(), rtol=1e-9)
+    np.testing.assert_allclose(list(intervals_of(same, 0.9).values()), estimate.interval(0.9), rtol=1e-9)
     assert wider.mass.std == pytest.approx(0.02 * 3.5, rel=1e-9)
 
 

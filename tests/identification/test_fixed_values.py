@@ -17,6 +17,7 @@ from structid.forward.fixed_values import with_fixed_values
 from structid.inversion.fixed_values import FIXED
 from structid.modal import ModalRecord
 from structid.modal.modal_record import independent_errors
+from structid.prediction.identified_model import model_of
 from structid.unknowns.tolerances import EXACT, Tolerances, fixed_properties
 
 MASS, SPRING, DASHPOT = (2.0, 2.2, 2.4, 1.8), (4e4, 3.6e4, 3.2e4, 2.8e4), (9.0, 8.0, 7.0, 6.0)
@@ -118,6 +119,21 @@ def test_the_answer_follows_a_held_value_as_it_is_told():
     assert np.log(high / low) == pytest.approx(
         2 * 1.95996 * np.sqrt(np.diag(found.covariance)) / found.values, rel=1e-4
     )
+
+
+def test_an_identified_model_has_the_covariance_of_its_answer_with_what_is_of_second_order():
+    (values, gain) = drawn(np.random.default_rng(0), 0.02)
+    structure, record = chain(), measured(values, gain, np.random.default_rng(1))
+    found = sid.identify(
+        structure, sid.parameters(structure, SOUGHT), record, sid.IdentifyOptions(tolerances=TOLERANCES)
+    )
+    estimate, model = found.estimate, model_of(found)
+    assert (estimate.fixed.second_order != 0).all()
+    slope = model.parameters.slope(model.parameters.transforms.free(model.physical))
+    factor = model.factor * slope[:, None]
+    n = len(estimate.names)
+    np.testing.assert_allclose((factor @ factor.T)[:n, :n], estimate.covariance, rtol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(factor[n:], axis=1), estimate.fixed.tolerance[:-1], rtol=1e-12)
 
 
 def test_what_is_exact_widens_nothing():

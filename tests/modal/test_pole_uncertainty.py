@@ -14,6 +14,7 @@ from structid.modal.subspace.methods import pencil, ssi_cov, ssi_data
 from structid.modal.subspace.pole_uncertainty import (
     _decay_share,
     free_decay,
+    frequency_widening,
     overlapping_batches,
     piece_deviations,
     pole_deviations,
@@ -192,3 +193,11 @@ def test_batches_count_how_neighbouring_pieces_vary_together():
     student = special.stdtrit(1.5 * 48 / 6, 0.975) / special.ndtri(0.975)
     assert plain < 0.5 * truth
     assert np.mean(np.sum(np.abs(batched) ** 2, axis=0)) / student**2 == pytest.approx(truth, rel=0.25)
+
+
+def test_a_frequency_has_no_more_degrees_of_freedom_than_its_damping_leaves_it():
+    """40 pieces of 1 s in batches of 5: 12 degrees of freedom; decays of 0.1, 1 and 0.01 per s: 8, 80 and at least 4."""
+    poles = np.array([-0.1, -1.0, -0.01]) + 5j
+    table = {4: 2.776, 8: 2.306, 12: 2.179}  # 97.5 % points of Student's t, as printed in any book
+    expected = [table[8] / table[12], 1.0, table[4] / table[12]]
+    np.testing.assert_allclose(frequency_widening(poles, 40.0, 40, 10.0), expected, rtol=5e-4)

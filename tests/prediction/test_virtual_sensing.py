@@ -57,7 +57,7 @@ def measured(states, rng, std):
 
 
 def test_smoothed_motion_is_that_of_a_batch_estimate():
-    """Gaussian conditioning of all samples at once: E[x | y] = C_xy C_yy^-1 y, away from the ends of the record."""
+    """Gaussian conditioning of all samples at once: E[x | y] = C_xy C_yy^-1 y, away from the start of the record."""
     n, std = 360, 0.3
     states, step, stationary, rng = simulate(n, 1)
     y = measured(states, rng, std)
@@ -80,8 +80,8 @@ def test_smoothed_motion_is_that_of_a_batch_estimate():
     for value, deviation, state in ((found.values, found.std, 1), (found.forces, found.force_std, 4)):
         exact = batch.reshape(n, 5)[inner, state]
         assert value[inner, 0] == pytest.approx(exact, abs=0.01 * np.abs(exact).max())
-        spread = np.sqrt(np.diag(left).reshape(n, 5)[inner, state])
-        assert deviation[inner, 0] == pytest.approx(spread, rel=0.01)
+        spread = np.sqrt(np.diag(left).reshape(n, 5)[170:, state])
+        assert deviation[170:, 0] == pytest.approx(spread, rel=0.01)
 
 
 def test_deviations_are_those_of_the_errors_and_the_sensor_left_out_agrees():
@@ -94,6 +94,31 @@ def test_deviations_are_those_of_the_errors_and_the_sensor_left_out_agrees():
     z = (found.values[:, 0] - states[:, 2]) / found.std[:, 0]
     assert np.sqrt((z[200:] ** 2).mean()) == pytest.approx(1.0, abs=0.12)
     assert found.checks[0][1] == pytest.approx(1.0, abs=0.12)
+
+
+def test_a_model_that_misses_a_resonance_does_not_make_the_forces_larger():
+    """Lightly damped, with both stiffnesses 30 % off: the noise of good sensors would make far larger forces likelier."""
+    rng, fade = np.random.default_rng(10), np.exp(-1 / RATE / CORRELATION)
+    parts = [
+        sid.PointMass("m", [1, 2], mass=[2.0, 1.0]),
+        sid.Spring("k", ["2X"], ["1X"], stiffness=[900.0]),
+        sid.Spring("foot", "1X", stiffness=2e3),
+        sid.Dashpot("c", ["2X"], ["1X"], viscous_damping=[0.2]),
+        sid.Dashpot("air", "1X", viscous_damping=0.3),
+    ]
+    structure = sid.Structure({1: 0.0, 2: 1.0}, parts, active=["X"])
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", name) for name in ("k", "foot")])
+    models = [identified_model(structure, parameters, f * parameters.start, np.zeros((2, 2))) for f in (1.0, 1.3)]
+    force = FORCE * signal.lfilter([1.0], [1.0, -fade], np.sqrt(1 - fade**2) * rng.standard_normal((1500, 1)), axis=0)
+    motion = sid.predict(models[0], sid.History(["1X", "2X"], ["2X"], force, RATE), n_draws=50).values
+    noisy = motion + 0.02 * rng.standard_normal(motion.shape)
+    record = sid.TimeRecord(RATE, noisy, ["1X", "2X"], ["acceleration"] * 2, variance=np.full(2, 4e-4))
+    unknown = sid.UnknownForces(["2X"], CORRELATION)
+    right, wrong = (sid.sense(m, record, ["2X"], unknown=unknown, n_draws=0, is_filtered=False) for m in models)
+    assert right.prior_std == pytest.approx(force.std(), rel=0.4)
+    assert not right.words
+    assert wrong.prior_std == pytest.approx(force.std(), rel=0.5)
+    assert "likelier with far larger ones" in wrong.words[0]
 
 
 def test_known_forces_leave_nothing_but_noise():
@@ -170,8 +195,8 @@ def test_a_record_that_was_filtered_has_no_force_above_half_its_rate():
     z = []
     for is_filtered in (True, False):
         found = sid.sense(make_model(), record, ["2X"], "acceleration", unknown, n_draws=0, is_filtered=is_filtered)
-        z.append(float(np.sqrt((((found.values - acceleration[:, [1]]) / found.std)[300:] ** 2).mean())))
-    assert 0.7 < z[0] < 1.3
+        z.append(float(np.sqrt((((found.values - acceleration[:, [1]]) / found.std)[300:-20] ** 2).mean())))
+    assert z[0] == pytest.approx(1.0, abs=0.12)
     assert z[1] < 0.8 * z[0]
 
 

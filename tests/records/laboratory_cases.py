@@ -7,7 +7,7 @@ are rounded, shifted by an epoch, uneven or incomplete; numbers may have thousan
 import random
 
 import numpy as np
-from header_cases import ACCELERATIONS, FORCES, FREQUENCIES, MOTIONS, TIMES, Case
+from header_cases import FORCES, FREQUENCIES, GRAVITY, MOTIONS, TIMES, Case
 from header_cases import WRITERS as HEADER_WRITERS
 
 NAMES = (
@@ -236,8 +236,8 @@ def _histories(case, rng, noise):
 def _responses(case, rng, noise):
     label, force = rng.choice([u for u in MOTIONS[case.quantity] if " " not in u]), rng.choice(("N", "kN", "lbf"))
     whole, factor = f"({label})/{force}", MOTIONS[case.quantity][label] / FORCES[force]
-    others = ["mm/N", "g/N", "(m/s^2)/N", "(mm/s)/kN"]
-    others = [u for u in others if u != whole and not (label in ACCELERATIONS and u in ("g/N", "(m/s^2)/N"))]
+    si = {"mm/N": 1e-3, "g/N": GRAVITY, "(m/s^2)/N": 1.0, "(mm/s)/kN": 1e-6}
+    others = [unit for unit, value in si.items() if abs(value / factor - 1) > 1e-9]
     parts = rng.choice(list(PARTS))
     words = rng.choice(PARTS[parts])
     layout = {"parts": parts}

@@ -20,6 +20,7 @@ from app_cases import ENVIRONMENT, ROOT, require_workbench, served, write_beam_r
 require_workbench()
 
 from structid.core.errors import InputError  # noqa: E402
+from structid.core.isolation import start_child  # noqa: E402
 from structid.study.templates import TEMPLATES, template_with, write_study  # noqa: E402
 from structid.workbench.folder import opened  # noqa: E402
 from structid.workbench.runs import Runs  # noqa: E402
@@ -240,13 +241,12 @@ def test_the_first_lines_of_a_table_are_shown_as_they_stand(open_folder):
 def test_the_time_for_causes_goes_to_the_command(folder, monkeypatch):
     """The page's time limit and its wish to search on are options of the command that the run executes."""
     commands = []
-    real = subprocess.Popen
 
     def recorded(command, **given):
         commands.append(command)
-        return real([sys.executable, "-c", ""], **given)
+        return start_child([sys.executable, "-c", ""], **given)
 
-    monkeypatch.setattr("structid.workbench.runs.subprocess.Popen", recorded)
+    monkeypatch.setattr("structid.workbench.runs.start_child", recorded)
     runs = Runs(opened(folder))
     runs.start("beam.toml", "a")
     runs.start("beam.toml", "b", seconds=90.0, explain=True)

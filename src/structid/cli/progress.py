@@ -59,7 +59,7 @@ class ProgressFile:
 
 
 class RunProgress:
-    """What is called by searches (`search`) and by repeated tasks (`tasks`), with words for both.
+    """Progress of a run: callbacks of searches (`search`) and of repeated tasks (`tasks`), with words for both.
 
     Nobody knows how many iterations a search takes, so that no end is told of it. That of tasks counts down: it is set
     anew only where the pace of the tasks moves it by a quarter of what is left.

@@ -55,12 +55,12 @@ class Dof:
 
     @property
     def unsigned(self) -> Dof:
-        """The same node and direction with sign +1."""
+        """Copy with sign +1."""
         return self if self.sign > 0 else Dof(self.node, self.direction)
 
     @property
     def place(self) -> str:
-        """Where it is, without a sense: ``12Z``."""
+        """Node and direction without the sign, such as ``12Z``."""
         return f"{self.node}{self.direction}"
 
     def __str__(self) -> str:
@@ -111,8 +111,8 @@ def as_dof(text: str) -> Dof | None:
 
 
 def parse_dofs(texts: Iterable[str | Dof]) -> tuple[Dof, ...]:
-    """Each text of `texts` as a `Dof`, in order."""
-    return tuple(parse_dof(text) for text in texts)
+    """Each text of `texts` as a `Dof`, in order; a text by itself is one."""
+    return tuple(parse_dof(text) for text in ([texts] if isinstance(texts, str) else texts))
 
 
 def dofs_of_text(text: str) -> list[Dof]:

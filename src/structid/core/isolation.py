@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import os
 import re
+import signal
+import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 #: Folder of the Python environment: who can write there can run code anyway.
 NEUTRAL_FOLDER = Path(sys.prefix)
@@ -69,6 +71,47 @@ def child_environment(changes: Mapping[str, str] | None = None) -> dict[str, str
     kept = import_paths(listed.split(os.pathsep), Path.cwd()) if listed else []
     environment.pop("PYTHONPATH", None)
     return environment | ({"PYTHONPATH": os.pathsep.join(kept)} if kept else {})
+
+
+def start_child(
+    arguments: Sequence[str],
+    folder: Path = NEUTRAL_FOLDER,
+    *,
+    stdin: int = subprocess.DEVNULL,
+    output: IO[bytes] | int = subprocess.DEVNULL,
+    errors: IO[bytes] | int = subprocess.DEVNULL,
+    changes: Mapping[str, str] | None = None,
+    has_group: bool = True,
+) -> subprocess.Popen[bytes]:
+    """A child process that works in `folder` with the `child_environment` of `changes`.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        Program and its arguments; `OSError` if it cannot be started.
+    stdin, output, errors : file or int
+        As `subprocess.Popen` takes them; nothing is read or kept by default.
+    has_group : bool
+        True if it begins a group of processes, with which `kill_child` ends what it started; False to get the signals that this
+        process gets.
+    """
+    return subprocess.Popen(
+        arguments, cwd=folder, stdin=stdin, stdout=output, stderr=errors, env=child_environment(changes),
+        start_new_session=has_group,
+    )  # fmt: skip
+
+
+def python_arguments(*words: str) -> list[str]:
+    """Arguments that start this Python with `words`, its script or ``-m`` and module, and with Python's safe path."""
+    return [sys.executable, *SAFE_FLAGS, *words]
+
+
+def kill_child(process: subprocess.Popen[bytes]) -> None:
+    """Kill a child of `start_child` with a group of its own, and all that it started; it is not waited for."""
+    if hasattr(os, "killpg"):
+        with suppress(ProcessLookupError, PermissionError):  # it has ended, or its children take another user
+            os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
 
 
 @contextmanager

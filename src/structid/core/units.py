@@ -116,7 +116,7 @@ def mistaken_unit(size: float, units: Sequence[tuple[float, str, str]], near: fl
 
 
 class Unit(NamedTuple):
-    """What a channel holds: its quantity, the factor to SI, and whether it belongs to a rotation."""
+    """Unit of a channel: its quantity, the factor to SI, and whether it belongs to a rotation."""
 
     quantity: Quantity
     factor: float
@@ -124,7 +124,7 @@ class Unit(NamedTuple):
 
 
 class FrfUnit(NamedTuple):
-    """What a frequency response function holds: its kind, the factor to SI, rotations out and in."""
+    """Unit of a frequency response function: its kind, the factor to SI, rotations out and in."""
 
     kind: FrfKind
     factor: float

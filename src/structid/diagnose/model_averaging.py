@@ -20,7 +20,7 @@ Ends = dict[str, tuple[float, float]]
 
 def intervals_of(fitted: Fitted, level: float) -> Ends:
     """Normal intervals at `level` of the parameters of a fitted study, (low, high) in physical units by name."""
-    std = np.sqrt(np.diag(fitted.covariance_with_tolerances))
+    std = np.sqrt(np.diag(fitted.covariance))
     ends = normal_intervals(fitted.parameters, std, fitted.identified, level)
     return dict(zip(fitted.parameters.names, ((low, high) for low, high in ends.tolist()), strict=True))
 
@@ -55,7 +55,7 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
         there = np.array([place[estimate.names[number]] for number in here], dtype=np.intp)
         change = np.array(list(fitted.values.values()))[there] - estimate.values[here]
         square = covariance.copy()
-        square[np.ix_(here, here)] = fitted.covariance[np.ix_(there, there)] + np.outer(change, change)
+        square[np.ix_(here, here)] = fitted.covariance_of_data[np.ix_(there, there)] + np.outer(change, change)
         if np.isfinite(square).all():
             squares.append(square)
         others = np.array(list(intervals_of(fitted, own.level).values()))[there]

@@ -129,9 +129,9 @@ class Fitted:
         return fixed_values.refit(names, self.theta) if test.theta is None else fixed_values.fit_at(test.theta, names)
 
     @property
-    def covariance(self) -> FloatArray:
+    def covariance_of_data(self) -> FloatArray:
         """Covariance of the physical values, (n_params, n_params), from noise, or where that is missed from model error."""
-        return self._uncertainty.spread.covariance
+        return self._uncertainty.spread.covariance_of_data
 
     @property
     def identified(self) -> np.ndarray:
@@ -139,10 +139,9 @@ class Fitted:
         return self._uncertainty.spread.identified
 
     @property
-    def covariance_with_tolerances(self) -> FloatArray:
-        """The same with the tolerances of the values that the model fixes."""
-        fixed = self._uncertainty.spread.fixed
-        return self.covariance if fixed is None else self.covariance + fixed.covariance
+    def covariance(self) -> FloatArray:
+        """`covariance_of_data` with the tolerances of the values that the model fixes added, (n_params, n_params)."""
+        return self._uncertainty.spread.covariance
 
 
 def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, left_out: float = 0.0) -> Fitted:

@@ -42,7 +42,7 @@ class ModalFields:
         return (self.shapes.T[:, :, None] * self.drive[:, None, :]).reshape(len(self.inverse), -1)
 
     def read(self, reader: FloatArray, loads: IntArray) -> ModalFields:
-        """What a reader (n_read, n_dofs) reads under some of the loads, in place of the fields."""
+        """Readings of a reader (n_read, n_dofs) under some of the loads, in place of the fields."""
         return replace(self, shapes=reader @ self.shapes, drive=self.drive[:, loads])
 
     def at(self, lines: slice | IntArray) -> ComplexArray:

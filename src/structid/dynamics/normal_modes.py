@@ -256,7 +256,7 @@ def _root_rounding(stiffness: sparse.csc_array, omega: FloatArray, shapes: Float
 
 
 def _rounding_errors(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray, error: float) -> FloatArray:
-    """Relative errors of frequencies by rounding of the stiffness matrix, and `error` of the eigenvalues beside it."""
+    """Relative errors of frequencies by rounding of the stiffness matrix and by `error`, that of the eigenvalues."""
     size = np.abs(shapes)
     errors = error + np.finfo(np.float64).eps * np.einsum("ij,ij->j", size, abs(stiffness) @ size)
     clear = omega[omega**2 > errors]

@@ -21,7 +21,7 @@ _SAME = 1e-14
 
 
 def factorizer_words(n_dofs: int) -> str:
-    """What solves for the fields of a model of that many degrees of freedom, as reports say it."""
+    """Words of reports for the factorization that a model of `n_dofs` degrees of freedom is solved by."""
     return "dense matrices (LAPACK)" if n_dofs <= DENSE_UP_TO else factorizer().words
 
 

@@ -327,7 +327,7 @@ class FieldBasis:
         return total
 
     def all_coordinates(self) -> ComplexArray:
-        """Of the fields at all lines, (n_lines, n_vectors, n_columns)."""
+        """Coordinates of the fields at all lines, (n_lines, n_vectors, n_columns)."""
         return np.stack([self.coordinates(line) for line in range(len(self.factors[0]))])
 
     def read(self, sensors: sparse.sparray) -> ComplexArray:

@@ -63,12 +63,12 @@ class Card:
 
     @property
     def first(self) -> str:
-        """What field 2 holds."""
+        """Text of field 2 in capitals, such as an identification number; "" without one."""
         return self.fields[2].text.upper() if 2 in self.fields else ""
 
     @property
     def said(self) -> str:
-        """As messages name it."""
+        """Name, first field and line of the card, for messages."""
         return f"{self.name} {self.first} (line {self.line})"
 
 

@@ -71,7 +71,7 @@ class DeckParameter:
 
     @property
     def centre(self) -> float:
-        """Where differences of modes or FRFs are taken."""
+        """Value about which differences of modes or FRFs are taken."""
         return self.value if self.at is None else self.at
 
 

@@ -15,7 +15,7 @@ from structid.external.outputs import ModesOut
 from structid.external.runs import Solver, needed_runs, point_words, run_words
 from structid.external.shapes import Shapes, require_same_dofs
 from structid.external.solved import Checked, Solved, Units, model_parameters
-from structid.external.steps import StepRules, taken
+from structid.external.steps import StepRules, take_differences
 from structid.external.tangent import tangent
 from structid.fem.elements.solver_model import Part, Powers, SolverModel
 from structid.inversion.search.work import Work
@@ -25,7 +25,7 @@ _RULES = StepRules(first=0.01, least=1e-5, most=0.1, no_effect=2e-7, what="frequ
 
 @dataclass(frozen=True, eq=False)
 class SolvedModes(Solved):
-    """Of modes.
+    """Model from the modes that a solver gives.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: W
     InputError
         If a run fails, gives other nodes than the first, or a parameter changes no frequency.
     """
-    steps = taken(solver, out.read, _frequency_change, _RULES, work)
+    steps = take_differences(solver, out.read, _frequency_change, _RULES, work)
     shapes, centre = steps.centre, steps.at
     pairs = [replace(d, runs=(_shapes_in_si(d.runs[0], units), _shapes_in_si(d.runs[1], units))) for d in steps.pairs]
     small = tangent(f"shapes of {name}", _shapes_in_si(shapes, units), pairs)

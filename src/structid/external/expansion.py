@@ -168,7 +168,7 @@ class _Table:
             self.rows, self.size = self.evaluate([self.values(one) for one in self.points])
 
     def values(self, point: Mapping[str, float]) -> Point:
-        """Of all parameters, as the deck shows them."""
+        """Values of all parameters at a point, as the deck shows them."""
         return self.deck.shown({name: one.value(point.get(name, 0.0)) for name, one in self.axes.items()})
 
     def u(self, point: Mapping[str, float], name: str) -> float:

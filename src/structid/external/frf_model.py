@@ -20,7 +20,7 @@ from structid.external.outputs import OneFile, existing_file
 from structid.external.runs import Solver, needed_runs, run_words
 from structid.external.shapes import require_last_line
 from structid.external.solved import Checked, Solved, Units, model_parameters
-from structid.external.steps import StepRules, taken
+from structid.external.steps import StepRules, take_differences
 from structid.fem.elements.solver_model import FrfRuns, SolverFrfs
 from structid.inversion.search.work import Work
 from structid.modal.formats.options import PUNCH_SUFFIXES
@@ -210,7 +210,7 @@ def _read_entries(path: Path, lines: Sequence[str], wanted: FrfKind) -> Iterator
 
 @dataclass(frozen=True, eq=False)
 class SolvedFrfs(Solved):
-    """Of FRFs.
+    """Model from the FRFs that a solver gives.
 
     Attributes
     ----------
@@ -225,7 +225,7 @@ class SolvedFrfs(Solved):
         return False
 
     def run_at(self, values: Point, work: Work) -> FrfRuns:
-        """What the solver gives with `values`, whatever the parameters of the model are then.
+        """FRFs that the solver gives with `values`, whatever the parameters of the model are then.
 
         Raises
         ------
@@ -261,7 +261,7 @@ def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: Wor
     InputError
         If a run fails, or a parameter changes no FRF.
     """
-    steps = taken(solver, out.read, _change, _RULES, work)
+    steps = take_differences(solver, out.read, _change, _RULES, work)
     pairs = {pair.name: pair for pair in steps.pairs}
     names = solver.deck.names
     runs = FrfRuns(

@@ -22,7 +22,7 @@ _LISTED = "files that it includes must be listed in `deck` too"
 
 @dataclass(frozen=True)
 class DeckPosition:
-    """Where a number stands.
+    """Position of a number in a deck: file, line and characters.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class DeckPosition:
 
 
 class DeckMark(Protocol):
-    """Where a parameter stands."""
+    """Mark of a parameter: how its number is found in a deck."""
 
     def locate(self, texts: Mapping[str, str]) -> DeckPosition:
         """The one position in the files of a deck; an `InputError` where there is none, or more than one."""

@@ -24,7 +24,7 @@ from structid.inversion.search.work import Work
 
 @dataclass(frozen=True, eq=False)
 class SolvedMatrices(Solved):
-    """Of exported matrices.
+    """Model from the matrices that a solver exports.
 
     Attributes
     ----------

@@ -80,7 +80,7 @@ class MatricesOut:
 
 @dataclass(frozen=True, eq=False)
 class OneFile(ABC):
-    """What a run gives in one file, at `path` in its folder."""
+    """Output of a run in one file, at `path` in its folder."""
 
     path: str
 
@@ -91,7 +91,7 @@ class OneFile(ABC):
 
     @abstractmethod
     def read(self, folder: Path) -> object:
-        """What the file holds; an `InputError` where it is missing, cut short, or lacks what is needed."""
+        """Content of the file; an `InputError` where it is missing, cut short, or lacks what is needed."""
 
     def require_whole(self, folder: Path) -> None:
         """Raise an `InputError` where the file cannot be used."""

@@ -7,7 +7,6 @@ import json
 import os
 import secrets
 import shutil
-import signal
 import subprocess
 import time
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Protocol
 
 from structid.core.errors import FileError, InputError
-from structid.core.isolation import child_environment
+from structid.core.isolation import kill_child, start_child
 from structid.external.confirmation import command_words, require_confirmed, tell_command
 from structid.external.deck import Deck
 from structid.inversion.search.work import Tools, Work
@@ -36,7 +35,7 @@ class RunFailedError(InputError):
 
 
 class Outputs(Protocol):
-    """What a run gives."""
+    """Files that a run of the solver gives, and how they are read."""
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -251,30 +250,20 @@ def _execute_command(solver: Solver, folder: Path) -> str:
     """Run the solver's command in `folder`; returns "" if it ended well, else a sentence on how it ended."""
     with (folder / _LOG).open("wb") as log:
         try:
-            process = subprocess.Popen(
-                solver.arguments, cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
-                env=child_environment(),
-            )  # fmt: skip
+            process = start_child(solver.arguments, folder, output=log, errors=log)
         except OSError as error:
             return f"{solver.arguments[0]} cannot be started ({error.strerror or error})"
         try:
             code = process.wait(solver.timeout)
         except subprocess.TimeoutExpired:
-            _kill_group(process)
+            kill_child(process)
+            process.wait()
             return f"it was still running after {solver.timeout:g} s (`timeout`) and was ended{_last_words(folder)}"
         except BaseException:
-            _kill_group(process)
+            kill_child(process)
+            process.wait()
             raise
     return f"it ended with code {code}{_last_words(folder)}" if code else ""
-
-
-def _kill_group(process: subprocess.Popen[bytes]) -> None:
-    """Kill a solver's process and all that it started."""
-    if hasattr(os, "killpg"):
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-    process.kill()
-    process.wait()
 
 
 def _last_words(folder: Path) -> str:

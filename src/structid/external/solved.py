@@ -18,7 +18,7 @@ from structid.inversion.search.work import Work
 
 @dataclass(frozen=True)
 class Units:
-    """Of what a solver gives; time is in seconds.
+    """Units of the numbers that a solver gives; time is in seconds.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Checked:
 
 @dataclass(frozen=True, eq=False)
 class Solved(ABC):
-    """What the runs of a solver gave.
+    """Model from the runs of a solver, and the runs that it is made of.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ _TRIALS, _SMALLEST_STEP, _LARGEST_STEP = 4, 1e-4, 0.3
 
 @dataclass(frozen=True)
 class StepRules:
-    """What steps should do to the results.
+    """Rules for the steps of differences: sizes, and the change of results that each should make.
 
     Attributes
     ----------
@@ -61,8 +61,8 @@ class Pair(Generic[R]):
 
 
 @dataclass(frozen=True, eq=False)
-class Taken(Generic[R]):
-    """What was run about a centre.
+class Differences(Generic[R]):
+    """Runs about a centre, and the steps of the parameters that they have.
 
     Attributes
     ----------
@@ -86,13 +86,13 @@ class Taken(Generic[R]):
         return f"differences about {point_words(self.at)} with steps {steps}"
 
 
-def taken(
+def take_differences(
     solver: Solver,
     read: Callable[[Path], R],
     change: Callable[[R, R, Point], float],
     rules: StepRules,
     work: Work,
-) -> Taken[R]:
+) -> Differences[R]:
     """Results of solver runs at the centre of all parameters and at two steps of each, with steps of usable size.
 
     Parameters
@@ -137,7 +137,7 @@ def taken(
             break
     else:
         raise InputError(f"no step of {', '.join(pending)} gives differences that can be used; give `step`")
-    return Taken(centre, at, tuple(done.values()), counts)
+    return Differences(centre, at, tuple(done.values()), counts)
 
 
 class _Step:

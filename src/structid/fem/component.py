@@ -90,7 +90,7 @@ class Component:
             raise InputError(f"`up_to` of component {name!r} must be a frequency above 0, Hz, got {up_to}")
 
     def with_interface(self, dofs: Iterable[Dof]) -> Component:
-        """The same with more of it kept."""
+        """Copy with more degrees of freedom on its interface."""
         return replace(self, interface=(*self.interface, *sorted(dofs)))
 
 

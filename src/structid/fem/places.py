@@ -52,7 +52,7 @@ class AimedSensor:
 
     @property
     def dof(self) -> Dof:
-        """What the structure calls it."""
+        """Degree of freedom that stands for the sensor in the structure."""
         return Dof(self.label, self.seen)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:

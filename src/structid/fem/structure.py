@@ -12,7 +12,7 @@ from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray, locked, require_finite
 from structid.core.display import Overview, Shown, join_words, plural
-from structid.core.dof import DIRECTIONS, Dof, parse_dof
+from structid.core.dof import DIRECTIONS, Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.fem.component import Component, Reduction, reductions
 from structid.fem.elements import ElementSet, MatrixGroup
@@ -111,11 +111,17 @@ class Structure(Shown, StructurePlots):
         file_notes: Iterable[str] = (),
     ) -> None:
         """Store and check the arguments; see the class."""
+        if not isinstance(nodes, Mapping):
+            raise InputError(
+                f"`nodes` must be a mapping of label to position, got {type(nodes).__name__}; write {{1: 0.0, 2: 0.5}}"
+            )
+        if isinstance(elements, ElementSet):
+            elements = [elements]
         positions = {int(label): locked(np.atleast_1d(np.asarray(x, dtype=np.float64))) for label, x in nodes.items()}
         _require_positions(positions)
         object.__setattr__(self, "nodes", positions)
         object.__setattr__(self, "elements", tuple(elements))
-        object.__setattr__(self, "fixed", tuple(parse_dof(d) for d in fixed))
+        object.__setattr__(self, "fixed", parse_dofs(fixed))
         object.__setattr__(self, "ties", tuple(ties))
         across = {d for made in self.elements for d in made.moves}
         usual = tuple(d for d in DIRECTIONS if d in across or d in _ACTIVE[self.dimension])
@@ -152,7 +158,7 @@ class Structure(Shown, StructurePlots):
 
     @property
     def sets(self) -> tuple[ElementSet, ...]:
-        """What properties are of: element sets, and components in place of those that are in them."""
+        """Element sets, with components in place of those that are in them: the owners of all properties."""
         within = {name for one in self.components for name in one.elements}
         return (
             *(element for element in self.elements if element.name not in within),
@@ -233,7 +239,7 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def divisible(self) -> tuple[ElementSet, ...]:
-        """What `subdivide` cuts: beams, and bars whose pieces cannot move sideways."""
+        """Element sets that `subdivide` cuts: beams, and bars whose pieces cannot move sideways."""
         return tuple(one for one in self.elements if is_divisible(one, self.nodes, self.active or ()))
 
     @cached_property
@@ -282,7 +288,7 @@ class Structure(Shown, StructurePlots):
         return tuple(dof_of_code(code) for code in self.numbering.free)
 
     def words(self, dof: Dof) -> str:
-        """What messages call one of `dofs`, such as ``3X+``, or ``RZ inside joint 1``."""
+        """Text of one of `dofs` in messages, such as ``3X+``, or ``RZ inside joint 1``."""
         inside = self._numbered.owners.get(dof.node)
         return str(dof.unsigned) if inside is None else f"{dof.direction} inside {inside}"
 
@@ -310,7 +316,7 @@ class Structure(Shown, StructurePlots):
 
     @property
     def base_supports(self) -> frozenset[Dof]:
-        """What its bases move, whatever the sense."""
+        """Degrees of freedom, without sign, that the bases move."""
         return frozenset(dof.unsigned for base in self.bases for dof in base.supports)
 
     def driven(self, dofs: Iterable[Dof]) -> tuple[Base, ...]:
@@ -338,7 +344,7 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def unreduced(self) -> Structure:
-        """The same with all degrees of freedom of its components, and the same properties."""
+        """Copy with all degrees of freedom of its components, and the same properties."""
         return replace(self, components=tuple(replace(one, whole=True) for one in self.components))
 
     def release_supports(self, bases: tuple[Base, ...]) -> Structure:

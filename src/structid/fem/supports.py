@@ -198,7 +198,7 @@ class Base:
 
     @property
     def ties(self) -> tuple[Constraint, ...]:
-        """What makes all supports follow the first."""
+        """Constraints by which all supports follow the first."""
         first, *others = self.supports
         return tuple(Constraint(f"base {self.name}", other, [(first, 1.0)]) for other in others)
 

@@ -22,7 +22,7 @@ from typing import IO, Any, NamedTuple, TypeVar
 import numpy as np
 
 from structid.core.errors import FileError
-from structid.core.isolation import NEUTRAL_FOLDER, SAFE_FLAGS, child_environment, import_paths
+from structid.core.isolation import import_paths, kill_child, python_arguments, start_child
 from structid.core.json_types import Plain
 from structid.files.worker import __file__ as _SCRIPT
 from structid.files.worker import filled
@@ -63,17 +63,11 @@ class _Child:
     def __init__(self) -> None:
         """Start a Python process that runs `worker.py` in the neutral folder, and wait until it is ready."""
         paths = os.pathsep.join(import_paths(sys.path, Path.cwd()))
-        environment = child_environment({"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"})
         self.owner, self.served = os.getpid(), 0
-        self.process = subprocess.Popen(
-            [sys.executable, *SAFE_FLAGS, _SCRIPT],
-            cwd=NEUTRAL_FOLDER,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env=environment,
-            start_new_session=True,
-        )
+        self.process = start_child(
+            python_arguments(_SCRIPT), stdin=subprocess.PIPE, output=subprocess.PIPE,
+            changes={"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"},
+        )  # fmt: skip
         self._timed(_START_SECONDS, lambda stream: stream.readline())
 
     def ask(self, request: Mapping[str, Plain], seconds: float) -> _Answer:
@@ -90,7 +84,7 @@ class _Child:
     def _timed(self, seconds: float, read: Callable[[IO[bytes]], T | None]) -> T:
         """Return `read(stream)` of the child's output; kill the child and raise `_LostError` after `seconds`."""
         assert self.process.stdout is not None
-        timer = threading.Timer(seconds, self.process.kill)
+        timer = threading.Timer(seconds, kill_child, [self.process])
         timer.daemon = True
         timer.start()
         try:
@@ -105,7 +99,7 @@ class _Child:
     def close(self) -> None:
         """Kill the child and close its pipes, unless another process started it."""
         if self.owner == os.getpid():
-            self.process.kill()
+            kill_child(self.process)
             self.process.wait()
         for stream in (self.process.stdin, self.process.stdout):
             if stream is not None:

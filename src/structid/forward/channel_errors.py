@@ -77,7 +77,7 @@ class ChannelErrors(NamedUnknowns):
         )  # fmt: skip
 
     def rows(self, kind: str) -> IntArray:
-        """Which parameters are of that kind."""
+        """Indices of the parameters of that kind."""
         return np.array([i for i, own in enumerate(self.kinds) if own == kind], dtype=int)
 
     def readings(self, physical: FloatArray, laplace: ComplexArray) -> tuple[ComplexArray, ComplexArray]:

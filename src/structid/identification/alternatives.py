@@ -24,7 +24,7 @@ _MOST_PLACES, _MODES_BEYOND, _MOST_TOLD = 40, 2, 6
 
 @dataclass(frozen=True)
 class DecidingMeasurement:
-    """What would tell sets of values apart that fit the data equally well.
+    """Measurement that would distinguish sets of values which fit the data equally well.
 
     Attributes
     ----------

@@ -111,8 +111,8 @@ def identified_model(
     """An `IdentifiedModel` from estimated parameters, their covariance, and the influence of fixed values on them.
 
     A fixed value that is off by one tolerance changes the parameters by its column of `fixed_changes` and the model by itself.
-    Both are one error here, so that what cancels in the fitted responses cancels in a prediction too. The effect of second order is
-    left out: it holds together with the change of the fixed values alone.
+    Both are one error here, so that what cancels in the fitted responses cancels in a prediction too. The effect of second order
+    is an error of its own, which changes the parameters alone.
 
     Parameters
     ----------
@@ -125,10 +125,9 @@ def identified_model(
         Of the data alone: by noise, or by model error where the fit misses the noise; physical units.
     fixed : mapping of str to float, optional
         What each column of `fixed_changes` is owed to, such as ``mass[deck]``, and its tolerance as a part of the value. What is no
-        property of the structure, such as the calibration of a record, changes the parameters alone.
+        property of the structure, such as the calibration of a record or `SECOND_ORDER`, changes the parameters alone.
     fixed_changes : (n_params, n_fixed) float array, optional
-        Change of each parameter, physical units, for one tolerance of each fixed value: the first columns of
-        `FixedValueInfluence.changes`.
+        Change of each parameter, physical units, for one tolerance of each fixed value: `FixedValueInfluence.changes`.
     words : str
         What the uncertainty includes.
 
@@ -184,13 +183,16 @@ def model_of(found: Identification) -> IdentifiedModel:
             "a matrix-free search gives no covariance matrix to predict with; group the unknowns, so that a dense search is used"
         )
     influence = estimate.fixed
+    tolerances = None if influence is None else dict.fromkeys(influence.change_names, 0.0)
+    if tolerances is not None and influence is not None:
+        tolerances.update(zip(influence.names, influence.tolerance.tolist(), strict=True))
     return identified_model(
         found.structure,
         found.parameters,
         estimate.values[index],
         estimate.covariance_of_data[np.ix_(index, index)],
-        None if influence is None else dict(zip(influence.names, influence.tolerance.tolist(), strict=True)),
-        None if influence is None else influence.changes[index, : len(influence.names)],
+        tolerances,
+        None if influence is None else influence.changes[index],
         found.assumption,
     )
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, sparse
+from scipy import linalg, signal, sparse
+from scipy.optimize import minimize_scalar
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import Overview, Shown, format_number, join_words
@@ -19,8 +20,9 @@ from structid.prediction.recovery import Output, OutputMap, is_von_mises, output
 from structid.records import TimeRecord
 from structid.records.record import MOTION_DERIVATIVES
 
-#: Orders of magnitude about a first guess of the unknown forces that are tried, and how many sizes.
-_DECADES, _SIZES = 2.0, 17
+#: Orders of magnitude below and above a first guess of the unknown forces between which their size is sought, to what part of one;
+#: of free structures, whose motion hardly says the size, as many above as below.
+_BELOW, _ABOVE, _SURE = 2.0, 0.5, 0.01
 #: Part of the variance of a force before the record that remains, above which the record says next to nothing of it.
 _UNSEEN = 0.9
 #: Part of a combination of forces below which a force is not named in it.
@@ -30,11 +32,16 @@ _NOISE = 0.01
 #: Variance, in units of a state's own size, by which every modal state moves at random in a time 1 / reference: so small that it
 #: shows nowhere, so that no state is known without error and the equations for the steady gains have a solution.
 _STRAY = 1e-10
+#: Largest doublings of the number of samples after which the covariance must have settled, and by what part it may still grow.
+_DOUBLINGS, _CONVERGED = 40, 1e-12
+#: Part of the variance far from the ends, below which what is missing at the end of the record no longer counts.
+_SETTLED = 1e-4
 #: Size of modal speeds, in sqrt(kg) m/s, where no unknown force gives one.
 _SPEED = 1e-6
-#: Corner of the filter against aliasing, in parts of half the sampling rate, and damping ratios of its two sections: Butterworth,
-#: fourth order. Filters of records are steeper; with a lower corner, deviations of accelerations near a force are too small.
-_CORNER, _SECTIONS = 1.0, (np.cos(np.pi / 8), np.cos(3 * np.pi / 8))
+#: Filter against aliasing: elliptic, order, ripple and attenuation in dB, passing up to half the sampling rate. It must be steep:
+#: lightly damped modes just above ring in whatever it lets through. Deviations of accelerations are those of the errors behind a
+#: filter that halves what is at half the sampling rate, and wider than the errors behind one that ends before.
+_FILTER = 9, 0.1, 80.0
 
 
 @dataclass(frozen=True)
@@ -214,14 +221,16 @@ def sense(
         raise NoAnswerError(
             "nothing holds the structure, so that velocities and accelerations do not tell where it is; measure a displacement too"
         )
-    std = 0.0 if unknown is None else (unknown.std or smoother.likeliest_std(reduced))
+    std, is_trusted = (0.0 if unknown is None else unknown.std), True
+    if std is None:
+        std, is_trusted = smoother.likeliest_std(reduced)
     nominal = smoother.run(reduced, std)
     spread = np.zeros_like(nominal.mean)
     for physical in model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ():
         values = model.parameters.values(physical)
         other = smoother.run(reduce_structure(structure, values, basis, sides_at(values)), std)
         spread += (other.mean - nominal.mean) ** 2 / n_draws
-    deviation = np.sqrt(np.diag(nominal.covariance) + spread)
+    deviation = np.sqrt(nominal.variance + spread)
     n_out, n_left = len(wanted), len(channels.left)
     out, seen, force = slice(0, n_out), slice(n_out, n_out + n_left), slice(n_out + n_left, None)
     error = (channels.left_values - nominal.mean[:, seen]) ** 2 / (deviation[:, seen] ** 2 + channels.left_variance)
@@ -236,15 +245,24 @@ def sense(
         deviation[:, force],
         std if forces else float("nan"),
         tuple(zip(channels.left, np.sqrt(error.mean(axis=0)).tolist(), strict=True)),
-        _unseen_words(forces, nominal.covariance[force, force] / std**2) if forces else (),
+        (*(() if is_trusted else (_DOUBTED,)), *_unseen_words(forces, nominal.covariance[force, force], std)),
     )
 
 
-def _unseen_words(forces: Sequence[Dof], remaining: FloatArray) -> tuple[str, ...]:
+_DOUBTED = (
+    "the size of the unknown forces is that of the motion alone: the record would be likelier with far larger ones, so that the"
+    " model misses it by more than the noise of its sensors; state that noise, or `force_std`"
+)
+
+
+def _unseen_words(forces: Sequence[Dof], covariance: FloatArray, std: float) -> tuple[str, ...]:
     """Sentences on forces, and combinations of them, of which the record says next to nothing.
 
-    `remaining` (n_forces, n_forces) is the covariance of the forces after the record over their variance before it.
+    `covariance` (n_forces, n_forces) is that of the forces after the record, `std` the deviation of each before it.
     """
+    if not forces:
+        return ()
+    remaining = covariance / std**2
     blind = [dof for dof, part in zip(forces, np.diag(remaining), strict=True) if part > _UNSEEN]
     words = (
         [f"the record says next to nothing of the force at {join_words(blind)}: no sensor moves with it"]
@@ -339,10 +357,12 @@ class _Channels:
 
 @dataclass(frozen=True, eq=False)
 class _Smoothed:
-    """Mean (n_times, n) and covariance (n, n) of wanted outputs, left-out sensors and unknown forces."""
+    """Mean and variance (n_times, n) of wanted outputs, left-out sensors, unknown forces; covariance (n, n) inside it."""
 
     mean: FloatArray
+    variance: FloatArray
     covariance: FloatArray
+    misfit: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -365,21 +385,19 @@ class _ForceModel:
     @classmethod
     def of(cls, correlation_time: float, filtered_rate: float | None) -> _ForceModel:
         """A force with a correlation time, s, as records of a sampling rate hold it; None for no filter."""
-        sections = () if filtered_rate is None else _SECTIONS
-        n = 1 + 2 * len(sections)
-        dynamics, output = np.zeros((n, n)), np.zeros(n)
-        dynamics[0, 0] = -1 / correlation_time
-        before = 0
-        for k, damping in enumerate(sections):
-            corner, first = np.pi * _CORNER * (filtered_rate or 0.0), 1 + 2 * k
-            dynamics[first, first + 1] = corner
-            dynamics[first + 1, [before, first, first + 1]] = corner, -corner, -2 * damping * corner
-            before = first
-        output[before] = 1.0
-        white = np.zeros((n, n))
+        inner, entry, output, direct = np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
+        if filtered_rate is not None:
+            corner = np.pi * filtered_rate
+            a, b, c, d = signal.zpk2ss(*signal.ellip(*_FILTER, 1.0, analog=True, output="zpk"))
+            inner, entry, output, direct = corner * a, corner * b[:, 0], c[0], float(d[0, 0])
+        dynamics = np.zeros((1 + len(inner),) * 2)
+        dynamics[0, 0], dynamics[1:, 0], dynamics[1:, 1:] = -1 / correlation_time, entry, inner
+        white = np.zeros_like(dynamics)
         white[0, 0] = 2 / correlation_time
-        power = float(output @ linalg.solve_continuous_lyapunov(dynamics, -white) @ output)
-        return cls(dynamics, float(white[0, 0]), output / np.sqrt(power))
+        covariance = linalg.solve_continuous_lyapunov(dynamics, -white)
+        size, read = np.sqrt(np.diag(covariance)), np.append(direct, output)
+        scaled = dynamics * size / size[:, None]  # states of unit variance, for the digits of the filter
+        return cls(scaled, float(white[0, 0] / size[0] ** 2), read * size / np.sqrt(read @ covariance @ read))
 
 
 @dataclass(frozen=True, eq=False)
@@ -427,27 +445,34 @@ class _Smoother:
         predicted, gain, innovation = self._steady(system)
         before, after = self._filtered(system, gain)
         updated = predicted - gain @ innovation @ gain.T
+        misfit = float(np.sqrt((self._whitened(system, before, innovation) ** 2).mean()))
         back = np.linalg.solve(predicted, system.transition @ updated).T
         drive = (after[:-1] - before[1:] @ back.T)[::-1]
         smoothed = stepped(back, drive, after[-1])[::-1]
         covariance = linalg.solve_discrete_lyapunov(back, updated - back @ predicted @ back.T)
         covariance = (covariance + covariance.T) / 2
         mean = smoothed @ system.wanted.T + self.channels.known @ system.wanted_direct.T
-        asked = system.wanted @ covariance @ system.wanted.T
-        np.fill_diagonal(asked, np.maximum(np.diag(asked), 0.0))
-        return _Smoothed(mean, asked)
+        wanted = system.wanted @ covariance @ system.wanted.T
+        variance = np.tile(np.maximum(np.diag(wanted), 0.0), (len(mean), 1))
+        variance += _variance_towards_end(system.wanted, back, updated - covariance, variance)
+        return _Smoothed(mean, variance, wanted, misfit)
 
-    def likeliest_std(self, reduced: ReducedMatrices) -> float:
-        """Standard deviation, N, of the unknown forces under which the record is likeliest."""
-        size = self._first_std(reduced)
-        tried = size * np.logspace(-_DECADES, _DECADES, _SIZES)
-        likelihood = [self._log_likelihood(reduced, float(std)) for std in tried]
-        best = int(np.argmax(likelihood))
-        if best in (0, len(tried) - 1):
-            return float(tried[best])
-        left, middle, right = likelihood[best - 1 : best + 2]
-        shift = 0.5 * (left - right) / (left - 2 * middle + right)
-        return float(tried[best] * (tried[1] / tried[0]) ** np.clip(shift, -0.5, 0.5))
+    def likeliest_std(self, reduced: ReducedMatrices) -> tuple[float, bool]:
+        """Standard deviation, N, of the unknown forces under which the record is likeliest, and whether it can be trusted.
+
+        A model whose resonances are off by a part of their width makes far larger forces likelier than those that move the sensors
+        as much as they do. The size of the motion then counts.
+        """
+        size, above = self._first_std(reduced), _BELOW if reduced.is_rigid.any() else _ABOVE
+        search = minimize_scalar(
+            lambda decades: -self._log_likelihood(reduced, float(size * 10**decades)),
+            bounds=(-_BELOW, above),
+            method="bounded",
+            options={"xatol": _SURE},
+        )
+        if search.x > above - 3 * _SURE:
+            return size, False
+        return float(size * 10**search.x), True
 
     def _first_std(self, reduced: ReducedMatrices) -> float:
         """A first guess of the unknown forces, N: with them the sensors would move about as much as they do.
@@ -474,20 +499,18 @@ class _Smoother:
         system = self._system(reduced, std)
         _, gain, innovation = self._steady(system)
         before, _ = self._filtered(system, gain)
+        whitened = self._whitened(system, before, innovation)
+        return float(-0.5 * (whitened**2).sum() - 0.5 * whitened.shape[1] * np.linalg.slogdet(innovation)[1])
+
+    def _whitened(self, system: _StateSpace, before: FloatArray, innovation: FloatArray) -> FloatArray:
+        """Innovations (n_sensors, n_times): what sensors read beyond the predicted states, as independent unit errors."""
         error = self._measured - self.channels.known @ system.direct.T - before @ system.reading.T
-        whitened = linalg.solve_triangular(np.linalg.cholesky(innovation), error.T, lower=True)
-        return float(-0.5 * (whitened**2).sum() - 0.5 * len(error) * np.linalg.slogdet(innovation)[1])
+        return np.asarray(linalg.solve_triangular(np.linalg.cholesky(innovation), error.T, lower=True))
 
     def _steady(self, system: _StateSpace) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Covariance of the predicted state, gain, and covariance of the innovations, all in the steady state."""
-        noise = np.eye(len(self.channels.variance))
-        try:
-            predicted = linalg.solve_discrete_are(system.transition.T, system.reading.T, system.noise, noise)
-        except (linalg.LinAlgError, ValueError) as error:
-            raise NoAnswerError(
-                "these sensors do not tell the motion: none of them sees one of the modes; measure more places"
-            ) from error
-        innovation = system.reading @ predicted @ system.reading.T + noise
+        predicted = _predicted_covariance(system)
+        innovation = system.reading @ predicted @ system.reading.T + np.eye(len(system.reading))
         gain = np.linalg.solve(innovation, system.reading @ predicted).T
         return predicted, gain, innovation
 
@@ -555,6 +578,47 @@ class _Smoother:
             wanted,
             wanted_direct,
         )
+
+
+def _predicted_covariance(system: _StateSpace) -> FloatArray:
+    """Covariance (n_states, n_states) of the state before each reading, once it has settled: that after 2^k samples, k rising.
+
+    Chu, Fan, Lin and Wang (2004), Int. J. Control 77, 767-788, Algorithm 3.1: P = A P (I + C' C P)^-1 A' + Q by doubling.
+    """
+    step: FloatArray = system.transition.T
+    seen: FloatArray = system.reading.T @ system.reading
+    covariance = system.noise
+    one = np.eye(len(step))
+    for _ in range(_DOUBLINGS):
+        after, read = np.hsplit(np.linalg.solve(one + seen @ covariance, np.hstack([step, seen @ step.T])), 2)
+        grown = np.asarray(step.T @ covariance @ after)
+        seen, step = _symmetric(seen + step @ read), np.asarray(step @ after, dtype=np.float64)
+        covariance = _symmetric(covariance + grown)
+        if not np.isfinite(covariance).all():
+            break
+        if np.abs(grown).max() <= _CONVERGED * np.abs(covariance).max():
+            return covariance
+    raise NoAnswerError("these sensors do not tell the motion: none of them sees one of the modes; measure more places")
+
+
+def _symmetric(matrix: FloatArray) -> FloatArray:
+    """A matrix that is symmetric but for rounding, made so."""
+    return np.asarray((matrix + matrix.T) / 2)
+
+
+def _variance_towards_end(wanted: FloatArray, back: FloatArray, excess: FloatArray, steady: FloatArray) -> FloatArray:
+    """Variance (n_times, n) of outputs beyond the `steady` one, since no later samples follow the last ones.
+
+    `wanted` (n, n_states) reads the outputs, `back` is the gain of the smoother and `excess` (n_states, n_states) the covariance of
+    the last state beyond the steady one.
+    """
+    beyond, rows = np.zeros_like(steady), wanted
+    for k in range(len(beyond) - 1, -1, -1):
+        beyond[k] = np.maximum(np.einsum("ij,jk,ik->i", rows, excess, rows, optimize=True), 0.0)
+        if (beyond[k] <= _SETTLED * steady[k]).all():
+            break
+        rows = rows @ back
+    return beyond
 
 
 def _readings(

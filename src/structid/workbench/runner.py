@@ -10,13 +10,13 @@ import json
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from structid.core.isolation import python_arguments, start_child
 from structid.workbench.user_state import state_folder
 
 try:
@@ -49,9 +49,7 @@ def main() -> None:
 def _executed(folder: Path, words: list[str]) -> int:
     """Exit code of the structid command `words`, run with its output in ``log.txt`` of `folder`."""
     with (folder / "log.txt").open("ab") as log:
-        child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "structid", *words], stdin=subprocess.DEVNULL, stdout=log, stderr=log
-        )
+        child = start_child(python_arguments("-m", "structid", *words), output=log, errors=log, has_group=False)
         (folder / "child.json").write_text(json.dumps({"pid": child.pid}), encoding="utf-8")
         return child.wait()
 

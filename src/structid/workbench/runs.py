@@ -7,9 +7,7 @@ import os
 import re
 import secrets
 import shutil
-import signal
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -21,7 +19,7 @@ from typing import Any
 import psutil
 
 from structid.core.errors import FileError, InputError
-from structid.core.isolation import NEUTRAL_FOLDER, SAFE_FLAGS, child_environment
+from structid.core.isolation import kill_child, python_arguments, start_child
 from structid.external.confirmation import CONFIRMED
 from structid.files import atomic_write, read_part, require_no_file
 from structid.workbench.folder import OWN, ChangedError, OpenFolder, OutsideError, parse_json, read_json
@@ -262,16 +260,10 @@ class Runs:
         words += ["--resume"] if resume else []
         words += [] if seconds is None else ["--seconds", f"{seconds:g}"]
         words += ["--explain"] if explain else []
-        process = subprocess.Popen(
-            [sys.executable, *SAFE_FLAGS, "-m", "structid.workbench.runner", str(folder), *words],
-            cwd=NEUTRAL_FOLDER,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-            env=child_environment(
-                {"OPENBLAS_NUM_THREADS": os.environ.get("OPENBLAS_NUM_THREADS", "1"), CONFIRMED: confirmation}
-            ),
+        threads = os.environ.get("OPENBLAS_NUM_THREADS", "1")
+        process = start_child(
+            python_arguments("-m", "structid.workbench.runner", str(folder), *words),
+            changes={"OPENBLAS_NUM_THREADS": threads, CONFIRMED: confirmation},
         )
         _waited.append(process)
         told = {
@@ -285,8 +277,7 @@ class Runs:
             with atomic_write(folder / "run.json") as temporary:
                 temporary.write_text(json.dumps(told), encoding="utf-8")
         except FileError:  # nobody would know of it
-            with suppress(OSError):
-                os.killpg(process.pid, signal.SIGKILL) if os.name == "posix" else process.kill()
+            kill_child(process)
             process.wait()
             shutil.rmtree(folder, ignore_errors=True)
             raise

@@ -11,7 +11,7 @@ from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, beside_cal
 
 @dataclass(frozen=True)
 class Wanted:
-    """What takes the place of [plan] in the study.
+    """Options that take the place of [plan] in the study.
 
     Parameters
     ----------

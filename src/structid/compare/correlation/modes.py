@@ -105,13 +105,13 @@ class ModesCorrelation:
 
     @property
     def comac(self) -> FloatArray:
-        """Of each sensor over the pairs and the entries that are known, (n_channels,); NaN without one."""
+        """COMAC of each sensor over the pairs and the entries that are known, (n_channels,); NaN without one."""
         x, y = self._pairs_at_sensors
         return comac(x, y) if x.size else np.full(len(x), np.nan)
 
     @property
     def ecomac(self) -> FloatArray:
-        """As `comac`."""
+        """Enhanced COMAC of each sensor over the pairs and the entries that are known, (n_channels,); NaN without one."""
         x, y = self._pairs_at_sensors
         return ecomac(x, y) if x.size else np.full(len(x), np.nan)
 

@@ -29,7 +29,7 @@ from structid.unknowns import Parameters, joint_prior
 
 @dataclass(frozen=True, eq=False)
 class StoredChanges:
-    """What a results folder tells of the values that the model holds; the attributes are those of `FixedValueInfluence`."""
+    """Influence of fixed values as a results folder stores it; the attributes are those of `FixedValueInfluence`."""
 
     change_names: tuple[str, ...]
     changes: FloatArray
@@ -37,7 +37,7 @@ class StoredChanges:
 
 @dataclass(frozen=True, eq=False)
 class StoredEstimate:
-    """What a results folder tells of an estimate; the attributes are those of `Estimate`."""
+    """Estimate as a results folder stores it; the attributes are those of `Estimate`."""
 
     names: tuple[str, ...]
     kinds: tuple[str, ...]
@@ -51,7 +51,7 @@ class StoredEstimate:
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What a drawing of the state needs.
+    """Structure, parameters and channels for a drawing of the state.
 
     Attributes
     ----------

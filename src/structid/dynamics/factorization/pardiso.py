@@ -96,7 +96,7 @@ class Pardiso:
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """What the library has of one pattern in one arithmetic, and writes to: its own memory, options and order."""
+    """Memory, options and order that the library keeps for one pattern in one arithmetic, and writes to."""
 
     kind: int
     indices: IntArray

@@ -21,7 +21,7 @@ from structid.fem.elements.element import (
     OptionalSignedValues,
     OptionalValues,
     Positions,
-    ShearShare,
+    ShearRatio,
     Values,
     declared,
     element,
@@ -29,7 +29,7 @@ from structid.fem.elements.element import (
     node_codes,
     node_table,
     rotated,
-    shear_share,
+    shear_ratio,
 )
 
 #: Points and weights by which products of two cubics are integrated from 0 to 1.
@@ -84,7 +84,7 @@ class BendingPlane:
         w = w1 + L (theta1 (x - x^2 / 2) + theta2 x^2 / 2) - a x + s a (x - 3 x^2 + 2 x^3),
         theta = theta1 (1 - x) + theta2 x - 6 s (a / L) x (1 - x),     x from 0 to 1,
 
-    with a = w1 - w2 + (theta1 + theta2) L / 2 and the share s = 1 / (1 + 12 EI / (G A_s L^2)), which is 1 without shear: then
+    with a = w1 - w2 + (theta1 + theta2) L / 2 and the ratio s = 1 / (1 + 12 EI / (G A_s L^2)), which is 1 without shear: then
     they are Hermite's. Stiffness is exact with these, so that nothing locks; masses are consistent with them, in powers of s.
 
     Attributes
@@ -166,7 +166,7 @@ class BendingPlane:
         return np.stack([one, self.length / 2, -one, self.length / 2], axis=1)
 
     def _consistent(self, plain: FloatArray, bent: FloatArray) -> tuple[ElementMatrixTerm, ...]:
-        """Of shapes `plain` + s `bent` at the points, (n_points, n, 4)."""
+        """Consistent matrix terms of shapes `plain` + s `bent` at the points, (n_points, n, 4)."""
         mixed = self._product(plain, bent)
         return (
             self._matrix_term(self._product(plain, plain)),
@@ -184,13 +184,13 @@ class BendingPlane:
         name, values = self.shear
         if power == 0 or values is None:
             return ElementMatrixTerm(self.codes, rotated(local, self.across))
-        share = ShearShare(self.bending[0], name, 12 / self.length**2, power)
-        nominal = shear_share(self.bending[1], values, share.ratio) ** power
+        share = ShearRatio(self.bending[0], name, 12 / self.length**2, power)
+        nominal = shear_ratio(self.bending[1], values, share.ratio) ** power
         return ElementMatrixTerm(self.codes, rotated(local * nominal[:, None, None], self.across), shear=share)
 
 
 def added(matrix_terms: tuple[ElementMatrixTerm, ...], local: FloatArray) -> tuple[ElementMatrixTerm, ...]:
-    """The same matrix terms with other matrices on the same codes added to the first, which does not depend on the shear."""
+    """Matrix terms with `local` added to the first, which does not depend on the shear."""
     return replace(matrix_terms[0], local=matrix_terms[0].local + local), *matrix_terms[1:]
 
 

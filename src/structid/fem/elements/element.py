@@ -73,7 +73,7 @@ Store = Callable[[str, Any], Any]
 
 @dataclass(frozen=True)
 class Declared:
-    """What an element type says of one of its fields; limits and choices stand in the annotation.
+    """Declaration of one field of an element type; limits and choices stand in the annotation.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def declared(
 
 
 def declarations(kind: type[ElementSet] | ElementSet) -> dict[str, Declared]:
-    """What an element type says of each of its fields."""
+    """Declaration of each field of an element type, by name."""
     return {item.name: item.metadata["declared"] for item in fields(kind)}
 
 
@@ -170,8 +170,8 @@ def element(cls: type[E]) -> type[E]:
 
 
 @dataclass(frozen=True, eq=False)
-class ShearShare:
-    """What beams that shear have of a matrix: a power of the share s = G / (G + ratio E) that bending takes.
+class ShearRatio:
+    """Dependence of a beam's matrix on its shear flexibility: a power of s = G / (G + ratio E), the ratio that bending takes.
 
     Parameters
     ----------
@@ -189,8 +189,8 @@ class ShearShare:
     power: int = 1
 
 
-def shear_share(bending: FloatArray, shear: FloatArray, ratio: FloatArray) -> FloatArray:
-    """The share s of `ShearShare`, (n_elements,)."""
+def shear_ratio(bending: FloatArray, shear: FloatArray, ratio: FloatArray) -> FloatArray:
+    """Ratio s of `ShearRatio`: the part of the flexibility that is bending, (n_elements,)."""
     return shear / (shear + ratio * bending)
 
 
@@ -216,7 +216,7 @@ class ElementMatrixTerm:
         Power of the thickness that they go with.
     whole : sparse array, optional
         In place of `local`: the matrix of a set that is one element.
-    shear : ShearShare, optional
+    shear : ShearRatio, optional
         What weighs them besides.
     powers : tuple of Power
         Of a set that is one element: powers of its properties that weigh the matrix besides.
@@ -232,7 +232,7 @@ class ElementMatrixTerm:
     local: FloatArray
     power: int = 0
     whole: sparse.csc_array | None = None
-    shear: ShearShare | None = None
+    shear: ShearRatio | None = None
     powers: tuple[Power, ...] = ()
     matrix_kind: str = ""
     reduced: bool = False

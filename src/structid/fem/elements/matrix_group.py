@@ -41,7 +41,7 @@ def _sparse(name: str, given: AnyMatrix) -> sparse.csc_array:
 
 
 class GroupMatrices(TypedDict, total=False):
-    """What `MatrixGroup` takes beside its name and degrees of freedom."""
+    """Arguments of `MatrixGroup` beside its name and degrees of freedom."""
 
     mass: AnyMatrix
     stiffness: AnyMatrix
@@ -73,7 +73,7 @@ class MatrixGroup(ElementSet):
 
     @property
     def given(self) -> dict[str, sparse.csc_array]:
-        """Those of its matrices that there are."""
+        """Matrices that are stated, by kind."""
         every = {"mass": self.mass, "stiffness": self.stiffness, "damping": self.damping}
         return {key: matrix for key, matrix in every.items() if matrix is not None}
 

@@ -92,7 +92,7 @@ class Plate(ThinSet):
         }
 
     def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
-        """See `ThinSet.centre_strains`."""
+        """Maps from an element's motion to strains and to strains per height at its centre; see `ThinSet.centre_strains`."""
         nodes = self.nodes[row][self.nodes[row] >= 0][None]
         corners = cell_positions(self.name, nodes, positions, 2)
         curvatures = centre_curvatures(self.name, nodes, corners, PLATE_CELLS[nodes.shape[1]])[0]

@@ -160,7 +160,7 @@ class Shell(ThinSet):
         }
 
     def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
-        """See `ThinSet.centre_strains`."""
+        """Maps from an element's motion to strains and to strains per height at its centre; see `ThinSet.centre_strains`."""
         nodes = self.nodes[row][self.nodes[row] >= 0][None]
         flat = facets(self.name, nodes, cell_positions(self.name, nodes, positions, 3))
         n = nodes.shape[1]

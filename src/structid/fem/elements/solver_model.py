@@ -220,7 +220,7 @@ class SolverFrfs(ElementSet):
 
     @property
     def dofs(self) -> tuple[Dof, ...]:
-        """Of sensors and loads, each once, as they come."""
+        """Degrees of freedom of sensors and loads, each once, in their order."""
         return tuple(dict.fromkeys(dof.unsigned for dof in (*self.table.outputs, *self.table.inputs)))
 
     def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:

@@ -26,7 +26,7 @@ def index_kind(largest: int) -> type[np.int32] | type[np.int64]:
 
 
 class ElementMatrices(Protocol):
-    """What `Blocks` and `MatrixBlocks` share."""
+    """Common interface of `Blocks` and `MatrixBlocks`: matrices of elements that are assembled, applied and selected."""
 
     @property
     def n_elements(self) -> int: ...
@@ -47,7 +47,7 @@ class ElementMatrices(Protocol):
         ...
 
     def take(self, elements: IntArray) -> ElementMatrices:
-        """The same with these elements only, in this order."""
+        """Copy with these elements only, in this order."""
         ...
 
 
@@ -118,7 +118,7 @@ class Blocks:
         return np.swapaxes(self._gather(y), -1, -2) @ products
 
     def take(self, elements: IntArray) -> Blocks:
-        """The same with these elements only, in this order."""
+        """Copy with these elements only, in this order."""
         return Blocks(self.dofs[elements], self.local[elements], self.n_dofs)
 
     def _gather(self, x: np.ndarray) -> np.ndarray:
@@ -231,5 +231,5 @@ class MatrixBlocks:
         return np.stack(forms, axis=-3)
 
     def take(self, elements: IntArray) -> MatrixBlocks:
-        """The same with these elements only, in this order."""
+        """Copy with these elements only, in this order."""
         return MatrixBlocks([self.matrices[int(e)] for e in elements])

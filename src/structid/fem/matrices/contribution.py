@@ -12,7 +12,7 @@ from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import DIRECTIONS
-from structid.fem.elements.element import ElementMatrixTerm, Term, shear_share
+from structid.fem.elements.element import ElementMatrixTerm, Term, shear_ratio
 from structid.fem.matrices.blocks import ElementMatrices
 from structid.fem.node_positions import LengthDependence
 
@@ -46,7 +46,7 @@ Place: TypeAlias = slice | IntArray
 
 
 class Factor(Protocol):
-    """What multiplies the weights of element matrices and is not linear in the values."""
+    """Factor on the weights of element matrices that is not linear in the values."""
 
     @property
     def places(self) -> tuple[Place, ...]:
@@ -58,23 +58,23 @@ class Factor(Protocol):
         ...
 
     def slope(self, values: FloatArray, place: int) -> FloatArray:
-        """Their derivatives with respect to the values at one of `places`, (n_elements,)."""
+        """Derivatives of the factors with respect to the values at one of `places`, (n_elements,)."""
         ...
 
     def touched(self, changing: np.ndarray) -> np.ndarray:
-        """Whether each changes with the values marked in `changing` (n_values,), (n_elements,)."""
+        """True for each factor that changes with the values marked in `changing` (n_values,), (n_elements,)."""
         mask: np.ndarray = np.any([changing[place] for place in self.places], axis=0)
         return mask
 
     def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
-        """Their derivatives with respect to parameters that change values by `design`, (n_elements, n_params)."""
+        """Derivatives of the factors with respect to parameters that change values by `design`, (n_elements, n_params)."""
         slopes = ((place, self.slope(values, number)) for number, place in enumerate(self.places))
         return sum_of(design[place].multiply(slope[:, None]) for place, slope in slopes)
 
 
 @dataclass(frozen=True, eq=False)
 class ShearFactor(Factor):
-    """The share G / (G + ratio E) of `ShearShare` over the nominal one, to a power; the element matrices hold the nominal.
+    """The share G / (G + ratio E) of `ShearRatio` over the nominal one, to a power; the element matrices hold the nominal.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class ShearFactor(Factor):
     def of(self, values: FloatArray) -> FloatArray:
         """See `Factor.of`."""
         shares: FloatArray = (
-            shear_share(values[self.bending], values[self.shear], self.ratio) / self.nominal
+            shear_ratio(values[self.bending], values[self.shear], self.ratio) / self.nominal
         ) ** self.power
         return shares
 
@@ -231,7 +231,7 @@ class Contribution:
         return weights if self.scale is None else weights * self.scale.of(values)
 
     def touched(self, changing: np.ndarray) -> np.ndarray:
-        """Whether each element's weight changes with the values marked in `changing` (n_values,), (n_elements,)."""
+        """True for each element whose weight changes with the values marked in `changing` (n_values,), (n_elements,)."""
         places = (self.value,) if self.factor is None else (self.value, self.factor)
         mask: np.ndarray = np.any([changing[place] for place in places], axis=0)
         return mask if self.scale is None else mask | self.scale.touched(changing)
@@ -259,7 +259,7 @@ class Contribution:
 
 
 def sum_of(matrices: Iterable[sparse.sparray]) -> sparse.csr_array:
-    """Their sum."""
+    """Sum of sparse matrices of one shape."""
     first, *others = matrices
     return sparse.csr_array(sum(others, first))
 
@@ -347,7 +347,7 @@ def _factor_of(
     if matrix_term.shear is not None:
         of_element = {p.term.property: p for p in properties if p.element == element}
         bending, shear = of_element[matrix_term.shear.bending], of_element[matrix_term.shear.shear]
-        ratio = shear_share(bending.term.values, shear.term.values, matrix_term.shear.ratio)
+        ratio = shear_ratio(bending.term.values, shear.term.values, matrix_term.shear.ratio)
         return ShearFactor(bending.values, shear.values, matrix_term.shear.ratio, ratio, matrix_term.shear.power)
     if matrix_term.powers:
         of_element = {p.term.property: p for p in properties if p.element == element}

@@ -59,7 +59,9 @@ class RecursiveMotionFit:
             self,
             state=reduced_state(self.equations, self.state, None, fields, work),
             energy=locked(self.energy + (fields**2).sum(axis=1)),
-            error=self.error if variance is None else locked(self.error + _summed(variance, chunk.force.shape)),
+            error=self.error
+            if variance is None
+            else locked(self.error + _summed_variances(variance, chunk.force.shape)),
             n_samples=self.n_samples + chunk.n_times,
         )
 
@@ -241,8 +243,8 @@ def least_squares_bias(
     return fit.bias(np.asarray(unknown.start if values is None else values, dtype=np.float64), exact_motion)
 
 
-def _summed(variance: MotionVariance, shape: tuple[int, ...]) -> FloatArray:
-    """Error variances of the fields summed over samples, (4 n_dofs,), zero for forces."""
+def _summed_variances(variance: MotionVariance, shape: tuple[int, ...]) -> FloatArray:
+    """Error variances of motions summed over samples, (4 n_dofs,), zero for forces; `shape` is (n_samples, n_dofs)."""
     for name in variance:
         if name not in MOTION_QUANTITIES:
             raise InputError(f"`variance` must be of {', '.join(MOTION_QUANTITIES)}, got {name!r}")

@@ -161,7 +161,7 @@ class Incidentals:
 
     @cached_property
     def free_amplitudes(self) -> IntArray:
-        """Which amplitudes of an oscillation are of noisy loads."""
+        """Indices of the amplitudes of an oscillation that belong to noisy loads."""
         of = self.histories
         return np.flatnonzero(np.resize(of.force_deviation > 0, len(of.known_force)))
 

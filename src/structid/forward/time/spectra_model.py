@@ -96,7 +96,7 @@ class MassLine:
         return np.real(self._powers * (sensors.T @ x[0]))
 
     def change(self, own: FloatArray) -> FloatArray:
-        """Its derivative, (n_outputs, n_inputs, n_own_params)."""
+        """Derivative of the mass line by its parameters, (n_outputs, n_inputs, n_own_params)."""
         x, y = self._fields(own)
         return np.real(self._powers[:, None] * self.response.sensitivity_at(own, x, y)[0])
 

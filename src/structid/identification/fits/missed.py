@@ -51,7 +51,7 @@ class Missed:
 
     @property
     def words(self) -> str:
-        """What is missed and by how much, and why the whole misfit does not show it."""
+        """Sentence on the values that are missed, by how much, and why the whole misfit does not show it."""
         size = float(np.sqrt(self.chi_square_per_value))
         return (
             f"{self.what} are missed by {size:.2g} times their stated errors (root mean square of"

@@ -80,7 +80,7 @@ def damping_ratios(state: ModelState) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class ModalFit:
-    """What was identified, seen from one record of modes.
+    """Identified modes beside one record of modes.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class ModalFit:
 
     @property
     def outvoted(self) -> str:
-        """A sentence where many shape values carry few frequencies off, with a remedy; "" where they do not."""
+        """Sentence where many shape values outweigh few frequencies, with a remedy; "" where they do not."""
         data = self.problem.data
         off = (self.fitted.frequency - data.frequency) / data.frequency_std
         worst = int(np.argmax(np.abs(off)))

@@ -24,7 +24,7 @@ _OF_SWEEPS = "take a smaller `reduced`"
 
 @dataclass(frozen=True)
 class Truncation:
-    """What is lost with the modes that components leave out, or the motions that a sweep does.
+    """Error of the modes that components leave out, or of the motions that a reduced sweep does.
 
     Attributes
     ----------

@@ -91,7 +91,7 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
     @property
     @abstractmethod
     def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
-        """Its sensors as ``output`` and its loads as ``input``, where it has them."""
+        """Sensors as ``output`` and loads as ``input``, where the record has them."""
 
     @abstractmethod
     def words(self, options: IdentifyOptions) -> str:

@@ -77,9 +77,13 @@ def shift_invariant(
     max_order: int,
     parts: Parts | None = None,
     windows: Sequence[Piece] = (),
+    complete: bool = False,
 ) -> Subspace:
-    """Subspace from the singular value decomposition of a block Hankel `matrix` with one-sample shifts."""
-    left, singular, right = _singular_vectors(matrix, max_order, complete=len(windows) > 1)
+    """Subspace from the singular value decomposition of a block Hankel `matrix` with one-sample shifts.
+
+    The decomposition is `complete` where that is asked for or there are several windows, for a covariance.
+    """
+    left, singular, right = _singular_vectors(matrix, max_order, complete or len(windows) > 1)
     m, n = data.n_channels, min(max_order, len(singular), len(matrix) - data.n_channels)
     q, triangle = np.linalg.qr(left[:-m, :n])
     _require_full(triangle, n)

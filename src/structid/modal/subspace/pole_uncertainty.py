@@ -28,6 +28,7 @@ from structid.modal.subspace.kernel import Subspace
 _PEAK = 4.0  # peak over median of the residual's spectrum from which motion counts as forced
 _STILL = 1e-9  # of a channel's root mean square: nothing but rounding
 _BATCH = 2.0  # memories of the slowest mode in a batch
+_LEAST_FREEDOM = 4.0  # degrees of freedom of a damping ratio in a record of two memories or fewer
 _HARDLY = 0.2  # of the power of a few sums of channels: less than it, and a decay does not explain half of all
 _SUMS, _CHUNK = 4, 256  # sums of channels, and samples of a chunk of theirs
 _OVERFLOW = 300.0  # exponent of a growing pole
@@ -184,7 +185,7 @@ def overlapping_batches(
     Meketon and Schmeiser (1984), Overlapping batch means: something for nothing?, Proc. Winter Simul. Conf., 226-230.
     """
     n = len(ds)
-    size = int(np.clip(np.ceil(_BATCH * memory / piece), 1, max(1, n // 8)))
+    size = _batch_size(n, piece, memory)
     if size == 1:
         return ds, dshape
     scale = np.sqrt(n * (n - 1) / (size * (n - size + 1) * (n - size)))
@@ -195,6 +196,39 @@ def overlapping_batches(
         return scale * (total[size:] - total[:-size])
 
     return sums(ds), sums(dshape)
+
+
+def _batch_size(n_pieces: int, piece: float, memory: float) -> int:
+    """Pieces of `piece` s in a batch that is long against the `memory` (s) of the slowest mode, as far as pieces allow."""
+    return int(np.clip(np.ceil(_BATCH * memory / piece), 1, max(1, n_pieces // 8)))
+
+
+def frequency_widening(poles: ComplexArray, seconds: float, n_pieces: int, memory: float) -> FloatArray:
+    """Factors, 1 or more, on standard deviations of frequencies that themselves rest on an uncertain damping, (n_modes,).
+
+    In T seconds a frequency f with damping ratio zeta has a variance of f zeta / (2 pi T) at least, and zeta one of
+    zeta / (2 pi f T): a variance stated with the damping found has a relative variance of 1 / (T zeta omega), which is that of
+    2 T zeta omega degrees of freedom. Batches of the record cannot have more. Where they would, 1.96 standard deviations
+    become the 95 % interval of Student's t with these. Damping ratios err together with their own standard deviation, and are
+    not widened.
+
+    Parameters
+    ----------
+    poles : (n_modes,) complex array
+        rad/s.
+    seconds : float
+        Of all records.
+    n_pieces, memory
+        As in `overlapping_batches`, which has its own degrees of freedom in already.
+
+    References
+    ----------
+    Au (2014), Uncertainty law in ambient modal identification, part I: theory, Mech. Syst. Signal Process. 48, 15-33.
+    """
+    size = _batch_size(n_pieces, seconds / n_pieces, memory)
+    batches = 1.5 * n_pieces / size if size > 1 else np.inf
+    damping = np.maximum(2 * seconds * np.maximum(-poles.real, 0.0), _LEAST_FREEDOM)
+    return np.asarray(special.stdtrit(np.minimum(batches, damping), 0.975) / special.stdtrit(batches, 0.975))
 
 
 def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_changes: int) -> Deviations:

@@ -3,13 +3,22 @@
 The functions R(k) = C A^k G of channels with references fill the block Hankel matrix as they stand: its columns are those of
 the references alone (reference-based identification).
 
+Where the references are all channels and the number of averages is known, the errors of the functions follow from the
+functions themselves: those of N samples scatter with covariances of sum_u [R_ip(u) R_jq(u + l - k) + R_iq(u + l) R_jp(u - k)]
+/ N (Bartlett). They are drawn as errors of spectra, whose lines are independent, and sent through the identification to first
+order.
+
 References
 ----------
+Bartlett (1946), On the theoretical specification and sampling properties of autocorrelated time series, J. R. Stat. Soc.
+Suppl. 8, 27-41; Brillinger (2001), Time Series: Data Analysis and Theory, sections 7.3 and 7.6.
 Peeters and De Roeck (1999), Reference-based stochastic subspace identification for output-only modal analysis, Mech. Syst.
 Signal Process. 13, 855-878.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +29,21 @@ from structid.modal.correlations import Outputs, displacement_rows, hankel
 from structid.modal.method import ModalIdentification, ModalOptions, by_rising_frequency
 from structid.modal.modal_record import ModalRecord, unit_largest
 from structid.modal.poles.poles import modal_phase_collinearity
-from structid.modal.subspace.kernel import poles_of_orders, shift_invariant
-from structid.modal.subspace.subspace_modes import BLOCK_ROWS, MAX_ORDER, ONE_PHASE, left_out_clusters, picked_poles
+from structid.modal.subspace.kernel import Subspace, poles_of_orders, shift_invariant
+from structid.modal.subspace.pole_uncertainty import Deviations
+from structid.modal.subspace.subspace_modes import (
+    BLOCK_ROWS,
+    MAX_ORDER,
+    ONE_PHASE,
+    PoleChanges,
+    changes_of_modes,
+    changes_of_poles,
+    frequency_damping_covariance,
+    left_out_clusters,
+    picked_poles,
+    shape_deviations,
+    surest_poles,
+)
 from structid.records.correlation import CorrelationRecord
 from structid.similarity.shapes import mac
 
@@ -31,9 +53,15 @@ _LARGEST = 600
 _LOW_PART = 0.02
 #: MAC from which on two poles near each other have one shape.
 _SAME_SHAPE = 0.9
-_NOTE = (
-    "stored correlation functions show no scatter, from which standard deviations come; the time histories behind them would."
-    " Functions weighted by 1 - lag / length of the record (biased ones) show too much damping"
+#: Draws of errors for a covariance, which is known to about 7 % with them.
+_DRAWS = 100
+_BIASED = "functions weighted by 1 - lag / length of the record (biased ones) show too much damping"
+_NO_REFERENCES = (
+    "no standard deviations: they need correlation functions of all channels with all channels, or the time histories"
+)
+_NO_AVERAGES = (
+    "no standard deviations: they need the number of averages (`averages`), that is, the length of the record over that of the"
+    " lags"
 )
 
 
@@ -50,7 +78,10 @@ def correlation_outputs(record: CorrelationRecord) -> Outputs:
 
 
 def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> ModalIdentification:
-    """Modes of stored correlation functions: frequencies, damping ratios and shapes, without covariance.
+    """Modes of stored correlation functions: frequencies, damping ratios and shapes.
+
+    They have a covariance where the references are all channels and the record says its `averages`, each taken to be as long
+    as the lags; averages over longer blocks leave smaller errors than stated.
 
     Parameters
     ----------
@@ -78,7 +109,8 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
             f" {len(record.values)} lags, got {orders}; export more lags"
         )
     method = "covariance-driven SSI of stored correlation functions"
-    subspace = shift_invariant(hankel(stack, rows, columns), data, method, max(orders))
+    averages = record.averages if set(record.references) == set(record.channels) else None
+    subspace = shift_invariant(hankel(stack, rows, columns), data, method, max(orders), complete=averages is not None)
     sweep = poles_of_orders(subspace, [order for order in sorted(set(orders)) if order <= subspace.max_order])
     options = ModalOptions(
         options.orders, options.block_rows, options.criteria.damped, options.frequencies, refine=False
@@ -88,19 +120,38 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
         raise NoModesError(
             "`records` show no mode that is stable over `orders` and meets `criteria`; widen the criteria, or export more lags"
         )
-    poles = np.array([sweep[k].poles[i] for k, i in selection.places])
-    order = np.argsort(np.abs(poles), kind="stable")
-    poles = poles[order]
-    shapes = np.stack([sweep[k].shapes[:, i] for k, i in selection.places], axis=1)[:, order]
+    order = sorted(
+        range(len(selection.places)), key=lambda n: sweep[selection.places[n][0]].omega[selection.places[n][1]]
+    )
+    picked = [selection.places[n] for n in order]
     found = tuple(selection.clusters[n] for n in order) if selection.clusters else ()
+    errors = None
+    if averages is not None:
+        largest = max(sweep[k].order for k in [k for k, _ in picked] + [k for c in found for k in c.number.tolist()])
+        drawn = error_deviations(record, averages, subspace, rows, columns, largest)
+        errors = PoleChanges(drawn, *changes_of_poles(subspace, drawn, sweep, picked))
+        if found and options.frequencies is None:
+            seconds = averages * len(record.values) / record.sampling_rate
+            picked, found, errors = surest_poles(subspace, sweep, found, errors, seconds)
+    poles: ComplexArray = np.array([sweep[k].poles[i] for k, i in picked])
+    shapes = np.stack([sweep[k].shapes[:, i] for k, i in picked], axis=1)
     dofs, merge = displacement_rows(data, poles)
     merged = np.einsum("cdm,dm->cm", merge, shapes)
-    notes = [*selection.notes, _NOTE]
+    notes = [*selection.notes, _BIASED]
     if n_channels == 1:
         notes.append("one channel shows frequencies and damping only, no mode shape; add sensors")
     frequency, ratio = np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles)
     source = f"{method}, {rows} block rows, lags to {(rows + columns - 1) / record.sampling_rate:.4g} s"
-    modes = ModalRecord(frequency, ratio, unit_largest(merged), dofs, warnings=tuple(notes), source=source)
+    changes = covariance = None
+    if errors is not None:
+        changes = changes_of_modes(poles, errors.poles, merged, np.einsum("cdm,bdm->bcm", merge, errors.shapes))
+        covariance = frequency_damping_covariance(changes, notes)
+    else:
+        notes.append(_NO_REFERENCES if record.averages is not None else _NO_AVERAGES)
+    modes = ModalRecord(
+        frequency, ratio, unit_largest(merged), dofs, covariance, None if changes is None else shape_deviations(changes),
+        tuple(notes), source, changes=changes,
+    )  # fmt: skip
     if not found or options.frequencies is not None:
         return ModalIdentification(modes, "ssi_cov", sweep, found, options)
     left_out = by_rising_frequency(left_out_clusters(selection.others, frequency, ratio))
@@ -116,6 +167,44 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
         collinearity >= ONE_PHASE,
         "stable poles without a shape in one phase, as at the edge of a filter or of the forces",
     )
+
+
+def error_deviations(
+    record: CorrelationRecord, averages: int, subspace: Subspace, rows: int, columns: int, max_order: int
+) -> Deviations:
+    """Deviations of the block Hankel matrix by errors of correlation functions whose references are all channels."""
+    order = [record.references.index(dof) for dof in record.channels]
+    scale = subspace.data.scale
+    functions = record.values[:, :, order] / (scale[:, None] * scale)
+    u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]
+    right, left = [], []
+    for error in drawn_errors(functions, averages, _DRAWS):
+        stack = error[1 : rows + columns][:, :, np.argsort(order)] / np.sqrt(_DRAWS)
+        change = hankel(stack, rows, columns)
+        right.append(change @ v)
+        left.append(change.T @ u)
+    return Deviations(np.array(right), np.array(left))
+
+
+def drawn_errors(functions: FloatArray, averages: float, n_draws: int) -> Iterator[FloatArray]:
+    """Errors (n_lags, n_channels, n_channels) of correlation functions by as many averages of blocks as long as the lags.
+
+    The spectral matrix S of a line has the error B Z B' / sqrt(averages / 2) with S = B B' and Z Hermitian, its entries
+    independent with variance 1: lines are those of twice the lags. A taper on the later half of the lags keeps strong modes
+    from leaking into the lines of weak ones.
+    """
+    n = len(functions)
+    taper = np.cos(0.5 * np.pi * np.maximum(2 * np.arange(n) / n - 1, 0.0)) ** 2
+    tapered = taper[:, None, None] * functions
+    both = np.concatenate([tapered, np.zeros_like(tapered[:1]), tapered[:0:-1].transpose(0, 2, 1)])
+    lines = np.fft.rfft(both, axis=0)
+    power, vectors = np.linalg.eigh(0.5 * (lines + lines.conj().transpose(0, 2, 1)))
+    root = vectors * np.sqrt(np.maximum(power, 0.0) / np.sqrt(averages / 2))[:, None, :]
+    rng = np.random.default_rng(0)
+    for _ in range(n_draws):
+        real, imaginary = rng.standard_normal((2, *lines.shape)) / 2
+        hermitian = real + real.transpose(0, 2, 1) + 1j * (imaginary - imaginary.transpose(0, 2, 1))
+        yield np.fft.irfft(root @ hermitian @ root.conj().transpose(0, 2, 1), 2 * n, axis=0)[:n]
 
 
 def _split(poles: ComplexArray, shapes: ComplexArray, probability: FloatArray) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs, displacement_rows, outputs
 from structid.modal.method import LeftOut, ModalIdentification, ModalOptions, by_rising_frequency
-from structid.modal.modal_record import ModalChanges, ModalRecord
+from structid.modal.modal_record import ModalChanges, ModalRecord, unit_largest
 from structid.modal.poles.poles import Poles, frequency_damping_slope, modal_phase_collinearity
 from structid.modal.poles.stabilization import LIKELY, Cluster, clusters, likely_modes
 from structid.modal.subspace.close_modes import NOT_TOLD_APART, close_mode_notes, repeated_modes
@@ -34,6 +34,7 @@ from structid.modal.subspace.pole_uncertainty import (
     FreeDecay,
     deviations,
     free_decay,
+    frequency_widening,
     overlapping_batches,
     pole_deviations,
 )
@@ -95,7 +96,9 @@ def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = F
         picked, found, motion = _standing_out(data, sweep, picked, found, motion, notes)
     changes = _pole_changes(subspace, sweep, picked, found, motion)
     if automatic and changes is not None and not motion.explains_all:
-        picked, found, changes = _surest_poles(subspace, sweep, found, changes)
+        seconds = sum(len(y) for y in data.series) / data.sampling_rate
+        piece = seconds / len(subspace.windows)
+        picked, found, changes = surest_poles(subspace, sweep, found, changes, seconds, piece)
     modes = _modal_record(subspace, sweep, picked, motion, changes, notes)
     if method in _REFINED and options.refine and motion.explains_all:
         modes = decay_modes(data, modes)
@@ -360,7 +363,7 @@ def left_out_clusters(clusters: Sequence[Cluster], frequency: FloatArray, dampin
 
 
 @dataclass(frozen=True, eq=False)
-class _PoleChanges:
+class PoleChanges:
     """Changes of the poles of modes (rad/s), (n_changes, n_modes), and of their shapes, (n_changes, n_channels, n_modes)."""
 
     spread: Deviations
@@ -374,40 +377,41 @@ def _pole_changes(
     picked: Sequence[tuple[int, int]],
     found: Sequence[Cluster],
     motion: FreeDecay,
-) -> _PoleChanges | None:
+) -> PoleChanges | None:
     """Changes of the chosen poles by the scatter of the data; None where that cannot be had."""
     numbers = [k for k, _ in picked] if motion.explains_all else [k for k, _ in picked] + _numbers(found)
     spread = deviations(subspace, max(sweep[k].order for k in numbers), motion, len(picked))
-    return None if spread is None else _PoleChanges(spread, *_all_deviations(subspace, spread, sweep, picked))
+    return None if spread is None else PoleChanges(spread, *changes_of_poles(subspace, spread, sweep, picked))
 
 
 def _numbers(found: Sequence[Cluster]) -> list[int]:
     return sorted({k for cluster in found for k in cluster.number.tolist()})
 
 
-def _surest_poles(
-    subspace: Subspace, sweep: Sequence[Poles], found: Sequence[Cluster], changes: _PoleChanges
-) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], _PoleChanges]:
+def surest_poles(
+    subspace: Subspace,
+    sweep: Sequence[Poles],
+    found: Sequence[Cluster],
+    changes: PoleChanges,
+    seconds: float,
+    piece: float | None = None,
+) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], PoleChanges]:
     """Chosen poles, clusters and changes, with other poles of the clusters of modes that are less certain than need be.
 
     A model of high order may have a pole of noise beside that of a mode, which then is uncertain although all orders agree
     on it. Likely modes whose frequency has more than `_WIDE` times the standard deviation that a long record allows are
     looked at in a few other orders: the surest pole of the cluster, equal to the chosen one within its deviations, takes
-    its place.
+    its place. `seconds` is the length of all records, `piece` that of a piece where changes are those by pieces.
 
     References
     ----------
     Au (2014), Uncertainty law in ambient modal identification, part I: theory, Mech. Syst. Signal Process. 48, 15-33: the
     variance of a frequency f is at least zeta f / (2 pi T) in T seconds.
     """
-    data = subspace.data
-    seconds, memory = (
-        sum(len(y) for y in data.series) / data.sampling_rate,
-        _memory(_poles(sweep, [c.place for c in found])),
-    )
+    memory = _memory(_poles(sweep, [c.place for c in found]))
 
     def std(poles: ComplexArray, moved: ComplexArray) -> FloatArray:
-        batches, _ = overlapping_batches(moved, moved[:, None], seconds / len(subspace.windows), memory)
+        batches = moved if piece is None else overlapping_batches(moved, moved[:, None], piece, memory)[0]
         slope = frequency_damping_slope(poles)
         both = np.concatenate([batches.real, batches.imag], axis=1) @ slope.T
         return np.asarray(np.sqrt(np.sum(both**2, axis=0)).reshape(2, -1))
@@ -442,13 +446,13 @@ def _surest_poles(
     return (
         [c.place for c in clusters],
         tuple(clusters),
-        _PoleChanges(changes.spread, ds[:, order], dshape[:, :, order]),
+        PoleChanges(changes.spread, ds[:, order], dshape[:, :, order]),
     )
 
 
 def _modal_record(
     subspace: Subspace, sweep: Sequence[Poles], picked: list[tuple[int, int]], motion: FreeDecay,
-    changes: _PoleChanges | None, notes: list[str],
+    changes: PoleChanges | None, notes: list[str],
 ) -> ModalRecord:  # fmt: skip
     """Modal record of the chosen poles, with shapes scaled to largest entry 1, covariance and notes."""
     data = subspace.data
@@ -458,27 +462,44 @@ def _modal_record(
     s, raw = s[order], raw[:, order]
     dofs, merge = displacement_rows(data, s)
     shapes = np.einsum("cdm,dm->cm", merge, raw)
-    largest = np.abs(shapes).argmax(axis=0), np.arange(len(s))
-    unit = shapes / shapes[largest]
     covariance = std = modal_changes = None
     if changes is not None:
         ds, draw = changes.poles[:, order], changes.shapes[:, :, order]
+        widening: FloatArray = np.ones(len(s))
         if not motion.explains_all:
-            piece = sum(len(y) for y in data.series) / data.sampling_rate / len(subspace.windows)
-            ds, draw = overlapping_batches(ds, draw, piece, _memory(s))
-        dshape = np.einsum("cdm,bdm->bcm", merge, draw)
-        top = dshape[:, largest[0], largest[1]]
-        dunit = (dshape - unit * top[:, None, :]) / shapes[largest]
-        moved = np.concatenate([ds.real, ds.imag], axis=1) @ frequency_damping_slope(s).T
-        modal_changes = ModalChanges(moved[:, : len(s)], moved[:, len(s) :], dunit)
+            seconds, n_pieces = sum(len(y) for y in data.series) / data.sampling_rate, len(subspace.windows)
+            ds, draw = overlapping_batches(ds, draw, seconds / n_pieces, _memory(s))
+            widening = frequency_widening(s, seconds, n_pieces, _memory(s))
+        modal_changes = changes_of_modes(s, ds, shapes, np.einsum("cdm,bdm->bcm", merge, draw), widening)
         covariance = frequency_damping_covariance(modal_changes, notes)
-        std = np.sqrt(np.sum(dunit.real**2, axis=0))
+        std = shape_deviations(modal_changes)
     notes += _warnings(data, s, len(subspace.windows) if changes is not None and not motion.explains_all else 0)
     return ModalRecord(
-        np.abs(s) / (2 * np.pi), -s.real / np.abs(s), unit, dofs,
+        np.abs(s) / (2 * np.pi), -s.real / np.abs(s), unit_largest(shapes), dofs,
         covariance=covariance, shape_std=std, warnings=tuple(notes), changes=modal_changes,
         source=f"{subspace.method}, {len(subspace.left) // data.n_channels} block rows, {data.duration:g} s",
     )  # fmt: skip
+
+
+def changes_of_modes(
+    poles: ComplexArray, pole_changes: ComplexArray, shapes: ComplexArray, shape_changes: ComplexArray,
+    widening: FloatArray | float = 1.0,
+) -> ModalChanges:  # fmt: skip
+    """Changes of frequencies, damping ratios and shapes with largest entry 1 from those of poles (rad/s) and shapes.
+
+    `pole_changes` is (n_changes, n_modes), `shape_changes` (n_changes, n_channels, n_modes); `widening` are factors on the
+    changes of frequencies.
+    """
+    largest = np.abs(shapes).argmax(axis=0), np.arange(len(poles))
+    top = shape_changes[:, largest[0], largest[1]]
+    unit_changes = (shape_changes - unit_largest(shapes) * top[:, None, :]) / shapes[largest]
+    moved = np.concatenate([pole_changes.real, pole_changes.imag], axis=1) @ frequency_damping_slope(poles).T
+    return ModalChanges(widening * moved[:, : len(poles)], moved[:, len(poles) :], unit_changes)
+
+
+def shape_deviations(changes: ModalChanges) -> FloatArray:
+    """Standard deviations of the real parts of shape entries, (n_channels, n_modes)."""
+    return np.sqrt(np.sum(changes.mode_shapes.real**2, axis=0))
 
 
 def _memory(s: ComplexArray) -> float:
@@ -487,7 +508,7 @@ def _memory(s: ComplexArray) -> float:
     return float(1 / decaying.min()) if len(decaying) else 0.0
 
 
-def _all_deviations(
+def changes_of_poles(
     subspace: Subspace, spread: Deviations, sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]
 ) -> tuple[ComplexArray, ComplexArray]:
     """Changes of poles (rad/s) and shapes of chosen modes from models of several orders; see `pole_deviations`."""

@@ -292,12 +292,15 @@ def claims(n_seeds: int, report: Callable[[float], None]) -> Item:
     )
 
 
-def _error_panel(exact: FloatArray, honest: FloatArray) -> Panel:
-    """Figure panel of the RMS error against the number of samples; rows are (5 %, median, 95 %, ..., predicted bias)."""
+def _error_panel(exact: FloatArray, integrated: FloatArray) -> Panel:
+    """Figure panel of the RMS error against the number of samples, by exact and by integrated displacements.
+
+    Rows of both are (5 %, median, 95 %, ..., predicted bias), one for each number of samples.
+    """
     curves = []
     for label, samples, part in (
         ("exact displacements", _EXACT_DISPLACEMENT, exact),
-        ("integrated displacements", _INTEGRATED, honest),
+        ("integrated displacements", _INTEGRATED, integrated),
     ):
         m = np.array(list(samples), dtype=np.float64)
         curves.append(Curve(f"{label}, median", m, part[:, 1], part[:, 0], part[:, 2]))

@@ -55,7 +55,7 @@ class Case:
 
     @property
     def error_of_actual(self) -> FloatArray:
-        """The same difference in parts of the postulated parameters."""
+        """Actual less postulated parameters, relative to the postulated ones."""
         return self.actual / self.postulated - 1
 
 
@@ -73,7 +73,7 @@ CASE_2 = Case(
 
 @dataclass(frozen=True)
 class Reading:
-    """What was measured under one reading of the text.
+    """Measurement as one reading of the text has it.
 
     Attributes
     ----------

@@ -64,7 +64,7 @@ def beam_record(n_modes: int = N_SIMULATED, duration: float = DURATION) -> TimeR
 
 
 def folded_omega() -> FloatArray:
-    """What ten sensors see of modes 7 to 10 as T grows, rad/s: sqrt(2 / (1/w_r^2 + 1/w_(22-r)^2)).
+    """Frequencies at which ten sensors show modes 7 to 10 as T grows, rad/s: sqrt(2 / (1/w_r^2 + 1/w_(22-r)^2)).
 
     At the sensors modes r and 22 - r have one shape. An impulse gives them equal velocities, so that the average
     of the squared displacement of each is in proportion to 1 / w^2 and that of the velocity is the same.

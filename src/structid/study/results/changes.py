@@ -54,7 +54,7 @@ def changes_table(estimate: Estimate) -> str:
 
 
 def _columns(found: Estimate) -> dict[str, list[Entry]]:
-    """What is told of every parameter."""
+    """Columns of the table of parameters: name, unit, values, deviations and changes of each."""
     return {
         "name": list(found.names),
         "kind": list(found.kinds),

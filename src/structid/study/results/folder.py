@@ -230,7 +230,7 @@ def _alternatives(sets: Alternatives | None) -> dict[str, Entry]:
 
 
 def reduction_summary(found: Identification) -> dict[str, Entry]:
-    """What components were reduced to, and what that and reduced sweeps change; {} where nothing is reduced."""
+    """Sizes of reduced components, and the error that they and reduced sweeps make; {} where nothing is reduced."""
     parts, changes = ([one.words for one in told] for told in (found.structure.reductions, found.truncations))
     return {"reduction": {"components": parts, "changes": changes}} if changes else {}
 
@@ -272,7 +272,7 @@ def _verdict(view: ResultsView) -> dict[str, Entry]:
 
 
 def _strengths(item: AppliedRegularization, has_matrix: bool) -> dict[str, Entry]:
-    """Of every row, or of a smoothness over very many the one that all rows have."""
+    """Strength of each row of a regularization; one number for a smoothness over very many rows, which all have the same."""
     return (
         {"strengths": item.strengths}
         if has_matrix

@@ -59,7 +59,7 @@ class SolverAnswer:
     difference: float
 
     def summary(self) -> dict[str, Entry]:
-        """As in estimate.json."""
+        """Entries of estimate.json on the solver."""
         return {
             "command": self.command,
             "values": self.values,

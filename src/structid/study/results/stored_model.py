@@ -108,7 +108,8 @@ def stored_model(folder: Path, study: Study) -> IdentifiedModel:
     if all(name in stored for name in _FIXED):
         names = [name for name in texts_of(stored["fixed_names"]) if name != SECOND_ORDER]
         fixed = dict(zip(names, np.asarray(stored["fixed_tolerances"], dtype=float).tolist(), strict=True))
-        changes = np.asarray(stored["fixed_changes"], dtype=float)[index, : len(names)]
+        fixed[SECOND_ORDER] = 0.0
+        changes = np.asarray(stored["fixed_changes"], dtype=float)[index]
         words = "± includes the tolerances of fixed values"
     values, spread = np.asarray(stored["values"], dtype=float)[index], covariance[np.ix_(index, index)]
     try:
@@ -153,7 +154,7 @@ def stored_spread(folder: Path, study: Study) -> ParameterSpread:
 
 
 def stored_model_error(folder: Path, study: Study, model: IdentifiedModel) -> ModelError | None:
-    """What the fitted FRFs of a results folder miss at a sensor left out; None where the fit does not miss the noise.
+    """Error of the fitted FRFs of a results folder at a sensor that is left out; None where the fit reaches the noise.
 
     Raises
     ------
@@ -188,7 +189,7 @@ def _floats(field: Field | None) -> FloatArray | None:
 
 
 def _read_group(path: Path, group: str, names: tuple[str, ...]) -> dict[str, Field]:
-    """Those of the datasets `names` that a group of an HDF5 file has; the group "" is the whole file."""
+    """Datasets of a group of an HDF5 file, those of `names` that it has; the group "" is the whole file."""
     places = {f"{group}/{name}".removeprefix("/"): name for name in names}
     present = set(hdf5_datasets(require_readable(path)))
     found = hdf5_fields(path, [place for place in places if place in present])

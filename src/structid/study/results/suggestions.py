@@ -25,7 +25,7 @@ FOLDER = "suggestions"
 
 
 def suggestion_name(number: int, changes: Sequence[Change]) -> str:
-    """Such as ``1-support-9Y.toml``."""
+    """File name of a suggested study, such as ``1-support-9Y.toml``."""
     words = " ".join(f"{one.candidate.place[0]} {' '.join(one.candidate.where[:2])}" for one in changes)
     return f"{number}-{re.sub(r'[^A-Za-z0-9]+', '-', words).strip('-')[:60]}.toml"
 
@@ -47,6 +47,7 @@ def with_suggestions(study: Study, diagnosis: Diagnosis, fits: Sequence[Fitted])
     number = 0
 
     def suggested(cause: Cause) -> Cause:
+        """The cause with the name of its study and the lines that differ; unchanged where a file cannot hold the change."""
         nonlocal number
         if not cause.has_fit:
             return cause

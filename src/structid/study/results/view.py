@@ -269,6 +269,7 @@ def results_view(
 
 
 def _next_step(diagnosis: Diagnosis, is_searched: bool, is_any_doubtful: bool) -> str:
+    """Sentence on the one thing to do next; "" where nothing is."""
     verdict = diagnosis.judgement.verdict
     if verdict == "wrong_model" and diagnosis.causes:
         first = diagnosis.causes[0]
@@ -284,7 +285,7 @@ def _next_step(diagnosis: Diagnosis, is_searched: bool, is_any_doubtful: bool) -
 
 
 def _advice(found: Identification, diagnosis: Diagnosis, sentences: Sequence[str]) -> tuple[str, ...]:
-    """What to do, in sentences: what the verdict says beyond its headline, causes, and warnings that ask for an act."""
+    """Sentences on what to do: the verdict's beyond its headline, causes, and warnings that ask for an act."""
     estimate = found.estimate
     lines = list(sentences)
     if diagnosis.causes:
@@ -317,6 +318,7 @@ def _advice(found: Identification, diagnosis: Diagnosis, sentences: Sequence[str
 
 
 def _alternative(cause: Cause) -> str:
+    """Sentence on a cause after the first: how it stands to the first, and its suggested study."""
     run = f" ({cause.study})" if cause.study else ""
     if cause.is_second:
         return f"A second change beside the first: {cause.words}{run}."
@@ -326,6 +328,7 @@ def _alternative(cause: Cause) -> str:
 
 
 def _parameters(found: Identification) -> tuple[ParameterResult, ...]:
+    """Result of each parameter; of those that moved most where there is no covariance matrix."""
     estimate = found.estimate
     n_params = len(estimate.names)
     chosen = range(n_params) if estimate.uncertainty.has_matrix else largest_changes(estimate, MOST_CHANGES)
@@ -395,6 +398,7 @@ def _channels(fit: RecordFit) -> list[ChannelFit]:
 
 
 def _statistics(found: Identification) -> tuple[tuple[str, str], ...]:
+    """Statistics of the search and the fit as pairs of a label and its value."""
     estimate = found.estimate
     is_converged = estimate.status is Status.CONVERGED
     search = estimate.message if is_converged else f"{estimate.status.value.replace('_', ' ')}: {estimate.message}"

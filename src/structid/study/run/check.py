@@ -83,7 +83,7 @@ class ModeCheck:
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """What a linearization at the initial values tells.
+    """Prediction of an identification before it is made, from a linearization at the initial values.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class Predicted:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters of the structure, then those of the records' channels."""
+        """Names of the parameters of the structure, then of those of the records' channels."""
         return self.problem.names
 
     @property
@@ -126,7 +126,7 @@ class Predicted:
 
     @property
     def sizes(self) -> FloatArray:
-        """What each standard deviation is held against, (n_params,)."""
+        """Magnitude by which each standard deviation is divided to be relative, (n_params,)."""
         return self.problem.unknowns.sizes(self.start)
 
     @property
@@ -142,7 +142,7 @@ class Predicted:
 
 @dataclass(frozen=True, eq=False)
 class CheckResult(Predicted):
-    """What `check_study` found: the prediction, and what was looked at for it.
+    """Result of `check_study`: the prediction, and the checks of records, channels and modes behind it.
 
     Attributes
     ----------
@@ -243,7 +243,7 @@ def check_study(study: Study) -> CheckResult:
 
 
 def _with_strengths(ready: Start, terms: Sequence[Regularization], strengths: Sequence[float]) -> Problem:
-    """All of the problems, with these regularizations."""
+    """Copies of the problems with these regularizations."""
     rows = unit_penalties(ready.problems, terms)
     return joint_problem(coupled(ready.problems, [row.scaled(s) for row, s in zip(rows, strengths, strict=True)]))
 
@@ -373,7 +373,7 @@ def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarr
 
 
 def _direction_warnings(found: Identifiability) -> list[str]:
-    """Those that are seen least, where there are many."""
+    """Warnings on the worst-determined directions, the first of them where there are many."""
     told = [f"the data determine {direction.words}" for direction in found.directions[:_MOST_DIRECTIONS]]
     more = len(found.directions) - len(told)
     return [*told, f"and {more} more combinations that the data do not determine"] if more else told

@@ -31,7 +31,7 @@ _MOST_FILES = 64
 
 
 class Owner(TypedDict):
-    """What decides about every digit of a run: versions, and the content of all input files."""
+    """Versions and contents of all input files, which decide about every digit of a run."""
 
     layout: str
     versions: dict[str, str]

@@ -129,7 +129,7 @@ class Cluster(RemoteWorkers):
 
 
 class _Shared(WorkerPlugin):
-    """What tasks share, on every worker; each thread has its own, since factorizations are not shared.
+    """Pickled data that tasks share on every worker; each thread unpickles a copy, since factorizations are not shared.
 
     Parameters
     ----------
@@ -203,6 +203,6 @@ def _require_workers(client: Client, address: str, seconds: float) -> None:
 
 
 def _versions(told: Mapping[str, Mapping[str, str]]) -> dict[str, str | None]:
-    """What decides about digits, by name."""
+    """Versions by name that decide about the digits of a result."""
     python = ".".join(told["host"]["python"].split(".")[:2])
     return {"Python": python, **{name: told["packages"].get(name) for name in ("structid", "numpy", "scipy")}}

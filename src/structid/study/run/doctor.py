@@ -29,7 +29,7 @@ _REQUIRED = ("numpy", "scipy", "h5py", "matplotlib", "psutil", "threadpoolctl")
 
 @dataclass(frozen=True)
 class Installation:
-    """What was found.
+    """State of the installation: versions, libraries and extras.
 
     Attributes
     ----------

@@ -111,7 +111,7 @@ class LongRun:
     def minimize(
         self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None
     ) -> Minimum:
-        """As `structid.inversion.minimize`, from where the checkpoint is."""
+        """Minimum of a problem as `structid.inversion.minimize` gives it, from where the checkpoint is."""
         return self._search("", problem, method, theta, progress)
 
     def keeper(self, problem: Problem) -> Keeper:
@@ -183,7 +183,7 @@ class LongRun:
             self.progress(name, done, total)
 
     def so_far(self) -> dict[str, Entry]:
-        """What is reached and how much is done, for the reader."""
+        """Values that are reached and the count of finished tasks, as ``so_far.json`` holds them."""
         done = 0 if self.checkpoint is None else self.checkpoint.n_found
         return {**self.reached.summary(), "finished_searches_and_tasks": done}
 
@@ -235,7 +235,7 @@ class Stretches:
 
 @dataclass(frozen=True, eq=False)
 class SpreadLines(Wrapped):
-    """The same residual and Jacobian as `problem`, from workers.
+    """Problem with the residual and Jacobian of `problem`, computed by workers.
 
     Parameters
     ----------

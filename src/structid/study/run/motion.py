@@ -74,7 +74,7 @@ class MotionOptions:
 
 @dataclass(frozen=True, eq=False)
 class MotionResult:
-    """What a study's motion says.
+    """Parameters that the motion of a study determines, with their uncertainty.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class MotionResult:
 
     @property
     def record_bytes(self) -> int:
-        """Of all records on disk."""
+        """Size of all records on disk."""
         return sum(record.path.stat().st_size for record in self.records)
 
     @property
@@ -214,7 +214,7 @@ def motion_summary(result: MotionResult) -> dict[str, Entry]:
 
 @dataclass(frozen=True, eq=False)
 class Whole:
-    """What all stretches share.
+    """Structure, unknowns, records and kernels that all segments of a motion share.
 
     Attributes
     ----------
@@ -241,7 +241,7 @@ class Whole:
 
     @cached_property
     def rows(self) -> tuple[RecordRows, ...]:
-        """Of each record."""
+        """Rows of the least-squares problem of each record."""
         return tuple(record_rows(self.start.equations, self.structure, record) for record in self.records)
 
 

@@ -50,7 +50,7 @@ class PipedProcesses(Executor):
         self._is_ended = False
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """What a function of a module gives or raises, or `ProcessLostError`.
+        """Future of `fn` called in a process: its result, the exception that it raised, or `ProcessLostError`.
 
         Parameters
         ----------

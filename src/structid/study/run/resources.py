@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 import tracemalloc
 from collections.abc import Callable, Sequence
@@ -14,7 +12,7 @@ import numpy as np
 import psutil
 
 from structid.core.errors import InputError, StructidError
-from structid.core.isolation import NEUTRAL_FOLDER, SAFE_FLAGS, child_environment
+from structid.core.isolation import python_arguments, start_child
 from structid.diagnose.verdict import is_sound
 from structid.forward import RecordProblem
 from structid.forward.frf.products import STORED_BYTES
@@ -76,7 +74,7 @@ class Sizes:
 
     @property
     def square_bytes(self) -> int:
-        """Of a matrix of the parameters: a triangular factor, the covariance."""
+        """Size of a square matrix of the parameters, such as the covariance."""
         return 8 * self.n_parameters**2
 
     @property
@@ -89,13 +87,13 @@ class Sizes:
 
     @property
     def least_bytes(self) -> int:
-        """What no search with a Jacobian can do without."""
+        """Least memory of a search with a Jacobian."""
         return self.record_bytes + _COPIES * (self.jacobian_bytes + self.square_bytes)
 
 
 @dataclass(frozen=True)
 class Needs:
-    """What a study needs, from a few lines that were evaluated.
+    """Memory and time that a study needs, from a few lines that were evaluated.
 
     Attributes
     ----------
@@ -282,7 +280,9 @@ def _start_seconds() -> float:
     """Seconds that a Python process takes to import what a run uses."""
     begun = time.perf_counter()
     words = "import structid.study.run.run, structid.report, structid.diagnose.verdict"
-    subprocess.run([sys.executable, *SAFE_FLAGS, "-c", words], check=True, cwd=NEUTRAL_FOLDER, env=child_environment())
+    code = start_child(python_arguments("-c", words)).wait()
+    if code:
+        raise RuntimeError(f"Python ended with code {code} while it loaded structid; run `structid doctor`")
     return time.perf_counter() - begun
 
 

@@ -58,17 +58,17 @@ class Start:
 
     @property
     def channel_warnings(self) -> tuple[str, ...]:
-        """Those that only a comparison with the initial models gives."""
+        """Warnings on channels from the comparison of records with the initial models."""
         return self._titled(comparison.warnings.words for comparison in self.comparisons)
 
     @property
     def sensor_warnings(self) -> tuple[str, ...]:
-        """Those of them that a sound answer proves wrong."""
+        """Warnings on sensors from that comparison, which a sound answer proves wrong."""
         return self._titled(comparison.warnings.of_sensors for comparison in self.comparisons)
 
     @property
     def fault_warnings(self) -> tuple[str, ...]:
-        """What histories show by themselves."""
+        """Warnings on faults that histories show by themselves."""
         return self._titled(tuple(one.words for one in setup.faults) for setup in self.setups)
 
     def _titled(self, of_each: Iterable[tuple[str, ...]]) -> tuple[str, ...]:

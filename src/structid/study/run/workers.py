@@ -52,12 +52,12 @@ class WorkersLostError(StructidError):
 
 
 def no_tools(number: int) -> Tools:
-    """Of tasks that make no search."""
+    """Tools of tasks that make no search."""
     return PLAIN_TOOLS
 
 
 class Workers(ABC):
-    """Where tasks run.
+    """Executor of tasks: in this process, in processes, or on a cluster.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class RemoteWorkers(Workers):
     @staticmethod
     @abstractmethod
     def answer(name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
-        """Of a worker, which looks up what the tasks of a batch share by its name."""
+        """Result of a batch from a worker, which looks up by its name the data that its tasks share."""
 
     @abstractmethod
     def executor(self) -> Executor: ...
@@ -148,7 +148,7 @@ class RemoteWorkers(Workers):
 
     @abstractmethod
     def forget(self, name: str) -> None:
-        """What has this name is not asked for any more."""
+        """Release the shared data of this name, which no task asks for any more."""
 
     @abstractmethod
     def lost(self, error: BaseException, is_last: bool) -> None:
@@ -268,12 +268,12 @@ def _begin() -> None:
 
 @lru_cache(maxsize=KEPT)
 def _read(path: str) -> Any:
-    """What a file of this name holds: once a process, which so keeps analyses from task to task."""
+    """Unpickled content of a file, read once a process, which so keeps analyses from task to task."""
     return pickle.loads(Path(path).read_bytes())
 
 
 def results(shared: Shared, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
-    """Of a batch on a worker, and the seconds that they took."""
+    """Results of a batch by number of the item, and the seconds that they took."""
     begun = time.perf_counter()
     found = [(number, task(shared, item, PLAIN_TOOLS)) for number, item in batch]
     return found, time.perf_counter() - begun
@@ -310,7 +310,7 @@ def _limit_library_threads(pools: ThreadpoolController) -> Iterator[None]:
 
 
 def threads_for(problems: Sequence[Problem]) -> AbstractContextManager[None]:
-    """One thread for products with Jacobians of this size, to which more bring nothing; factorizations keep theirs."""
+    """Context manager: products with small Jacobians use one thread, as more bring nothing; factorizations keep theirs."""
     size = sum(problem.n_data * len(problem.names) for problem in problems)
     return _limit_library_threads(ThreadpoolController()) if size <= SMALL_JACOBIAN else nullcontext()
 

@@ -92,7 +92,7 @@ def _any(value: Plain) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Kind:
-    """What a key may hold.
+    """Kind of value of a key: its words and its JSON Schema.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def several(kind: Kind) -> Kind:
 
 
 def or_none(kind: Kind) -> Kind:
-    """The same, or a list of none, of what may be said to be nothing."""
+    """Kind that takes the values of `kind`, or an empty list for none."""
     return Kind(f"{kind.words}, or []", {"anyOf": [kind.schema, {"type": "array", "maxItems": 0}]}, made=_tuple)
 
 

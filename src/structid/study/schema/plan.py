@@ -194,7 +194,7 @@ def _read_options(
 
 
 def _in_structure(dofs: tuple[Dof, ...], aimed: Mapping[str, str], are_loads: bool) -> tuple[Dof, ...]:
-    """What the structure calls them, channels of ``[record.sensors]`` among them."""
+    """Degrees of freedom by which the structure knows channels, those of ``[record.sensors]`` among them."""
     own = used_names({name: dof for name, dof in aimed.items() if is_load(name) == are_loads}, dofs)
     return renamed((), dofs, own)[1] if are_loads else renamed(dofs, (), own)[0]
 

@@ -71,12 +71,12 @@ class InputFiles:
         return path
 
     def digest(self, name: str) -> str:
-        """Of `name`, of which `path` was asked."""
+        """Digest of the file `name`, which `path` has read."""
         return self.digests[_told_name(name)]
 
 
 def _told_name(name: str) -> str:
-    """What results call a file of the study: without the folders of an absolute path."""
+    """Name of a file of the study in results: without the folders of an absolute path."""
     return Path(name).name if Path(name).is_absolute() else Path(name).as_posix()
 
 

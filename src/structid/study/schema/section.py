@@ -43,7 +43,7 @@ class StudyText:
 
     @cached_property
     def table(self) -> Mapping[str, Plain]:
-        """Its content, as edited; raises as `parse_toml` where it is not TOML."""
+        """Content of the study as a table, as edited; raises as `parse_toml` where it is not TOML."""
         return parse_toml(self.text) if self.edited is None else self.edited
 
     @cached_property
@@ -137,7 +137,7 @@ class Section:
         return values
 
     def read(self, made: Callable[..., T]) -> T:
-        """What `made`, a class or function, makes of the keys that are its arguments; see `table_of`."""
+        """Object that `made`, a class or function, makes of the keys that are its arguments; see `table_of`."""
         given = self.values(own_table(made))
         with self.located():
             return made(**given)
@@ -163,7 +163,7 @@ class Section:
         return [Section(self.source, (*self.path, key, i), entry) for i, entry in enumerate(entries)]
 
     def joined(self, key: str) -> str:
-        """What stands in brackets above the table `key` inside this one."""
+        """Header of the table `key` inside this one, without its brackets."""
         return ".".join([str(part) for part in self.path if isinstance(part, str)] + [key])
 
 

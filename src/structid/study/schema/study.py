@@ -61,17 +61,17 @@ class Study(Shown):
 
     @property
     def structure(self) -> Structure:
-        """Of the first set-up."""
+        """Structure of the first set-up."""
         return self.setups[0].structure
 
     @property
     def parameters(self) -> Parameters:
-        """Of the first set-up."""
+        """Parameters of the first set-up."""
         return self.setups[0].parameters
 
     @property
     def record(self) -> RecordSource:
-        """Of the first set-up."""
+        """Record of the first set-up."""
         return self.setups[0].record
 
     @property

@@ -18,7 +18,7 @@ Given: TypeAlias = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Key:
-    """One key of a table.
+    """Declaration of one key of a table.
 
     Parameters
     ----------
@@ -77,17 +77,17 @@ class Table:
     short: Kind | None = None
 
     def __or__(self, more: Mapping[str, Key | Kind | Table]) -> Table:
-        """The same with more keys, or others in their place."""
+        """Table with the keys of both; those of `more` replace equal names."""
         made = {name: one if isinstance(one, Key) else Key(one) for name, one in more.items()}
         return Table({**self.keys, **made}, self.labels, self.short)
 
     def only(self, *names: str) -> Table:
-        """The same with some of its keys."""
+        """Table with some of the keys."""
         return Table({name: self.keys[name] for name in names}, self.labels, self.short)
 
     @property
     def defaults(self) -> Given:
-        """What its keys hold where nothing is given, of those that say so."""
+        """Default of each key that has one."""
         return {name: key.default for name, key in self.keys.items() if key.default is not None}
 
     @property

@@ -23,7 +23,7 @@ NO_RECORD = """
 
 
 class Template(ABC):
-    """Of one kind of structure; a subclass is a frozen dataclass whose fields are what is asked for."""
+    """Template of a study for one kind of structure; a subclass is a frozen dataclass whose fields are its questions."""
 
     words: ClassVar[str] = ""
 
@@ -49,7 +49,7 @@ class Asked:
 
 
 def asked_of(template: type[Template]) -> tuple[Asked, ...]:
-    """What `template` asks for, in order."""
+    """Questions of `template`, in order."""
     found = (one for one in fields(template) if "words" in one.metadata)  # type: ignore[arg-type]
     return tuple(Asked(one.name, **one.metadata) for one in found)
 

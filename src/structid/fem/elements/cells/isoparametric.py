@@ -62,7 +62,7 @@ class CellShape:
         return _monomials(at, self.exponents) @ np.linalg.inv(_monomials(self.corners, self.exponents))
 
     def slopes(self, at: FloatArray) -> FloatArray:
-        """Their derivatives along the reference axes, (n_points, n_dimensions, n_nodes)."""
+        """Derivatives of the shape functions along the reference axes, (n_points, n_dimensions, n_nodes)."""
         coefficients = np.linalg.inv(_monomials(self.corners, self.exponents))
         axes = range(self.corners.shape[1])
         return np.stack([_monomial_slopes(at, self.exponents, axis) @ coefficients for axis in axes], axis=1)

@@ -166,6 +166,7 @@ def export_deck(study: Study, values: Sequence[ElementValues], path: Path) -> li
 
 
 def _read_source(study: Study, path: Path, values: Sequence[ElementValues]) -> _Source:
+    """Text, units and parts of the deck at `path`, with the identified values that it is to hold."""
     section = study.root.inner("structure")
     stated = section.table["mesh"]
     options = stated if isinstance(stated, dict) else {}
@@ -211,7 +212,7 @@ def _written(source: _Source, numbers: Sequence[DeckNumber]) -> tuple[str, list[
 
 
 def _change_words(position: DeckPosition, number: DeckNumber, before: str, after: str) -> str:
-    """What became of a number of the deck, and whether the study began elsewhere than the deck."""
+    """Sentence on the change of one number of the deck, and on a study that begins elsewhere than the deck."""
     words = f"line {position.line}, {number.mark.words}, {number.label}: {before} becomes {after}"
     if not math.isclose(position.value, number.initial, rel_tol=_DIGITS):
         words += f" (the study began at {number.initial:g}, not at the number of the deck)"

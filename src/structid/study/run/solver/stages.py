@@ -274,7 +274,7 @@ def _smoothed(weights: FloatArray, values: ComplexArray) -> ComplexArray:
 
 
 def _smoothed_lines(weights: FloatArray, lines: IntArray, power: FloatArray, values: ComplexArray) -> ComplexArray:
-    """The same of receptances of a solver, at some of its lines and in the kind of a record."""
+    """Smoothed receptances of a solver at some of its lines, in the kind of a record."""
     return _smoothed(weights, values[lines] * power[:, None, None])
 
 

@@ -60,7 +60,7 @@ class NoiseSource:
 
 @dataclass(frozen=True, eq=False)
 class ChannelSource:
-    """Which channels of a record are used, and what they are called.
+    """Choice of the channels of a record, and the names that the study gives them.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class ChannelSource:
 
 @dataclass(frozen=True, eq=False)
 class RecordSource:
-    """What is needed to read the record of a study.
+    """Everything that is needed to read the record of a study.
 
     Attributes
     ----------
@@ -247,7 +247,7 @@ def read_files(source: RecordSource) -> list[FrfRecord | TimeRecord]:
 
 
 def faults(records: Sequence[FrfRecord | TimeRecord]) -> tuple[Finding, ...]:
-    """What single channels of histories show by themselves: dead, constant, clipped, with drop-outs or spikes."""
+    """Faults of single channels of histories: dead, constant, clipped, with drop-outs or spikes."""
     histories = [record for record in records if isinstance(record, TimeRecord)]
     found = [one for record in histories for one in channel_checks(record)]
     return tuple(one for one in found if one.kind in CHANNEL_FAULTS)
