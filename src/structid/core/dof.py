@@ -111,8 +111,8 @@ def as_dof(text: str) -> Dof | None:
 
 
 def parse_dofs(texts: Iterable[str | Dof]) -> tuple[Dof, ...]:
-    """Each text of `texts` as a `Dof`, in order."""
-    return tuple(parse_dof(text) for text in texts)
+    """Each text of `texts` as a `Dof`, in order; a text by itself is one."""
+    return tuple(parse_dof(text) for text in ([texts] if isinstance(texts, str) else texts))
 
 
 def dofs_of_text(text: str) -> list[Dof]:

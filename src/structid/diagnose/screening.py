@@ -89,8 +89,8 @@ class Shortlist(NamedTuple):
     `rows` are the best candidates of every point and the best of each kind, each once, the most telling first; `at_fit`
     those of them that promise most at the fit, and channels with faults of their own; `in_turn` are those that are
     certain, the best of the first point, of the second and so on, then the second best of each; `tried` is how many
-    there were; `feet` are supports that give way in all rotations at once, which no linear look is taken at; `lost` are
-    sensors without which a good part of the misfit is gone.
+    there were; `feet` are supports that give way in all rotations at once, and of modes rollers that do not roll, which no
+    linear look is taken at; `lost` are sensors without which a good part of the misfit is gone.
     """
 
     rows: list[Screened]
@@ -126,7 +126,7 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
         if answer is None:
             continue
         several = point.candidates(names)
-        feet = feet or _feet(several, base.misfit)
+        feet = feet or [*_feet(several, base.misfit), *_rollers(base, several, held_nodes)]
         problems = [receptances.problem for receptances in point.records]
         data = list(data_candidates(problems, names))
         tried = max(tried, len(several) + len(data))
@@ -197,6 +197,24 @@ def _feet(several: Iterable[Candidate], left: float) -> list[Screened]:
         )
         for group in [*directions, *everywhere, *nodes]
     ]
+
+
+def _rollers(base: Fitted, several: Iterable[Candidate], held_nodes: Collection[int]) -> list[Screened]:
+    """Translations of held nodes that the model leaves free, held all but rigidly: bearings that are stuck.
+
+    Measured modes that such a bearing moves are far from those of the model, and no linear step from a fit that they bent
+    leads there.
+    """
+    if not base.modified.is_of_modes:
+        return []
+    stuck = [
+        candidate
+        for candidate in several
+        if isinstance(candidate, SpringToGround)
+        and candidate.is_clamp(held_nodes)
+        and not parse_dof(candidate.where[0]).is_rotation
+    ]
+    return [Screened(candidate, float(candidate.strengths.max()), base.misfit) for candidate in stuck[:MOST_FEET]]
 
 
 def _exchanged(base: Fitted, points: Sequence[Point]) -> set[Hashable]:

@@ -12,7 +12,7 @@ from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray, locked, require_finite
 from structid.core.display import Overview, Shown, join_words, plural
-from structid.core.dof import DIRECTIONS, Dof, parse_dof
+from structid.core.dof import DIRECTIONS, Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.fem.component import Component, Reduction, reductions
 from structid.fem.elements import ElementSet, MatrixGroup
@@ -111,11 +111,17 @@ class Structure(Shown, StructurePlots):
         file_notes: Iterable[str] = (),
     ) -> None:
         """Store and check the arguments; see the class."""
+        if not isinstance(nodes, Mapping):
+            raise InputError(
+                f"`nodes` must be a mapping of label to position, got {type(nodes).__name__}; write {{1: 0.0, 2: 0.5}}"
+            )
+        if isinstance(elements, ElementSet):
+            elements = [elements]
         positions = {int(label): locked(np.atleast_1d(np.asarray(x, dtype=np.float64))) for label, x in nodes.items()}
         _require_positions(positions)
         object.__setattr__(self, "nodes", positions)
         object.__setattr__(self, "elements", tuple(elements))
-        object.__setattr__(self, "fixed", tuple(parse_dof(d) for d in fixed))
+        object.__setattr__(self, "fixed", parse_dofs(fixed))
         object.__setattr__(self, "ties", tuple(ties))
         across = {d for made in self.elements for d in made.moves}
         usual = tuple(d for d in DIRECTIONS if d in across or d in _ACTIVE[self.dimension])

@@ -33,6 +33,13 @@ from structid.unknowns import Parameters
 
 __all__ = ["Identification", "IdentifyOptions", "Setup", "identify", "identify_together"]
 
+#: How the arguments of `identify` are made.
+_MAKERS = {
+    "structure": "make it by `Structure(nodes, elements, fixed)`",
+    "unknown": "make it by `parameters(structure, unknowns)`",
+    "record": "make it by `read_record` or `FrfRecord`; modes and histories go to `identify_together`, each in a set-up",
+}
+
 
 def identify(
     structure: Structure,
@@ -55,6 +62,11 @@ def identify(
     channel_unknowns : sequence of ChannelUnknown
         Errors of sensors and loads that are identified too.
 
+    Raises
+    ------
+    InputError
+        If an argument is of another class, or the record cannot be used.
+
     Returns
     -------
     Identification
@@ -64,6 +76,12 @@ def identify(
     ----------
     Norris (1986), chapter 4, with the unmeasured degrees of freedom eliminated.
     """
+    takes = {"structure": (structure, Structure), "unknown": (unknown, Parameters), "record": (record, FrfRecord)}
+    for argument, (value, kind) in takes.items():
+        if not isinstance(value, kind):
+            raise InputError(
+                f"`{argument}` must be of class {kind.__name__}, got {type(value).__name__}; {_MAKERS[argument]}"
+            )
     return identify_together([Setup(structure, unknown, record, channel_unknowns)], options, progress)
 
 

@@ -153,7 +153,10 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
     >>> parameters(cantilever, [Unknown("mass", "beam", each=True)]).names
     ('mass[beam:1]', 'mass[beam:2]')
     """
-    unknowns = tuple(unknowns)
+    unknowns = (unknowns,) if isinstance(unknowns, Unknown) else tuple(unknowns)
+    for unknown in unknowns:
+        if not isinstance(unknown, Unknown):
+            raise InputError(f"`unknowns` must hold declarations of class Unknown, got {type(unknown).__name__}")
     groups = [parameter_group(structure, unknown) for unknown in unknowns]
     require_distinct(groups)
     offset, design = _assemble_map(structure, groups)
