@@ -168,6 +168,16 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         page.get_by_role("link", name="Results").last.click()
         page.locator("#verdict").wait_for()
         assert "good" in page.locator("#verdict").get_attribute("class")
+        picture = page.locator("#identified")
+        picture.get_by_label("Colours").select_option("Change of stiffness parameters")
+        assert len(picture.locator(".ticks span").all()) == 5
+        scene = "document.querySelector('#identified canvas.under').scene"
+        rest = page.evaluate(f"[...{scene}.places]")
+        picture.get_by_label("Mode shape").select_option("0")
+        eventually(page, lambda: page.evaluate(f"[...{scene}.places]") != rest)
+        picture.get_by_label("Mode shape").select_option("at rest")
+        eventually(page, lambda: page.evaluate(f"[...{scene}.places]") == rest)
+        page.locator("#report summary").click()
         report = page.frame_locator("iframe.report")
         report.locator("#verdict").wait_for()
         report.locator("#figure-extremes .main-svg").first.wait_for()
@@ -647,6 +657,7 @@ def test_the_measured_frame_runs_is_killed_and_resumed(page, screens, tmp_path):
         shown(page, screens, "13_resumed")
         page.locator("[data-run] a", has_text="Results").first.wait_for(timeout=400_000)
         page.locator("[data-run] a", has_text="Results").first.click()
+        page.locator("#report summary").click()
         page.frame_locator("iframe.report").locator("#figure-extremes .main-svg").first.wait_for()
         shown(page, screens, "14_frame_results")
 
@@ -726,6 +737,7 @@ def test_a_name_in_a_shipped_run_is_a_text_and_a_page_of_results_fetches_nothing
         assert page.locator(".legend .legendtext").first.text_content() == name
         assert page.locator("svg a").count() == 0
         page.goto(f"{bench.address}#results")
+        page.locator("#report summary").click()
         told = page.frame_locator("iframe.report").locator("#told")
         eventually(page, lambda: told.inner_text() != "")
         assert "no fetch" in told.inner_text()

@@ -49,6 +49,27 @@ def test_what_can_be_asked_is_told(folder):
     assert "deck" in offers["deck"]["obstacle"]
 
 
+def test_the_identified_structure_has_the_colours_of_its_changes_and_the_shapes_of_its_modes(folder):
+    told = ask(folder, "identified", results="chain_results")
+    estimate = json.loads((folder / "chain_results" / "estimate.json").read_text(encoding="utf-8"))
+    values = {one["name"]: one for one in estimate["parameters"]}
+    shading = next(one for one in told["shadings"] if one["title"] == "Change of stiffness parameters")
+    part = shading["sets"]["upper"]
+    spring = values["stiffness[upper:1]"]
+    low, high = spring["interval_95"]
+    assert not low < spring["initial"] < high  # so that it has a colour
+    colours = [part["colours"][k] for k in np.frombuffer(base64.b64decode(part["index"]), np.uint8)]
+    assert len(colours) == next(one["count"] for one in told["sets"] if one["name"] == "upper")
+    is_stiffer = spring["value"] > spring["initial"]
+    red, _, blue = bytes.fromhex(colours[0].lstrip("#"))
+    assert (blue > red) == is_stiffer  # purple for more, orange for less
+    assert len(shading["legend"]["ticks"]) == 5
+    shape = curve(told["modes"][0]["moves"]).reshape(-1, 3)
+    np.testing.assert_allclose(shape[:, 1:], 0.0)  # a chain along X
+    assert np.all(np.diff(np.abs(shape[:, 0])) > 0)  # its first mode grows from the ground up
+    assert told["modes"][0]["name"].startswith("mode 1: ")
+
+
 def test_a_prediction_has_the_band_around_the_value(folder):
     options = {"sensor": "2X", "load": "3X", "kind": "accelerance", "band": [1, 10]}
     told = ask(folder, "predict", results="chain_results", options=options, changes=[])

@@ -68,6 +68,7 @@ from structid.diagnose.thresholds import (
     SPRING_LOSS,
 )
 from structid.identification.setups.setup import titles
+from structid.inversion.covariance import correlation_length
 from structid.inversion.search.work import ALONE, Work
 
 
@@ -573,7 +574,11 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
 
 
 def _has_simpler(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
-    """True where a local resonance is the mass or spring that it has as a limit, or fits no better than it."""
+    """True where a local resonance is the mass or spring that it has as a limit, or fits no better than it.
+
+    Where the residual of the simpler change is correlated over lines, a likelihood ratio that counts every line is too
+    large: each stretch of lines as long as the correlation counts as one.
+    """
     if not isinstance(one.cause, Appendage):
         return False
     limit, dof = _limit_of(base, one), parse_dof(one.cause.where[0])
@@ -583,10 +588,17 @@ def _has_simpler(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float
             return True
         more = n_parameters(one.modified) - n_parameters(other.modified)
         if other.cause.place in limits and more > 0:
-            ratio = max(other.misfit - one.misfit, 0.0) / scale
+            ratio = max(other.misfit - one.misfit, 0.0) / scale / _lines_that_count_as_one(other)
             if float(special.gammaincc(more / 2, ratio / 2)) > NESTED_RISK:
                 return True
     return False
+
+
+def _lines_that_count_as_one(fitted: Fitted) -> float:
+    """Correlation length of the residual of a fit, in lines; 1 at least."""
+    target = fitted.modified.target
+    residual = target.residual(fitted.theta)[: target.n_data]
+    return max(1.0, correlation_length(residual, target.rows.lines, target.rows.series))
 
 
 def _scale(base: Fitted, fits: Sequence[Fitted]) -> float:

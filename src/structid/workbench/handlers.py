@@ -24,8 +24,8 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 from structid._version import __version__
 from structid.core.errors import FileError, InputError
 from structid.files import atomic_write, claimed, read_start
+from structid.study.schema.edits import edited
 from structid.study.templates import TEMPLATES, asked_of
-from structid.workbench.edits import edited
 from structid.workbench.folder import EXPORTS, ChangedError, OpenFolder, digest, read_json, typed_folder, upload_name
 from structid.workbench.recent import is_confirmed, recent_folders, remember_confirmed
 from structid.workbench.runs import Runs
@@ -469,19 +469,17 @@ async def _results(bench: Workbench, request: Request) -> Response:
     return Json({"results": {key: estimate.get(key) for key in keys}, "files": listed, "report": shown})
 
 
-async def _fits(bench: Workbench, request: Request) -> Response:
-    """Answer with measured and fitted responses of a results folder; cached until it changes."""
-    name = request.query_params["results"]
-    path = bench.opened.inside(f"{name}/estimate.h5")
-    version = str(path.stat().st_mtime_ns) if path.is_file() else ""
-    return await bench.worked("fits", {"results": name}, version)
+def _of_results(name: str) -> Handler:
+    """Handler that calls the worker function `name` for a results folder; cached until a file in or beside it changes."""
 
+    async def asked(bench: Workbench, request: Request) -> Response:
+        """Answer of the worker function to a request whose results folder is in the query."""
+        results = request.query_params["results"]
+        path = bench.opened.inside(f"{results}/estimate.h5")
+        version = f"{bench.version(results)} {path.stat().st_mtime_ns}" if path.is_file() else ""
+        return await bench.worked(name, {"results": results}, version)
 
-async def _use(bench: Workbench, request: Request) -> Response:
-    """Answer with what can be asked of an identified model; cached until its results or a file of its study change."""
-    name = request.query_params["results"]
-    path = bench.opened.inside(f"{name}/estimate.h5")
-    return await bench.worked("use", {"results": name}, bench.version(name) if path.is_file() else "")
+    return asked
 
 
 async def _view(bench: Workbench, request: Request) -> Response:
@@ -562,8 +560,9 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("POST", "/api/runs/{id}/{action}", _act),
     ("GET", "/api/events", _events),
     ("GET", "/api/results", _results),
-    ("GET", "/api/fits", _fits),
-    ("GET", "/api/use", _use),
+    ("GET", "/api/fits", _of_results("fits")),
+    ("GET", "/api/identified", _of_results("identified")),
+    ("GET", "/api/use", _of_results("use")),
     ("POST", "/api/predict", _of_body("predict", "results", "options", "changes")),
     ("POST", "/api/exports", _of_body("exports", "results", "kind", "suffix", "options")),
     ("GET", "/api/download", _download),

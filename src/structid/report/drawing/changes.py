@@ -6,14 +6,17 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from structid.core.arrays import FloatArray
 from structid.core.quantities import exact, percent, with_unit
 from structid.fem import Structure
 from structid.fem.matrices.contribution import Property
 from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.rendering import plot
+from structid.unknowns import Parameters
 
 #: Shadings of a structure, and the kinds of property that each shows.
 KINDS: dict[str, tuple[str, ...]] = {
@@ -109,32 +112,65 @@ def elements_of(item: Property, design: csr_array) -> Iterator[tuple[tuple[str, 
             yield (item.element, row), index, columns
 
 
+@dataclass(frozen=True, eq=False)
+class IdentifiedParameters:
+    """What became of the parameters of a structure.
+
+    Attributes
+    ----------
+    structure : Structure
+    parameters : Parameters
+    initial, values : (n_params,) float array
+    identified : (n_params,) bool array
+    intervals : (n_params, 2) float array
+        95 % intervals.
+    """
+
+    structure: Structure
+    parameters: Parameters
+    initial: FloatArray
+    values: FloatArray
+    identified: NDArray[np.bool_]
+    intervals: FloatArray
+
+
 def shadings(identification: Identification) -> tuple[Shading, ...]:
     """Shadings of an identification's changes, one for each kind of property that has parameters."""
+    found, own = identification.estimate, identification.own_index
+    return parameter_shadings(
+        IdentifiedParameters(
+            identification.structure,
+            identification.parameters,
+            found.initial[own],
+            found.values[own],
+            found.identified[own],
+            identification.intervals.ends[own],
+        )
+    )
+
+
+def parameter_shadings(answer: IdentifiedParameters) -> tuple[Shading, ...]:
+    """Shadings of the changes of a structure's parameters, one for each kind of property that has any."""
     found = []
     for name, kinds in KINDS.items():
-        changes = _changes(identification, kinds)
+        changes = _changes(answer, kinds)
         if changes:
             limit = round_limit(c.ratio for c in changes.values() if c.identified and c.is_significant)
             found.append(shading(f"Change of {name} parameters", changes, limit))
     return tuple(found)
 
 
-def _changes(identification: Identification, kinds: tuple[str, ...]) -> Changes:
-    """Relative change of properties of these `kinds` by element, from an identification."""
-    structure, unknown = identification.structure, identification.parameters
-    found = identification.estimate
-    own = identification.own_index
-    before, after = unknown.values(found.initial[own]), unknown.values(found.values[own])
-    design = unknown.design.tocsr()
-    ends = identification.intervals.ends[own]
-    is_outside = (found.initial[own] < ends[:, 0]) | (found.initial[own] > ends[:, 1])
+def _changes(answer: IdentifiedParameters, kinds: tuple[str, ...]) -> Changes:
+    """Relative change of properties of these `kinds` by element."""
+    before, after = answer.parameters.values(answer.initial), answer.parameters.values(answer.values)
+    design = answer.parameters.design.tocsr()
+    is_outside = (answer.initial < answer.intervals[:, 0]) | (answer.initial > answer.intervals[:, 1])
     changes: Changes = {}
-    for item in properties_of(structure, kinds):
+    for item in properties_of(answer.structure, kinds):
         for key, index, columns in elements_of(item, design):
             ratio = float(after[index] / before[index] - 1) if before[index] else np.nan
             values = f"{exact(float(before[index]))} to {with_unit(exact(float(after[index])), item.term.unit)}"
-            identified = bool(found.identified[own[columns]].all())
+            identified = bool(answer.identified[columns].all())
             text = f"{item.term.property.replace('_', ' ')}: {values} ({percent(ratio)})"
             is_significant = bool(is_outside[columns].any())
             text += ", not identified" if not identified else "" if is_significant else ", within its interval"

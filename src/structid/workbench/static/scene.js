@@ -65,6 +65,7 @@ export class Scene {
     this.tool = null; // {grab(point), click(point, row)}: takes a drag or a click for itself
     this.still = 0; // pixels a metre at zoom 1, where the view is to stay as it is whatever is drawn
     this.least = 0; // metres that are seen at least
+    this.isOutlined = false; // beams have an edge
     this.canvas.scene = this;
     this.listen();
     new ResizeObserver(() => this.ask()).observe(stage);
@@ -128,7 +129,7 @@ export class Scene {
     this.dots = null;
     this.told = told;
     this.labels = numbers(told.labels, "i32");
-    this.places = numbers(told.places, "f32");
+    this.places = this.rest = numbers(told.places, "f32");
     this.moves = numbers(told.moves, "u8");
     const n = this.labels.length,
       low = [1e300, 1e300, 1e300],
@@ -163,7 +164,7 @@ export class Scene {
     this.labels.forEach((label, k) => this.row.set(label, k));
     const used = new Uint8Array(n);
     this.sets = told.sets.map((one, k) => {
-      const made = {...one, colour: SET_COLOURS[k % SET_COLOURS.length]};
+      const made = {...one, colour: one.colour ?? SET_COLOURS[k % SET_COLOURS.length]};
       for (const key of ["triangles", "edges", "owners", "lines", "marks"]) {
         if (one[key]) {
           made[key] = numbers(one[key], "u32");
@@ -213,13 +214,11 @@ export class Scene {
           one.ends = this.buffer(this.ends(one.lines));
         }
         if (one.marks) {
-          const at = new Float32Array(3 * one.marks.length),
-            size = new Float32Array(one.marks.length);
-          one.marks.forEach((row, k) => {
-            at.set(this.places.subarray(3 * row, 3 * row + 3), 3 * k);
+          const size = new Float32Array(one.marks.length);
+          one.marks.forEach((_, k) => {
             size[k] = one.type === "PointMass" ? 7 + 15 * Math.sqrt(one.weights[k] / heaviest) : 10;
           });
-          one.markBuffer = this.buffer(at);
+          one.markBuffer = this.buffer(this.ends(one.marks));
           one.sizeBuffer = this.buffer(size);
         }
       }
@@ -271,6 +270,28 @@ export class Scene {
     return found;
   }
 
+  // The same structure with its nodes at other places; it is seen from where it was.
+  displace(places) {
+    this.places = places;
+    const {gl} = this,
+      write = (buffer, data) => {
+        gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+        gl.bufferData(gl.ARRAY_BUFFER, data, gl.DYNAMIC_DRAW);
+      };
+    if (gl) {
+      write(this.at, places);
+      for (const one of this.sets) {
+        if (one.lines) {
+          write(one.ends, this.ends(one.lines));
+        }
+        if (one.marks) {
+          write(one.markBuffer, this.ends(one.marks));
+        }
+      }
+    }
+    this.ask();
+  }
+
   ask() {
     if (!this.wanted) {
       this.wanted = requestAnimationFrame(() => {
@@ -303,7 +324,7 @@ export class Scene {
       h = 0;
     const step = Math.max(1, Math.floor(this.labels.length / 4000));
     for (let k = 0; k < this.labels.length; k += step) {
-      const d = [0, 1, 2].map((i) => this.places[3 * k + i] - this.centre[i]);
+      const d = [0, 1, 2].map((i) => this.rest[3 * k + i] - this.centre[i]);
       w = Math.max(w, Math.abs(t[0][0] * d[0] + t[0][1] * d[1] + t[0][2] * d[2]));
       h = Math.max(h, Math.abs(t[1][0] * d[0] + t[1][1] * d[1] + t[1][2] * d[2]));
     }
@@ -330,7 +351,7 @@ export class Scene {
         canvas.height = Math.round(height * dense);
       }
     }
-    const style = getComputedStyle(document.documentElement),
+    const style = getComputedStyle(this.stage),
       colour = (name) => style.getPropertyValue(name).trim();
     this.unit = this.dragging && this.unit ? this.unit : this.still ? this.still * this.zoom : this.fit(width, height);
     this.view = {width, height, turn: this.turn(), unit: this.unit};
@@ -404,6 +425,12 @@ export class Scene {
       link(this.beams, "a", one.ends, 3, 1, 24, 0);
       link(this.beams, "b", one.ends, 3, 1, 24, 12);
       gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, one.lines.length / 2);
+      if (this.isOutlined) {
+        // behind it, and wider: a colour near that of the paper is seen too
+        gl.uniform4f(this.beams.colour, ...rgb(colour("--ink")), 1);
+        gl.uniform1f(this.beams.width, 7);
+        gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, one.lines.length / 2);
+      }
     }
     clear();
     use(this.discs);

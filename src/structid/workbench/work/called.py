@@ -264,6 +264,12 @@ def _fits(opened: OpenFolder, results: str) -> Entry:
     return fitted_responses(opened.inside(results))
 
 
+def _identified(opened: OpenFolder, results: str) -> Entry:
+    from structid.workbench.work.answer import identified_structure
+
+    return identified_structure(opened.inside(results))
+
+
 def _use(opened: OpenFolder, results: str) -> Entry:
     from structid.workbench.work.use import use_facts
 
@@ -332,6 +338,7 @@ _FUNCTIONS: dict[str, Callable[..., Entry]] = {
     "merge": _merge,
     "beside": _beside,
     "fits": _fits,
+    "identified": _identified,
     "use": _use,
     "predict": _predict,
     "exports": _exports,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from structid.core.dof import parse_dof
 from structid.core.errors import FileError
 from structid.core.json_types import Entry
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
@@ -13,11 +14,12 @@ from structid.forward import FrfProblem, RecordProblem
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
 from structid.identification.setups.time import TimeSetup
+from structid.report.figures.responses import channel_unit
 from structid.workbench.work.scene import packed
 
 #: Lines of one channel that are sent of a model at most.
 _MOST_LINES = 4000
-_FIELDS = ("frequency", "measured", "predicted", "predicted_initial", "outputs", "inputs")
+_FIELDS = ("frequency", "measured", "predicted", "predicted_initial", "outputs", "inputs", "kind")
 #: Values of all channels together that are sent at most.
 _MOST_VALUES = 400_000
 
@@ -40,7 +42,7 @@ def fitted_responses(folder: Path) -> dict[str, Entry]:
     try:
         found = hdf5_fields(path, names if present.keys() >= set(names) else ())
         outputs, inputs = (texts_of(found[f"frf/{name}"]) for name in ("outputs", "inputs"))
-        frequency = np.asarray(found["frf/frequency"], dtype=float)
+        frequency, kind = np.asarray(found["frf/frequency"], dtype=float), texts_of(found["frf/kind"])[0]
         shape = (len(frequency), len(outputs) * len(inputs))
         measured, fitted, initial = (np.asarray(found[f"frf/{name}"]).reshape(shape) for name in _FIELDS[1:4])
     except (KeyError, ValueError) as error:
@@ -48,12 +50,14 @@ def fitted_responses(folder: Path) -> dict[str, Entry]:
     size = np.maximum(np.abs(measured), np.finfo(float).tiny)
     errors = np.median(np.abs(fitted - measured) / size, axis=0)
     step = max(1, -(-3 * measured.size // _MOST_VALUES))
-    channels = [f"{output}/{load}" for output in outputs for load in inputs]
+    pairs = [(output, load) for output in outputs for load in inputs]
     return {
         "frequency": packed(frequency[::step], np.float64),
         "channels": [
             {
-                "name": channels[c],
+                "name": "/".join(pairs[c]),
+                "quantity": kind,
+                "unit": channel_unit(kind, *map(parse_dof, pairs[c])),
                 "error": float(errors[c]),
                 "measured": packed(np.abs(measured[::step, c]), np.float32),
                 "fitted": packed(np.abs(fitted[::step, c]), np.float32),

@@ -39,6 +39,23 @@ def scene(path: Path, number: int = 0) -> dict[str, Entry]:
     """
     model = read_model(path, number)
     root, structure = model.root, model.structure
+    plan = root.inner("plan").table
+    return {
+        "title": root.table.get("title", path.stem),
+        **structure_scene(structure),
+        "planned": {
+            key: [str(dof) for dof in parse_dofs(map(str, as_list(plan.get(f"installed_{key}", []))))]
+            for key in ("sensors", "loads")
+        },
+        "has_record": model.record is not None,
+        "findings": told_findings(structure, structure_findings(structure, structure.values))
+        if structure.n_dofs <= _MOST_JUDGED
+        else [],
+    }
+
+
+def structure_scene(structure: Structure) -> dict[str, Entry]:
+    """Drawing data of a structure: nodes by label and position (m), element sets, supports and links by rows of nodes."""
     labels = np.array(list(structure.nodes), dtype=np.int64)
     places = np.zeros((len(labels), 3), dtype=np.float32)
     places[:, : structure.dimension] = np.array(list(structure.nodes.values()))
@@ -50,9 +67,7 @@ def scene(path: Path, number: int = 0) -> dict[str, Entry]:
         found: IntArray = order[np.searchsorted(labels, given, sorter=order)]
         return found
 
-    plan = root.inner("plan").table
     return {
-        "title": root.table.get("title", path.stem),
         "moves": packed(_moves(structure, labels, rows), np.uint8),
         "dimension": structure.dimension,
         "n_dofs": structure.n_dofs,
@@ -73,14 +88,6 @@ def scene(path: Path, number: int = 0) -> dict[str, Entry]:
             for tie in structure.ties
             if isinstance(tie, MeshPoint)
         ],
-        "planned": {
-            key: [str(dof) for dof in parse_dofs(map(str, as_list(plan.get(f"installed_{key}", []))))]
-            for key in ("sensors", "loads")
-        },
-        "has_record": model.record is not None,
-        "findings": told_findings(structure, structure_findings(structure, structure.values))
-        if structure.n_dofs <= _MOST_JUDGED
-        else [],
     }
 
 

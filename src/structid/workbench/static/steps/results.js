@@ -1,7 +1,22 @@
 // Results: the verdict first, then values, the report, everything to take away, and two results side by side.
+
+import {answerPicture} from "../answer_picture.js";
 import {get, link, post, view} from "../api.js";
 import {chart, colours, ink} from "../charts.js";
-import {bytes, field, fill, h, number, numberIn, options, percent, quantity, table, unpacked} from "../dom.js";
+import {
+  bytes,
+  field,
+  fill,
+  h,
+  number,
+  numberIn,
+  options,
+  percent,
+  quantity,
+  table,
+  unpacked,
+  withUnit,
+} from "../dom.js";
 import {resultPaths, resultsName} from "../recorded.js";
 
 const MARKS = {sound: "good", approximate: "doubt", wrong_model: "bad", undetermined: "bad"};
@@ -26,7 +41,11 @@ export async function show(box, app) {
     try {
       const found = await get("results", {results: choice.value}),
         beside = other.value ? await get("results", {results: other.value}) : null;
-      const fit = await fits(choice.value).catch((error) => h("p", {class: "note"}, error.message));
+      const asTold = (error) => h("p", {class: "note"}, error.message);
+      const [fit, picture] = await Promise.all([
+        fits(choice.value).catch(asTold),
+        get("identified", {results: choice.value}).then(answerPicture, asTold),
+      ]);
       fill(
         place,
         verdict(found.results),
@@ -34,21 +53,41 @@ export async function show(box, app) {
         changes(found.results, choice.value, found.files),
         values(found.results, beside?.results, choice.value, other.value),
         fit,
+        picture,
         exported(choice.value, found.files),
-        found.report
-          ? h("iframe", {
-              class: "report",
-              sandbox: "allow-scripts",
-              src: view(found.report),
-              title: `Report in ${choice.value}`,
-            })
-          : h("p", {class: "note"}, "These results hold no report page."),
+        report(found.report, choice.value),
       );
     } catch (error) {
       fill(place, h("div", {class: "card bad"}, error.message));
     }
   };
   await draw();
+}
+
+// All else that the results tell, on the page of the report; it is loaded when it is opened.
+function report(page, folder) {
+  if (!page) {
+    return h("p", {class: "note"}, "These results hold no report page.");
+  }
+  const place = h("div"),
+    details = h(
+      "details",
+      {
+        class: "card",
+        id: "report",
+        ontoggle: () => {
+          if (details.open && !place.firstChild) {
+            fill(
+              place,
+              h("iframe", {class: "report", sandbox: "allow-scripts", src: view(page), title: `Report in ${folder}`}),
+            );
+          }
+        },
+      },
+      h("summary", {}, "The whole report: residuals, statistics, sensitivity, convergence, provenance"),
+      place,
+    );
+  return details;
 }
 
 // A longer search for causes of a misfit: the same run once more, into the same folder.
@@ -128,18 +167,36 @@ function verdict(found) {
   );
 }
 
-// The fit of one channel at a time, the worst first: measured, initial and fitted magnitude.
+// The fit of the worst and of the best channel, and of others by choice: measured, initial and fitted magnitude.
 async function fits(folder) {
-  const found = await get("fits", {results: folder});
-  if (!found.channels.length) {
+  const found = await get("fits", {results: folder}),
+    {length} = found.channels;
+  if (!length) {
     return null;
   }
+  return h(
+    "section",
+    {class: "card"},
+    h("h2", {}, "Fit"),
+    h("p", {class: "note"}, "Points: measured. Line: fitted model. Dashed: model at its initial values."),
+    h(
+      "div",
+      {class: "columns"},
+      fitOf(found, 0, length > 1 ? "Worst channel, and its median relative error" : "Channel", "fit"),
+      length > 1 ? fitOf(found, length - 1, "Best channel, or another one", "fit-best") : null,
+    ),
+  );
+}
+
+function fitOf(found, first, label, id) {
   const frequency = unpacked(found.frequency, "f64"),
-    plot = h("div", {class: "plot", id: "fit"});
+    plot = h("div", {class: "plot", id});
   const choice = h(
     "select",
-    {id: "fitted", onchange: () => draw()},
-    found.channels.map((one, k) => h("option", {value: k}, `${one.name}: ${percent(one.error)}`)),
+    {onchange: () => draw()},
+    found.channels.map((one, k) =>
+      h("option", {value: k, selected: k === first}, `${one.name}: ${percent(one.error)}`),
+    ),
   );
   const draw = () => {
     const one = found.channels[Number(choice.value)],
@@ -158,18 +215,18 @@ async function fits(folder) {
     ];
     return chart(plot, lines, {
       again: draw,
+      showlegend: false,
       xaxis: {title: {text: "frequency, Hz"}},
-      yaxis: {type: "log", exponentformat: "power", title: {text: "magnitude"}},
+      yaxis: {
+        type: "log",
+        exponentformat: "power",
+        dtick: Math.max(...lines[0].y) < 1000 * Math.min(...lines[0].y) ? "D2" : null, // ticks at 1, 2 and 5
+        title: {text: withUnit(one.quantity, one.unit)},
+      },
     });
   };
   setTimeout(draw); // it has no width before it is on the page
-  return h(
-    "section",
-    {class: "card"},
-    h("h2", {}, "Fit"),
-    field("Channel and its median relative error, the worst first", choice),
-    plot,
-  );
+  return h("div", {}, field(label, choice), plot);
 }
 
 // What may be wrong with the model, each as a study that can be opened and run.

@@ -1,0 +1,140 @@
+// The identified structure: its changes by colour, and the shapes of its modes in motion.
+import {field, fill, h, options, unpacked} from "./dom.js";
+import {Scene, sceneStage} from "./scene.js";
+
+const REACH = 0.12; // of the size of the structure: the largest motion that is drawn
+const SECONDS = 2.4; // a cycle
+
+// Element sets split by the colours of a shading, each part with the elements of one colour.
+function splitByColour(sets, shading) {
+  return sets.flatMap((set) => {
+    const {colours, index} = shading.sets[set.name],
+      of = unpacked(index, "u8");
+    return colours.map((colour, c) => {
+      const part = {...set, name: `${set.name} ${colour}`, colour};
+      const taken = (values, each) => values.filter((_, k) => of[Math.floor(k / each)] === c);
+      for (const [key, each] of [
+        ["lines", 2],
+        ["marks", 1],
+      ]) {
+        if (set[key] && set[key].length === each * of.length) {
+          part[key] = taken(set[key], each);
+        }
+      }
+      if (set.weights) {
+        part.weights = taken(set.weights, 1);
+      }
+      if (set.connectors) {
+        part.connectors = taken(set.connectors, 1);
+      }
+      if (set.triangles) {
+        part.triangles = set.triangles.filter((_, k) => of[set.owners[Math.floor(k / 3)]] === c);
+      }
+      return part;
+    });
+  });
+}
+
+// A card with the picture of what `told` says of an identified structure.
+export function answerPicture(told) {
+  const stage = sceneStage(
+    [h("button", {class: "small", type: "button", onclick: () => scene.home()}, "Show all")],
+    "Drag to turn, Shift and drag to move, wheel to zoom",
+  );
+  const scene = new Scene(stage, () => {});
+  const arrays = {labels: "i32", places: "f32", moves: "u8"};
+  const structure = {...told};
+  for (const [key, kind] of Object.entries(arrays)) {
+    structure[key] = unpacked(told[key], kind);
+  }
+  structure.sets = told.sets.map((set) => {
+    const made = {...set};
+    for (const key of ["triangles", "edges", "owners", "lines", "marks"]) {
+      if (set[key]) {
+        made[key] = unpacked(set[key], "u32");
+      }
+    }
+    if (set.weights) {
+      made.weights = unpacked(set.weights, "f32");
+    }
+    return made;
+  });
+  const legend = h("div", {class: "scale"}),
+    words = h("ul", {class: "plain note"});
+  const shown = h(
+    "select",
+    {id: "shaded", onchange: () => colour()},
+    options([...told.shadings.map((one, k) => [String(k), one.title]), ["", "element sets"]]),
+  );
+  const mode = h(
+    "select",
+    {id: "mode-shown", onchange: () => move()},
+    options([["", "at rest"], ...told.modes.map((one, k) => [String(k), one.name])]),
+  );
+  const colour = () => {
+    const shading = told.shadings[shown.value];
+    stage.classList.toggle("shaded", Boolean(shading));
+    scene.isOutlined = Boolean(shading);
+    scene.set({...structure, sets: shading ? splitByColour(structure.sets, shading) : structure.sets}, isDrawn);
+    isDrawn = true;
+    fill(
+      legend,
+      shading
+        ? [
+            h(
+              "div",
+              {class: "colours"},
+              shading.legend.colours.map((one) => h("span", {style: {background: one}})),
+            ),
+            h(
+              "div",
+              {class: "ticks"},
+              shading.legend.ticks.map((one) => h("span", {}, one)),
+            ),
+          ]
+        : null,
+    );
+    fill(
+      words,
+      shading ? Object.values(shading.sets).flatMap((set) => set.words.map((one) => h("li", {}, one))) : null,
+    );
+  };
+  // A mode swings until another one is chosen, or the picture is left; where motion is not wanted it stands at its largest.
+  let turn = 0;
+  const move = () => {
+    const own = ++turn,
+      {value} = mode;
+    if (value === "") {
+      scene.displace(structure.places);
+      return;
+    }
+    const moves = unpacked(told.modes[value].moves, "f32"),
+      largest = moves.reduce((most, x) => Math.max(most, Math.abs(x)), 0) || 1,
+      scale = (REACH * scene.size) / largest,
+      isStill = matchMedia("(prefers-reduced-motion: reduce)").matches,
+      begun = performance.now();
+    const swing = (now) => {
+      if (own !== turn || !stage.isConnected) {
+        return;
+      }
+      const phase = isStill ? 1 : Math.cos((2 * Math.PI * (now - begun)) / (1000 * SECONDS));
+      scene.displace(structure.places.map((x, k) => x + scale * phase * moves[k]));
+      if (!isStill) {
+        requestAnimationFrame(swing);
+      }
+    };
+    requestAnimationFrame(swing);
+  };
+  let isDrawn = false;
+  colour();
+  return h(
+    "section",
+    {class: "card", id: "identified"},
+    h("h2", {}, "Identified structure"),
+    h("div", {class: "row end"}, field("Colours", shown), told.modes.length ? field("Mode shape", mode) : null),
+    stage,
+    legend,
+    h("p", {class: "note"}, "White: no change beyond its 95 % interval. Grey: held at its value."),
+    h("details", {}, h("summary", {}, "Changes in words"), words),
+  );
+}

@@ -1,0 +1,86 @@
+"""An identified structure as the page draws it: its changes by element, and the shapes of its modes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.errors import FileError
+from structid.core.json_types import Entry
+from structid.core.quantities import number
+from structid.report.drawing.changes import IdentifiedParameters, Shading, look, parameter_shadings
+from structid.report.drawing.palette import steps
+from structid.study.results.stored_model import stored_model, stored_study
+from structid.study.run.exports.mode_shapes import model_modes, node_translations
+from structid.study.schema.study import Study
+from structid.workbench.folder import read_json
+from structid.workbench.work.scene import packed, structure_scene
+
+#: Modes whose shapes are sent, degrees of freedom beyond which none are, and colours of the legend.
+_MODES, _MOST_DOFS, _LEGEND = 12, 30_000, 9
+
+
+def identified_structure(folder: Path) -> dict[str, Entry]:
+    """Drawing data of the structure of a results folder, with colours of its changes by element and mode shapes at its nodes.
+
+    Raises
+    ------
+    FileError
+        If the folder is of another version, or its study has changed.
+    InputError
+        If the data do not determine the model.
+    """
+    study = stored_study(folder)
+    structure = study.structure
+    drawn: dict[str, Entry] = structure_scene(structure)
+    drawn["shadings"] = [_shading(one, study) for one in parameter_shadings(_identified(folder, study))]
+    drawn["modes"] = []
+    if structure.has_modes and structure.n_dofs <= _MOST_DOFS:
+        computed = model_modes(stored_model(folder, study), _MODES)
+        moves = node_translations(structure, computed.mode_shapes)
+        drawn["modes"] = [
+            {"name": f"mode {k + 1}: {number(float(frequency), 4)} Hz", "moves": packed(moves[k], np.float32)}
+            for k, frequency in enumerate(computed.frequency)
+        ]
+    return drawn
+
+
+def _identified(folder: Path, study: Study) -> IdentifiedParameters:
+    """The parameters of the study of a results folder with their values, from its estimate.json."""
+    listed = {one["name"]: one for one in read_json(folder / "estimate.json")["parameters"]}
+    try:
+        own = [listed[name] for name in study.parameters.names]
+        ends = [one.get("interval_95") or (None, None) for one in own]
+        intervals = [[-np.inf if low is None else low, np.inf if high is None else high] for low, high in ends]
+        return IdentifiedParameters(
+            study.structure,
+            study.parameters,
+            np.array([one["initial"] for one in own], dtype=float),
+            np.array([one["value"] for one in own], dtype=float),
+            np.array([one["identified"] for one in own], dtype=bool),
+            np.array(intervals, dtype=float).reshape(-1, 2),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileError(f"{folder / 'estimate.json'}: its parameters cannot be used; run the study again") from error
+
+
+def _shading(shading: Shading, study: Study) -> dict[str, Entry]:
+    """One shading as the page shows it: the colour and the words of each element by its set, and the legend."""
+    sets: dict[str, Entry] = {}
+    for element in study.structure.elements:
+        rows = range(len(element.nodes))
+        looks = [look(shading, element.name, row) for row in rows]
+        colours = sorted({one.colour for one in looks})
+        changes = [shading.changes.get((element.name, row)) for row in rows]
+        sets[element.name] = {
+            "colours": colours,
+            "index": packed([colours.index(one.colour) for one in looks], np.uint8),
+            "words": sorted({one.text for one in changes if one is not None})[:_LEGEND],
+        }
+    scale = shading.scale
+    return {
+        "title": shading.title,
+        "sets": sets,
+        "legend": {"colours": steps(scale.colours, _LEGEND), "ticks": [words for _, words in scale.ticks]},
+    }
