@@ -1,6 +1,7 @@
 """Modes followed over records: by shape where frequencies cross, over pauses, and as the command shows them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 from structid import InputError, ModalRecord
 from structid.cli.app import app
 from structid.modal.formats.files import write_modes
+from structid.modal.shape_uncertainty import mac_with_std
 from structid.modal.tracking import track_modes
 
 SENSORS = ("1X", "2X", "3X", "4X")
@@ -51,6 +53,7 @@ def test_tracks_follow_shapes_where_frequencies_cross_and_over_pauses():
     np.testing.assert_allclose(tracks.change[-1, places[1]], 0.6)
     np.testing.assert_allclose(tracks.frequency_std[0], 1e-3)
     assert np.nanmin(tracks.likeness) > 0.98
+    assert np.isnan(tracks.likeness_std).all()  # no shape has a deviation
     assert not tracks.alone
 
 
@@ -87,3 +90,16 @@ def test_the_command_follows_a_folder_of_modes(tmp_path, monkeypatch):
     assert told["mac_with_the_last"][0] == [None, None]
     page = (tmp_path / "followed" / "report.html").read_text()
     assert "Change of the frequencies" in page
+
+
+def test_likeness_has_the_deviation_of_both_shapes_where_they_state_one():
+    """Sensors turned and in another order in the second record: as between shapes in one order."""
+    first, second = (
+        record([1.0, 2.0], [0, 1], k, sensors=s) for k, s in enumerate((SENSORS, ("4X-", "1X", "3X", "2X-")))
+    )
+    first, second = (replace(part, shape_std=np.full((4, 2), 0.01)) for part in (first, second))
+    tracks = track_modes([first, second])
+    turned = np.array(second.mode_shapes)[[1, 3, 2, 0]] * [[1], [-1], [1], [-1]]
+    straight = replace(second, channels=first.channels, mode_shapes=turned)
+    np.testing.assert_allclose(tracks.likeness_std[1], np.diag(mac_with_std(first, straight).std), rtol=0.2)
+    assert np.isnan(tracks.likeness_std[0]).all()

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
+from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.modal.merging import common_sensors, pair_worth
 from structid.modal.modal_record import ModalRecord
+from structid.modal.shape_uncertainty import mac_with_std
 from structid.similarity.pairing import assigned
 
 _LEAST_WORTH = 0.5  # of a mode beside the last one of its track
@@ -29,8 +32,9 @@ class ModeTracks:
         Number (from 0) of the mode in every record; -1 where it was not seen.
     frequency, frequency_std, damping_ratio, damping_std : (n_records, n_tracks) float arrays
         Hz and 1; NaN where the mode was not seen.
-    likeness : (n_records, n_tracks) float array
-        MAC with the last record that shows the mode, at the sensors that all records have; NaN for the first.
+    likeness, likeness_std : (n_records, n_tracks) float arrays
+        MAC with the last record that shows the mode, at the sensors that all records have, and its standard deviation by the
+        errors of both shapes; NaN for the first.
     alone : tuple of (int, float)
         Record, and frequency in Hz, of modes that no other record shows.
     """
@@ -42,6 +46,7 @@ class ModeTracks:
     damping_ratio: FloatArray
     damping_std: FloatArray
     likeness: FloatArray
+    likeness_std: FloatArray
     alone: tuple[tuple[int, float], ...]
 
     @property
@@ -118,5 +123,29 @@ def track_modes(
             [record.std[record.n_modes :] for record in records],
         )
     )
-    mac_of = np.array([[alike[i].get(n, np.nan) for i in kept] for n in range(len(records))])
-    return ModeTracks(called, members, frequency, frequency_std, damping, damping_std, mac_of, tuple(sorted(alone)))
+    likeness = np.array([[alike[i].get(n, np.nan) for i in kept] for n in range(len(records))])
+    return ModeTracks(
+        called, members, frequency, frequency_std, damping, damping_std, likeness,
+        _likeness_std([_at_sensors(record, shared) for record in records], members), tuple(sorted(alone)),
+    )  # fmt: skip
+
+
+def _at_sensors(record: ModalRecord, sensors: Sequence[Dof]) -> ModalRecord:
+    """Modes at `sensors`, which are positive directions, in their order."""
+    rows = [[dof.unsigned for dof in record.channels].index(sensor) for sensor in sensors]
+    signs = np.array([[record.channels[row].sign * 1.0] for row in rows])
+    few = record.some_channels(rows)
+    changes = few.changes and replace(few.changes, mode_shapes=signs * few.changes.mode_shapes)
+    return replace(few, channels=tuple(sensors), mode_shapes=signs * few.mode_shapes, changes=changes)
+
+
+def _likeness_std(records: Sequence[ModalRecord], members: IntArray) -> FloatArray:
+    """Standard deviation of the MAC of each mode with the last record that shows it, (n_records, n_tracks)."""
+    std, pairs = np.full(members.shape, np.nan), dict[tuple[int, int], FloatArray]()
+    for k, track in enumerate(members.T):
+        seen = np.flatnonzero(track >= 0).tolist()
+        for before, after in pairwise(seen):
+            if (before, after) not in pairs:
+                pairs[before, after] = mac_with_std(records[before], records[after]).std
+            std[after, k] = pairs[before, after][track[before], track[after]]
+    return std

@@ -10,7 +10,7 @@ import numpy as np
 from structid.core.json_types import Entry, json_text
 from structid.modal.formats.files import modal_fields, write_modes
 from structid.modal.modal_record import ModalRecord
-from structid.modal.poles.poles import modal_phase_deviation
+from structid.modal.shape_uncertainty import collinearity_with_std, phase_deviation_with_std
 from structid.modal.survey.survey import ModesResult
 from structid.modal.tracking import ModeTracks
 from structid.records import FrfRecord, Geometry
@@ -43,12 +43,17 @@ def modes_summary(result: ModesResult) -> dict[str, Entry]:
     """The content of modes.json, before what is not finite becomes null; `read_modes` reads it back."""
     found = result.identification
     fields = modal_fields(result.modes)
+    collinearity, deviation = collinearity_with_std(result.modes), phase_deviation_with_std(result.modes)
     return {
         "title": result.title,
         "method": found.method,
         "n_modes": result.modes.n_modes,
         **{name: fields[name] for name in ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std", "mpc")},
-        "mpd_deg": modal_phase_deviation(np.asarray(result.modes.mode_shapes, dtype=complex)),
+        "mpc_std": collinearity.std,
+        "mpc_by_noise": collinearity.noise_effect,
+        "mpd_deg": deviation.value,
+        "mpd_std_deg": deviation.std,
+        "mpd_by_noise_deg": deviation.noise_effect,
         "probability": found.probability,
         **_clusters(result),
         **{name: fields[name] for name in ("channels", "scaling")},
@@ -135,6 +140,7 @@ def write_tracks(tracks: ModeTracks, folder: Path) -> None:
         "damping_ratio": tracks.damping_ratio,
         "damping_std": tracks.damping_std,
         "mac_with_the_last": tracks.likeness,
+        "mac_std": tracks.likeness_std,
         "in_one_record_only": [{"record": tracks.names[n], "frequency_hz": f} for n, f in tracks.alone],
     }
     (folder / "tracks.json").write_text(json_text(content), encoding="utf-8")
