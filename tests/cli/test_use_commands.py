@@ -91,6 +91,17 @@ def test_results_of_another_study_are_refused(results, tmp_path):
     assert "holds no estimate.json" in done.stderr
 
 
+def test_a_model_that_does_not_explain_its_record_is_doubted(results, tmp_path):
+    shutil.copytree(results, tmp_path / "out")
+    told = json.loads((tmp_path / "out" / "estimate.json").read_text())
+    (tmp_path / "out" / "estimate.json").write_text(json.dumps(told | {"verdict": "wrong_model"}), encoding="utf-8")
+    study = results.parent / "chain.toml"
+    done = invoke("predict", tmp_path / "out", "--study", study, "--draws", 60, "--out", tmp_path / "p")
+    assert (done.exit_code, "note: the verdict on this model" in done.stdout) == (0, True), done.stderr
+    assert json.loads((tmp_path / "p" / "prediction.json").read_text())["warnings"]
+    assert "Do not rely on this yet" in (tmp_path / "p" / "prediction.html").read_text(encoding="utf-8")
+
+
 def test_export_writes_state_equations_and_matrices(results, tmp_path):
     equations, matrices = tmp_path / "chain.mat", tmp_path / "chain.op4"
     done = invoke(

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.display import Overview, Shown, format_number
 from structid.core.dof import Dof, parse_dof, parse_dofs
-from structid.core.errors import InputError, NoAnswerError
+from structid.core.errors import InputError
 from structid.identification.identified import Identification
 from structid.prediction.changes import AddTunedMassDamper
 from structid.prediction.identified_model import IdentifiedModel
@@ -114,17 +114,17 @@ def tune_damper(
     Raises
     ------
     InputError
-        If `dof` is no translation of the structure, or a number is out of its limits.
+        If `dof` is no translation of the structure, a number is out of its limits, or no mode in the band moves at `dof`.
     NoAnswerError
-        If the data do not determine the model, or no mode moves at `dof`.
+        If the data do not determine the model.
 
     References
     ----------
     Den Hartog (1985), Mechanical Vibrations, section 3.3: the start of the search, and the answer for one undamped mass.
     """
-    place = parse_dof(dof)
-    if place.is_rotation:
-        raise InputError(f"a tuned mass damper moves along X, Y or Z, got {place}")
+    at_dof = parse_dof(dof)
+    if at_dof.is_rotation:
+        raise InputError(f"a tuned mass damper moves along X, Y or Z, got {at_dof}")
     if not (np.isfinite(mass) and mass > 0):
         raise InputError(f"`mass` must be greater than 0 kg, got {mass:g}")
     if not 0.5 <= quantile < 1:
@@ -132,11 +132,11 @@ def tune_damper(
     model, _ = model_and_error(source, None)
     if band is not None and not 0 < band[0] < band[1]:
         raise InputError(f"`band` must run from more than 0 Hz to a higher frequency, got {band}")
-    tuned, effective = _dominant_mode(model, place, band)
+    tuned, effective = _dominant_mode(model, at_dof, band)
     low, high = band or ((1 - _AROUND) * tuned, (1 + _AROUND) * tuned)
-    read, pushed = parse_dofs(outputs) or (place,), parse_dofs(inputs) or (place,)
-    sensors = tuple(dict.fromkeys((place, *read)))
-    loads = tuple(dict.fromkeys((place, *pushed)))
+    read, pushed = parse_dofs(outputs) or (at_dof,), parse_dofs(inputs) or (at_dof,)
+    sensors = tuple(dict.fromkeys((at_dof, *read)))
+    loads = tuple(dict.fromkeys((at_dof, *pushed)))
     frf = Frf(sensors, loads, np.linspace(low, high, _LINES), "receptance")
     evaluate = frf.evaluator(model.structure, model.parameters, parameter_points(model))
     drawn = model.draw_parameters(n_draws, np.random.default_rng(seed))
@@ -160,8 +160,8 @@ def tune_damper(
     nominal = _search(nominal_peak, start)
     robust = _search(peak_below, nominal)
     return TunedDamper(
-        AddTunedMassDamper(place, mass, *robust),
-        AddTunedMassDamper(place, mass, *nominal),
+        AddTunedMassDamper(at_dof, mass, *robust),
+        AddTunedMassDamper(at_dof, mass, *nominal),
         peak_below(*robust),
         peak_below(*nominal),
         float(np.quantile(peaks(receptances[1:]), quantile)),
@@ -187,21 +187,21 @@ def _dominant_mode(model: IdentifiedModel, dof: Dof, band: tuple[float, float] |
     flexible = np.where(elastic, motion[0] ** 2 / np.where(elastic, omega, 1.0) ** 2, 0.0)
     if not flexible.max(initial=0.0) > 0:
         within = "" if band is None else f" between {low:g} and {high:g} Hz"
-        raise NoAnswerError(
+        raise InputError(
             f"no mode{within} moves {dof}, so that a damper there does nothing; choose another place or band"
         )
     k = int(np.argmax(flexible))
     return float(shapes.frequency[k]), float(1 / motion[0, k] ** 2)
 
 
-def _coupled(receptance: ComplexArray, frequency: FloatArray, mass: float, own: float, ratio: float) -> ComplexArray:
+def _coupled(receptance: ComplexArray, frequency: FloatArray, mass: float, tuned: float, ratio: float) -> ComplexArray:
     """Receptances (..., n_lines, n_outputs, n_inputs) with a damper at the first output and input: H - H_od z H_di / (1 + z H_dd).
 
     z = -w^2 m (k + i w c) / (k + i w c - w^2 m) is the force that moves the foot of the damper, per displacement.
     """
-    w, rate = 2 * np.pi * frequency, 2 * np.pi * own
-    held = mass * (rate**2 + 2j * ratio * rate * w)
-    z = (-(w**2) * mass * held / (held - w**2 * mass))[:, None, None]
+    w, rate = 2 * np.pi * frequency, 2 * np.pi * tuned
+    strut = mass * (rate**2 + 2j * ratio * rate * w)
+    z = (-(w**2) * mass * strut / (strut - w**2 * mass))[:, None, None]
     column, row = receptance[..., :, :1], receptance[..., :1, :]
     return np.asarray(receptance - column * (z / (1 + z * receptance[..., :1, :1])) * row)
 

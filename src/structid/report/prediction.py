@@ -124,6 +124,8 @@ def prediction_text(found: StudyPrediction) -> list[RenderableType]:
         parts += [Text(found.damper.overview().words), printed(damper_table(found.damper))]
     parts += [printed(table) for table in _tables(found).values() if table is not None]
     parts += [Text(words) for words in (width_words(found), found.words) if words]
+    if found.doubt:
+        parts.append(Text(f"note: {found.doubt}"))
     return parts
 
 
@@ -141,6 +143,7 @@ def prediction_page(found: StudyPrediction) -> Page:
         "heading": heading(found),
         "changes": found.changes,
         "bands": found.words,
+        "doubt": found.doubt,
         "width": width_words(found),
         "modes": modes_table(found.modes),
         **_tables(found),

@@ -72,6 +72,17 @@ def stored_study(folder: Path, study: Path | None = None) -> Study:
     return cut_study(found, int(np.asarray(count)[0]))
 
 
+def stored_doubt(folder: Path) -> str:
+    """A sentence on a model that does not explain the record it was identified from; "" of any other."""
+    verdict = json.loads(require_readable(folder / "estimate.json").read_text(encoding="utf-8")).get("verdict")
+    if verdict != "wrong_model":
+        return ""
+    return (
+        "the verdict on this model is that it does not explain its record, so that bands from it may miss the truth; see the causes"
+        f" in {folder}, mend the model and identify again"
+    )
+
+
 def _text(path: Path) -> str:
     return require_readable(path).read_bytes().decode("utf-8", errors="replace")
 

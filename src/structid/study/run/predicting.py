@@ -38,7 +38,13 @@ from structid.prediction.quantities import (
 from structid.prediction.recovery import Output, is_von_mises, parse_outputs
 from structid.prediction.tuned_damper import TunedDamper, tune_damper
 from structid.records import ReadOptions, TimeRecord, read_record
-from structid.study.results.stored_model import stored_loads, stored_model, stored_model_error, stored_study
+from structid.study.results.stored_model import (
+    stored_doubt,
+    stored_loads,
+    stored_model,
+    stored_model_error,
+    stored_study,
+)
 
 PREDICTION_PAGE = "prediction.html"
 Found: TypeAlias = Prediction | PredictedChange | None
@@ -67,6 +73,8 @@ class StudyPrediction:
         What acts in `history` and `spectrum`, in words.
     damper : TunedDamper, optional
         The damper that was tuned, one of the changes.
+    doubt : str
+        Why the model behind it is not to be trusted; "" where it is.
     """
 
     folder: Path
@@ -82,6 +90,7 @@ class StudyPrediction:
     duration: float | None = None
     loads: str = ""
     damper: TunedDamper | None = None
+    doubt: str = ""
 
     @property
     def words(self) -> str:
@@ -168,6 +177,7 @@ def predict_study(
         options.duration,
         "; ".join(words),
         damper,
+        stored_doubt(folder),
     )
 
 
@@ -319,6 +329,7 @@ def prediction_summary(found: StudyPrediction) -> dict[str, Entry]:
         "results": found.folder.as_posix(),
         "changes": list(found.changes),
         "bands": found.words,
+        "warnings": [found.doubt] if found.doubt else [],
         "level": 0.95,
         "modes": [
             {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from structid.prediction.recovery import output_unit
 from structid.prediction.virtual_sensing import SensedMotion, UnknownForces, sense
 from structid.records import ReadOptions, TimeRecord, read_record
 from structid.records.record import QUANTITY_UNITS
-from structid.study.results.stored_model import stored_model, stored_study
+from structid.study.results.stored_model import stored_doubt, stored_model, stored_study
 
 
 def sense_record(
@@ -40,7 +41,7 @@ def sense_record(
     if options.unknown and options.correlation_time is not None:
         unknown = UnknownForces(split_commas(options.unknown), options.correlation_time, options.force_std)
     left = split_commas(options.leave_out)
-    return sense(
+    sensed = sense(
         model,
         record,
         split_commas(options.wanted),
@@ -50,6 +51,8 @@ def sense_record(
         options.draws,
         is_filtered=not options.unfiltered,
     )
+    doubt = stored_doubt(folder)
+    return replace(sensed, words=(doubt, *sensed.words)) if doubt else sensed
 
 
 def sensed_csv(found: SensedMotion) -> str:
