@@ -224,13 +224,16 @@ def test_predict_under_a_pulse_and_under_noise(results, tmp_path):
     (tmp_path / "wind.csv").write_text("Hz,N^2/Hz\n0.5,2.0\n12,1.0\n", encoding="utf-8")
     done = invoke(
         "predict", results, "--sensors", "2X", "--noise", f"{tmp_path}/wind.csv@3X", "--duration", 60, "--draws", 60, "--modes", 2,
-        "--lines", 400, "--out", tmp_path / "b",
+        "--lines", 400, "--sampling-rate", 50, "--out", tmp_path / "b",
     )  # fmt: skip
     assert (done.exit_code, done.stderr) == (0, "")
     told = json.loads((tmp_path / "b" / "prediction.json").read_text())
     [mean], [most] = told["root_mean_square"], told["largest"]
     assert 2.5 < most["value"]["value"] / mean["value"]["value"] < 4.5
     assert len(np.genfromtxt(tmp_path / "b" / "spectrum.csv", delimiter=",", names=True)) == 400
+    sample = np.genfromtxt(tmp_path / "b" / "history.csv", delimiter=",", skip_header=1)
+    assert sample.shape == (3000, 4)
+    assert sample[1500:, 1].std() == pytest.approx(mean["value"]["value"], rel=0.35)
 
 
 @pytest.mark.parametrize(

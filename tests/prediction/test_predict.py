@@ -8,6 +8,8 @@ import structid as sid
 from structid.core.errors import InputError, NoAnswerError
 from structid.prediction.changes import changed_model
 from structid.prediction.identified_model import identified_model
+from structid.prediction.model_error import ModelError
+from structid.prediction.predict import predict_together
 
 NODES = {i: float(i) for i in range(4)}
 
@@ -213,3 +215,24 @@ def test_friction_has_no_history():
     model = identified_model(structure, parameters, parameters.start, np.array([[0.01]]))
     with pytest.raises(InputError, match="dry friction of 'rub'"):
         sid.predict(model, sid.History(["1X"], ["1X"], np.ones((10, 1)), 10.0))
+
+
+def test_what_a_model_misses_widens_histories_maxima_and_spectra():
+    """An error of 10 % of the response at every frequency: 10 % of the energy's root, most of it where the response is."""
+    lines = np.linspace(0.5, 30.0, 600)
+    error = ModelError(lines, np.full(600, 0.1), np.ones(600), "accelerance")
+    push = np.zeros((1024, 1))
+    push[512:520] = 20.0
+    history = sid.History(["1X"], ["1X"], push, 64.0, "displacement")
+    spectrum = sid.Spectrum(sid.Frf(["1X"], ["1X"], lines), np.ones((600, 1)))
+    quantities = [history, sid.Maxima(history), spectrum, sid.RootMeanSquare(spectrum)]
+    motion, largest, density, mean = predict_together(make_oscillator(1e-9), quantities, 400, model_error=error)
+    size, missed = np.sqrt((motion.values**2).mean()), np.sqrt((motion.std**2).mean())
+    assert missed == pytest.approx(0.1 * size, rel=0.15)
+    assert np.sqrt((motion.std[:448] ** 2).mean()) < 0.25 * missed
+    assert 0.03 < largest.std[0] / largest.values[0] < 0.15
+    assert density.std == pytest.approx(np.sqrt(2) * 0.1 * density.values, rel=0.25)
+    assert 0 < mean.std[0] < 0.1 * mean.values[0]
+    assert "what the fit misses" in motion.words
+    [sure] = predict_together(make_oscillator(1e-9), [sid.NaturalModes(1)], 50, model_error=error)
+    assert "what the fit misses" not in sure.words

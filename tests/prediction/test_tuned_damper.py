@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import structid as sid
-from structid.core.errors import InputError
+from structid.core.errors import InputError, NoAnswerError
 from structid.prediction.identified_model import identified_model
 
 MASS, STIFFNESS = 10.0, 4e4
@@ -41,6 +41,26 @@ def test_the_coupled_damper_is_that_of_a_structure_with_it():
     frf = sid.Frf(["1X"], ["1X"], np.linspace(*found.band, 1200), "receptance")
     after = sid.predict_change(model, frf, [found.change], n_draws=50).after.values
     assert np.abs(after).max() == pytest.approx(found.peak, rel=1e-9)
+
+
+def test_a_band_chooses_the_mode_that_the_damper_is_tuned_to():
+    """Two masses in a row: the first mode dominates the flexibility, and the band leaves the second alone."""
+    parts = [
+        sid.PointMass("m", [1, 2], mass=[4.0, 2.0]),
+        sid.Spring("k", "1X", stiffness=3e4),
+        sid.Spring("c", "2X", "1X", stiffness=4e4),
+    ]
+    structure = sid.Structure({1: 0.0, 2: 1.0}, parts, active=["X"])
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "k")])
+    model = identified_model(structure, parameters, parameters.start, np.array([[1.0]]))
+    squares = np.linalg.eigvals(np.linalg.solve(np.diag([4.0, 2.0]), [[7e4, -4e4], [-4e4, 4e4]]))
+    first, second = np.sort(np.sqrt(squares)) / (2 * np.pi)
+    assert sid.tune_damper(model, "2X", 0.05).change.frequency == pytest.approx(first, rel=0.05)
+    found = sid.tune_damper(model, "2X", 0.05, band=(0.7 * second, 1.3 * second))
+    assert found.change.frequency == pytest.approx(second, rel=0.05)
+    assert found.peak < 0.3 * found.peak_before
+    with pytest.raises(NoAnswerError, match="no mode between 1 and 2 Hz"):
+        sid.tune_damper(model, "2X", 0.05, band=(1.0, 2.0))
 
 
 def test_dampers_that_cannot_be_are_named():

@@ -682,7 +682,7 @@ def _off(identification: Identification) -> list[str]:
 
 
 def _off_modes(fit: ModalFit) -> list[tuple[float, str]]:
-    """TaskWithEffort modes that the model misses by more than their half-width and errors: distance and words."""
+    """Measured modes that the model misses by more than their half-width and errors: distance and words."""
     data, pairs = fit.problem.data, fit.fitted
     damping = np.maximum(np.nan_to_num(fit.measured.damping_ratio[data.measured]), LEAST_DAMPING)
     off = pairs.frequency - data.frequency

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.display import format_number
@@ -111,6 +112,36 @@ class ModelError:
         std = part[:, None, None] * np.maximum(own, at_sensors)
         noise = rng.standard_normal(draws.shape) + 1j * rng.standard_normal(draws.shape)
         return np.asarray(draws + noise * (std / np.sqrt(2)))
+
+    def added_to_histories(self, draws: FloatArray, sampling_rate: float, rng: np.random.Generator) -> FloatArray:
+        """Histories (n_draws, n_times, n_outputs) with random errors: each frequency of the response is missed by its part."""
+        n_draws, n_times, n_outputs = draws.shape
+        padded = next_fast_len(2 * n_times, real=True)
+        frequency = np.fft.rfftfreq(padded, 1 / sampling_rate)
+        missed = np.empty_like(draws)
+        for k in range(n_draws):
+            relative = self._relative(frequency, n_outputs, rng)
+            missed[k] = np.fft.irfft(np.fft.rfft(draws[k], padded, axis=0) * relative, padded, axis=0)[:n_times]
+        return np.asarray(draws + missed)
+
+    def added_to_spectra(self, draws: FloatArray, frequency: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Spectral densities (n_draws, n_frequencies, n_outputs) with random errors of the responses behind them."""
+        relative = np.stack([self._relative(frequency, draws.shape[2], rng) for _ in draws])
+        return np.asarray(draws * np.abs(1 + relative) ** 2)
+
+    def _relative(self, frequency: FloatArray, n_outputs: int, rng: np.random.Generator) -> ComplexArray:
+        """Random errors over responses, (n_frequencies, n_outputs), as rough over frequency as the errors were judged.
+
+        They run from one independent error to the next, one for each stretch of lines over which `part` was summed.
+        """
+        knots = self.frequency[:: 2 * _REACH + 1]
+        before = np.clip(np.searchsorted(knots, frequency, side="right") - 1, 0, max(len(knots) - 2, 0))
+        after = np.minimum(before + 1, len(knots) - 1)
+        span = np.where(after > before, knots[after] - knots[before], 1.0)
+        way = np.clip((frequency - knots[before]) / span, 0.0, 1.0)[:, None]
+        errors = rng.standard_normal((len(knots), n_outputs)) + 1j * rng.standard_normal((len(knots), n_outputs))
+        mixed = ((1 - way) * errors[before] + way * errors[after]) / np.hypot(1 - way, way)
+        return np.asarray(np.interp(frequency, self.frequency, self.part)[:, None] * mixed / np.sqrt(2))
 
 
 def _moved_without(record: FrfRecord, slopes: ComplexArray, predicted: ComplexArray) -> ComplexArray:

@@ -45,7 +45,7 @@ class PredictOptions:
     duration : float, optional
         s, of a half-sine, sine or noise.
     sampling_rate : float, optional
-        Samples per second of a half-sine or sine.
+        Samples per second of a half-sine or sine; with `noise` the motion under one sample of it is predicted too.
     supports : str
         Which supports move with one that does, where the study has no base: all in its direction together, or it alone.
     relative : bool
@@ -54,7 +54,7 @@ class PredictOptions:
         Of histories: displacement, velocity or acceleration; of spectra that of `kind`.
     tune_damper : str
         Mass and place of a tuned mass damper whose frequency and damping are sought, `800@40X`: those with which the largest
-        response there is smallest over the uncertainty. It is then added as a change.
+        response there within `band` is smallest over the uncertainty. It is then added as a change.
     modes : int
         Number of natural modes.
     draws : int

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,9 +18,20 @@ from structid.prediction.changes import Change, changed_model
 from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.model_error import ModelError
 from structid.prediction.options import N_DRAWS
-from structid.prediction.quantities import DerivedQuantity, Evaluator, Frf, NaturalModes, Quantity, comparable_modes
+from structid.prediction.quantities import (
+    DerivedQuantity,
+    Evaluator,
+    Frf,
+    History,
+    NaturalModes,
+    Quantity,
+    Spectrum,
+    comparable_modes,
+)
 from structid.unknowns import Parameters
 
+#: A quantity by the identified model, and by each of the random models, (n_draws, ...).
+_Drawn: TypeAlias = tuple[NumberArray, NumberArray]
 LEVEL = 0.95
 #: Standard deviations off at which motions are put into a basis, and how many independent errors are.
 _OFF, _MOST_POINTS = 2.0, 12
@@ -102,8 +114,8 @@ def predict(
     seed : int
         Of the random models.
     model_error : ModelError, optional
-        What the fitted responses missed beyond noise, which a band of FRFs then includes; by default that of an identification
-        whose fit misses the noise.
+        What the fitted responses missed beyond noise, which bands of FRFs, histories, spectra and what follows from them then
+        include; by default that of an identification whose fit misses the noise.
 
     Raises
     ------
@@ -134,7 +146,7 @@ def predict_together(
     """
     model, error = model_and_error(source, model_error)
     drawn = _draw_all(model, model.structure, model.parameters, quantities, n_draws, seed)
-    return [_band(model, each, *values, error, seed) for each, values in zip(quantities, drawn, strict=True)]
+    return [_predicted(each, values, model.words, error, seed) for each, values in zip(quantities, drawn, strict=True)]
 
 
 def predict_change(
@@ -183,17 +195,16 @@ def predict_changes(
             wanted[i], followed[i] = pair
     all_before = _draw_all(model, model.structure, model.parameters, wanted, n_draws, seed)
     all_after = _draw_all(model, changed, parameters, followed, n_draws, seed)
-    found = []
+    predicted = []
     for quantity, before, after in zip(wanted, all_before, all_after, strict=True):
-        sizes = [np.abs(each) if np.iscomplexobj(each) else each for each in (*before, *after)]
-        found.append(
+        predicted.append(
             PredictedChange(
-                _band(model, quantity, *before, error, seed),
-                _band(replace(model, structure=changed), quantity, *after, error, seed),
-                _band(model, quantity, sizes[2] - sizes[0], sizes[3] - sizes[1], None, seed),
+                _predicted(quantity, before, model.words, error, seed),
+                _predicted(quantity, after, model.words, error, seed),
+                _band(quantity, *_difference(quantity, before, after), model.words),
             )
         )
-    return found
+    return predicted
 
 
 def model_and_error(
@@ -217,7 +228,7 @@ def _draw_all(
     n_draws: int,
     seed: int,
 ) -> list[tuple[NumberArray, NumberArray]]:
-    """Each quantity by the identified model, and by each of the random models, (n_draws, ...)."""
+    """The base of each quantity by the identified model, and by each of the random models, (n_draws, ...)."""
     if n_draws < _FEWEST:
         raise InputError(f"`n_draws` must be at least {_FEWEST} for a 95 % band, got {n_draws}")
     physical = model.draw_parameters(n_draws, np.random.default_rng(seed))
@@ -228,18 +239,27 @@ def _draw_all(
             evaluate = base.evaluator(structure, parameters, parameter_points(model))
             nominal = evaluate(model.physical)
             computed[id(base)] = nominal, np.stack([_evaluated(evaluate, each) for each in physical])
-    found = []
-    for quantity in quantities:
-        nominal, draws = computed[id(_base_of(quantity))]
-        if isinstance(quantity, DerivedQuantity):
-            nominal, draws = quantity.derived(nominal), np.stack([quantity.derived(each) for each in draws])
-        found.append((nominal, draws))
-    return found
+    return [computed[id(_base_of(quantity))] for quantity in quantities]
 
 
 def _base_of(quantity: Quantity) -> Quantity:
     """The quantity that is computed for each random model: the one from which it follows, or itself."""
     return quantity.base if isinstance(quantity, DerivedQuantity) else quantity
+
+
+def _derive(quantity: Quantity, drawn: _Drawn) -> _Drawn:
+    """What follows from a base quantity, of the identified and of the random models."""
+    if not isinstance(quantity, DerivedQuantity):
+        return drawn
+    nominal, draws = drawn
+    return quantity.derived(nominal), np.stack([quantity.derived(each) for each in draws])
+
+
+def _difference(quantity: Quantity, before: _Drawn, after: _Drawn) -> _Drawn:
+    """The quantity after less before, by each model; of complex values the difference of magnitudes."""
+    pairs = zip(_derive(quantity, before), _derive(quantity, after), strict=True)
+    nominal, draws = (np.abs(b) - np.abs(a) if np.iscomplexobj(a) else b - a for a, b in pairs)
+    return nominal, draws
 
 
 def _evaluated(evaluate: Evaluator, physical: FloatArray) -> NumberArray:
@@ -259,25 +279,31 @@ def parameter_points(model: IdentifiedModel) -> list[FloatArray]:
     return [model.physical, *moved]
 
 
-def _band(
-    model: IdentifiedModel,
-    quantity: Quantity,
-    nominal: NumberArray,
-    draws: NumberArray,
-    error: ModelError | None,
-    seed: int,
-) -> Prediction:
+def _predicted(quantity: Quantity, drawn: _Drawn, words: str, error: ModelError | None, seed: int) -> Prediction:
+    """The prediction of a quantity from its base by the identified and the random models, with what the model misses."""
+    base, (nominal, draws) = _base_of(quantity), drawn
+    if error is not None and (widened := _with_model_error(base, nominal, draws, error, seed)) is not None:
+        draws, words = widened, f"{words}, and {error.words}" if words else error.words
+    return _band(quantity, *_derive(quantity, (nominal, draws)), words)
+
+
+def _with_model_error(
+    base: Quantity, nominal: NumberArray, draws: NumberArray, error: ModelError, seed: int
+) -> NumberArray | None:
+    """Draws (n_draws, ...) of FRFs, histories or spectra with the error of the model; None for what it does not touch."""
+    rng = np.random.default_rng(seed + 1)
+    if isinstance(base, Frf):
+        has_size = np.array([isinstance(each, Dof) and base.kind != "transmissibility" for each in base.outputs])
+        return error.added_to(draws.astype(complex), base.frequency, base.kind, has_size, nominal.astype(complex), rng)
+    if isinstance(base, History):
+        return error.added_to_histories(draws.real, base.sampling_rate, rng)
+    if isinstance(base, Spectrum):
+        return error.added_to_spectra(draws.real, base.frf.frequency, rng)
+    return None
+
+
+def _band(quantity: Quantity, nominal: NumberArray, draws: NumberArray, words: str) -> Prediction:
     """The prediction with its 95 % band, from the nominal quantity and that of the random models (n_draws, ...)."""
-    words = model.words
-    if error is not None and isinstance(quantity, Frf) and np.iscomplexobj(nominal):
-        rng = np.random.default_rng(seed + 1)
-        has_size = np.array(
-            [isinstance(each, Dof) and quantity.kind != "transmissibility" for each in quantity.outputs]
-        )
-        draws = error.added_to(
-            draws.astype(complex), quantity.frequency, quantity.kind, has_size, nominal.astype(complex), rng
-        )
-        words = f"{words}, and {error.words}" if words else error.words
     sizes = np.abs(draws) if np.iscomplexobj(draws) else draws
     # between order statistics so that the truth, which is like one model more, lies inside with the probability LEVEL
     low, high = np.quantile(sizes, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0, method="weibull")

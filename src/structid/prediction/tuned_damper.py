@@ -105,7 +105,8 @@ def tune_damper(
     outputs, inputs : sequence of str or Dof
         Whose receptances count; the one at `dof` by default.
     band : (float, float), optional
-        Hz; by default 35 % to each side of the mode that dominates the flexibility at `dof`.
+        Hz; by default 35 % to each side of the mode that dominates the flexibility at `dof`. The damper is tuned to the mode that
+        does so within the band.
     quantile : float
     n_draws, seed : int
         Of the random models.
@@ -129,10 +130,10 @@ def tune_damper(
     if not 0.5 <= quantile < 1:
         raise InputError(f"`quantile` must be at least 0.5 and less than 1, got {quantile:g}")
     model, _ = model_and_error(source, None)
-    own, effective = _dominant_mode(model, place)
-    low, high = band or ((1 - _AROUND) * own, (1 + _AROUND) * own)
-    if not 0 < low < high:
+    if band is not None and not 0 < band[0] < band[1]:
         raise InputError(f"`band` must run from more than 0 Hz to a higher frequency, got {band}")
+    tuned, effective = _dominant_mode(model, place, band)
+    low, high = band or ((1 - _AROUND) * tuned, (1 + _AROUND) * tuned)
     read, pushed = parse_dofs(outputs) or (place,), parse_dofs(inputs) or (place,)
     sensors = tuple(dict.fromkeys((place, *read)))
     loads = tuple(dict.fromkeys((place, *pushed)))
@@ -154,8 +155,8 @@ def tune_damper(
         with_damper = _coupled(receptances[1:], frf.frequency, mass, frequency, ratio)
         return float(np.quantile(peaks(with_damper), quantile))
 
-    share = mass / effective
-    start = own / (1 + share), float(np.sqrt(3 * share / (8 * (1 + share))))
+    ratio = mass / effective
+    start = tuned / (1 + ratio), float(np.sqrt(3 * ratio / (8 * (1 + ratio))))
     nominal = _search(nominal_peak, start)
     robust = _search(peak_below, nominal)
     return TunedDamper(
@@ -170,17 +171,25 @@ def tune_damper(
     )
 
 
-def _dominant_mode(model: IdentifiedModel, place: Dof) -> tuple[float, float]:
-    """Frequency, Hz, and mass as seen at `place`, kg, of the mode that gives most of the flexibility there."""
+def _dominant_mode(model: IdentifiedModel, dof: Dof, band: tuple[float, float] | None) -> tuple[float, float]:
+    """Frequency, Hz, and mass as seen at `dof`, kg, of the mode in the band, Hz, that gives most of the flexibility there."""
     structure = model.structure
     structure.require_modes("a tuned mass damper")
-    shapes = structure_modes(structure, model.values, min(_MODES, structure.n_dofs))
-    motion = structure.selection([place]).T @ shapes.mode_shapes
+    low, high = band or (0.0, np.inf)
+    n_modes = min(_MODES, structure.n_dofs)
+    shapes = structure_modes(structure, model.values, n_modes)
+    while shapes.frequency.max(initial=0.0) < high < np.inf and n_modes < structure.n_dofs:
+        n_modes = min(2 * n_modes, structure.n_dofs)
+        shapes = structure_modes(structure, model.values, n_modes)
+    motion = structure.selection([dof]).T @ shapes.mode_shapes
     omega = 2 * np.pi * shapes.frequency
-    elastic = omega > 1e-3 * omega.max(initial=0.0)
+    elastic = (omega > 1e-3 * omega.max(initial=0.0)) & (shapes.frequency >= low) & (shapes.frequency <= high)
     flexible = np.where(elastic, motion[0] ** 2 / np.where(elastic, omega, 1.0) ** 2, 0.0)
     if not flexible.max(initial=0.0) > 0:
-        raise NoAnswerError(f"no mode moves at {place}, so that a damper there does nothing; choose another place")
+        within = "" if band is None else f" between {low:g} and {high:g} Hz"
+        raise NoAnswerError(
+            f"no mode{within} moves {dof}, so that a damper there does nothing; choose another place or band"
+        )
     k = int(np.argmax(flexible))
     return float(shapes.frequency[k]), float(1 / motion[0, k] ** 2)
 

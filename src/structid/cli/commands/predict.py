@@ -40,7 +40,7 @@ def predict(
 ) -> None:
     """Predict FRFs, motion, stresses and modes of an identified or a changed model, with bands; write prediction.json and a page.
 
-    Bands hold 95 %. They include the uncertainty of the parameters, tolerances, and of FRFs what the fit missed beyond noise.
+    Bands hold 95 %. They include the uncertainty of the parameters, tolerances, and of responses what the fit missed beyond noise.
     With changes, values before and after are written, and the difference, in which shared errors cancel.
 
     \b

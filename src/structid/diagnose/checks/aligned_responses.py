@@ -45,7 +45,7 @@ class ResonancePair:
 
 @dataclass(frozen=True, eq=False)
 class Aligned:
-    """TaskWithEffort FRFs in parts of the model's, resonance upon resonance.
+    """Measured FRFs in parts of the model's, resonance upon resonance.
 
     Attributes
     ----------

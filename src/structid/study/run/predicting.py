@@ -21,8 +21,7 @@ from structid.files import csv_text
 from structid.prediction.changes import Change, changed_model
 from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.linear_response import Input, support_base
-from structid.prediction.loads import half_sine, read_density, sine
-from structid.prediction.model_error import ModelError
+from structid.prediction.loads import coloured_noise, half_sine, read_density, sine
 from structid.prediction.options import PredictOptions
 from structid.prediction.predict import PredictedChange, Prediction, predict_changes, predict_together
 from structid.prediction.quantities import (
@@ -112,7 +111,9 @@ def predict_study(
         raise InputError(f"`sensors` must name where the motion under `{loaded}` is wanted, got none", "sensors")
     several = partial(predict_changes, model, changes=changes) if changes else partial(predict_together, model)
 
-    def of(*quantities: Quantity, error: ModelError | None = None) -> list[Prediction] | list[PredictedChange]:
+    error = stored_model_error(folder, source, model) if outputs else None
+
+    def of(*quantities: Quantity) -> list[Prediction] | list[PredictedChange]:
         return several(quantities, n_draws=options.draws, seed=options.seed, model_error=error)
 
     frf: Found = None
@@ -130,7 +131,7 @@ def predict_study(
             inputs = _inputs(model.structure, names, options)
             is_moved = all(isinstance(each, Base) for each in inputs)
             quantity = Frf(linear, inputs, _lines(band, options), "transmissibility" if is_moved else options.kind)
-            [frf] = of(quantity, error=stored_model_error(folder, source, model))
+            [frf] = of(quantity)
         elif not linear and loaded is None:
             raise InputError(
                 "a von Mises stress has no FRF, since it is not linear in the load; give `history`, `half_sine`, `sine` or `noise`",
@@ -147,6 +148,10 @@ def predict_study(
         else:
             spectrum, mean, largest = of(density, RootMeanSquare(density), Extremes(density, options.duration))
         words.append(f"noise of {options.noise}")
+        if options.sampling_rate is not None:
+            pushed = _noise_history(model.structure, outputs, options.duration, options.sampling_rate, options)
+            history, maxima = of(pushed, Maxima(pushed))
+            words.append(f"history and maxima under one sample of it (seed {options.seed})")
     told = tuple(change.words for change in changes)
     [modes] = of(NaturalModes(options.modes))
     return StudyPrediction(
@@ -177,7 +182,7 @@ def _damper(model: IdentifiedModel, options: PredictOptions) -> TunedDamper:
         raise InputError(
             f"`tune_damper` must be a mass in kg and a place, as 800@40X, got {options.tune_damper!r}", "tune_damper"
         )
-    return tune_damper(model, dof, kg, seed=options.seed)
+    return tune_damper(model, dof, kg, band=options.band, seed=options.seed)
 
 
 def _lines(band: tuple[float | None, float | None] | None, options: PredictOptions) -> FloatArray:
@@ -264,19 +269,34 @@ def _spectrum(
     structure: Structure, outputs: tuple[Output, ...], lines: FloatArray, options: PredictOptions
 ) -> Spectrum:
     """The spectra that the noise of the options causes."""
-    text, at, name = options.noise.rpartition("@")
-    if not at or not text:
-        raise InputError(f"`noise` must be a table and a place, as wind.csv@12Y, got {options.noise!r}", "noise")
-    frequency, density = read_density(Path(text))
-    inputs = _inputs(structure, [name], options)
-    kind = "transmissibility" if isinstance(inputs[0], Base) else options.kind
+    path, loaded = _noise_parts(structure, options)
+    frequency, density = read_density(path)
+    kind = "transmissibility" if isinstance(loaded, Base) else options.kind
     within = np.interp(lines, frequency, density, left=0.0, right=0.0)
     if not within.any():
         raise InputError(
-            f"{text}: has nothing between {lines[0]:g} and {lines[-1]:g} Hz, the band; give another with `band`",
+            f"{path}: has nothing between {lines[0]:g} and {lines[-1]:g} Hz, the band; give another with `band`",
             "noise",
         )
-    return Spectrum(Frf(outputs, inputs, lines, kind), within[:, None])
+    return Spectrum(Frf(outputs, (loaded,), lines, kind), within[:, None])
+
+
+def _noise_history(
+    structure: Structure, outputs: tuple[Output, ...], duration: float, sampling_rate: float, options: PredictOptions
+) -> History:
+    """The motion under one sample of the noise of the options."""
+    path, loaded = _noise_parts(structure, options)
+    rng = np.random.default_rng(options.seed)
+    noise = coloured_noise(*read_density(path), duration, sampling_rate, rng)
+    return History(outputs, (loaded,), noise[:, None], sampling_rate, options.motion, options.relative)
+
+
+def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, Input]:
+    """The table of the noise of the options, and what it acts on."""
+    text, at, name = options.noise.rpartition("@")
+    if not at or not text:
+        raise InputError(f"`noise` must be a table and a place, as wind.csv@12Y, got {options.noise!r}", "noise")
+    return Path(text), _inputs(structure, [name], options)[0]
 
 
 def _sizes_at(name: str, text: str, parts: tuple[str, str]) -> tuple[tuple[float, float], Dof]:
