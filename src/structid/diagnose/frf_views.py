@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, evenly_spaced_indices
 from structid.forward import FrfProblem, ModalProblem, RecordProblem
-from structid.forward.frf.continuation import LEVELS
+from structid.forward.frf.continuation import LEVELS, smoothed_records
 from structid.identification.fits.modal_fit import damping_ratios, paired_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
@@ -35,20 +35,23 @@ class View:
     ----------
     problem : FrfProblem
         Of the lines themselves.
-    given : mapping of float to FrfRecord, optional
-        Smoothed data by their decay, where they are known.
+    smooth : dict of float to FrfRecord or None
+        Smoothed data by their decay, as far as they were asked for; shared by views of the same data.
     chosen : (n,) float array, optional
         The frequencies of `near`, where they are known.
     """
 
     problem: FrfProblem
-    given: Mapping[float, FrfRecord] | None = None
+    smooth: dict[float, FrfRecord | None] = field(default_factory=dict)
     chosen: FloatArray | None = None
 
-    @cached_property
-    def smooth(self) -> Mapping[float, FrfRecord]:
-        """Smoothed data by their decay, from far to near; see `FrfProblem.smoothed`."""
-        return dict(self.problem.smoothed) if self.given is None else self.given
+    def smoothed_at(self, level: float) -> FrfRecord | None:
+        """Smoothed data with a decay of `level` times the frequency; None where the lines or the model allow none."""
+        if level not in self.smooth:
+            has_modes = self.problem.structure.has_modes
+            known = dict(smoothed_records(self.problem.record, (level,))) if has_modes else {}
+            self.smooth[level] = known.get(level)
+        return self.smooth[level]
 
     @cached_property
     def near(self) -> FloatArray:

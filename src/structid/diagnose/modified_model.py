@@ -163,14 +163,17 @@ class ModifiedModel:
         """Problems on smoothed data with their decays, from far to near, as the lines of every record allow."""
         if self.is_of_modes:
             return []
-        shared = [level for level in levels if all(level in view.smooth for view in self.views)]
-        stages = [
-            [smooth_stage(view.problem, view.smooth[level], START_ERROR) for view in self.views] for level in shared
-        ]
-        return [
-            (level, JointProblem(tuple(stage), first_prior_counts=True))
-            for level, stage in zip(shared, stages, strict=True)
-        ]
+        stages = []
+        for level in levels:
+            records = [view.smoothed_at(level) for view in self.views]
+            stage = tuple(
+                smooth_stage(view.problem, record, START_ERROR)
+                for view, record in zip(self.views, records, strict=True)
+                if record is not None
+            )
+            if len(stage) == len(self.views):
+                stages.append((level, JointProblem(stage, first_prior_counts=True)))
+        return stages
 
     def anchored(self) -> JointProblem:
         """All of `anchored_problems` as one."""

@@ -124,6 +124,9 @@ CHANNEL_PART = 0.3
 #: seen.
 INITIAL_PART = 0.5
 
+#: Nodes at most whose place is tried: each is a changed model.
+MOST_NODE_PLACES = 20
+
 # pairs of causes
 #: Changes beside which a second is looked for.
 PAIR_LOOKS = 12
