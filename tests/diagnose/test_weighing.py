@@ -12,7 +12,7 @@ from test_each_cause import begun
 from structid.diagnose import search
 from structid.diagnose.causes import Appendage, FaultyChannel, Mass
 from structid.diagnose.causes.rotary_inertia import AddedRotaryInertia
-from structid.diagnose.search import _weighed
+from structid.diagnose.search import _limit_of, _weighed
 from structid.diagnose.thresholds import ALIKE
 from structid.diagnose.verdict import Cause, ParameterShift, find_moving_change
 
@@ -140,3 +140,25 @@ def test_a_change_that_moves_a_value_makes_the_model_wrong_where_it_removes_most
     shift = ParameterShift("stiffness[k]", "N/m", 1.0, 1.3, (1.2, 1.4), 5.0)
     change = Cause("mass", ("3",), "a mass at 3", share, 4.0, moved=(shift,), is_alike=True)
     assert (find_moving_change([change]) is not None) is is_wrong
+
+
+@pytest.mark.parametrize(
+    "frequency, loss_factor, limit", [(25.0, 0.03, None), (25.0, 1e6, "mass"), (1e5, 0.03, "mass")]
+)
+def test_a_local_resonance_that_its_spring_moves_rigidly_has_the_mass_as_its_limit(
+    base, trials, frequency, loss_factor, limit
+):
+    """Stiff springs do so, and lossy ones as well."""
+    modified = trials["appendage"]
+    names = [name.partition("[")[0] for name in modified.target.names]
+    theta = np.array(modified.target.theta_start)
+    for name, value in {
+        "mass": 0.3,
+        "stiffness": 0.3 * (2 * np.pi * frequency) ** 2,
+        "loss_factor": loss_factor,
+    }.items():
+        theta[-1 - names[::-1].index(name)] = np.log(value)
+    one = replace(base, modified=modified, theta=theta)
+    assert one.values["loss_factor[appendage spring 4Y]"] == pytest.approx(loss_factor)
+    candidate = _limit_of(base, one)
+    assert (None if candidate is None else candidate.kind) == limit

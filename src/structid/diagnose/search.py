@@ -453,7 +453,10 @@ def _simpler(base: Fitted, one: Fitted) -> list[Item]:
 
 
 def _limit_of(base: Fitted, one: Fitted) -> Candidate | None:
-    """The mass that a local resonance is far above all lines, or the spring that it is far below them; None between."""
+    """The mass that a local resonance is far above all lines, or the spring that it is far below them; None between.
+
+    A spring with a loss factor of hundreds moves its mass as rigidly as a stiff one.
+    """
     if not isinstance(one.cause, Appendage):
         return None
     added = {name.partition("[")[0]: value for name, value in one.values.items() if name not in base.values}
@@ -462,7 +465,7 @@ def _limit_of(base: Fitted, one: Fitted) -> Candidate | None:
         np.concatenate([problem.frequency for problem in base.modified.problems]),
     )
     size = added["rotary_inertia" if dof.is_rotation else "mass"]
-    own = np.sqrt(added["stiffness"] / size) / (2 * np.pi)
+    own = np.sqrt(np.abs(added["stiffness"] * (1 + 1j * added["loss_factor"])) / size) / (2 * np.pi)
     if own > RIGID_RATIO * lines.max():
         if dof.is_rotation:
             return AddedRotaryInertia(where=(dof.place,), strengths=np.array([size]))
