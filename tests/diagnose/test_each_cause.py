@@ -74,6 +74,7 @@ OF_SETS = [
     ("damping_law", ("right", "viscous"), 0.1, "damping of right is viscous"),
     ("held", ("bending_stiffness[right]",), 0.3, "bending_stiffness[right], which the study fixes, is not what the model says"),
     ("axial_force", ("girder",), 0.1, "girder carries an axial force that the model lacks"),
+    ("node_place", ("2",), 0.3, "node 2 is elsewhere along its line than drawn: a length is wrong"),
     ("window", ("all channels",), 1.0, "the records were windowed, which adds damping"),
     ("leakage", ("all channels",), 1.0, "resonances leak into the lines beside them: averages of segments of random motion"
         " under a Hann window"),
@@ -194,6 +195,10 @@ def test_a_change_of_sets_ranks_first_by_one_step_and_its_fit_alone_explains_all
     one = next(one for one in set_candidates(right.model, right.problems) if (one.kind, one.where) == (kind, where))
     if kind == "held":
         truth = text.replace("bending_stiffness = 550.0", "bending_stiffness = 555.0")
+        written_like(tmp_path, begun(written(tmp_path, truth, truth, seed=None)).modified, noise)
+        (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    elif kind == "node_place":  # node 2 is 10 mm higher
+        truth = text.replace("2 = [0.0, 0.5]", "2 = [0.0, 0.51]")
         written_like(tmp_path, begun(written(tmp_path, truth, truth, seed=None)).modified, noise)
         (tmp_path / "study.toml").write_text(text, encoding="utf-8")
     else:

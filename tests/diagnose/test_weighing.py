@@ -1,6 +1,7 @@
 """Which refitted changes are causes: by a price for each parameter, by chance among all that were tried, by a part that matters."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,9 +9,10 @@ from frame_cases import written
 from scipy import stats
 from test_each_cause import begun
 
+from structid.diagnose import search
 from structid.diagnose.causes import Appendage, FaultyChannel, Mass
 from structid.diagnose.causes.rotary_inertia import AddedRotaryInertia
-from structid.diagnose.search import _weighed
+from structid.diagnose.search import _limit_of, _weighed
 from structid.diagnose.thresholds import ALIKE
 from structid.diagnose.verdict import Cause, ParameterShift, find_moving_change
 
@@ -44,6 +46,32 @@ def kinds(fits):
     return [one.cause.kind for one in fits]
 
 
+@pytest.fixture
+def uncorrelated(monkeypatch):
+    """Residuals of which every line counts: those of these trials are of no fit."""
+    monkeypatch.setattr(search, "correlation_length", lambda *rows: 0.7)
+
+
+def test_a_resonance_wins_over_its_mass_by_stretches_of_lines_that_are_correlated(base, trials, monkeypatch):
+    """A mass leaves 1500, a resonance of two more parameters 1482; what is left of each degree of freedom is 1.55."""
+    edge = 18.0 / (1482.0 / (N_DATA - N_PARAMS - 3)) / stats.chi2.isf(0.01, 2)
+    assert edge > 1.2
+    for length, expected in ((edge - 0.05, ["mass", "appendage"]), (edge + 0.05, ["mass"])):
+        monkeypatch.setattr(search, "correlation_length", lambda *rows, length=length: length)
+        assert (
+            kinds(weighed(base, trials, 5000.0, [("appendage", 1482.0, 0.0), ("mass", 1500.0, 0.0)]).causes) == expected
+        )
+
+
+def test_the_correlation_of_a_residual_is_counted_in_lines(base):
+    smooth = np.repeat(np.random.default_rng(0).normal(size=6000), 2)
+    target = SimpleNamespace(n_data=12_000, residual=lambda theta: np.append(smooth, 5.0))
+    target.rows = SimpleNamespace(lines=np.arange(12_000), series=np.zeros(12_000, dtype=int))
+    fitted = replace(base, modified=SimpleNamespace(target=target))
+    assert search._lines_that_count_as_one(fitted) == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.usefixtures("uncorrelated")
 def test_the_price_of_a_parameter_is_the_logarithm_of_the_number_of_data(base, trials):
     assert (base.modified.target.n_data, len(base.modified.target.names)) == (N_DATA, N_PARAMS)
     assert len(trials["appendage"].target.names) == N_PARAMS + 3
@@ -59,6 +87,7 @@ def test_the_price_of_a_parameter_is_the_logarithm_of_the_number_of_data(base, t
         assert kinds(weighed(base, trials, 5000.0, [("mass", 1500.0, 0.0), ("inertia", cost, 0.0)]).near) == likely
 
 
+@pytest.mark.usefixtures("uncorrelated")
 def test_a_local_resonance_gives_way_to_the_mass_that_it_holds_as_a_limit_by_a_likelihood_ratio(base, trials):
     scale = 1500.0 / (N_DATA - N_PARAMS - 1)
     edge = stats.chi2.isf(0.01, 2) * scale
@@ -111,3 +140,25 @@ def test_a_change_that_moves_a_value_makes_the_model_wrong_where_it_removes_most
     shift = ParameterShift("stiffness[k]", "N/m", 1.0, 1.3, (1.2, 1.4), 5.0)
     change = Cause("mass", ("3",), "a mass at 3", share, 4.0, moved=(shift,), is_alike=True)
     assert (find_moving_change([change]) is not None) is is_wrong
+
+
+@pytest.mark.parametrize(
+    "frequency, loss_factor, limit", [(25.0, 0.03, None), (25.0, 1e6, "mass"), (1e5, 0.03, "mass")]
+)
+def test_a_local_resonance_that_its_spring_moves_rigidly_has_the_mass_as_its_limit(
+    base, trials, frequency, loss_factor, limit
+):
+    """Stiff springs do so, and lossy ones as well."""
+    modified = trials["appendage"]
+    names = [name.partition("[")[0] for name in modified.target.names]
+    theta = np.array(modified.target.theta_start)
+    for name, value in {
+        "mass": 0.3,
+        "stiffness": 0.3 * (2 * np.pi * frequency) ** 2,
+        "loss_factor": loss_factor,
+    }.items():
+        theta[-1 - names[::-1].index(name)] = np.log(value)
+    one = replace(base, modified=modified, theta=theta)
+    assert one.values["loss_factor[appendage spring 4Y]"] == pytest.approx(loss_factor)
+    candidate = _limit_of(base, one)
+    assert (None if candidate is None else candidate.kind) == limit

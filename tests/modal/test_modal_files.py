@@ -380,14 +380,14 @@ def test_a_sensor_along_no_global_axis_is_refused_or_taken_as_it_is_named(tmp_pa
     assert [str(dof) for dof in turned.channels] == ["5Y+"]
     path = shapes_of_skewed_node(tmp_path / "b.unv", 0.6, (2,))
     with pytest.raises(
-        FileError, match=r'node 5 was measured in 1 of the directions .* `axes = "named"` in \[record.modes\]'
+        FileError, match=r'node 5 was measured in 1 of the directions .* `shape_axes = "named"` in \[record.modes\]'
     ):
         read_modes(path)
-    named = read_modes(path, ModeFileOptions(axes="named"))
+    named = read_modes(path, ModeFileOptions(shape_axes="named"))
     assert [str(dof) for dof in named.channels] == ["5Z+"]
     assert "directions as they are named" in named.source
     two = read_modes(shapes_of_skewed_node(tmp_path / "c.unv", 0.6, (1, 2)))
     expected = np.array([0.25 * np.cos(0.6) - 2 * np.sin(0.6), 0.25 * np.sin(0.6) + 2 * np.cos(0.6)])
     np.testing.assert_allclose(two.mode_shapes[:, 0] / two.mode_shapes[1, 0], expected / expected[1], rtol=1e-6)
-    with pytest.raises(InputError, match="`axes` is about universal files"):
-        read_modes(tmp_path / "a.f06", ModeFileOptions(axes="named"))
+    with pytest.raises(InputError, match="`shape_axes` is about universal files"):
+        read_modes(tmp_path / "a.f06", ModeFileOptions(shape_axes="named"))

@@ -155,7 +155,9 @@ def test_what_stands_beside_an_array_is_not_contradicted_in_silence(tmp_path, su
     else:
         assert read_record(path, ReadOptions(**options, quantities="acceleration")).values == pytest.approx(HISTORY)
     if "nit" in next(iter(beside)):  # a unit that is given is the user's word
-        assert read_record(path, ReadOptions(**options, units="g")).values == pytest.approx(HISTORY * GRAVITY)
+        record = read_record(path, ReadOptions(**options, units="g"))
+        assert record.values == pytest.approx(HISTORY * GRAVITY)
+        assert record.source.endswith("though units says m/s^2") == (beside == {"units": "m/s^2"})
 
 
 @pytest.mark.parametrize("suffix", [".mat", ".h5"])
@@ -197,3 +199,57 @@ def test_units_beside_frequency_responses_are_not_contradicted_in_silence(tmp_pa
     with pytest.raises(InputError, match="units says 'g/lbf' beside array 'h', and `kind` alone"):
         read_record(path, ReadOptions(**given, kind="accelerance"))
     assert read_record(path, ReadOptions(**given, unit="g/N")).values[:, 0, 0] == pytest.approx(FRF[:, 0] * GRAVITY)
+
+
+@pytest.mark.parametrize("beside, options, words", [
+    ({"fs_khz": 0.1}, {"units": "g"}, "fs_khz says 100 samples a second"),
+    ({"dt_ms": 10.0}, {"units": "g"}, "dt_ms says 100 samples a second"),
+    ({"time_us": np.arange(50.0) * 1e4}, {"units": "g"}, "time_us says 100 samples a second"),
+    ({"channels": np.array(["1X", "2Y"])}, {"units": "g"}, r"says channels 1X\+, 2Y\+, but `channels` 1X\+, 2X\+ was given"),
+])  # fmt: skip
+def test_units_rates_and_channels_beside_arrays_are_not_contradicted(tmp_path, beside, options, words):
+    np.savez(tmp_path / "a.npz", acc=HISTORY, **beside)
+    options = ReadOptions(sampling_rate=200.0, channels="1X,2X", array="acc", **options)
+    with pytest.raises(InputError, match=words):
+        read_record(tmp_path / "a.npz", options)
+
+
+@pytest.mark.parametrize("beside, units, words", [
+    ({"units": np.array(["g", "mm/s"])}, "g,m/s", "though units says mm/s"), ({"acc_unit": "mm"}, "m", "though acc_unit says mm"),
+    ({"acc_unit": "mm"}, "mm", ""), ({"units": "m"}, "g", ""),
+])  # fmt: skip
+def test_a_unit_beside_an_array_that_is_overruled_is_said(tmp_path, beside, units, words):
+    np.savez(tmp_path / "a.npz", acc=HISTORY, **beside)
+    record = read_record(
+        tmp_path / "a.npz", ReadOptions(sampling_rate=200.0, channels="1X,2X", array="acc", units=units)
+    )
+    assert record.source.endswith(words or "a.npz")
+
+
+def test_an_array_that_says_its_unit_by_its_name_is_not_contradicted(tmp_path):
+    np.savez(tmp_path / "a.npz", acc_g=HISTORY)
+    with pytest.raises(InputError, match="'acc_g' says another unit by its name"):
+        read_record(tmp_path / "a.npz", ReadOptions(sampling_rate=200.0, channels="1X,2X", units="m/s^2"))
+    record = read_record(tmp_path / "a.npz", ReadOptions(sampling_rate=200.0, channels="1X,2X", units="g"))
+    np.testing.assert_allclose(record.values, HISTORY * GRAVITY)
+
+
+def test_times_among_the_channels_of_an_array_are_refused(tmp_path):
+    np.save(tmp_path / "a.npy", np.column_stack([0.005 * np.arange(50), HISTORY]))
+    with pytest.raises(InputError, match=r"column 1 of the array rises in even steps of 0.005, as times and counts do"):
+        read_record(tmp_path / "a.npy", ReadOptions(sampling_rate=200.0, channels="1X,2X,3X", units="g"))
+
+
+@pytest.mark.parametrize("name, given, factor", [
+    ("omega", "rad/s", 1 / (2 * np.pi)), ("omega", "", None), ("w_rad", "", None), ("rpm", "", 1 / 60), ("freq_khz", "", 1e3),
+    ("freq_khz", "Hz", None), ("freq_hz", "", 1.0), ("frequency", "kHz", 1e3), ("frequency", "", 1.0),
+])  # fmt: skip
+def test_frequencies_are_in_the_unit_that_their_name_says(tmp_path, name, given, factor):
+    lines = np.arange(1.0, 51.0)
+    np.savez(tmp_path / "a.npz", H=FRF, **{name: lines})
+    options = ReadOptions(array="H", frequency_array=name, outputs="1Z", inputs="3Z", kind="mobility", axis_unit=given)
+    if factor is None:
+        with pytest.raises(InputError, match=f"array '{name}' (says by its name|does not say the unit)"):
+            read_record(tmp_path / "a.npz", options)
+    else:
+        np.testing.assert_allclose(read_record(tmp_path / "a.npz", options).frequency, lines * factor)

@@ -9,6 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from structid.core.errors import InputError
+from structid.study.schema.edits import changed_text
 from structid.study.schema.section import StudyText
 from structid.study.schema.study import load_study
 from structid.study.schema.toml_lines import toml_lines
@@ -119,3 +121,30 @@ def test_lines_are_looked_for_only_when_an_error_names_one(tmp_path):
     assert "line 4: [structure] active: wrong" in str(study.section("structure").error("wrong", "active"))
     assert "lines" in vars(source)
     assert source.table is study.root.table
+
+
+def test_a_change_of_the_content_moves_no_table_and_no_comment():
+    """Tables of one kind stand apart in the text, where an editor of the whole document would bring them together."""
+    text = (
+        '[structure]\nfixed = ["1X"]  # the wall\n\n[[structure.spring]]\nname = "a"\n\n# heavy\n[[structure.point_mass]]\n'
+        'name = "m"\nmass = 2.0\n\n# soft\n[[structure.spring]]\nname = "b"\nstiffness = 1e3  # N/m\n\n[record]\npath = "r.csv"\n'
+    )
+
+    def change(study):
+        study["structure"]["spring"][1]["stiffness"] = 2000.0
+        study["structure"]["spring"].append({"name": "c", "nodes": [1, 2]})
+        study["structure"]["fixed"] = ["1X", "2X"]
+        study["record"].setdefault("relabel", {})["3X"] = "4X-"
+        del study["structure"]["point_mass"][0]["mass"]
+
+    expected = (
+        text.replace('fixed = ["1X"]', 'fixed = ["1X", "2X"]').replace("mass = 2.0\n", "")
+        .replace("1e3  # N/m\n", '2000.0  # N/m\n\n[[structure.spring]]\nname = "c"\nnodes = [1, 2]\n')
+    )  # fmt: skip
+    assert changed_text(text, change) == expected + 'relabel = { 3X = "4X-" }\n'
+
+
+def test_a_change_without_a_line_of_its_own_is_refused():
+    text = '[[record]]\npath = "r.csv"\n'
+    with pytest.raises(InputError, match="no line for the change"):
+        changed_text(text, lambda study: study["record"].insert(0, {"path": "b.csv"}))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from structid.core.errors import InputError
-from structid.workbench.edits import edited, value_of
+from structid.study.schema.edits import edited, value_of
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 STUDIES = ("first_structure", "three_storey_frame", "ambient_storeys", "plate_from_mesh", "motion_of_a_frame")

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, evenly_spaced_indices
+from structid.diagnose.thresholds import (
+    MODAL_VIEW_DECAY,
+    MODAL_VIEW_ERROR,
+    MODAL_VIEW_LINES,
+    MODAL_VIEW_LOADS,
+    NEAR_LINES,
+)
 from structid.forward import FrfProblem, ModalProblem, RecordProblem
-from structid.forward.frf.continuation import LEVELS
+from structid.forward.frf.continuation import LEVELS, smoothed_records
 from structid.identification.fits.modal_fit import damping_ratios, paired_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
 from structid.identification.setups.time import TimeSetup
 from structid.records import FrfRecord
-
-#: Of FRFs made of modes: error of each value beside those of the modes, decay of the lines in parts of their frequency, lines,
-#: and loads.
-_ERROR, _DECAY, _LINES, _LOADS = 0.02, 0.02, 90, 2
-#: Lines of a record that changes are fitted near on.
-_NEAR_LINES = 300
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
 
@@ -35,20 +36,23 @@ class View:
     ----------
     problem : FrfProblem
         Of the lines themselves.
-    given : mapping of float to FrfRecord, optional
-        Smoothed data by their decay, where they are known.
+    smooth : dict of float to FrfRecord or None
+        Smoothed data by their decay, as far as they were asked for; shared by views of the same data.
     chosen : (n,) float array, optional
         The frequencies of `near`, where they are known.
     """
 
     problem: FrfProblem
-    given: Mapping[float, FrfRecord] | None = None
+    smooth: dict[float, FrfRecord | None] = field(default_factory=dict)
     chosen: FloatArray | None = None
 
-    @cached_property
-    def smooth(self) -> Mapping[float, FrfRecord]:
-        """Smoothed data by their decay, from far to near; see `FrfProblem.smoothed`."""
-        return dict(self.problem.smoothed) if self.given is None else self.given
+    def smoothed_at(self, level: float) -> FrfRecord | None:
+        """Smoothed data with a decay of `level` times the frequency; None where the lines or the model allow none."""
+        if level not in self.smooth:
+            has_modes = self.problem.structure.has_modes
+            known = dict(smoothed_records(self.problem.record, (level,))) if has_modes else {}
+            self.smooth[level] = known.get(level)
+        return self.smooth[level]
 
     @cached_property
     def near(self) -> FloatArray:
@@ -56,7 +60,7 @@ class View:
         if self.chosen is not None:
             return self.chosen
         frequency = self.problem.frequency
-        return frequency[evenly_spaced_indices(len(frequency), _NEAR_LINES)]
+        return frequency[evenly_spaced_indices(len(frequency), NEAR_LINES)]
 
     def of(self, problem: RecordProblem) -> View:
         """The view with the same data, and with the structure, parameters and channel errors of another problem."""
@@ -120,10 +124,10 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
         damping[pairs.number] = np.where(of_model[pairs.number] > 0, measured, 0.0)
     likely = np.where(damping > 0, damping, of_model)
     kept = frequency > 0
-    span = np.geomspace(0.7 * problem.data.frequency.min(), 1.15 * problem.data.frequency.max(), _LINES)
+    span = np.geomspace(0.7 * problem.data.frequency.min(), 1.15 * problem.data.frequency.max(), MODAL_VIEW_LINES)
     lines = np.unique(np.concatenate([span, problem.data.frequency]))
     channels = problem.record.channels
-    drive = np.sort(np.argsort(-np.abs(shapes[:, pairs.number]).max(axis=1))[:_LOADS])
+    drive = np.sort(np.argsort(-np.abs(shapes[:, pairs.number]).max(axis=1))[:MODAL_VIEW_LOADS])
     loads = tuple(channels[i] for i in drive)
 
     outputs, omega = shapes[:, kept], 2 * np.pi * frequency[kept]
@@ -139,7 +143,7 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
         size_of_line = np.sqrt((np.abs(values) ** 2).mean(axis=(1, 2), keepdims=True))
         power = np.abs(of_mode) ** 2
         variance = (
-            _ERROR**2 * (np.abs(values) ** 2 + (size_of_line / 5) ** 2)
+            MODAL_VIEW_ERROR**2 * (np.abs(values) ** 2 + (size_of_line / 5) ** 2)
             + np.abs(values - _synthesized(outputs, undamped, inputs)) ** 2
             + _synthesized(output_std**2, power, inputs**2)
             + _synthesized(outputs**2, power, input_std**2)
@@ -149,10 +153,10 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
             lines, values, channels, loads, "receptance", variance=variance, decay=decay, noise_source="declared"
         )
 
-    near = record(_DECAY)
+    near = record(MODAL_VIEW_DECAY)
     errors = None if problem.channels is None else problem.channels.seen_by(near)
     own = FrfProblem(problem.structure, problem.parameters, near, channels=errors)
-    return View(own, {level: record(level) if level > _DECAY else near for level in LEVELS})
+    return View(own, {level: record(level) if level > MODAL_VIEW_DECAY else near for level in LEVELS})
 
 
 def _synthesized(outputs: FloatArray, of_mode: Values, inputs: FloatArray) -> Values:

@@ -112,6 +112,7 @@ class AddUnknown:
         for record in draft.records:
             there = {element.name for element in record.structure.get("elements")}
             there |= {item.element for item in record.structure.original.properties}
+            there |= {f"node {node}" for node in record.structure.get("sliding")}
             kept = [name for name in names if name in there or str(name).rpartition(":")[0] in there]
             label = ", ".join(names) if len(kept) < len(names) else None
             if kept:
@@ -195,6 +196,21 @@ class AddNode:
                 f"a new node beside node {self.beside} needs [structure.nodes], where that is listed"
             )
         nodes[str(self.label)] = self._position({key: as_list(x) for key, x in nodes.items()}, str)
+
+
+@dataclass(frozen=True)
+class LetNodeSlide:
+    """A node whose position along its bars and beams is a property."""
+
+    node: int
+
+    def apply(self, draft: ModelDraft) -> None:
+        for structure in draft.structures:
+            structure.set("sliding", (*structure.get("sliding"), self.node))
+
+    def write(self, study: Tables) -> None:
+        table = study["structure"]
+        table["sliding"] = [*as_list(table.get("sliding", [])), self.node]
 
 
 @dataclass(frozen=True)

@@ -68,6 +68,7 @@ from structid.diagnose.thresholds import (
     SPRING_LOSS,
 )
 from structid.identification.setups.setup import titles
+from structid.inversion.covariance import correlation_length
 from structid.inversion.search.work import ALONE, Work
 
 
@@ -452,7 +453,10 @@ def _simpler(base: Fitted, one: Fitted) -> list[Item]:
 
 
 def _limit_of(base: Fitted, one: Fitted) -> Candidate | None:
-    """The mass that a local resonance is far above all lines, or the spring that it is far below them; None between."""
+    """The mass that a local resonance is far above all lines, or the spring that it is far below them; None between.
+
+    A spring with a loss factor of hundreds moves its mass as rigidly as a stiff one.
+    """
     if not isinstance(one.cause, Appendage):
         return None
     added = {name.partition("[")[0]: value for name, value in one.values.items() if name not in base.values}
@@ -461,7 +465,7 @@ def _limit_of(base: Fitted, one: Fitted) -> Candidate | None:
         np.concatenate([problem.frequency for problem in base.modified.problems]),
     )
     size = added["rotary_inertia" if dof.is_rotation else "mass"]
-    own = np.sqrt(added["stiffness"] / size) / (2 * np.pi)
+    own = np.sqrt(np.abs(added["stiffness"] * (1 + 1j * added["loss_factor"])) / size) / (2 * np.pi)
     if own > RIGID_RATIO * lines.max():
         if dof.is_rotation:
             return AddedRotaryInertia(where=(dof.place,), strengths=np.array([size]))
@@ -570,7 +574,11 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
 
 
 def _has_simpler(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
-    """True where a local resonance is the mass or spring that it has as a limit, or fits no better than it."""
+    """True where a local resonance is the mass or spring that it has as a limit, or fits no better than it.
+
+    Where the residual of the simpler change is correlated over lines, a likelihood ratio that counts every line is too
+    large: each stretch of lines as long as the correlation counts as one.
+    """
     if not isinstance(one.cause, Appendage):
         return False
     limit, dof = _limit_of(base, one), parse_dof(one.cause.where[0])
@@ -580,10 +588,17 @@ def _has_simpler(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float
             return True
         more = n_parameters(one.modified) - n_parameters(other.modified)
         if other.cause.place in limits and more > 0:
-            ratio = max(other.misfit - one.misfit, 0.0) / scale
+            ratio = max(other.misfit - one.misfit, 0.0) / scale / _lines_that_count_as_one(other)
             if float(special.gammaincc(more / 2, ratio / 2)) > NESTED_RISK:
                 return True
     return False
+
+
+def _lines_that_count_as_one(fitted: Fitted) -> float:
+    """Correlation length of the residual of a fit, in lines; 1 at least."""
+    target = fitted.modified.target
+    residual = target.residual(fitted.theta)[: target.n_data]
+    return max(1.0, correlation_length(residual, target.rows.lines, target.rows.series))
 
 
 def _scale(base: Fitted, fits: Sequence[Fitted]) -> float:

@@ -24,8 +24,8 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 from structid._version import __version__
 from structid.core.errors import FileError, InputError
 from structid.files import atomic_write, claimed, read_start
+from structid.study.schema.edits import edited
 from structid.study.templates import TEMPLATES, asked_of
-from structid.workbench.edits import edited
 from structid.workbench.folder import EXPORTS, ChangedError, OpenFolder, digest, read_json, typed_folder, upload_name
 from structid.workbench.recent import is_confirmed, recent_folders, remember_confirmed
 from structid.workbench.runs import Runs

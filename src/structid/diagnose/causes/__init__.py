@@ -29,6 +29,7 @@ from structid.diagnose.causes.joint import FlexibleJoint
 from structid.diagnose.causes.leakage import Leakage
 from structid.diagnose.causes.mass import Mass
 from structid.diagnose.causes.mesh import CoarseMesh
+from structid.diagnose.causes.node_place import NodePlace
 from structid.diagnose.causes.offset import MassOffset
 from structid.diagnose.causes.outlying_lines import OutlyingLines
 from structid.diagnose.causes.places import has_places
@@ -63,6 +64,7 @@ OF_PLACES: tuple[type[Candidate], ...] = (SensorDirection, LoadDirection, Sensor
 #: Changes whose effect is that of the changed model itself.
 OF_SETS: tuple[type[Candidate], ...] = (
     CoarseMesh, ShearFlexibility, DampingLaw, FixedValue, RecordVariation, ExponentialWindow, Leakage, Clock, AxialForce,
+    NodePlace,
 )  # fmt: skip
 #: Data that are left out, or have a part that no force made.
 OF_DATA = (FaultyChannel, OtherState)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
@@ -37,8 +39,8 @@ def level_frequencies(omega: FloatArray, level: float) -> FloatArray:
     return np.geomspace(omega[0], omega[-1], count)
 
 
-def smoothed_records(record: FrfRecord) -> tuple[tuple[float, FrfRecord], ...]:
-    """Levels a and FRF records at s = omega (a + i), computed from the measured one, where its lines allow.
+def smoothed_records(record: FrfRecord, levels: Sequence[float] = LEVELS) -> tuple[tuple[float, FrfRecord], ...]:
+    """The `levels` a and FRF records at s = omega (a + i), computed from the measured one, where its lines allow.
 
     Lines are spaced evenly in the logarithm, a apart, at least 60 and at most 250 over the band. A level is left out
     where fewer than eight of its lines are good to 25 %: see `right_half_plane`.
@@ -48,7 +50,7 @@ def smoothed_records(record: FrfRecord) -> tuple[tuple[float, FrfRecord], ...]:
         return ()
     own = 0.0 if record.decay is None else float(record.decay[0])
     found = []
-    for level in LEVELS:
+    for level in levels:
         at = level_frequencies(omega, level)
         try:
             smooth = right_half_plane(record, at / (2 * np.pi), own + level * at)

@@ -76,11 +76,11 @@ def read_modes(path: str | Path, options: ModeFileOptions | None = None) -> Moda
     suffix = path.suffix.lower()
     _require_suffix(path, suffix, _READ)
     units = ("length_unit", "force_unit")
-    nastran = tuple(item.name for item in fields(options) if item.name != "axes")
-    taken = (*units, "axes") if suffix in UFF_SUFFIXES else units if suffix in FRD_SUFFIXES else ()
+    nastran = tuple(item.name for item in fields(options) if item.name != "shape_axes")
+    taken = (*units, "shape_axes") if suffix in UFF_SUFFIXES else units if suffix in FRD_SUFFIXES else ()
     for name in (item.name for item in fields(options)):
         if getattr(options, name) and name not in (nastran if suffix in _NASTRAN else taken):
-            subject = "universal files" if name == "axes" else "files of Nastran"
+            subject = "universal files" if name == "shape_axes" else "files of Nastran"
             raise InputError(f"{path}: `{name}` is about {subject}; leave it out", name)
     require_readable(path)
     with damage_told(path, "a file of modes", "copy it again, or run `structid modes` again"):

@@ -33,7 +33,7 @@ class ModeFileOptions:
         Unit of length of the model or file, such as `mm`, where the file does not say it.
     force_unit : str
         Unit of force of the model or file, such as `N`, where the file does not say it.
-    axes : str
+    shape_axes : str
         `named` where directions of a universal file are called as they are named, whatever coordinate systems its nodes have; by
         default motions are turned into global axes.
     """
@@ -43,14 +43,14 @@ class ModeFileOptions:
     deck: Path | None = None
     length_unit: str = ""
     force_unit: str = ""
-    axes: Literal["", "named"] = ""
+    shape_axes: Literal["", "named"] = ""
 
     def __post_init__(self) -> None:
         """Raise `InputError` on an unknown kind of eigenvalue or unit."""
         if self.eigenvalues not in ("", "real", "complex"):
             raise InputError(f"`eigenvalues` must be real or complex, got {self.eigenvalues!r}", "eigenvalues")
-        if self.axes not in ("", "named"):
-            raise InputError(f"`axes` must be named, or left out, got {self.axes!r}", "axes")
+        if self.shape_axes not in ("", "named"):
+            raise InputError(f"`shape_axes` must be named, or left out, got {self.shape_axes!r}", "shape_axes")
         for name, unit, units in (("length_unit", self.length_unit, LENGTHS), ("force_unit", self.force_unit, FORCES)):
             if unit and unit not in units:
                 raise InputError(f"`{name}` must be one of {' '.join(units)}, got {unit!r}", name)

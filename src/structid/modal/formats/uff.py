@@ -196,7 +196,7 @@ def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalR
         if not shape.any():
             raise FileError(f"{mode.where}: the mode shape is 0 throughout; export it again")
     universal = read_nodes(path, blocks)
-    if options.axes == "named":
+    if options.shape_axes == "named":
         notes.append("directions as they are named, whatever coordinate systems the nodes have")
     else:
         _turn_to_global_axes(universal, nodes, values, notes)
@@ -340,7 +340,7 @@ def _turn_to_global_axes(
                 raise FileError(
                     f"{universal.path}: node {node} was measured in {int(measured.sum())} of the directions of its own coordinate"
                     " system, which are along no global axes; export shapes in global axes, or all directions of the node, or give"
-                    ' `axes = "named"` in [record.modes], and say by `direction` in [record.sensors] where such sensors point'
+                    ' `shape_axes = "named"` in [record.modes], and say by `direction` in [record.sensors] where such sensors point'
                 )
             values[:, i, part] = motion @ np.where(touched, axes, 0.0)
     if n_turned:

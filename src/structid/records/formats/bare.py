@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn, cast
 
@@ -15,7 +16,7 @@ from structid.core.errors import FileError, InputError, UnnamedChannelsError, ab
 from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_unit
 from structid.records.formats.gaps import sourced, whole
 from structid.records.formats.options import ReadOptions, option_words
-from structid.records.formats.stated import Statements, require_agreement
+from structid.records.formats.stated import Statements, frequency_unit, require_agreement
 from structid.records.record import DERIVATIVES, QUANTITY_UNITS, FrfKind, FrfRecord, Quantity, TimeRecord
 
 _FRF_OPTIONS = ("frequency_array", "outputs", "inputs", "kind", "unit", "coherence_array")
@@ -23,6 +24,10 @@ _TIME_OPTIONS = ("sampling_rate", "channels", "quantities", "units", "start", "s
 
 #: Shape and type of each array in a file, without its values.
 Shapes = Mapping[str, tuple[tuple[int, ...], np.dtype]]
+
+
+#: Samples from which a column that rises in even steps, to so many parts of a step, is no vibration.
+_FEWEST, _EVEN = 8, 1e-6
 
 
 def require_option(path: Path, options: ReadOptions, name: str, purpose: str) -> None:
@@ -64,18 +69,23 @@ def read_bare(
     if "frequency_array" in options.given():
         name = _choose_array(path, shapes, options.array, {options.frequency_array, options.coherence_array})
         _require_present(path, shapes, options.frequency_array)
-        require_agreement(path, name, 0, statements or {}, options)
+        note = require_agreement(path, name, 0, statements or {}, options)
         frequency = load(options.frequency_array)
+        unit = frequency_unit(path, options.frequency_array, options)
+        words = (
+            f"frequencies in {unit} by the name {options.frequency_array!r}" if unit and not options.axis_unit else ""
+        )
         coherence = None
         if options.coherence_array:
             _require_present(path, shapes, options.coherence_array)
             coherence = load(options.coherence_array)
-        return frf_from_array(path, load(name), frequency, coherence, options)
+        frfs = frf_from_array(path, load(name), frequency, coherence, replace(options, axis_unit=unit))
+        return replace(frfs, source=sourced(path, "; ".join(filter(None, (note, words)))))
     name = _choose_array(path, shapes, options.array, set())
     record = time_from_array(path, load(name), options)
     n_points = shapes[name][0][0] if shapes[name][0] else 0
-    require_agreement(path, name, n_points, statements or {}, options)
-    return record
+    note = require_agreement(path, name, n_points, statements or {}, options)
+    return replace(record, source=f"{record.source}; {note}") if note else record
 
 
 def _listing(shapes: Shapes) -> str:
@@ -187,12 +197,31 @@ def time_from_array(path: Path, values: np.ndarray, options: ReadOptions) -> Tim
         raise InputError(
             f"{path}: {len(channels)} channels were given for an array of shape {values.shape}; {hint}", "channels"
         )
+    _require_no_times(path, values)
     quantities, factors = channel_units(path, channels, options)
     rate = float(options.sampling_rate or 0.0)
     samples = whole(path, np.asarray(values, dtype=np.float64), channels, rate, 0.0, options, named=False)
     return TimeRecord(
         rate, samples.values * factors, channels, quantities, start=samples.start, source=sourced(path, samples.note)
     )
+
+
+def _require_no_times(path: Path, values: np.ndarray) -> None:
+    """Raise `InputError` if a column of samples (n_times, n_channels) rises in even steps, as times and counts do."""
+    if values.ndim != 2 or min(values.shape) < 2 or len(values) < _FEWEST or values.dtype.kind not in "fiu":
+        return
+    ramps = []
+    for j, column in enumerate(values.T):
+        step = float(column[1]) - float(column[0])
+        if step <= 0 or not np.allclose(np.diff(column[:_FEWEST]), step, rtol=_EVEN, atol=0):
+            continue
+        if np.allclose(np.diff(column.astype(float)), step, rtol=_EVEN, atol=1e-12 * float(np.abs(column).max())):
+            ramps.append(j)
+    if 0 < len(ramps) < values.shape[1]:
+        raise InputError(
+            f"{path}: column {ramps[0] + 1} of the array rises in even steps of"
+            f" {float(values[1, ramps[0]] - values[0, ramps[0]]):g}, as times and counts do; store the channels without it"
+        )
 
 
 def _refuse_frf(path: Path, reason: str) -> NoReturn:

@@ -141,6 +141,11 @@ def units_in_name(name: str, parse: Callable[[str], T]) -> list[tuple[str, T, bo
     ]
 
 
+def is_read_by(text: str, parse: Callable[[str], object]) -> bool:
+    """True if a text names a unit for the function `parse`."""
+    return bool(_read(parse, text))
+
+
 def level_word(text: str) -> str:
     """The word by which a header or a unit says that a column holds levels, means or densities, such as ``dB``; "" for none."""
     match = _LEVEL.search(text[:_LONGEST_HEAD])

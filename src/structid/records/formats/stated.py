@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
-from structid.core.errors import FileError, InputError
-from structid.core.units import parse_frf_unit, parse_unit
+from structid.core.dof import as_dof
+from structid.core.errors import FileError, InputError, about
+from structid.core.units import FrfUnit, Unit, parse_frequency_unit, parse_frf_unit, parse_time_unit, parse_unit
+from structid.records.formats.headers import is_read_by, units_in_name
 from structid.records.formats.options import ReadOptions, option_words
 
 #: A text or texts, or numbers, by where they stand: parts between dots, slashes and ``@`` before an attribute.
@@ -29,6 +32,10 @@ _RATES = {
 }
 _STEPS = {"dt", "deltat", "timestep", "sampleinterval", "samplinginterval", "samplingperiod", "wfincrement"}
 _TIMES = {"t", "time", "times", "timevector", "zeit"}
+#: Where the names of channels stand.
+_NAMES = {"channels", "channelnames", "channellabels", "dofs", "labels", "names"}
+#: Names of angular frequencies.
+_ANGULAR = re.compile(r"omegas?|\u03c9|w|om|.*rad.*", re.IGNORECASE)
 _SCALES = {"scalefactor": 1.0, "addoffset": 0.0}
 #: Places below the parent of an array where structs of test software keep its unit and step.
 _LABELS, _INCREMENTS = (("quantity", "label"),), (("xvalues", "increment"),)
@@ -39,8 +46,10 @@ _TIME_UNITS = (1.0, 1e-3, 1e-6)
 
 def is_statement(name: str) -> bool:
     """True if what stands at `name` may be a unit, a rate, a step or times."""
-    plain = tuple(re.sub("[^a-z]", "", part.lower()) for part in _parts(name))
-    return plain[-1] in _UNITS | _RATES | _STEPS | _TIMES or plain[-2:] in _LABELS + _INCREMENTS
+    plain = tuple(_plain(part) for part in _parts(name))
+    known = _UNITS | _RATES | _STEPS | _TIMES | _NAMES
+    is_unit_of_array = plain[-1].endswith(("unit", "units"))
+    return plain[-1] in known or is_unit_of_array or _with_unit(name) is not None or plain[-2:] in _LABELS + _INCREMENTS
 
 
 def statements_of(fields: Mapping[str, np.ndarray | str | tuple[str, ...]]) -> dict[str, np.ndarray | tuple[str, ...]]:
@@ -48,7 +57,7 @@ def statements_of(fields: Mapping[str, np.ndarray | str | tuple[str, ...]]) -> d
     return {name: (field,) if isinstance(field, str) else field for name, field in fields.items()}
 
 
-def require_agreement(path: Path, array: str, n_points: int, statements: Statements, options: ReadOptions) -> None:
+def require_agreement(path: Path, array: str, n_points: int, statements: Statements, options: ReadOptions) -> str:
     """Raise an error where the file says something else of an array of `n_points` than the options do.
 
     Parameters
@@ -61,33 +70,138 @@ def require_agreement(path: Path, array: str, n_points: int, statements: Stateme
         What stands beside it and above it.
     options : ReadOptions
 
+    Returns
+    -------
+    str
+        A note on a unit beside the array that was overruled by the one given; "" for none.
+
     Raises
     ------
     FileError
         If the array is stored scaled or shifted.
     InputError
-        If a rate, a step or times contradict `sampling_rate`; if a unit that is not SI stands there and no unit was given.
+        If a rate, a step or times contradict `sampling_rate`; if a unit that is not SI stands there and no unit was given; if names
+        of channels are others than those given, or the array's own name says another unit.
     """
-    parts = _parts(array)
+    parts, notes = _parts(array), list[str]()
+    _require_name_agrees(path, array, options)
     for name, value in statements.items():
         where = _parts(name)
         key, is_own = _key(where, parts), "@" in name and where[:-1] == parts
         if key in _SCALES and is_own:
             _require_unscaled(path, array, name, key, value)
         elif key in _UNITS and isinstance(value, tuple):
-            _require_si(path, array, name, value, options)
+            notes.append(_compare_units(path, array, name, value, options))
+        elif key in _NAMES and isinstance(value, tuple):
+            _require_channels(path, name, value, options)
         elif options.sampling_rate and isinstance(value, np.ndarray) and value.dtype.kind in "fiu":
-            _require_rate(path, name, key, value, n_points, options.sampling_rate)
+            base, factor = _with_unit(name) or (key, 1.0)
+            is_beside = bool(key) or where[:-1] == parts[: len(where) - 1]
+            _require_rate(
+                path,
+                name,
+                base if is_beside else "",
+                value.astype(float) * factor,
+                n_points,
+                options.sampling_rate,
+                _TIME_UNITS if base == key else (1.0,),
+            )
+    return "; ".join(filter(None, notes))
 
 
 def _parts(name: str) -> tuple[str, ...]:
     return tuple(part for part in re.split(r"[./@]+", name) if part)
 
 
+def _plain(part: str) -> str:
+    return re.sub("[^a-z]", "", part.lower())
+
+
+def _with_unit(name: str) -> tuple[str, float] | None:
+    """Plain name of a rate, a step or times with a unit behind it, as in ``fs_khz`` and ``dt_ms``, and its factor to Hz or s."""
+    base, _, unit = _parts(name)[-1].rpartition("_")
+    parse = (
+        parse_frequency_unit if _plain(base) in _RATES else parse_time_unit if _plain(base) in _STEPS | _TIMES else None
+    )
+    try:
+        return None if parse is None else (_plain(base), parse(unit))
+    except InputError:
+        return None
+
+
+def frequency_unit(path: Path, name: str, options: ReadOptions) -> str:
+    """The unit of an array of frequencies by its name or by `axis_unit`; "" for Hz, where neither says one.
+
+    Raises
+    ------
+    InputError
+        If the name says another unit than the option, or an angular frequency without one.
+    """
+    last = _parts(name)[-1]
+    stated = ""
+    for text in (last, last.rpartition("_")[2]):
+        with suppress(InputError):
+            parse_frequency_unit(text)
+            stated = text
+    if stated and options.axis_unit:
+        with about("axis_unit"):
+            given = parse_frequency_unit(options.axis_unit)
+        if abs(parse_frequency_unit(stated) / given - 1) > 1e-9:
+            raise InputError(
+                f"{path}: array {name!r} says by its name that it is in {stated}, but `axis_unit` {options.axis_unit} was given;"
+                " leave it out",
+                "axis_unit",
+            )
+    if not stated and not options.axis_unit and _ANGULAR.fullmatch(last):
+        raise InputError(
+            f"{path}: array {name!r} does not say the unit of its frequencies, and its name is one of angular frequencies; give"
+            f" {option_words(axis_unit='rad/s')} or Hz",
+            "axis_unit",
+        )
+    return options.axis_unit or stated
+
+
+def _require_name_agrees(path: Path, array: str, options: ReadOptions) -> None:
+    """Raise `InputError` if the array's own name, such as ``acc_g``, says another unit than the one given."""
+    for text, _, _ in units_in_name(_parts(array)[-1], parse_frf_unit if options.frequency_array else parse_unit):
+        if _is_other_unit(text, options):
+            raise InputError(
+                f"{path}: array {array!r} says another unit by its name than the one that was given; correct one of them",
+                "unit" if options.frequency_array else "units",
+            )
+
+
+def _is_other_unit(text: str, options: ReadOptions, channel: int | None = None) -> bool:
+    """True if a unit is one of the same motion or force as that which was given (of a channel, or any), and of another size."""
+    stated: FrfUnit | Unit
+    given: list[tuple[str, float]]
+    if options.frequency_array:
+        stated = parse_frf_unit(text)
+        given = [parse_frf_unit(options.unit)[:2]] if options.unit else []
+    else:
+        stated = parse_unit(text)
+        texts = options.units if channel is None else options.units[channel : channel + 1]
+        given = [*(parse_unit(unit)[:2] for unit in texts), *((name, 1.0) for name in options.quantities if not texts)]
+    return any(kind == stated[0] and abs(factor / stated.factor - 1) > 1e-9 for kind, factor in given)
+
+
+def _require_channels(path: Path, name: str, texts: tuple[str, ...], options: ReadOptions) -> None:
+    """Raise `InputError` if degrees of freedom beside the array are others than the channels that were given."""
+    stated, given = [as_dof(text) for text in texts], [as_dof(text) for text in options.channels]
+    if None not in stated and len(stated) == len(given) and stated != given:
+        raise InputError(
+            f"{path}: {name} says channels {', '.join(map(str, stated))}, but `channels` {', '.join(map(str, given))} was given;"
+            " correct one of them, or rename channels with `relabel` of a study",
+            "channels",
+        )
+
+
 def _key(where: tuple[str, ...], array: tuple[str, ...]) -> str:
     """The plain name of a statement that is about an array, "" where it is about something else."""
-    plain = tuple(re.sub("[^a-z]", "", part.lower()) for part in where)
+    plain = tuple(_plain(part) for part in where)
     if where[:-1] == array[: len(where) - 1]:
+        if re.fullmatch(rf"{re.escape(array[-1])}_?units?", where[-1], re.IGNORECASE):
+            return "units"
         return plain[-1]
     if plain[-2:] in _LABELS + _INCREMENTS and where[:-2] == array[: len(where) - 2]:
         return "unit" if plain[-2:] in _LABELS else "dt"
@@ -103,11 +217,16 @@ def _require_unscaled(path: Path, array: str, name: str, key: str, value: np.nda
     )
 
 
-def _require_si(path: Path, array: str, name: str, texts: tuple[str, ...], options: ReadOptions) -> None:
-    """Raise `InputError` if a unit that is not SI is stated, and the options give a kind without a unit."""
+def _compare_units(path: Path, array: str, name: str, texts: tuple[str, ...], options: ReadOptions) -> str:
+    """A note on a stated unit that is not the one given, or ""; `InputError` if it is not SI where options give a kind alone."""
     is_frf = bool(options.frequency_array)
     if options.unit if is_frf else options.units:
-        return
+        for k, text in enumerate(texts):
+            channel = k if len(texts) == len(options.units) else None
+            is_unit = is_read_by(text, parse_frf_unit if is_frf else parse_unit)
+            if is_unit and len(texts) in (1, len(options.units)) and _is_other_unit(text, options, channel):
+                return f"in the unit that was given, though {name} says {text}"
+        return ""
     option, kind = ("unit", "kind") if is_frf else ("units", "quantities")
     for text in texts:
         try:
@@ -120,14 +239,17 @@ def _require_si(path: Path, array: str, name: str, texts: tuple[str, ...], optio
                 f" {option_words(**{option: None})}",
                 option,
             )
+    return ""
 
 
-def _require_rate(path: Path, name: str, key: str, value: np.ndarray, n_points: int, rate: float) -> None:
+def _require_rate(
+    path: Path, name: str, key: str, value: np.ndarray, n_points: int, rate: float, of_times: tuple[float, ...]
+) -> None:
     """Raise `InputError` if a rate (Hz), a step (s) or the times of the samples contradict the sampling rate in Hz."""
     numbers = np.ravel(value).astype(float)
     if key in _TIMES and numbers.size == n_points > 2 and numbers[-1] > numbers[0]:
         stated = (n_points - 1) / (numbers[-1] - numbers[0])
-        units: tuple[float, ...] = _TIME_UNITS
+        units = of_times
     elif numbers.size == 1 and numbers[0] > 0 and key in _RATES | _STEPS:
         stated, units = (numbers[0] if key in _RATES else 1 / numbers[0]), (1.0,)
     else:

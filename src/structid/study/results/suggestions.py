@@ -7,14 +7,14 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import tomlkit
 
 from structid.core.errors import InputError
 from structid.diagnose.verdict import Cause, Diagnosis
 from structid.study.results.result import StudyResult
+from structid.study.schema.edits import changed_text
 from structid.study.schema.study import Study
 
 if TYPE_CHECKING:
@@ -32,11 +32,13 @@ def suggestion_name(number: int, changes: Sequence[Change]) -> str:
 
 def suggestion_text(study: Study, changes: Sequence[Change]) -> tuple[str, tuple[str, ...]]:
     """The study with changes, its comments kept, and the lines that differ."""
-    document = tomlkit.parse(study.text)
-    for change in changes:
-        for edit in change.edits:
-            edit.write(document)
-    text = tomlkit.dumps(document)
+
+    def change_tables(tables: dict[str, Any]) -> None:
+        for change in changes:
+            for edit in change.edits:
+                edit.write(tables)
+
+    text = changed_text(study.text, change_tables)
     lines = difflib.ndiff(study.text.splitlines(), text.splitlines())
     return text, tuple(line for line in lines if line[:2] in ("+ ", "- ") and line[2:].strip())
 
@@ -77,10 +79,9 @@ def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path,
 
 def write_suggestion(study: Study, changes: Sequence[Change], path: Path, place: Path) -> None:
     """Write the study with changes to `path`, which will stand in the folder `place`; its files are found from there."""
-    document = tomlkit.parse(suggestion_text(study, changes)[0])
     away = Path(os.path.relpath(study.path.parent.resolve(), place.resolve()))
-    _move_paths(document, {name for name in study.digests if name != study.path.name}, away)
-    text = tomlkit.dumps(document)
+    names = {name for name in study.digests if name != study.path.name}
+    text = changed_text(suggestion_text(study, changes)[0], partial(_move_paths, names=names, away=away))
     schema = re.match(r"#:schema (?!\w+://)(\S+)", text)
     if schema:
         text = text.replace(schema[1], (away / schema[1]).as_posix(), 1)

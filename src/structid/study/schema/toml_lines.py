@@ -81,7 +81,7 @@ def words_of(text: str, passed_over: str) -> Words:
     return found[::-1]  # the next word is the last
 
 
-def key(words: Words, end: str) -> tuple[list[str], int]:
+def read_key(words: Words, end: str) -> tuple[list[str], int]:
     """The parts of a dotted key up to the token `end`, both taken off `words`, and the line where it begins."""
     parts: list[str] = []
     line = words[-1][1]
@@ -102,7 +102,7 @@ def header(words: Words, counts: dict[KeyPath, int], lines: dict[KeyPath, int]) 
     is_array = words[-1][0] == "["
     if is_array:
         words.pop()
-    parts, line = key(words, "]")
+    parts, line = read_key(words, "]")
     if is_array:
         words.pop()
     path: KeyPath = ()
@@ -119,7 +119,7 @@ def header(words: Words, counts: dict[KeyPath, int], lines: dict[KeyPath, int]) 
 
 def _pair(words: Words, lines: dict[KeyPath, int], path: KeyPath) -> None:
     """Note the lines of ``key = value`` under `path` in `lines`, and take it off `words`."""
-    parts, line = key(words, "=")
+    parts, line = read_key(words, "=")
     for part in parts:
         path = (*path, part)
         lines.setdefault(path, line)

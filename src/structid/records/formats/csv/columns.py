@@ -23,7 +23,15 @@ from structid.records.formats.csv.layout import CsvLayout
 from structid.records.formats.csv.recognition import as_date, is_axis
 from structid.records.formats.csv.table import Table
 from structid.records.formats.gaps import sourced
-from structid.records.formats.headers import LONGEST_NAME, bare_unit, is_time, level_word, name_and_unit, units_in_name
+from structid.records.formats.headers import (
+    LONGEST_NAME,
+    bare_unit,
+    is_read_by,
+    is_time,
+    level_word,
+    name_and_unit,
+    units_in_name,
+)
 from structid.records.formats.named_channels import NamedChannels, chosen, record_of, scale_of_times
 from structid.records.formats.options import ReadOptions, layout_words, option_words
 from structid.records.formats.selection import selected
@@ -327,22 +335,13 @@ def _match_pair(name: str) -> re.Match[str] | None:
     if len(name) > LONGEST_NAME:
         return None
     match, part = _PAIR.fullmatch(name), _PART_WORD.match(name)
-    if match and _is_unit(f"{match['output']}/{match['input']}"):
+    if match and is_read_by(bare_unit(f"{match['output']}/{match['input']}"), parse_frf_unit):
         match = None  # its unit alone, as in (m/s^2)/N Real
     if match or part is None:
         return match
     turned = _PAIR.fullmatch(f"{name[part.end() :].strip(' :_')} {part[0]}")
     is_pair = turned and as_dof(_without_estimator(turned["output"], turned["input"])) and as_dof(turned["input"])
     return turned if is_pair else None
-
-
-def _is_unit(text: str) -> bool:
-    """True if a text is the unit of a frequency response, in brackets or not."""
-    try:
-        parse_frf_unit(bare_unit(text))
-    except InputError:
-        return False
-    return True
 
 
 def _without_estimator(output: str, load: str) -> str:

@@ -4,15 +4,90 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import tomlkit
 from tomlkit.items import Array
 
 from structid.core.errors import InputError
-from structid.study.schema.toml_lines import KeyPath, parse_toml
-from structid.workbench.toml_places import Block, Place, blocks_of
+from structid.study.schema.toml_lines import KeyPath, Words, header, parse_toml, read_key, words_of
+
+
+@dataclass(frozen=True)
+class Place:
+    """A key and its value: begin of its line, begin and end of the value, and where the next line begins."""
+
+    start: int
+    value: int
+    end: int
+    line_end: int
+
+
+@dataclass
+class Block:
+    """A header and the keys under it; the first block, without a path, has the keys above all headers.
+
+    `start` is where the line of the header begins, `own_end` where the line after the last of its keys begins.
+    """
+
+    path: KeyPath
+    start: int
+    own_end: int
+    pairs: dict[KeyPath, Place] = field(default_factory=dict)
+
+
+def blocks_of(text: str) -> list[Block]:
+    """Tables of a valid TOML text in order, each with the places of its keys and values."""
+    words = words_of(text, " \t#\n")
+    blocks = [Block((), 0, 0)]
+    counts: dict[KeyPath, int] = {}
+    while words:
+        if words[-1][0] == "[" and _begins_line(text, words[-1][1]):
+            start = words[-1][1]
+            path = header(words, counts, {})
+            blocks.append(Block(path, text.rfind("\n", 0, start) + 1, _after_line(text, start)))
+        else:
+            _pair(text, words, blocks[-1])
+    return blocks
+
+
+def _begins_line(text: str, at: int) -> bool:
+    return not text[text.rfind("\n", 0, at) + 1 : at].strip()
+
+
+def _after_line(text: str, at: int) -> int:
+    end = text.find("\n", at)
+    return len(text) if end < 0 else end + 1
+
+
+def _pair(text: str, words: Words, block: Block) -> None:
+    """Add the key at the head of `words` with the places of its value in `text` to `block`."""
+    parts, start = read_key(words, "=")
+    begin = words[-1][1]
+    end = _value_end(words)
+    line_start = text.rfind("\n", 0, start) + 1
+    block.pairs[tuple(parts)] = Place(line_start, begin, end, _after_line(text, end))
+    block.own_end = _after_line(text, end)
+
+
+def _value_end(words: Words) -> int:
+    """Index of the end of the next value, whose words are removed from `words`."""
+    word, at = words.pop()
+    end = at + len(word)
+    if word in ("[", "{"):
+        depth = 1
+        while depth:
+            word, at = words.pop()
+            depth += (word in "[{") - (word in "]}")
+            end = at + len(word)
+        return end
+    while words and words[-1][1] == end and words[-1][0] not in "[]{},=":
+        word, at = words.pop()
+        end = at + len(word)
+    return end
+
 
 #: Sections of a study in the order in which they are written.
 _ORDER = ("structure", "unknown", "record", "method", "regularization", "plan")
@@ -49,6 +124,80 @@ def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
             text = _set(text, tuple(edit["set"]), value_of(str(edit["to"])))
         _require_toml(text, "this edit would break the study")
     return text
+
+
+def changed_text(text: str, change: Callable[[dict[str, Any]], None]) -> str:
+    """TOML text after `change` of its content; lines of keys and tables that stay, and all comments, are as they were.
+
+    Parameters
+    ----------
+    text : str
+    change : callable
+        Changes the content, plain tables and lists, in place: keys are set or deleted, entries of arrays of tables changed, deleted
+        or appended.
+
+    Raises
+    ------
+    InputError
+        If the text is written in a way that has no line for the change.
+    """
+    after: Any = parse_toml(text)
+    numbers = dict(_numbered_entries(after))
+    change(after)
+    for edit in _edits_between((), parse_toml(text), after, numbers):
+        text = edited(text, [edit])
+    if parse_toml(text) != after:
+        raise InputError("the study is written in a way that has no line for the change; write its tables in blocks")
+    return text
+
+
+def _numbered_entries(content: Any) -> Iterator[tuple[int, int]]:
+    """Identity of each table in a list, with its position there."""
+    for number, value in enumerate(content.values() if isinstance(content, dict) else content):
+        if isinstance(content, list) and isinstance(value, dict):
+            yield id(value), number
+        if isinstance(value, dict | list):
+            yield from _numbered_entries(value)
+
+
+def _edits_between(path: KeyPath, before: Any, after: Any, numbers: Mapping[int, int]) -> Iterator[dict[str, Any]]:
+    """Edits that make `after` of `before`; `numbers` are positions that the entries of arrays of tables had."""
+    if isinstance(before, dict) and isinstance(after, dict):
+        for key in before:
+            if key not in after:
+                yield {"remove": [*path, key]}
+        for key, value in after.items():
+            if key in before:
+                yield from _edits_between((*path, key), before[key], value, numbers)
+            elif isinstance(value, list) and value and all(isinstance(entry, dict) for entry in value):
+                yield from _added_entries((*path, key), value)
+            else:
+                yield {"set": [*path, key], "to": _value_text(value)}
+    elif isinstance(before, list) and any(isinstance(entry, dict) for entry in before) and isinstance(after, list):
+        kept = {numbers[id(entry)]: entry for entry in after if id(entry) in numbers}
+        for number, entry in kept.items():
+            yield from _edits_between((*path, number), before[number], entry, numbers)
+        for number in reversed(range(len(before))):
+            if number not in kept:
+                yield {"remove": [*path, number]}
+        yield from _added_entries(path, [entry for entry in after if id(entry) not in numbers])
+    elif before != after:
+        yield {"set": [*path], "to": _value_text(after)}
+
+
+def _added_entries(path: KeyPath, entries: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Edits that append entries to an array of tables."""
+    for entry in entries:
+        yield {"add": [*path], "table": {key: _value_text(value) for key, value in entry.items()}}
+
+
+def _value_text(value: Any) -> str:
+    """TOML text of a value on one line."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{_name((key,))} = {_value_text(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_value_text, value)) + "]"
+    return str(tomlkit.item(value).as_string())
 
 
 def value_of(text: str) -> str:
