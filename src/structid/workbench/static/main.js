@@ -17,6 +17,7 @@ const STEPS = [
   ["text", "Study file"],
 ];
 const WITHOUT_STUDY = ["start", "records", "modes", "results", "run", "use"];
+const refusals = new WeakMap(); // of controls: the note on what they were last refused
 const main = document.getElementById("main"),
   select = document.getElementById("study");
 
@@ -61,18 +62,19 @@ app.say = (words, bad = false) => {
 };
 app.fail = (error) => {
   console.warn(error);
-  app.say(error.message, true);
+  return app.say(error.message, true);
 };
 
-// Run `action` with `button` out of use; what goes wrong is told.
+// Run `action` with `button` out of use; what goes wrong is told until it is tried again.
 app.doing = async (button, action) => {
   button.disabled = true;
   button.setAttribute("aria-busy", "true");
   app.acting.add(button);
+  refusals.get(button)?.remove();
   try {
     return await action();
   } catch (error) {
-    app.fail(error);
+    refusals.set(button, app.fail(error));
     return null;
   } finally {
     app.acting.delete(button);

@@ -1,6 +1,6 @@
 // The folder: its studies, new ones from templates, and files that are dropped.
 import {get, post, put, view} from "../api.js";
-import {bytes, field, fill, h, number, numberIn, options, table} from "../dom.js";
+import {bytes, field, fill, h, number, numberIn, options, table, unitText, withUnit} from "../dom.js";
 import {besideStudy, givenOptions, readingFields, recordEdits, records} from "../recorded.js";
 import {forgetTyped} from "../typed.js";
 
@@ -233,7 +233,7 @@ async function fresh(app) {
       inputs,
       one.asks.map((ask) =>
         field(
-          `${ask.words}${ask.unit ? ", " + ask.unit.replace("^2", "²").replace("^3", "³") : ""}`,
+          withUnit(ask.words, ask.unit),
           ask.choices.length
             ? h(
                 "select",
@@ -529,7 +529,7 @@ export function facts(found) {
   const size =
     found.kind === "time histories"
       ? `time histories: ${found.samples} samples at ${number(found.rate)} Hz, ${number(found.seconds)} s`
-      : `${found.kind}s in ${found.unit}: ${found.lines} lines, ${number(found.band[0])} to ${number(found.band[1])} Hz, ${found.coherence ? "with" : "without"} coherence`;
+      : `${found.kind}s in ${unitText(found.unit)}: ${found.lines} lines, ${number(found.band[0])} to ${number(found.band[1])} Hz, ${found.coherence ? "with" : "without"} coherence`;
   const many = found.channels.length > 12;
   return h(
     "div",
@@ -543,7 +543,12 @@ export function facts(found) {
           h("summary", {}, counted(found.channels)),
           table(
             ["channel", "", "quantity", "unit"],
-            found.channels.map((one) => [one.name, one.role, one.quantity || found.kind, one.unit || found.unit || ""]),
+            found.channels.map((one) => [
+              one.name,
+              one.role,
+              one.quantity || found.kind,
+              unitText(one.unit || found.unit),
+            ]),
           ),
         )
       : h("p", {}, `${found.channels.length} channels`),
