@@ -259,7 +259,9 @@ def test_geometry_round_trip(tmp_path, frf):
 def test_geometry_from_pyuff_in_mm(tmp_path):
     nodes = {"type": 15, "node_nums": [1, 2], "x": [1.0, 2.0], "y": [3.0, 4.0], "z": [5.0, -6.0]}
     line = {"type": 82, "trace_num": 1, "nodes": np.array([1, 2])}
+    assert not read_geometry(write(tmp_path / "c.uff", [nodes, line])).has_unit
     back = read_geometry(write(tmp_path / "a.uff", [units(length=1e3), nodes, line]))
+    assert back.has_unit
     assert back.nodes == {1: (1e-3, 3e-3, 5e-3), 2: (2e-3, 4e-3, -6e-3)}
     assert back.lines == ((1, 2),)
     with pytest.raises(FileError, match="no frequency response function"):

@@ -123,6 +123,12 @@ def test_a_plane_geometry_is_drawn_flat(result):
     assert scene.rest.shape == (4, 2)
 
 
+@pytest.mark.parametrize("has_unit", [True, False])
+def test_positions_of_a_file_without_a_unit_of_length_are_said(result, has_unit):
+    scene = mode_scene(result.modes, replace(GEOMETRY, has_unit=has_unit))
+    assert any("says no unit of length" in note for note in scene.notes) != has_unit
+
+
 def test_page_says_what_output_only_data_cannot_tell(page):
     assert "output-only data give frequencies, damping ratios and mode shapes of arbitrary scale" in page
     assert "no masses or stiffnesses" in page

@@ -12,6 +12,7 @@ from structid.files.uff.blocks import Block, read_blocks
 from structid.files.uff.elements import read_elements
 from structid.files.uff.fields import integers
 from structid.files.uff.nodes import Point, read_nodes
+from structid.files.uff.units import read_unit_factors
 
 _REMEDY = "write node,x,y,z rows, and rows as line,1,2,3"
 
@@ -26,6 +27,8 @@ class Geometry:
         Position of each node label in m.
     lines : tuple of tuple of int
         Trace lines: node labels to join in order; 0 lifts the pen.
+    has_unit : bool
+        False if the file did not say a unit of length, so that its numbers count as m.
 
     Raises
     ------
@@ -35,6 +38,7 @@ class Geometry:
 
     nodes: dict[int, Point]
     lines: tuple[tuple[int, ...], ...] = field(default=())
+    has_unit: bool = True
 
     def __post_init__(self) -> None:
         """Raise `InputError` if a line joins a node without a position."""
@@ -70,7 +74,8 @@ def _read_universal_file(path: Path) -> Geometry:
     if not nodes:
         raise FileError(f"{path}: has no nodes (dataset 15 or 2411); export the geometry too")
     lines = tuple(_trace_line(path, block) for block in blocks if block.number == 82)
-    return Geometry(nodes, lines or tuple(read_elements(path, blocks).edges()))
+    has_unit = read_unit_factors(path, blocks) is not None
+    return Geometry(nodes, lines or tuple(read_elements(path, blocks).edges()), has_unit)
 
 
 def _trace_line(path: Path, block: Block) -> tuple[int, ...]:
