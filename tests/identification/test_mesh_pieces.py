@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 import structid as sid
 from structid.cli import app as cli
-from structid.identification.mesh_pieces import judge_pieces
+from structid.identification.mesh_pieces import MeshPieces, judge_pieces
 from structid.identification.options import IdentifyOptions
 from structid.records.formats import write_record
 from structid.study.results.stored_model import stored_model, stored_study
@@ -86,6 +86,9 @@ def test_the_mesh_is_cut_until_it_moves_no_value_by_a_fifth_of_its_deviation(tmp
     whole = run_study(load_study(coarse)).identification
     assert (np.abs(whole.estimate.values - [BENDING, HOLD]) > 3 * whole.estimate.std_noise).any()
     assert whole.mesh == ""
+    assert whole.warnings[0].startswith("the mesh moves ")
+    assert 'which its interval does not include: write `subdivide = "auto"`, or ' in whole.warnings[0]
+    assert not MeshPieces(4, 0.19, "a").warning
 
 
 def test_the_shift_that_is_said_is_what_a_finer_mesh_does_to_the_answer(record):

@@ -12,7 +12,7 @@ from structid.modal.poles.poles import frequency_damping_slope
 from structid.modal.subspace.kernel import poles_of_orders, shift_invariant
 from structid.modal.subspace.methods import pencil, ssi_cov, ssi_data
 from structid.modal.subspace.pole_uncertainty import (
-    _decay_share,
+    _decay_fraction,
     free_decay,
     frequency_widening,
     overlapping_batches,
@@ -145,7 +145,7 @@ def test_the_share_of_a_decay_at_a_glance_is_that_of_the_fit(growth):
     basis = np.concatenate([basis.real, basis.imag], axis=1)
     sums = data.series[0] @ np.random.default_rng(0).choice([-1.0, 1.0], (3, 4))
     fitted = basis @ np.linalg.lstsq(basis, sums, rcond=None)[0]
-    assert _decay_share(data, poles) == pytest.approx(np.sum(fitted**2) / np.sum(sums**2), rel=1e-9)
+    assert _decay_fraction(data, poles) == pytest.approx(np.sum(fitted**2) / np.sum(sums**2), rel=1e-9)
 
 
 def test_intervals_cover_what_they_say():

@@ -150,7 +150,7 @@ def test_drop_outs_found_exactly(chain):
     assert drop_outs(record.values[:, 1]) == [(499, 520), (900, 908)]
     finding = only(record, "drop_out")
     assert "2 times, 29 samples" in finding.words
-    assert "`dropouts`" in finding.words
+    assert '`Preparation(dropouts="replace")`' in finding.words
 
 
 def test_drop_out_in_coarse_steps():

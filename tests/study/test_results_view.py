@@ -90,6 +90,15 @@ def test_a_verdict_has_one_sentence_or_the_second_that_says_why(result):
     assert judged(result, f"{long} Do not rely on k.", "approximate").headline == long
 
 
+def test_what_the_verdict_says_of_the_record_is_not_said_again_as_a_warning(result):
+    fault = "channel 3X+ acceleration is clipped"
+    warned = replace(result.identification, warnings=(fault, "sensor 2X+ reads with the opposite sense"))
+    words = f"Wrong model: do not use the values. Why. The record itself shows: {fault}."
+    advice = results_view(warned, Diagnosis(Judgement("wrong_model", words))).advice
+    assert [line for line in advice if "clipped" in line] == [f"The record itself shows: {fault}."]
+    assert any(line.startswith("Sensor 2X+ reads") for line in advice)
+
+
 def test_the_next_step_names_the_first_cause_and_its_study(result):
     cause = Cause("support", ("9Y",), "the support 9Y is flexible", 0.99, 1.0, study="suggestions/1-support-9Y.toml")
     other = replace(cause, words="the support 8Y is flexible", is_alike=True, study="suggestions/2-support-8Y.toml")

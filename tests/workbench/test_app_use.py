@@ -2,6 +2,7 @@
 
 import base64
 import json
+import shutil
 
 import meshio
 import numpy as np
@@ -68,6 +69,16 @@ def test_the_identified_structure_has_the_colours_of_its_changes_and_the_shapes_
     np.testing.assert_allclose(shape[:, 1:], 0.0)  # a chain along X
     assert np.all(np.diff(np.abs(shape[:, 0])) > 0)  # its first mode grows from the ground up
     assert told["modes"][0]["name"].startswith("mode 1: ")
+
+
+@pytest.mark.parametrize("parameters", [5, [], [{"name": "mass[mass 1]"}], [[]]])
+def test_an_estimate_that_lists_no_parameters_is_refused_in_words(folder, parameters):
+    damaged = folder / "damaged"
+    shutil.copytree(folder / "chain_results", damaged, dirs_exist_ok=True)
+    estimate = json.loads((damaged / "estimate.json").read_text(encoding="utf-8"))
+    (damaged / "estimate.json").write_text(json.dumps({**estimate, "parameters": parameters}), encoding="utf-8")
+    told = ask(folder, "identified", results="damaged")
+    assert told["error"] == "damaged/estimate.json: its parameters cannot be used; run the study again"
 
 
 def test_a_prediction_has_the_band_around_the_value(folder):

@@ -9,15 +9,14 @@ import numpy as np
 from scipy import ndimage
 
 from structid.core.arrays import FloatArray
+from structid.diagnose.thresholds import (
+    LINES_ABOUT,
+    LONGEST_OUTLIER,
+    MOST_TONES,
+    OUTLYING_LINE,
+    TONE_SKIRT,
+)
 from structid.forward import FrfProblem, RecordProblem, SpectraProblem
-
-#: A line is outlying where its misfit is so many times that of the lines about it.
-_OUTLYING = 8.0
-_ABOUT = 21
-#: Lines side by side; more of them are a resonance that the model misses.
-_LONGEST = 3
-#: Tones in one look, and lines beside one at which the square of it times less of its misfit is left, at most.
-_LOUDEST, _SKIRT = 6, 4
 
 
 def scaled_misfit(squares: float, n_rows: int) -> float:
@@ -47,11 +46,11 @@ def outlying_spans(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]
     """Spans of lines whose misfit stands out from those about them, as ``49.8 to 50.2 Hz``; none if many."""
     frequency = problem.frequency
     size = misfit_of_lines(problem, residual)
-    level = np.maximum(ndimage.median_filter(size, _ABOUT, mode="nearest"), 1.0)
-    out = np.flatnonzero(size > _OUTLYING * level)
+    level = np.maximum(ndimage.median_filter(size, LINES_ABOUT, mode="nearest"), 1.0)
+    out = np.flatnonzero(size > OUTLYING_LINE * level)
     if not 0 < len(out) <= max(3, len(frequency) // 10):
         return ()
-    runs = [run for run in np.split(out, np.flatnonzero(np.diff(out) > 1) + 1) if len(run) <= _LONGEST]
+    runs = [run for run in np.split(out, np.flatnonzero(np.diff(out) > 1) + 1) if len(run) <= LONGEST_OUTLIER]
     if not runs:
         return ()
     edges = np.concatenate([[2 * frequency[0] - frequency[1]], frequency, [2 * frequency[-1] - frequency[-2]]])
@@ -65,11 +64,11 @@ def tones(problem: SpectraProblem, residual: FloatArray) -> tuple[str, ...]:
     The two lines about a tone have amplitudes in inverse proportion to their distances from it.
     """
     frequency, size = problem.frequency, misfit_of_lines(problem, residual)
-    level = np.maximum(ndimage.median_filter(size, _ABOUT, mode="nearest"), 1.0)
-    peaks = np.flatnonzero((size == ndimage.maximum_filter(size, 2 * _SKIRT + 1)) & (size > _OUTLYING * level))
+    level = np.maximum(ndimage.median_filter(size, LINES_ABOUT, mode="nearest"), 1.0)
+    peaks = np.flatnonzero((size == ndimage.maximum_filter(size, 2 * TONE_SKIRT + 1)) & (size > OUTLYING_LINE * level))
     found = []
-    for k in peaks[np.argsort(-size[peaks])][:_LOUDEST].tolist():
-        if max(size[max(k - _SKIRT, 0)], size[min(k + _SKIRT, len(size) - 1)]) > size[k] / _SKIRT**2:
+    for k in peaks[np.argsort(-size[peaks])][:MOST_TONES].tolist():
+        if max(size[max(k - TONE_SKIRT, 0)], size[min(k + TONE_SKIRT, len(size) - 1)]) > size[k] / TONE_SKIRT**2:
             continue
         near = k + 1 if k == 0 or (k + 1 < len(size) and size[k + 1] > size[k - 1]) else k - 1
         weights = np.sqrt(size[[k, near]])

@@ -16,12 +16,12 @@ from structid.diagnose.causes.offset import MassOffset
 from structid.diagnose.refits import Fitted
 from structid.diagnose.score_test import Screened
 from structid.diagnose.screening import Shortlist
+from structid.diagnose.thresholds import (
+    MOST_NEIGHBOURS,
+    OTHER_LEVERS,
+    SAME_DELAY,
+)
 from structid.fem import Structure
-
-#: Ratio of delays up to which they are one, and factors on a lever that is looked at.
-_SAME_TIME, _OTHER_LEVERS = 1.5, (-1.0, 0.25, -0.25)
-#: Nodes about that of a load or sensor where it may have been.
-_NEIGHBOURS = 4
 
 
 def derived_candidates(base: Fitted, shortlist: Shortlist) -> list[Screened]:
@@ -42,7 +42,7 @@ def _of_one_card(rows: Sequence[Screened]) -> list[Screened]:
         row
         for row in late
         if row.candidate.record == late[0].candidate.record
-        and 1 / _SAME_TIME < row.strength / late[0].strength < _SAME_TIME
+        and 1 / SAME_DELAY < row.strength / late[0].strength < SAME_DELAY
     ]
     found = []
     for count in range(2, len(alike) + 1):
@@ -86,15 +86,15 @@ def _about(structure: Structure, dof: Dof) -> list[Dof]:
     nodes = {label: np.asarray(position) for label, position in structure.nodes.items()}
     distance = {label: float(np.linalg.norm(x - nodes[dof.node])) for label, x in nodes.items() if label != dof.node}
     found = []
-    for label in sorted(distance, key=lambda one: distance[one])[: 2 * _NEIGHBOURS]:
+    for label in sorted(distance, key=lambda one: distance[one])[: 2 * MOST_NEIGHBOURS]:
         with suppress(InputError):
             other = Dof(label, dof.direction)
             structure.require_places([other])
             found.append(other)
-    return found[:_NEIGHBOURS]
+    return found[:MOST_NEIGHBOURS]
 
 
 def _off_otherwise(rows: Sequence[Screened]) -> list[Screened]:
     """Masses off their nodes to the other side, and by less: the misfit goes with the lever and its square."""
     off = [row for row in rows if isinstance(row.candidate, MassOffset)][:3]
-    return [replace(row, strength=factor * row.strength) for row in off for factor in _OTHER_LEVERS]
+    return [replace(row, strength=factor * row.strength) for row in off for factor in OTHER_LEVERS]

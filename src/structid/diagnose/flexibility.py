@@ -8,13 +8,13 @@ from typing import Protocol
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
+from structid.diagnose.thresholds import (
+    FIRST_MODES,
+    MODES_BEYOND_BAND,
+    MOST_MODES,
+)
 from structid.dynamics.normal_modes import modes
 from structid.fem import Structure
-
-#: Modes are taken up to this multiple of the highest frequency.
-_BEYOND = 3.0
-#: So many modes are computed at first, twice as many while they do not reach it, and this many at most.
-_FIRST_MODES, _MOST_MODES = 40, 160
 
 
 class Flexibility(Protocol):
@@ -92,9 +92,9 @@ def modal_flexibility(structure: Structure, values: FloatArray, laplace: Complex
     mass, damping, stiffness, structural = (
         structure.matrix(kind, values) for kind in ("mass", "damping", "stiffness", "structural_damping")
     )
-    top = _BEYOND * float(np.abs(laplace).max()) / (2 * np.pi)
-    most = min(_MOST_MODES, structure.n_dofs - 2)
-    n_modes = min(_FIRST_MODES, most)
+    top = MODES_BEYOND_BAND * float(np.abs(laplace).max()) / (2 * np.pi)
+    most = min(MOST_MODES, structure.n_dofs - 2)
+    n_modes = min(FIRST_MODES, most)
     normal = modes(mass, stiffness, n_modes=n_modes)
     while n_modes < most and normal.frequency[-1] < top:
         n_modes = min(2 * n_modes, most)

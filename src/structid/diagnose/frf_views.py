@@ -10,6 +10,13 @@ from typing import TypeVar
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, evenly_spaced_indices
+from structid.diagnose.thresholds import (
+    MODAL_VIEW_DECAY,
+    MODAL_VIEW_ERROR,
+    MODAL_VIEW_LINES,
+    MODAL_VIEW_LOADS,
+    NEAR_LINES,
+)
 from structid.forward import FrfProblem, ModalProblem, RecordProblem
 from structid.forward.frf.continuation import LEVELS, smoothed_records
 from structid.identification.fits.modal_fit import damping_ratios, paired_modes
@@ -17,12 +24,6 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
 from structid.identification.setups.time import TimeSetup
 from structid.records import FrfRecord
-
-#: Of FRFs made of modes: error of each value beside those of the modes, decay of the lines in parts of their frequency, lines,
-#: and loads.
-_ERROR, _DECAY, _LINES, _LOADS = 0.02, 0.02, 90, 2
-#: Lines of a record that changes are fitted near on.
-_NEAR_LINES = 300
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
 
@@ -59,7 +60,7 @@ class View:
         if self.chosen is not None:
             return self.chosen
         frequency = self.problem.frequency
-        return frequency[evenly_spaced_indices(len(frequency), _NEAR_LINES)]
+        return frequency[evenly_spaced_indices(len(frequency), NEAR_LINES)]
 
     def of(self, problem: RecordProblem) -> View:
         """The view with the same data, and with the structure, parameters and channel errors of another problem."""
@@ -123,10 +124,10 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
         damping[pairs.number] = np.where(of_model[pairs.number] > 0, measured, 0.0)
     likely = np.where(damping > 0, damping, of_model)
     kept = frequency > 0
-    span = np.geomspace(0.7 * problem.data.frequency.min(), 1.15 * problem.data.frequency.max(), _LINES)
+    span = np.geomspace(0.7 * problem.data.frequency.min(), 1.15 * problem.data.frequency.max(), MODAL_VIEW_LINES)
     lines = np.unique(np.concatenate([span, problem.data.frequency]))
     channels = problem.record.channels
-    drive = np.sort(np.argsort(-np.abs(shapes[:, pairs.number]).max(axis=1))[:_LOADS])
+    drive = np.sort(np.argsort(-np.abs(shapes[:, pairs.number]).max(axis=1))[:MODAL_VIEW_LOADS])
     loads = tuple(channels[i] for i in drive)
 
     outputs, omega = shapes[:, kept], 2 * np.pi * frequency[kept]
@@ -142,7 +143,7 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
         size_of_line = np.sqrt((np.abs(values) ** 2).mean(axis=(1, 2), keepdims=True))
         power = np.abs(of_mode) ** 2
         variance = (
-            _ERROR**2 * (np.abs(values) ** 2 + (size_of_line / 5) ** 2)
+            MODAL_VIEW_ERROR**2 * (np.abs(values) ** 2 + (size_of_line / 5) ** 2)
             + np.abs(values - _synthesized(outputs, undamped, inputs)) ** 2
             + _synthesized(output_std**2, power, inputs**2)
             + _synthesized(outputs**2, power, input_std**2)
@@ -152,10 +153,10 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
             lines, values, channels, loads, "receptance", variance=variance, decay=decay, noise_source="declared"
         )
 
-    near = record(_DECAY)
+    near = record(MODAL_VIEW_DECAY)
     errors = None if problem.channels is None else problem.channels.seen_by(near)
     own = FrfProblem(problem.structure, problem.parameters, near, channels=errors)
-    return View(own, {level: record(level) if level > _DECAY else near for level in LEVELS})
+    return View(own, {level: record(level) if level > MODAL_VIEW_DECAY else near for level in LEVELS})
 
 
 def _synthesized(outputs: FloatArray, of_mode: Values, inputs: FloatArray) -> Values:

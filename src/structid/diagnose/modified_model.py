@@ -19,7 +19,13 @@ from structid.diagnose.receptances import MOST_LINES
 from structid.diagnose.score_test import Point, point_at
 from structid.diagnose.search_budget import METER, NO_LIMITS, FitLimits, count_effort
 from structid.diagnose.tested_model import ModelDraft, TestedModel
-from structid.diagnose.thresholds import CHANGE_EFFORT, RACED_AT
+from structid.diagnose.thresholds import (
+    CHANGE_EFFORT,
+    NEAR_LEVELS,
+    NEAR_MODEL_ERROR,
+    RACED_AT,
+    START_ERROR,
+)
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.forward import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
 from structid.forward.frf.continuation import LEVELS
@@ -43,11 +49,7 @@ from structid.inversion.search.within_tolerances import FixedValues
 from structid.records import FrfRecord
 from structid.unknowns.named_unknowns import begun_at
 
-#: Error of each value of an anchored fit, and of the start of each parameter, as parts of them.
-_MODEL_ERROR, START_ERROR = 0.1, 0.2
 FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
-#: Decays of the smoothed lines, in parts of their frequency, at which candidates are followed.
-NEAR_LEVELS = (0.06, 0.015)
 QUICK = Raced(max_iterations=12, gain_tolerance=1e-3, left_at=0.05)
 
 
@@ -203,7 +205,7 @@ class ModifiedModel:
 
     def anchored_views(self) -> tuple[FrfProblem, ...]:
         """The views in the form of the anchored fit."""
-        return tuple(replace(one, form="log", model_error=_MODEL_ERROR) for one in self.shown_problems)
+        return tuple(replace(one, form="log", model_error=NEAR_MODEL_ERROR) for one in self.shown_problems)
 
     def point_at(self, problems: Sequence[FrfProblem], theta: FloatArray, most_lines: int = MOST_LINES) -> Point:
         """FRF problems of the records linearized at free variables (n_params,), on at most `most_lines` lines."""
@@ -322,7 +324,7 @@ def _prepared(
 def _on_lines(problem: FrfProblem, frequency: FloatArray) -> FrfProblem:
     """The problem of log-FRFs at those of its lines that are in `frequency`, which weigh as all of its lines do."""
     keep = np.flatnonzero(np.isin(problem.frequency, frequency))
-    error = _MODEL_ERROR * float(np.sqrt(len(keep) / len(problem.frequency)))
+    error = NEAR_MODEL_ERROR * float(np.sqrt(len(keep) / len(problem.frequency)))
     return replace(problem.with_lines(keep), form="log", model_error=error)
 
 

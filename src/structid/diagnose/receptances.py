@@ -12,6 +12,10 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, evenly_spaced_indices
 from structid.core.dof import Dof
 from structid.diagnose.flexibility import DenseFlexibility, Flexibility, modal_flexibility
+from structid.diagnose.thresholds import (
+    FEWEST_SCREENED_LINES,
+    MOST_INVERSE_ENTRIES,
+)
 from structid.fem import Base, Structure
 from structid.fem.elements.element import dof_code, dof_of_code
 from structid.fem.measured import joined_receptance
@@ -19,9 +23,6 @@ from structid.forward import FrfProblem
 from structid.forward.frf.response import driving_bases
 from structid.records.record import DERIVATIVES
 
-#: Complex numbers that the inverse of the dynamic stiffness may take over all lines.
-_MOST_ENTRIES = 2e7
-_FEWEST_LINES = 40
 #: Degrees of freedom up to which Z is inverted line by line; of larger models modes and a static rest take its place.
 MOST_DENSE_DOFS = 600
 #: Lines that a screen looks at where time counts.
@@ -256,7 +257,7 @@ def receptances_at(problem: FrfProblem, theta: FloatArray, most_lines: int = MOS
     """
     n_lines = len(problem.frequency)
     n_dofs = min(problem.structure.n_dofs, MOST_DENSE_DOFS)
-    room = int(np.clip(_MOST_ENTRIES / n_dofs**2, _FEWEST_LINES, most_lines))
+    room = int(np.clip(MOST_INVERSE_ENTRIES / n_dofs**2, FEWEST_SCREENED_LINES, most_lines))
     if n_lines > room:
         problem = problem.with_lines(evenly_spaced_indices(n_lines, room))
     own, rest = np.split(problem.physical(theta), [problem.parameters.n_params])

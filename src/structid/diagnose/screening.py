@@ -45,14 +45,13 @@ from structid.diagnose.thresholds import (
     INITIAL_PART,
     LEAST_DROP,
     MOST_FEET,
+    SCREENED_LEVELS,
     SHORTLIST,
 )
 from structid.forward import FrfProblem, ModalProblem
 from structid.identification.setups.setup import titles
 from structid.inversion import JointProblem
 from structid.inversion.search.work import Tools, Work
-
-_SCREENED_LEVELS = (0.12, 0.06, 0.015)
 
 #: By what tells candidates apart, the part of the misfit that a linear look promises to remove, and the look.
 _Promises = dict[Hashable, tuple[float, Screened]]
@@ -71,7 +70,7 @@ def screening_points(base: Fitted) -> list[Point]:
     with suppress(SearchEndedError):
         for level, stage in modified.smoothed():
             theta = modified.minimize(stage, QUICK, theta).theta
-            if level in _SCREENED_LEVELS:
+            if level in SCREENED_LEVELS:
                 points.append(modified.point_at(_frfs(stage), theta))
         theta = modified.minimize(modified.anchored(), QUICK, theta).theta
     points.append(modified.point_at(modified.anchored_views(), theta))

@@ -12,6 +12,13 @@ from scipy import special
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
 from structid.core.errors import StructidError
+from structid.diagnose.thresholds import (
+    FAR_APART,
+    FEWEST_PART_LINES,
+    MANIFOLD,
+    PARTS_DIFFERENCE,
+    PARTS_RISK,
+)
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.joint_problem import joint_problem, tolerances_of
 from structid.inversion import LevenbergMarquardt, Problem, Search
@@ -20,12 +27,6 @@ from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import ALONE, Tools, Work
 
 _METHOD = LevenbergMarquardt(max_iterations=30, gain_tolerance=1e-6)
-_RISK = 0.001
-#: Relative difference below which nobody minds.
-_MATTERS = 0.03
-_FEWEST_LINES = 16
-#: Ratio of two values of one parameter, and their distance in standard deviations, from which they contradict each other.
-_MANIFOLD, _FAR_APART = 3.0, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,7 @@ class Disagreement:
     def is_gross(self) -> bool:
         """True if the value differs manifold, far beyond its uncertainty: no interval of the answer covers both."""
         low, high = sorted(np.abs(self.values))
-        return bool(high > _MANIFOLD * low and self.distance > _FAR_APART)
+        return bool(high > MANIFOLD * low and self.distance > FAR_APART)
 
 
 class _Fit(TypedDict, total=False):
@@ -109,8 +110,8 @@ def disagreements(
         std = np.sqrt(std**2 + (changes**2).sum(axis=1))
         distance = np.where(np.isfinite(std) & (std > 0), np.abs(difference) / np.where(std > 0, std, 1.0), 0.0)
         size = np.maximum(np.abs(values[0]), np.abs(values[1]))
-        matters = np.abs(difference) > _MATTERS * size
-        beyond = (2 * special.ndtr(-distance) * len(shared) < _RISK) & matters
+        matters = np.abs(difference) > PARTS_DIFFERENCE * size
+        beyond = (2 * special.ndtr(-distance) * len(shared) < PARTS_RISK) & matters
         if beyond.any():
             stiff = np.array([not is_damping(name) for name in shared])
             share = float(beyond[stiff].mean()) if stiff.any() else 1.0
@@ -155,7 +156,7 @@ def _pairs(problems: Sequence[RecordProblem], by_sensors: bool) -> Iterator[tupl
     if not problems:
         return
     frequency = np.sort(np.concatenate([problem.frequency for problem in problems]))
-    if len(frequency) >= 2 * _FEWEST_LINES:
+    if len(frequency) >= 2 * FEWEST_PART_LINES:
         middle = float(np.median(frequency))
         low, high = ([_lines(p, p.frequency <= middle) if below else _lines(p, p.frequency > middle) for p in problems]
                      for below in (True, False))  # fmt: skip
@@ -182,7 +183,7 @@ def _whole(parts: Sequence[RecordProblem | None]) -> Problem:
 
 def _lines(problem: RecordProblem, keep: np.ndarray) -> RecordProblem | None:
     """The problem on the lines of a mask (n_lines,); None where it cannot be cut, or too few are left."""
-    if keep.sum() < _FEWEST_LINES:
+    if keep.sum() < FEWEST_PART_LINES:
         return None
     cut = problem.with_lines(np.flatnonzero(keep))
     return None if cut is problem else cut

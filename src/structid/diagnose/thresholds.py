@@ -193,3 +193,45 @@ SCREENED_EFFORT = 2.5e-8
 CHANGE_EFFORT = 0.005
 #: Degrees of freedom up to which a dynamic stiffness is full.
 FULL_DOFS = 500
+
+# records as FRFs, and lines that are looked at
+#: Of FRFs made of modes: error of each value beside those of the modes, decay of the lines in parts of their frequency, lines,
+#: and loads. Off the axis by 2 % damping hardly counts.
+MODAL_VIEW_ERROR, MODAL_VIEW_DECAY, MODAL_VIEW_LINES, MODAL_VIEW_LOADS = 0.02, 0.02, 90, 2
+#: Lines of a record that changes are fitted near on: with fewer, and fewer finalists and steps, swapped cables were lost.
+NEAR_LINES = 300
+#: Error of each value of a quick fit, and of the start of each parameter, as parts of them.
+NEAR_MODEL_ERROR, START_ERROR = 0.1, 0.2
+#: Decays of the smoothed lines, in parts of their frequency, of the first steps of a quick fit,
+NEAR_LEVELS = (0.06, 0.015)
+#: and at which candidates are screened.
+SCREENED_LEVELS = (0.12, 0.06, 0.015)
+#: Complex numbers that the inverse of the dynamic stiffness may take over all lines: 320 MB; and lines that are screened
+#: in any case.
+MOST_INVERSE_ENTRIES, FEWEST_SCREENED_LINES = 2e7, 40
+#: Modes of a large model are taken up to this multiple of the highest frequency;
+MODES_BEYOND_BAND = 3.0
+#: so many are computed at first, twice as many while they do not reach it, and this many at most.
+FIRST_MODES, MOST_MODES = 40, 160
+#: A line is outlying where its misfit is so many times that of the lines about it, of which so many are taken;
+OUTLYING_LINE, LINES_ABOUT = 8.0, 21
+#: side by side, more of them than this are a resonance that the model misses.
+LONGEST_OUTLIER = 3
+#: Tones in one look, and lines beside one at which the square of it times less of its misfit is left, at most.
+MOST_TONES, TONE_SKIRT = 6, 4
+
+# changes that follow from others
+#: Ratio of delays up to which they are one, as of one card; factors on a lever that is looked at.
+SAME_DELAY, OTHER_LEVERS = 1.5, (-1.0, 0.25, -0.25)
+#: Nodes about that of a load or sensor where it may have been.
+MOST_NEIGHBOURS = 4
+
+# parts of the data
+#: Chance that any parameter of a right model differs between two parts of the data (Bonferroni).
+PARTS_RISK = 0.001
+#: Relative difference below which nobody minds.
+PARTS_DIFFERENCE = 0.03
+#: Lines that a part has at least.
+FEWEST_PART_LINES = 16
+#: Ratio of two values of one parameter, and their distance in standard deviations, from which they contradict each other.
+MANIFOLD, FAR_APART = 3.0, 10.0

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.errors import SingularModelError
+from structid.core.errors import InputError, SingularModelError
+from structid.forward import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
 from structid.identification.identified import Identification
 from structid.identification.joint_problem import harmonize_shared_parameters, indices_of, joint_problem
 from structid.identification.options import IdentifyOptions
@@ -53,6 +54,16 @@ class MeshPieces:
         return max(int(np.ceil(self.count * (self.moved / _AIMED) ** (1 / _ORDER))), self.count + 1)
 
     @property
+    def warning(self) -> str:
+        """A sentence where the mesh is known to move a value beyond `MOVED`, in a study that says how many pieces; else ""."""
+        if not self.moved >= MOVED:
+            return ""
+        return (
+            f"the mesh moves {self.name} by {self.moved:.2g} standard deviations, which its interval does not include:"
+            f' write `subdivide = "auto"`, or {self.needed} for {self.count}'
+        )
+
+    @property
     def words(self) -> str:
         """A phrase on the number of pieces, and how far the mesh moves the values."""
         cut = f"beams are cut into {self.count} pieces" if self.count > 1 else "beams are not cut"
@@ -88,23 +99,30 @@ def judge_pieces(setups: Sequence[AnySetup], found: Identification, options: Ide
         return MeshPieces(
             count, obstacle=f"with pieces half as long the model has more than {_MOST_DOFS} degrees of freedom"
         )
-    finer = _finer_problem(setups, options, 2 * count)
     try:
-        change = finer.residual(theta[indices_of(found.estimate.names, finer.names)]) - problem.residual(theta)
-    except SingularModelError as error:
+        finer = _finer_problem(setups, found.problems, options, 2 * count)
+        moved_rows = finer.residual(theta[indices_of(found.estimate.names, finer.names)])[: finer.n_data]
+    except (InputError, SingularModelError, np.linalg.LinAlgError) as error:
         return MeshPieces(count, obstacle=f"with pieces half as long the model cannot be evaluated ({error})")
-    shift = _shift(problem.linearize(theta).jacobian, change) * problem.slope(theta)
-    deviations = np.abs(shift) / _deviation(found)
-    worst = int(np.argmax(np.nan_to_num(deviations)))
-    moved, name = float(np.nan_to_num(deviations)[worst]), problem.names[worst]
+    at = problem.linearize(theta)
+    change = np.zeros(len(at.residual))
+    change[: finer.n_data] = moved_rows - at.residual[: finer.n_data]  # priors know no mesh
+    shift = _shift(at.jacobian, change) * problem.slope(theta)
+    deviation = _deviation(found)
+    is_known = np.isfinite(shift) & (deviation > 0)
+    deviations = np.divide(np.abs(shift), deviation, out=np.zeros(len(shift)), where=is_known)
+    worst = int(np.argmax(deviations))
+    moved, name = float(deviations[worst]), problem.names[worst]
     is_finest = moved >= MOVED and count >= _MOST_PIECES
     return MeshPieces(
         count, moved, name, "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
     )
 
 
-def _finer_problem(setups: Sequence[AnySetup], options: IdentifyOptions, count: int) -> Problem:
-    """The problem of all records with lines cut into so many pieces."""
+def _finer_problem(
+    setups: Sequence[AnySetup], problems: Sequence[RecordProblem], options: IdentifyOptions, count: int
+) -> Problem:
+    """The problem of all records, with the data and weights of `problems`, and lines cut into so many pieces."""
     cut = [
         setup.modelled_by(
             replace(setup.structure, subdivide=count if setup.structure.divisible else 1),
@@ -113,9 +131,13 @@ def _finer_problem(setups: Sequence[AnySetup], options: IdentifyOptions, count: 
         )
         for setup in setups
     ]
-    return joint_problem(
-        harmonize_shared_parameters([setup.prepared(options).problem for setup in cut], titles(setups))
-    )
+    finer = [
+        replace(problem, structure=setup.structure, parameters=setup.parameters)
+        if isinstance(problem, FrfProblem | ModalProblem | SpectraProblem)
+        else setup.prepared(options).problem
+        for setup, problem in zip(cut, problems, strict=True)
+    ]
+    return joint_problem(harmonize_shared_parameters(finer, titles(setups)))
 
 
 def _finer(setup: AnySetup, count: int) -> int:

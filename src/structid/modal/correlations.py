@@ -170,12 +170,12 @@ def pieces(data: Outputs, head: int, tail: int, n_pieces: int = 1) -> tuple[Piec
     """
     lengths = np.array([len(y) - head - tail for y in data.series])
     counts = np.clip(np.round(n_pieces * lengths / lengths.sum()).astype(int), 1, np.maximum(lengths, 1))
-    found = []
+    windows = []
     for number, (length, count) in enumerate(zip(lengths, counts, strict=True)):
         edges = head + np.round(np.linspace(0, length, count + 1)).astype(int)
         for start, stop in pairwise(edges.tolist()):
-            found.append(Piece(number, start, stop, (stop - start) / float(lengths.sum())))
-    return tuple(found)
+            windows.append(Piece(number, start, stop, (stop - start) / float(lengths.sum())))
+    return tuple(windows)
 
 
 def lag_sums(y: FloatArray, first_lag: int, n_lags: int, start: int, stop: int) -> FloatArray:

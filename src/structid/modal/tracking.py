@@ -90,21 +90,21 @@ def track_modes(
     tracks: list[dict[int, int]] = []
     alike: list[dict[int, float]] = []
     for number, record in enumerate(records):
-        rest = set(range(record.n_modes))
+        unpaired = set(range(record.n_modes))
         if tracks and record.n_modes:
-            last = [max(track) for track in tracks]
+            last = [max(members) for members in tracks]
             likeness, worth = np.zeros((2, record.n_modes, len(tracks)))
             for before in set(last):
                 mac, value = pair_worth(record, records[before], shared, frequency_guard)
-                for place in (place for place, seen in enumerate(last) if seen == before):
-                    likeness[:, place], worth[:, place] = (part[:, tracks[place][before]] for part in (mac, value))
-            for mode, place in zip(*assigned(worth), strict=True):
-                if worth[mode, place] >= _LEAST_WORTH:
-                    tracks[place][number] = int(mode)
-                    alike[place][number] = float(likeness[mode, place])
-                    rest.discard(int(mode))
-        tracks += [{number: mode} for mode in sorted(rest)]
-        alike += [{} for _ in rest]
+                for track in (track for track, seen in enumerate(last) if seen == before):
+                    likeness[:, track], worth[:, track] = (part[:, tracks[track][before]] for part in (mac, value))
+            for mode, track in zip(*assigned(worth), strict=True):
+                if worth[mode, track] >= _LEAST_WORTH:
+                    tracks[track][number] = int(mode)
+                    alike[track][number] = float(likeness[mode, track])
+                    unpaired.discard(int(mode))
+        tracks += [{number: mode} for mode in sorted(unpaired)]
+        alike += [{} for _ in unpaired]
     kept = [i for i, track in enumerate(tracks) if len(track) >= _LEAST_RECORDS]
     if not kept:
         raise InputError(

@@ -137,13 +137,13 @@ def pole_sweep(band: FrfBand, orders: Sequence[int] | None, criteria: HardCriter
         ordered = np.argsort(np.abs(s), kind="stable")
         s, vectors = s[ordered], vectors[:, ordered]
         shapes = residue_shapes(band.laplace, band.values, common, s, vectors, band.power)
-        energy = _energy_shares(s, shapes, vectors, band.power)
+        energy = _energy_fractions(s, shapes, vectors, band.power)
         sweep.append(Poles(s, band.output_scale[:, None] * shapes, degree * n_inputs, energy))
         participation.append(vectors)
     return PoleSweep(tuple(sweep), tuple(participation))
 
 
-def _energy_shares(s: ComplexArray, shapes: ComplexArray, participation: ComplexArray, power: int) -> FloatArray:
+def _energy_fractions(s: ComplexArray, shapes: ComplexArray, participation: ComplexArray, power: int) -> FloatArray:
     """Root of the integral of each resonance squared over all frequencies, over that of all of them, (n_poles,)."""
     peak = np.linalg.norm(shapes, axis=0) * np.linalg.norm(participation, axis=0) * np.abs(s) ** power
     size = peak / np.sqrt(np.maximum(np.abs(s.real), 1e-6 * np.abs(s)))

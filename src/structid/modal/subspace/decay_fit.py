@@ -107,7 +107,7 @@ def decay_fit(data: Outputs, start: ComplexArray) -> DecayFit | None:
     return _with_covariance(data, poles, parts)
 
 
-def energy_shares(data: Outputs, poles: ComplexArray) -> FloatArray:
+def energy_fractions(data: Outputs, poles: ComplexArray) -> FloatArray:
     """Energy of each mode's decay relative to that of the records, (n_modes,), channels scaled to equal power."""
     n, found = len(poles), np.zeros(len(poles))
     for p in _projected(data, poles):

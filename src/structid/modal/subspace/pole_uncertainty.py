@@ -75,7 +75,7 @@ class FreeDecay:
 
 def free_decay(data: Outputs, poles: ComplexArray) -> FreeDecay:
     """Records split into free decays with the given `poles` (rad/s) and the rest."""
-    if _decay_share(data, poles) < _HARDLY:
+    if _decay_fraction(data, poles) < _HARDLY:
         return FreeDecay([], [], explains_most=False, explains_all=False)
     decay, rest = [], []
     for y in data.series:
@@ -95,8 +95,8 @@ def free_decay(data: Outputs, poles: ComplexArray) -> FreeDecay:
     return FreeDecay(decay, rest, explains_most=True, explains_all=all(still))
 
 
-def _decay_share(data: Outputs, poles: ComplexArray) -> float:
-    """Share of the records' power that free decays with `poles` (rad/s) explain, estimated quickly.
+def _decay_fraction(data: Outputs, poles: ComplexArray) -> float:
+    """Fraction of the records' power that free decays with `poles` (rad/s) explain, estimated quickly.
 
     By normal equations, whose matrix is a geometric series. 1 where a pole grows so fast that it would overflow.
     """
@@ -256,12 +256,12 @@ def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_ch
 
 def _whole_windows(windows: Sequence[Piece]) -> tuple[Piece, ...]:
     """Windows that join all pieces of each record into one."""
-    found = []
+    joined = []
     for number in sorted({piece.record for piece in windows}):
-        own = [piece for piece in windows if piece.record == number]
-        ends = min(p.start for p in own), max(p.stop for p in own)
-        found.append(Piece(number, *ends, sum(p.part for p in own)))
-    return tuple(found)
+        pieces = [piece for piece in windows if piece.record == number]
+        ends = min(p.start for p in pieces), max(p.stop for p in pieces)
+        joined.append(Piece(number, *ends, sum(p.part for p in pieces)))
+    return tuple(joined)
 
 
 def pole_deviations(

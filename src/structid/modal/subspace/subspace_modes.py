@@ -19,7 +19,7 @@ from structid.modal.subspace.close_modes import NOT_TOLD_APART, close_mode_notes
 from structid.modal.subspace.decay_fit import (
     decay_fit,
     decay_modes,
-    energy_shares,
+    energy_fractions,
     is_left_over,
     is_near,
     left_over,
@@ -252,7 +252,7 @@ def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> Mod
     modes = found.modes
     if not motion.explains_most or found.options.deviation is not None:
         return found
-    weak = (modes.frequency_std > _CERTAIN * modes.frequency) & (energy_shares(data, modes.poles) < _STRONG)
+    weak = (modes.frequency_std > _CERTAIN * modes.frequency) & (energy_fractions(data, modes.poles) < _STRONG)
     words = (
         f"modes of the decay with a standard deviation of frequency above {100 * _CERTAIN:g} % and less than"
         f" {100 * _STRONG:g} % of the energy"
@@ -271,7 +271,9 @@ def _is_steady(data: Outputs, modes: ModalRecord) -> NDArray[np.bool_]:
     steady = np.zeros(modes.n_modes, dtype=bool)
     if dying.sum() >= _FEWEST_DYING:
         usual = float(np.median(ratio[dying]))
-        steady = (np.abs(ratio) + NOT_TOLD_APART * std < _STEADY * usual) & (energy_shares(data, modes.poles) < _STRONG)
+        steady = (np.abs(ratio) + NOT_TOLD_APART * std < _STEADY * usual) & (
+            energy_fractions(data, modes.poles) < _STRONG
+        )
     return steady
 
 

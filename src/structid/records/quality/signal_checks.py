@@ -106,7 +106,7 @@ def _sample_findings(record: TimeRecord, i: int) -> list[Finding]:
         levels = " and ".join(f"{value:.4g}" for value in np.unique(y[clipped]))
         words = (
             f"channel {name} is clipped at {levels} {unit}: {clipped.sum()} of {n} samples ({fraction:.2%}) sit there, the "
-            f"first at sample {np.argmax(clipped)}; lower the gain and measure again, or cut this part with `interval`"
+            f"first at sample {np.argmax(clipped)}; lower the gain and measure again, or leave this part out by `start` and `stop`"
         )
         findings.append(Finding("clipped", words, "unusable" if fraction > _MUCH else "warning", name))
     findings += _drop_out_findings(record, i)
@@ -116,7 +116,8 @@ def _sample_findings(record: TimeRecord, i: int) -> list[Finding]:
     if thrown.any():
         words = (
             f"channel {name} has {thrown.sum()} samples thrown off the motion around them (spikes), the first at sample "
-            f"{np.argmax(thrown)}; check plugs and grounding, or interpolate them with `structid prepare --outliers replace`"
+            f"{np.argmax(thrown)}; check plugs and grounding, or interpolate them in Python by "
+            '`Preparation(outliers="replace")`'
         )
         findings.append(Finding("spikes", words, "warning", name))
     return findings
@@ -131,7 +132,7 @@ def _drop_out_findings(record: TimeRecord, i: int) -> list[Finding]:
         stop = runs_of_one[0][1]
         words = (
             f"channel {name} stays at {y[0]:.4g} up to sample {stop} ({record.time[stop]:.4g} s): not yet moving or not "
-            "yet switched on; cut that part with `interval` unless the start from rest is wanted"
+            "yet switched on; leave that part out by `start` unless the start from rest is wanted"
         )
         findings.append(Finding("late_start", words, "note", name))
     lost = lost_samples(record, i)
@@ -140,7 +141,7 @@ def _drop_out_findings(record: TimeRecord, i: int) -> list[Finding]:
         words = (
             f"channel {name} drops out {len(lost)} times, {count} samples in all: the longest run is {stop - start} samples "
             f"at {y[start]:.4g} from sample {start} ({record.time[start]:.4g} s) on; check the connection, interpolate "
-            'short runs with `dropouts` = "replace", or cut with `interval`'
+            'short runs in Python by `Preparation(dropouts="replace")`, or leave them out by `start` and `stop`'
         )
         findings.append(Finding("drop_out", words, "unusable" if count > _MUCH * len(y) else "warning", name))
     return findings

@@ -302,7 +302,8 @@ def _advice(found: Identification, diagnosis: Diagnosis, sentences: Sequence[str
         if words not in elsewhere
         and not any(part in words for part in (INCLUDES_MODEL_ERROR, MAY_BE_ZERO, OTHER_MINIMA))
     ]
-    lines.extend(as_sentence(words) for words in acts if words not in of_estimate)
+    said = "\n".join(lines)
+    lines.extend(as_sentence(words) for words in acts if words not in of_estimate and words not in said)
     flags = zip(estimate.names, estimate.identified, estimate.spread.is_free, strict=True)
     lost = [name for name, is_identified, is_free in flags if is_free and not is_identified]
     if lost and estimate.uncertainty.has_matrix:

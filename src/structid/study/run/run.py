@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from structid.core.errors import NoAnswerError, SingularModelError
+from structid.forward import ModalProblem
 from structid.identification.identify import identify_together
 from structid.identification.joint_problem import indices_of
 from structid.identification.mesh_pieces import MeshPieces, judge_pieces
@@ -25,8 +26,8 @@ class SearchFailedError(NoAnswerError):
     """The search came to where the model cannot be evaluated; there is no estimate."""
 
 
-#: How often beams are cut anew after a fit.
-_MOST_CUTS = 3
+#: How often beams are cut anew after a fit, and degrees of freedom up to which the mesh is judged where the study states it.
+_MOST_CUTS, _MOST_JUDGED = 3, 300
 
 
 def run_study(study: Study, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
@@ -66,6 +67,8 @@ def run_from_start(
     result = run_started(ready, progress, work)
     if ready.mesh is not None:
         ready, result = refine_mesh(ready, result, ready.mesh.count, progress, work)
+    elif study.solved is None:
+        result = _with_mesh_warning(ready, result)
     if study.solved is not None:
         result = solver.with_solver(solver.from_nominal(result), work)
     return ready, result
@@ -87,6 +90,16 @@ def refine_mesh(
     found = result.identification
     warnings = found.warnings if mesh.is_enough else (f'`subdivide = "auto"`: {mesh.words}', *found.warnings)
     return replace(ready, mesh=mesh), replace(result, identification=replace(found, mesh=mesh.words, warnings=warnings))
+
+
+def _with_mesh_warning(ready: Start, result: StudyResult) -> StudyResult:
+    """The result with a warning where beams, cut as the study says, move a value by much of its deviation."""
+    found, structure = result.identification, ready.study.structure
+    of_modes = all(isinstance(problem, ModalProblem) for problem in found.problems)  # `mesh_warnings` looks at these
+    if of_modes or not structure.divisible or structure.n_dofs > _MOST_JUDGED:
+        return result
+    warning = judge_pieces(ready.setups, found, ready.study.options, structure.subdivide).warning
+    return replace(result, identification=replace(found, warnings=(warning, *found.warnings))) if warning else result
 
 
 def run_started(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:

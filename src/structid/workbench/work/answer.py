@@ -48,8 +48,8 @@ def identified_structure(folder: Path) -> dict[str, Entry]:
 
 def _identified(folder: Path, study: Study) -> IdentifiedParameters:
     """The parameters of the study of a results folder with their values, from its estimate.json."""
-    listed = {one["name"]: one for one in read_json(folder / "estimate.json")["parameters"]}
     try:
+        listed = {one["name"]: one for one in read_json(folder / "estimate.json")["parameters"]}
         own = [listed[name] for name in study.parameters.names]
         ends = [one.get("interval_95") or (None, None) for one in own]
         intervals = [[-np.inf if low is None else low, np.inf if high is None else high] for low, high in ends]
