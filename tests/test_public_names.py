@@ -123,4 +123,12 @@ def test_check_and_identify_draw_nothing_and_open_no_format_but_their_own(tmp_pa
     drawing = {"matplotlib", "plotly", "jinja2", "structid.report"}
     assert "structid.study.run.check" in loaded
     assert (drawing | {"h5py", "pyuff", "scipy.signal", "structid.modal.identification"}).isdisjoint(loaded)
-    assert drawing.isdisjoint(modules_after(called("identify", study, "--no-report"), cwd=tmp_path))
+    loaded = modules_after(called("identify", study, "--no-report", "--no-explain"), cwd=tmp_path)
+    assert {"structid.study.run.run", "structid.forward.frf.problem", "structid.external"} <= loaded
+    assert drawing.isdisjoint(loaded)
+    unused = {
+        "structid.external.runs", "structid.study.run.solver.rounds", "structid.forward.time.identify_time",
+        "structid.modal.formats.files", "structid.fem.meshes.nastran", "structid.fem.importers.dmig",
+        "structid.records.formats.uff.uff", "structid.records.formats.mat",
+    }  # fmt: skip
+    assert unused.isdisjoint(loaded)
