@@ -40,6 +40,12 @@ def test_feet_come_first_where_a_look_promises_something_of_one_of_them():
     assert _ranks_of_derived([other, *feet], [other]) == [8, 9]
 
 
+def test_of_feet_of_a_single_node_the_most_promising_come_first():
+    feet = _feet([support(f"{node}{d}") for node in (1, 5) for d in ("RX", "RY")], 1.0)
+    rows = [Screened(support("5RY"), 3e-6, 0.4), Screened(support("1RX"), 3e-6, 0.5)]
+    assert _ranks_of_derived(feet, rows) == [0, 0, 0, 11, 0]
+
+
 def test_of_modes_free_translations_of_held_nodes_are_held_all_but_rigidly():
     springs = [SpringToGround(where=(place,), strengths=np.array([1.0, 60.0])) for place in ("4X", "7X", "7RZ")]
     of_modes, of_frfs = (SimpleNamespace(misfit=9.0, modified=SimpleNamespace(is_of_modes=is_so)) for is_so in (1, 0))

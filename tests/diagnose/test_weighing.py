@@ -12,7 +12,7 @@ from test_each_cause import begun
 from structid.diagnose import search
 from structid.diagnose.causes import Appendage, FaultyChannel, Mass
 from structid.diagnose.causes.rotary_inertia import AddedRotaryInertia
-from structid.diagnose.search import _limit_of, _weighed
+from structid.diagnose.search import _limit_of, _simpler, _weighed
 from structid.diagnose.thresholds import ALIKE
 from structid.diagnose.verdict import Cause, ParameterShift, find_moving_change
 
@@ -162,3 +162,18 @@ def test_a_local_resonance_that_its_spring_moves_rigidly_has_the_mass_as_its_lim
     assert one.values["loss_factor[appendage spring 4Y]"] == pytest.approx(loss_factor)
     candidate = _limit_of(base, one)
     assert (None if candidate is None else candidate.kind) == limit
+
+
+@pytest.mark.parametrize("side, limit", [("above", "mass"), ("below", "spring")])
+def test_a_local_resonance_outside_the_lines_is_held_against_its_limit(base, trials, side, limit):
+    modified = trials["appendage"]
+    lines = np.concatenate([problem.frequency for problem in base.modified.problems])
+    frequency = 1.2 * lines.max() if side == "above" else lines[lines > 0].min() / 1.2
+    names = [name.partition("[")[0] for name in modified.target.names]
+    theta = np.array(modified.target.theta_start)
+    theta[-1 - names[::-1].index("mass")] = np.log(0.3)
+    theta[-1 - names[::-1].index("stiffness")] = np.log(0.3 * (2 * np.pi * frequency) ** 2)
+    one = replace(base, modified=modified, theta=theta)
+    assert _limit_of(base, one) is None
+    ((candidate, _, _),) = _simpler(base, one)
+    assert candidate.kind == limit

@@ -351,13 +351,17 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
 def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
     """Ranks, for quick fits, of changes without a first-order test: supports that turn together come first.
 
-    These come first where a look promises something of one of them.
+    These come first where a look promises something of one of them; of those of a single node, the most promising does.
     """
-    turning = {row.candidate.where[0] for row in rows if isinstance(row.candidate, Support)}
-    return [
-        0 if isinstance(one.candidate, Support) and turning.intersection(one.candidate.where) else FINALISTS + k
-        for k, one in enumerate(derived)
-    ]
+    turning = [row.candidate.where[0] for row in rows if isinstance(row.candidate, Support)]
+
+    def is_first(candidate: Candidate) -> bool:
+        if not isinstance(candidate, Support) or not set(turning).intersection(candidate.where):
+            return False
+        nodes = {parse_dof(place).node for place in candidate.where}
+        return len(nodes) > 1 or nodes == {parse_dof(turning[0]).node}
+
+    return [0 if is_first(one.candidate) else FINALISTS + k for k, one in enumerate(derived)]
 
 
 def _beside(first: Fitted, work: Work, which: str, budget: SearchBudget) -> Explanation:
@@ -445,17 +449,18 @@ def _refits_in_time(
 
 
 def _simpler(base: Fitted, one: Fitted) -> list[Item]:
-    """The changes to refit instead of a local resonance far above or below all lines: a mass or a spring."""
-    limit = _limit_of(base, one)
+    """The changes to refit beside a local resonance above or below all lines: a mass or a spring."""
+    limit = _limit_of(base, one, ratio=1.0)
     if limit is None:
         return []
     return _begun(base.modified, [(limit, float(limit.strengths[0]))], {**base.values, **one.values})
 
 
-def _limit_of(base: Fitted, one: Fitted) -> Candidate | None:
+def _limit_of(base: Fitted, one: Fitted, ratio: float = RIGID_RATIO) -> Candidate | None:
     """The mass that a local resonance is far above all lines, or the spring that it is far below them; None between.
 
-    A spring with a loss factor of hundreds moves its mass as rigidly as a stiff one.
+    It is far where its frequency is `ratio` times beyond the lines. A spring with a loss factor of hundreds moves its mass
+    as rigidly as a stiff one.
     """
     if not isinstance(one.cause, Appendage):
         return None
@@ -466,11 +471,11 @@ def _limit_of(base: Fitted, one: Fitted) -> Candidate | None:
     )
     size = added["rotary_inertia" if dof.is_rotation else "mass"]
     own = np.sqrt(np.abs(added["stiffness"] * (1 + 1j * added["loss_factor"])) / size) / (2 * np.pi)
-    if own > RIGID_RATIO * lines.max():
+    if own > ratio * lines.max():
         if dof.is_rotation:
             return AddedRotaryInertia(where=(dof.place,), strengths=np.array([size]))
         return Mass(where=(str(dof.node),), strengths=np.array([size]))
-    if own < lines[lines > 0].min() / RIGID_RATIO:
+    if own < lines[lines > 0].min() / ratio:
         return SpringToGround(where=(dof.place,), strengths=np.array([added["stiffness"]]))
     return None
 
