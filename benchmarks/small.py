@@ -68,7 +68,7 @@ SMALL: dict[str, str] = {
     "accuracy/sierra_blocks.py": "--corners 1",
     "accuracy/six_masses.py": "--arrangements 4 --short",
     "accuracy/six_masses_frf.py": "--arrangements 1",
-    "accuracy/six_masses_predicted.py": "--arrangements 2",
+    "accuracy/six_masses_predicted.py": "--arrangements 4",
     "accuracy/six_masses_varying.py": "--arrangements 4 --choices nothing",
     "accuracy/spectral_modes.py": "--repeats 1",
     "accuracy/tie_rod.py": "--repeats 20 --holds",
