@@ -245,6 +245,13 @@ def test_predict_under_a_pulse_and_under_noise(results, tmp_path):
     sample = np.genfromtxt(tmp_path / "b" / "history.csv", delimiter=",", skip_header=1)
     assert sample.shape == (3000, 4)
     assert sample[1500:, 1].std() == pytest.approx(mean["value"]["value"], rel=0.35)
+    done = invoke(
+        "predict", results, "--sensors", "2X", "--noise", f"{tmp_path}/wind.csv@3X", "--half-sine", "5,0.05@3X", "--duration", 2,
+        "--sampling-rate", 200, "--draws", 60, "--modes", 2, "--lines", 10, "--motion", "displacement", "--out", tmp_path / "c",
+    )  # fmt: skip
+    assert (done.exit_code, done.stderr, "one sample" in done.stdout) == (0, "", False)
+    pulse, both = (np.genfromtxt(tmp_path / name / "history.csv", delimiter=",", skip_header=1)[:, :2] for name in "ac")
+    np.testing.assert_allclose(both, pulse)
 
 
 @pytest.mark.parametrize(

@@ -403,11 +403,11 @@ def test_a_mass_off_its_node_moves_as_on_a_rigid_link_to_it(tmp_path, along):
         assert np.abs(one.effect(fields, np.array([length]))[0] - own).max() < 1e-8 * np.abs(own).max()
 
 
-@pytest.mark.parametrize(("ratio", "kind"), [(100.0, "mass"), (1.5, None), (0.01, "spring")])
-def test_what_swings_far_from_all_lines_is_offered_as_the_mass_or_spring_that_it_is(trial, ratio, kind):
+@pytest.mark.parametrize(("ratio", "kind"), [(100.0, "mass"), (1.5, "mass"), (0.0, None), (0.01, "spring")])
+def test_what_swings_outside_all_lines_is_offered_as_the_mass_or_spring_that_it_is(trial, ratio, kind):
     base = Fitted(trial, trial.target.theta_start, 1.0)
     lines = np.concatenate([problem.frequency for problem in trial.problems])
-    frequency = ratio * (lines.max() if ratio > 1 else lines[lines > 0].min())
+    frequency = ratio * (lines.max() if ratio > 1 else lines[lines > 0].min()) if ratio else lines.mean()
     swinging = Appendage(where=("4Y",), frequency=float(frequency))
     changed = trial.changed(swinging, 0.3)
     offered = _simpler(base, Fitted(changed, changed.target.theta_start, 0.5))

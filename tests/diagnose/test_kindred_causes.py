@@ -283,7 +283,7 @@ def test_a_drive_that_is_turned_is_named_with_its_direction(tmp_path):
     [aimed] = [line for line in first.lines if line.startswith("+ depends_on")]
     cosine, sine = (float(text) for text in re.findall(r", (-?[\d.]+)\]", aimed))
     assert np.degrees(np.arctan2(sine, cosine)) == pytest.approx(12.0, abs=0.3)
-    assert '+ "load 3X" = "6X"' in first.lines
+    assert '+ relabel = { "load 3X" = "6X" }' in first.lines
 
 
 def test_all_held_masses_give_way_to_the_calibration_of_the_load_that_says_the_same(tmp_path):

@@ -9,7 +9,7 @@ from structid.diagnose.causes import candidates
 from structid.diagnose.causes.fixed_value import FixedValue
 from structid.diagnose.score_test import Point
 from structid.diagnose.search_budget import UNLIMITED
-from structid.diagnose.set_screening import _step_of, left_by_steps, linearize_fit, screen_sets
+from structid.diagnose.set_screening import LinearizedFit, _step_of, left_by_steps, linearize_fit, screen_sets
 from structid.diagnose.tolerance_directions import damped_basis, tolerance_directions
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
 from structid.study.run.diagnosis import diagnose_study
@@ -53,6 +53,18 @@ def test_what_is_off_the_damped_basis_is_the_least_misfit_with_fixed_values_with
     step = np.linalg.lstsq(rows, np.append(residual[~out], np.zeros(len(weights))), rcond=None)[0]
     rest = np.append(residual[~out], np.zeros(len(weights))) - rows @ step
     assert rest @ rest == pytest.approx(kept, rel=1e-12)
+
+
+@pytest.mark.parametrize("n_rows", [9, 13, 60])
+def test_a_linearized_fit_leaves_the_least_misfit_of_few_rows_as_of_many(drawn, n_rows):
+    """Three of the fixed values are freed from their tolerances by one factor; 9 rows are fewer than the 15 columns."""
+    jacobian, columns, residual = (part[:n_rows] for part in drawn)
+    directions = tolerance_directions(jacobian, columns)
+    triangle = np.linalg.qr(np.column_stack([jacobian, directions, columns, residual]), mode="r")
+    linearized = LinearizedFit(None, residual, directions, tuple("abcde"), triangle)
+    assert linearized.left == pytest.approx(least(jacobian, columns, residual), rel=1e-9)
+    freed = np.column_stack([jacobian, columns[:, [0, 2, 4]].sum(axis=1)])
+    assert linearized.left_with_freed("ace") == pytest.approx(least(freed, columns, residual), rel=1e-9)
 
 
 def test_changes_that_noise_hides_are_no_directions(drawn):

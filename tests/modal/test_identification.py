@@ -146,6 +146,13 @@ def record_of(values, rate=20.0, quantity="acceleration"):
     return TimeRecord(rate, values, [f"{i + 1}Z" for i in range(n)], [quantity] * n)
 
 
+def test_a_channel_that_is_dead_in_each_of_two_records_is_named():
+    first, second = white(), white()
+    first[:, 1], second[:, 1] = 0.0, 3.0
+    with pytest.raises(InputError, match=r"acceleration channel 2Z\+ is dead or constant"):
+        identify_modes([record_of(first), record_of(second)])
+
+
 @pytest.mark.parametrize("fault", [0.0, 3.0])
 def test_a_dead_channel_is_named(fault):
     values = white()

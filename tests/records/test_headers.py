@@ -7,8 +7,10 @@ from header_cases import judge
 from laboratory_cases import WRITERS
 
 from structid.core.errors import InputError
+from structid.core.units import parse_unit
 from structid.records import ReadOptions, read_record
 from structid.records.formats import CsvLayout
+from structid.records.formats.headers import units_in_name
 
 
 def read(path, options):
@@ -25,3 +27,18 @@ def test_headers_are_read_right_or_refused(tmp_path, kind):
         outcomes[outcome] += 1
         assert outcome in ("read", "refused"), f"{kind} {seed} {outcome}: {words}\n" + "\n".join(map(str, case.notes))
     assert min(outcomes["read"], outcomes["refused"]) > 40
+
+
+@pytest.mark.parametrize("name", ["Acc G", "disp_in", "F_N"])
+def test_a_last_word_that_may_be_a_channel_a_side_or_a_direction_is_no_unit(name):
+    assert units_in_name(name, parse_unit) == []
+
+
+@pytest.mark.parametrize("name", ["Force (in)", "Push (N)"])
+def test_a_word_in_brackets_that_may_be_a_side_or_a_direction_is_no_sure_unit(name):
+    assert not any(is_sure for _, _, is_sure in units_in_name(name, parse_unit))
+
+
+@pytest.mark.parametrize("name", ["Acc_g", "Acc [g]", "a / g", "disp_mm"])
+def test_a_unit_in_a_name_is_seen(name):
+    assert units_in_name(name, parse_unit)

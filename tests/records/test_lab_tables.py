@@ -248,6 +248,8 @@ NUMBERED = {"outputs": "1X,2X", "inputs": "2X", "unit": "m/N"}
         (frf_table(parts=POLAR, columns=(size, degrees), comma=True), {}, {}),
         (frf_table(parts=(" [m/N] magnitude", " [m/N] phase"), columns=(size, degrees)), {}, {}),
         (frf_table(parts=(" [m/N] Amplitude", " Phase"), columns=(size, radians)), {}, {"phase_unit": "rad"}),
+        (frf_table(parts=(" [m/N] magnitude", " [m/N] phase"), columns=(size, radians)), {}, {"phase_unit": "rad"}),
+        (frf_table(parts=("_abs_re", "_abs_im")), NUMBERED | {"unit": "m/N"}, {"parts": ("re", "im")}),
         (frf_table(parts=(" [m/N] abs", " angle (rad)"), columns=(size, radians)), {}, {}),
         (frf_table(parts=(" [m/N]",), columns=(cell,)), {}, {}),
         (frf_table(parts=(" [m/N]",), columns=(cell,), comma=True), {}, {}),

@@ -234,8 +234,18 @@ def test_an_array_that_says_its_unit_by_its_name_is_not_contradicted(tmp_path):
     np.testing.assert_allclose(record.values, HISTORY * GRAVITY)
 
 
-def test_times_among_the_channels_of_an_array_are_refused(tmp_path):
-    np.save(tmp_path / "a.npy", np.column_stack([0.005 * np.arange(50), HISTORY]))
+@pytest.mark.parametrize(
+    ("times", "kind"),
+    [
+        (0.005 * np.arange(50), "f8"),
+        (0.005 * np.arange(50), "f4"),
+        (np.round(np.arange(50) / 201, 4), "f8"),
+        (1.7e9 + 0.005 * np.arange(50), "f8"),
+    ],
+    ids=["exact", "single precision", "rounded", "since 1970"],
+)
+def test_times_among_the_channels_of_an_array_are_refused(tmp_path, times, kind):
+    np.save(tmp_path / "a.npy", np.column_stack([times, HISTORY]).astype(kind))
     with pytest.raises(InputError, match=r"column 1 of the array rises in even steps of 0.005, as times and counts do"):
         read_record(tmp_path / "a.npy", ReadOptions(sampling_rate=200.0, channels="1X,2X,3X", units="g"))
 

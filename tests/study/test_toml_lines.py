@@ -144,6 +144,19 @@ def test_a_change_of_the_content_moves_no_table_and_no_comment():
     assert changed_text(text, change) == expected + 'relabel = { 3X = "4X-" }\n'
 
 
+def test_a_table_made_after_one_was_left_out_is_a_new_one():
+    """A new table may have the identity of one that is gone."""
+    text = '[[record]]\npath = "a.csv"\n\n[[record]]\npath = "b.csv"\n\n[[structure.spring]]\nname = "c"\n'
+
+    def change(study):
+        del study["record"][1]
+        study["structure"]["spring"] += [{"name": f"d{k}"} for k in range(20)]
+
+    after = tomllib.loads(changed_text(text, change))
+    assert [record["path"] for record in after["record"]] == ["a.csv"]
+    assert [spring["name"] for spring in after["structure"]["spring"]] == ["c", *(f"d{k}" for k in range(20))]
+
+
 def test_a_change_without_a_line_of_its_own_is_refused():
     text = '[[record]]\npath = "r.csv"\n'
     with pytest.raises(InputError, match="no line for the change"):

@@ -774,3 +774,28 @@ def test_segments_that_leak_are_lengthened_or_the_histories_fitted_by_a_click(pa
         eventually(page, lambda: tomllib.loads(study.read_text("utf-8"))["record"].get("time") == wanted)
         eventually(page, lambda: page.locator("#leaking").count() == 0)
         page.locator("#checked", has_text=re.compile("determine every parameter")).wait_for()
+
+
+@pytest.mark.long
+def test_a_click_that_begins_while_a_field_is_saved_counts(page, tmp_path):
+    """Leaving the field saves it and draws the list anew; the button that is pressed meanwhile is not taken away."""
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    text = study.read_text("utf-8") + '\n[[unknown]]\nproperty = "mass"\nelements = "beam"\n'
+    study.write_text(text, encoding="utf-8")
+    entries = tomllib.loads(text)["unknown"]
+    page.set_default_timeout(60_000)
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#unknowns/beam.toml")
+        page.get_by_label("bounds: mass of beam").fill("0.1, 9")
+        button = page.get_by_role("button", name=re.compile("^Remove ")).first
+        button.scroll_into_view_if_needed()
+        box = button.bounding_box()
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.down()
+        eventually(page, lambda: "bounds" in study.read_text("utf-8"))
+        page.wait_for_timeout(300)
+        page.mouse.up()
+        eventually(page, lambda: len(tomllib.loads(study.read_text("utf-8"))["unknown"]) == len(entries) - 1)
+        assert tomllib.loads(study.read_text("utf-8"))["unknown"] == [
+            entry | ({"bounds": [0.1, 9]} if entry["property"] == "mass" else {}) for entry in entries[1:]
+        ]

@@ -215,8 +215,14 @@ class ModifiedModel:
         return point_at(problems, theta, silent, most_lines, self._free_fixed_values)
 
     def _free_fixed_values(self, problems: Sequence[FrfProblem]) -> tuple[RecordProblem, ...]:
-        """Problems of all records with the fixed values of their models among the unknowns; none of large models."""
-        return () if self.is_large else freed_problems(self.setups, problems, self.model.options.tolerances)
+        """Views of all records with the fixed values of their models among the unknowns; none of large models.
+
+        A view has the common gain of its record only where the record itself has one: modes have none.
+        """
+        if self.is_large:
+            return ()
+        has_gain = [problem.measured_responses is not None for problem in self.problems]
+        return freed_problems(self.setups, problems, self.model.options.tolerances, has_gain)
 
     def minimize(self, problem: Problem, method: LevenbergMarquardt, theta: FloatArray) -> Minimum:
         """The minimum of one of its problems from free variables (n_params,), its effort counted and limited."""

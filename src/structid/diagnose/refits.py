@@ -249,7 +249,9 @@ def fit_mirrored(base: Fitted, item: tuple[Task, NearItem | Item, StoredFit], to
         modified = base.modified.changed(candidate, other.get("strength", strength))
         residual = (modified.target if "strength" in other else modified.anchored()).residual(other["theta"])
         if abs(residual @ residual + base.left_out - other["chi_square"]) <= SAME_MISFIT * other["chi_square"]:
-            return {**other, "where": list(candidate.where)}
+            mirrored: StoredFit = {**other, "where": list(candidate.where)}
+            mirrored.pop("theta_within", None)  # fixed values within tolerances are mirrored too
+            return mirrored
     except (StructidError, np.linalg.LinAlgError, KeyError):
         pass
     own: StoredFit = task(base, item[1], tools)
@@ -285,8 +287,8 @@ def restore_fit(base: Fitted, candidate: Candidate, stored: StoredFit) -> Fitted
     """The fit of a candidate with its model, from what `fit_fully` gave."""
     modified = base.modified.changed(replace(candidate, where=tuple(stored["where"])), float(stored["strength"]))
     test = None
-    if "theta_within" in stored:
-        theta = np.asarray(stored["theta_within"])
+    if "chi_square_within" in stored:
+        theta = np.asarray(stored["theta_within"]) if "theta_within" in stored else None
         test = ToleranceTest(float(stored["chi_square_within"]), bool(stored["is_rejected"]), theta)
     return Fitted(modified, np.asarray(stored["theta"]), float(stored["chi_square"]), float(stored["left_out"]), test)
 

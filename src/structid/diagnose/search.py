@@ -293,7 +293,9 @@ def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | Non
 
 
 def _from_elsewhere(base: Fitted) -> Fitted | None:
-    """The unchanged study fitted anew from its quick fit; None where that is not clearly better than `base`."""
+    """The unchanged study fitted anew from its quick fit; None where there is none, or it is not clearly better than `base`."""
+    if not base.near_path:
+        return None
     try:
         minimum = base.modified.fitted([base.near_theta, base.theta])
     except (StructidError, np.linalg.LinAlgError):

@@ -30,11 +30,12 @@ class LinearizedFit(NamedTuple):
     residual : (n_rows,) float array
         Whitened data rows, then priors.
     directions : (n_data, n_directions) float array
-        Changes of the data rows, each by one tolerance, that no parameter can follow; see `tolerance_directions`.
+        Changes of the data rows, each by one tolerance; see `tolerance_directions`.
     names : tuple of str
         Fixed values whose effect is known.
-    triangle : (n, n) float array
-        R of the QR factorization of the Jacobian, `directions`, the columns of the fixed values, and the residual.
+    triangle : (n, n_columns) float array
+        R of the QR factorization of the Jacobian, `directions`, the columns of the fixed values, and the residual; of n rows,
+        as many as it has columns, or as there are data and priors where these are fewer.
     """
 
     fitted: Fitted
@@ -50,13 +51,13 @@ class LinearizedFit(NamedTuple):
 
     def left_with_freed(self, names: Sequence[str]) -> float:
         """The sum of squares that a linear step leaves where fixed values change by one factor, however large."""
-        first = len(self.triangle) - len(self.names) - 1
+        first = self.triangle.shape[1] - len(self.names) - 1
         chosen = [first + self.names.index(name) for name in names]
         return self._left_with(self.triangle[:, chosen].sum(axis=1, keepdims=True))
 
     def _left_with(self, freed: FloatArray) -> float:
         n_directions = self.directions.shape[1]
-        n_params = len(self.triangle) - len(self.names) - n_directions - 1
+        n_params = self.triangle.shape[1] - len(self.names) - n_directions - 1
         columns = [self.triangle[:, : n_params + n_directions], freed, self.triangle[:, -1:]]
         return left_by_step(np.column_stack(columns), n_params, n_directions)
 
@@ -127,10 +128,10 @@ def _is_known(linearized: LinearizedFit, candidate: Candidate) -> bool:
 
 
 def _step_of(linearized: LinearizedFit, change: Sized, tools: Tools) -> dict[str, float]:
-    """The misfit that one linear step leaves of a model with the change; infinite where it cannot lower the misfit.
+    """The misfit that one linear step leaves of a model with the change; infinite where it hardly lowers the misfit.
 
-    A change without a parameter of its own that hardly changes the residual lowers the sum of squares |r|^2 by no more than
-    2 |r| |d|, d the change of the residual.
+    A change without a parameter of its own that changes the residual by d lowers what a step leaves of |r|^2, W, by no more
+    than 2 sqrt(W) |d| to first order.
     """
     base = linearized.fitted
     try:
@@ -139,7 +140,7 @@ def _step_of(linearized: LinearizedFit, change: Sized, tools: Tools) -> dict[str
         n_data, is_comparable = target.n_data, target.n_data == base.modified.target.n_data
         if is_comparable and target.names == base.modified.target.names:
             difference = np.linalg.norm(target.residual(theta)[:n_data] - linearized.residual[:n_data])
-            if 2 * difference < LEAST_DROP * np.linalg.norm(linearized.residual):
+            if 2 * difference < LEAST_DROP * np.sqrt(linearized.left):
                 return {"left": np.inf}
         METER.add(iteration_effort(target))
         at = target.linearize(theta)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import linalg
 
 from structid.core.arrays import FloatArray
 from structid.diagnose.thresholds import LEAST_TOLERANCE_EFFECT
@@ -11,10 +10,10 @@ from structid.inversion.linearization import triangle_of
 
 
 def tolerance_directions(jacobian: FloatArray, columns: FloatArray) -> FloatArray:
-    """Independent changes of data rows by one tolerance each that parameters cannot follow, (n_rows, n_directions).
+    """Changes of data rows by one tolerance each, independent in what parameters cannot follow, (n_rows, n_directions).
 
     Columns T of one tolerance each are turned to T V, with V the right singular vectors of the part of T that is off the
-    Jacobian; the rows of V are standard normal as the tolerances are. Those of less than `LEAST_TOLERANCE_EFFECT`, in
+    Jacobian; the coefficients of T V are standard normal as those of T are. Columns of less than `LEAST_TOLERANCE_EFFECT`, in
     standard deviations of the data altogether, are left out: the noise hides them.
 
     Parameters
@@ -26,7 +25,7 @@ def tolerance_directions(jacobian: FloatArray, columns: FloatArray) -> FloatArra
     if not columns.shape[1]:
         return columns
     off = triangle_of(np.column_stack([jacobian, columns]))[n_params:, n_params:]
-    _, size, right = linalg.svd(off, full_matrices=False)
+    _, size, right = np.linalg.svd(off, full_matrices=False)
     return np.asarray(columns @ right[size > LEAST_TOLERANCE_EFFECT].T)
 
 
@@ -43,6 +42,6 @@ def damped_basis(basis: FloatArray, directions: FloatArray) -> tuple[FloatArray,
     directions : (n_rows, n_directions) float array
         Changes by one tolerance each.
     """
-    left, size, _ = linalg.svd(directions - basis @ (basis.T @ directions), full_matrices=False)
+    left, size, _ = np.linalg.svd(directions - basis @ (basis.T @ directions), full_matrices=False)
     weights = np.concatenate([np.ones(basis.shape[1]), 1 - 1 / np.sqrt(1 + size**2)])
     return np.column_stack([basis, left]), weights

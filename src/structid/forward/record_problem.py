@@ -15,17 +15,14 @@ from structid.core.arrays import ComplexArray, FloatArray, IntArray, locked
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors, Measured
-from structid.inversion.linearization import OperatorLinearization
+from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import ContinuationPath, DataRows, Problem, Schedule
 from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import NamedUnknowns, joined
+from structid.unknowns.priors import free_prior_rows
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
-
-
-from structid.inversion.linearization import Linearization
-from structid.unknowns.priors import free_prior_rows
 
 
 def residual_with_priors(unknowns: NamedUnknowns, theta: FloatArray, data: FloatArray) -> FloatArray:

@@ -147,11 +147,20 @@ def _begun_alike(unknowns: N, first: Mapping[str, tuple[NamedUnknowns, int]], pr
 
 
 def freed_problems(
-    setups: Sequence[AnySetup], problems: Sequence[RecordProblem], tolerances: Tolerances
+    setups: Sequence[AnySetup],
+    problems: Sequence[RecordProblem],
+    tolerances: Tolerances,
+    has_gain: Sequence[bool] | None = None,
 ) -> tuple[RecordProblem, ...]:
-    """The problem of each record with the fixed values of its model among its unknowns; see `with_fixed_values`."""
-    named = zip(setups, titles(setups), problems, strict=True)
-    return tuple(with_fixed_values(problem, tolerances, setup.calibration, title) for setup, title, problem in named)
+    """The problem of each record with the fixed values of its model among its unknowns; see `with_fixed_values`.
+
+    `has_gain` says of each record whether its common gain may be among them; that of all may by default.
+    """
+    named = zip(setups, titles(setups), problems, has_gain or [True] * len(setups), strict=True)
+    return tuple(
+        with_fixed_values(problem, tolerances, setup.calibration if is_free else 0.0, title)
+        for setup, title, problem, is_free in named
+    )
 
 
 def tolerances_of(freed: Sequence[RecordProblem]) -> dict[str, float]:

@@ -105,15 +105,24 @@ def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
     return Outputs(tuple(y / scale for y in series), scale, channels, quantities, first.sampling_rate)
 
 
+def _mean_and_variance(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and variance of each column about its own mean, summed in chunks about the first row; (n_channels,) each."""
+    start, total, square = values[0], np.zeros(values.shape[1]), np.zeros(values.shape[1])
+    for first in range(0, len(values), _CHUNK):
+        chunk = values[first : first + _CHUNK] - start
+        total += np.ones(len(chunk)) @ chunk
+        square += np.einsum("ij,ij->j", chunk, chunk)
+    mean = total / len(values)
+    return start + mean, np.maximum(square / len(values) - mean**2, 0.0)
+
+
 def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> FloatArray:
     """Root mean square of every channel, (n_channels,); `InputError` if a channel does not vary."""
-    start = series[0][0]
-    chunks = (y[first : first + _CHUNK] - start for y in series for first in range(0, len(y), _CHUNK))
-    sums = [(len(chunk), np.ones(len(chunk)) @ chunk, np.einsum("ij,ij->j", chunk, chunk)) for chunk in chunks]
-    n_samples, total, square = (sum(part) for part in zip(*sums, strict=True))
-    mean = total / n_samples
-    spread = np.sqrt(np.maximum(square / n_samples - mean**2, 0.0))
-    scale = np.hypot(spread, start + mean)
+    n_samples = sum(map(len, series))
+    moments = [_mean_and_variance(y) for y in series]
+    spread = np.sqrt(sum(len(y) * variance for y, (_, variance) in zip(series, moments, strict=True)) / n_samples)
+    square = sum(len(y) * mean**2 for y, (mean, _) in zip(series, moments, strict=True)) / n_samples
+    scale = np.hypot(spread, np.sqrt(square))
     kinds = np.array(quantities)
     for i, (channel, quantity) in enumerate(zip(channels, quantities, strict=True)):
         typical = np.median(spread[kinds == quantity])

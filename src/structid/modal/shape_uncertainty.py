@@ -73,10 +73,10 @@ def mac_with_std(first: ModalRecord, second: ModalRecord) -> ShapeQuantity:
     --------
     >>> import numpy as np
     >>> shapes = np.array([[1.0], [0.5]])
-    >>> measured = ModalRecord([2.0], [0.01], shapes, ["1X", "2X"], shape_std=np.array([[0.0], [0.05]]))
+    >>> measured = ModalRecord([2.0], [0.01], shapes, ["1X", "2X"], shape_std=np.array([[0.0], [0.1]]))
     >>> model = ModalRecord([2.0], [0.01], shapes, ["1X", "2X"])
-    >>> mac_with_std(measured, model).noise_effect.round(4).tolist()
-    [[-0.0016]]
+    >>> mac_with_std(measured, model).noise_effect.round(3).tolist()
+    [[-0.006]]
     """
     if first.channels != second.channels:
         raise InputError("`second` must have the channels of `first` in the same order; use `some_channels`")

@@ -362,7 +362,6 @@ class _Smoothed:
     mean: FloatArray
     variance: FloatArray
     covariance: FloatArray
-    misfit: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -445,7 +444,6 @@ class _Smoother:
         predicted, gain, innovation = self._steady(system)
         before, after = self._filtered(system, gain)
         updated = predicted - gain @ innovation @ gain.T
-        misfit = float(np.sqrt((self._whitened(system, before, innovation) ** 2).mean()))
         back = np.linalg.solve(predicted, system.transition @ updated).T
         drive = (after[:-1] - before[1:] @ back.T)[::-1]
         smoothed = stepped(back, drive, after[-1])[::-1]
@@ -455,7 +453,7 @@ class _Smoother:
         wanted = system.wanted @ covariance @ system.wanted.T
         variance = np.tile(np.maximum(np.diag(wanted), 0.0), (len(mean), 1))
         variance += _variance_towards_end(system.wanted, back, updated - covariance, variance)
-        return _Smoothed(mean, variance, wanted, misfit)
+        return _Smoothed(mean, variance, wanted)
 
     def likeliest_std(self, reduced: ReducedMatrices) -> tuple[float, bool]:
         """Standard deviation, N, of the unknown forces under which the record is likeliest, and whether it can be trusted.

@@ -55,8 +55,9 @@ def read_mesh(path: str | Path, length_unit: str = "m", force_unit: str = "N") -
         Gmsh ``.msh``, Nastran ``.bdf .nas .fem .dat``, Abaqus ``.inp``, VTK ``.vtu .vtk``, universal ``.unv .uff``.
     length_unit : str
         A unit of `structid.core.units.LENGTHS`, such as ``mm``: that of the coordinates in the file; those of the mesh are in m.
-    force_unit : {"N", "mN", "kN", "lbf", "kip"}
-        It gives, with the length and s, the units of masses and springs in the file: with mm and N, masses are in tonnes.
+    force_unit : str
+        A unit of `structid.core.units.FORCES`, such as ``N``. It gives, with the length and s, the units of masses and springs in
+        the file: with mm and N, masses are in tonnes.
 
     Returns
     -------

@@ -225,7 +225,7 @@ def _notes(
         notes.append(
             "no standard deviations: the number of averages is not known (`averages`)"
             if is_spectrum
-            else "no standard deviations by efdd of correlation functions; ssi_cov states them"
+            else "no standard deviations by efdd of correlation functions; ssi_cov states them where `averages` are known"
         )
     narrow = [f"{f:.4g}" for f, z in zip(peaks, ratio, strict=True) if np.isnan(z)]
     if narrow:

@@ -33,6 +33,8 @@ LONGEST_NAME = 120
 _BRACKETED = re.compile(r"\[([^\[\]]+)\]|\(([^()]*(?:\([^()]*\)[^()]*)*)\)|\{([^{}]+)\}|<([^<>]+)>")
 #: The last word of a name, which may be a unit without brackets, as in ``Acc_g``, ``a / m/s^2`` and ``a in m/s^2``.
 _LAST_WORDS = (re.compile(r"[\s_,;:]([^\s_,;:]+)$"), re.compile(r"(?:\s/\s*|\sin\s+)(.+)$"))
+#: Last words that are no units: channel G, the direction normal to a surface, the side where a force goes in.
+_NO_BARE_UNITS = {"G", "N", "in"}
 #: Words for what is no history and no response, but a level, a mean or a density of one.
 _LEVEL = re.compile(
     r"(?<![a-z])(dB|g?rms|pk(?:-pk)?|p-p|psd|asd|csd|cpsd|apsd|log ?mag(?:nitude)?|(?:20 ?)?log10|20 ?log)(?![a-z])"
@@ -134,8 +136,9 @@ def units_in_name(name: str, parse: Callable[[str], T]) -> list[tuple[str, T, bo
         return []
     texts = [(next(filter(None, match.groups()), ""), True) for match in _BRACKETED.finditer(name)]
     texts += [(match[1], False) for pattern in _LAST_WORDS if (match := pattern.search(name.strip()))]
+    texts = [(text, is_bracketed) for text, is_bracketed in texts if is_bracketed or text not in _NO_BARE_UNITS]
     return [
-        (text, unit, is_bracketed and text != "N")  # the N of a direction may stand in brackets too
+        (text, unit, is_bracketed and text not in _NO_BARE_UNITS)  # a direction or a side may stand in brackets too
         for text, is_bracketed in texts
         for unit in _read(parse, text)
     ]

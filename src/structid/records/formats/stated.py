@@ -96,11 +96,10 @@ def require_agreement(path: Path, array: str, n_points: int, statements: Stateme
             _require_channels(path, name, value, options)
         elif options.sampling_rate and isinstance(value, np.ndarray) and value.dtype.kind in "fiu":
             base, factor = _with_unit(name) or (key, 1.0)
-            is_beside = bool(key) or where[:-1] == parts[: len(where) - 1]
             _require_rate(
                 path,
                 name,
-                base if is_beside else "",
+                base if key else "",
                 value.astype(float) * factor,
                 n_points,
                 options.sampling_rate,
@@ -224,7 +223,8 @@ def _compare_units(path: Path, array: str, name: str, texts: tuple[str, ...], op
         for k, text in enumerate(texts):
             channel = k if len(texts) == len(options.units) else None
             is_unit = is_read_by(text, parse_frf_unit if is_frf else parse_unit)
-            if is_unit and len(texts) in (1, len(options.units)) and _is_other_unit(text, options, channel):
+            is_of_all = 1 in (len(texts), len(options.units))
+            if is_unit and (is_of_all or channel is not None) and _is_other_unit(text, options, channel):
                 return f"in the unit that was given, though {name} says {text}"
         return ""
     option, kind = ("unit", "kind") if is_frf else ("units", "quantities")

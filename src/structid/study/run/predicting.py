@@ -157,7 +157,7 @@ def predict_study(
         else:
             spectrum, mean, largest = of(density, RootMeanSquare(density), Extremes(density, options.duration))
         words.append(f"noise of {options.noise}")
-        if options.sampling_rate is not None:
+        if options.sampling_rate is not None and loaded == "noise":
             pushed = _noise_history(model.structure, outputs, options.duration, options.sampling_rate, options)
             history, maxima = of(pushed, Maxima(pushed))
             words.append(f"history and maxima under one sample of it (seed {options.seed})")

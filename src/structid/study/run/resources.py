@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import time
 import tracemalloc
 from collections.abc import Callable, Sequence
@@ -280,9 +281,10 @@ def _start_seconds() -> float:
     """Seconds that a Python process takes to import what a run uses."""
     begun = time.perf_counter()
     words = "import structid.study.run.run, structid.report, structid.diagnose.verdict"
-    code = start_child(python_arguments("-c", words)).wait()
-    if code:
-        raise RuntimeError(f"Python ended with code {code} while it loaded structid; run `structid doctor`")
+    child = start_child(python_arguments("-c", words), errors=subprocess.PIPE, has_group=False)
+    errors = child.communicate()[1].decode(errors="replace").strip()
+    if child.returncode:
+        raise RuntimeError(f"Python ended with code {child.returncode} while it loaded structid: {errors}")
     return time.perf_counter() - begun
 
 

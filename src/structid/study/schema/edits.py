@@ -142,7 +142,8 @@ def changed_text(text: str, change: Callable[[dict[str, Any]], None]) -> str:
         If the text is written in a way that has no line for the change.
     """
     after: Any = parse_toml(text)
-    numbers = dict(_numbered_entries(after))
+    entries = list(_numbered_entries(after))  # kept alive: a new table could have the identity of one that is gone
+    numbers = {id(entry): number for entry, number in entries}
     change(after)
     for edit in _edits_between((), parse_toml(text), after, numbers):
         text = edited(text, [edit])
@@ -151,11 +152,11 @@ def changed_text(text: str, change: Callable[[dict[str, Any]], None]) -> str:
     return text
 
 
-def _numbered_entries(content: Any) -> Iterator[tuple[int, int]]:
-    """Identity of each table in a list, with its position there."""
+def _numbered_entries(content: Any) -> Iterator[tuple[dict[str, Any], int]]:
+    """Each table in a list, with its position there."""
     for number, value in enumerate(content.values() if isinstance(content, dict) else content):
         if isinstance(content, list) and isinstance(value, dict):
-            yield id(value), number
+            yield value, number
         if isinstance(value, dict | list):
             yield from _numbered_entries(value)
 
@@ -201,13 +202,7 @@ def _value_text(value: Any) -> str:
 
 
 def value_of(text: str) -> str:
-    """Text of one TOML value, stripped of blanks; raises `InputError` unless it is exactly one.
-
-    Raises
-    ------
-    InputError
-        If it does not.
-    """
+    """Text of one TOML value, stripped of blanks; raises `InputError` unless it is exactly one."""
     written = text.strip()
     try:
         count = len(parse_toml(f"value = [{written}]")["value"])

@@ -63,7 +63,13 @@ export function answerPicture(told) {
     words = h("ul", {class: "plain note"});
   const shown = h(
     "select",
-    {id: "shaded", onchange: () => colour()},
+    {
+      id: "shaded",
+      onchange: () => {
+        colour();
+        move();
+      },
+    },
     options([...told.shadings.map((one, k) => [String(k), one.title]), ["", "element sets"]]),
   );
   const mode = h(

@@ -1,12 +1,14 @@
 // A click counts where it was begun: what a field tells once it is left, or a change of the file, may move or replace what is under the pointer.
-const NEAR = 4;
+const NEAR = 4, // px
+  LONGEST = 3000; // ms
 let isDown = false,
   pressed = null;
 
-// Done once no button of the pointer is down and its click has been heard.
+// Done once no button of the pointer is down and its click has been heard; it may have been let go outside the window.
 export const pointerUp = () =>
   new Promise((done) => {
-    const look = () => (isDown ? setTimeout(look, 50) : done());
+    const begun = performance.now(),
+      look = () => (isDown && performance.now() - begun < LONGEST ? setTimeout(look, 50) : done());
     setTimeout(look);
   });
 

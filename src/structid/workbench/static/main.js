@@ -2,7 +2,7 @@
 import {events, get, post} from "./api.js";
 import {keepClicks, pointerUp} from "./clicks.js";
 import {fill, h, options} from "./dom.js";
-import {forgetTyped, keepFocus, keepTyped} from "./typed.js";
+import {forgetTyped, isTyped, keepFocus, keepTyped} from "./typed.js";
 
 const STEPS = [
   ["start", "Start"],
@@ -116,11 +116,11 @@ app.read = async () => {
 app.answer = (asked) => {
   const answer = Promise.resolve(asked);
   app.asked += 1;
-  app.answered = Promise.allSettled([app.answered, answer]);
+  app.answered = Promise.allSettled([app.answered, answer]).then(() => null); // no answer is kept
   return answer;
 };
 
-// Change keys of the open study; comments and order of all else stay. `edits` as in structid.workbench.edits. What is refused is an error.
+// Change keys of the open study; comments and order of all else stay. `edits` as in structid.study.schema.edits. What is refused is an error.
 app.edit = async (edits, words) => {
   try {
     app.now = await app.answer(post("edit", {study: app.study, digest: app.now.digest, edits}));
@@ -131,10 +131,11 @@ app.edit = async (edits, words) => {
     }
     throw error;
   }
-  app.acting.forEach(forgetTyped);
+  [...app.acting].filter((control) => control.matches("button") || isTyped(control)).forEach(forgetTyped);
   if (words) {
     app.say(words);
   }
+  await pointerUp(); // a click that was begun reaches its control before this is drawn anew
 };
 
 function place() {

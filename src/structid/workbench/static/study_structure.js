@@ -10,7 +10,7 @@ const IMPORTED = ["mesh", "matrices", "matrix_group", "solver"];
 const listed = (value) => (value === undefined ? [] : [value].flat());
 const several = (value) => (Array.isArray(value) ? value : value === undefined ? [] : [value]);
 
-// A copy of a study's parsed table after `edits` (as in structid.workbench.edits), whose values are written as JSON writes them.
+// A copy of a study's parsed table after `edits` (as in structid.study.schema.edits), whose values are written as JSON writes them.
 export function applied(table, edits) {
   const copy = structuredClone(table ?? {});
   for (const edit of edits) {

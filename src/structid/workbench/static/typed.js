@@ -6,7 +6,7 @@ const texts = new Map(), // by step and study, card and label: {field, text, wor
 let whatIsShown = () => "",
   focused = null;
 
-const isTyped = (field) =>
+export const isTyped = (field) =>
   field.matches?.("input:not([type=checkbox], [type=radio], [type=file]), textarea") && !field.closest(".editor");
 
 function keyOf(field) {
@@ -62,6 +62,8 @@ function restore(field) {
       field.dispatchEvent(new Event("input", {bubbles: true}));
       if (kept.words) {
         refuseTyped(field, kept.words);
+      } else {
+        field.addEventListener("blur", () => takeRestored(field, key), {once: true});
       }
     }
   }
@@ -71,6 +73,13 @@ function restore(field) {
     if (start !== null && field.type !== "number") {
       field.setSelectionRange(start, end);
     }
+  }
+}
+
+// A browser tells of no change in a field whose text was put back and not typed into since.
+function takeRestored(field, key) {
+  if (texts.get(key)?.field === field && field.isConnected && field.value !== before.get(field)) {
+    field.dispatchEvent(new Event("change", {bubbles: true}));
   }
 }
 

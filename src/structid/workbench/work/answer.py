@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from structid.core.errors import FileError
 from structid.core.json_types import Entry
 from structid.core.quantities import number
-from structid.report.drawing.changes import IdentifiedParameters, Shading, look, parameter_shadings
+from structid.report.drawing.changes import Change, IdentifiedParameters, Shading, look, parameter_shadings
 from structid.report.drawing.palette import steps
 from structid.study.results.stored_model import stored_model, stored_study
 from structid.study.run.exports.mode_shapes import model_modes, node_translations
@@ -17,8 +18,8 @@ from structid.study.schema.study import Study
 from structid.workbench.folder import read_json
 from structid.workbench.work.scene import packed, structure_scene
 
-#: Modes whose shapes are sent, degrees of freedom beyond which none are, and colours of the legend.
-_MODES, _MOST_DOFS, _LEGEND = 12, 30_000, 9
+#: Modes whose shapes are sent, degrees of freedom beyond which none are, colours of the legend, and changes told in words.
+_MODES, _MOST_DOFS, _LEGEND, _MOST_WORDS = 12, 30_000, 9, 20
 
 
 def identified_structure(folder: Path) -> dict[str, Entry]:
@@ -76,7 +77,7 @@ def _shading(shading: Shading, study: Study) -> dict[str, Entry]:
         sets[element.name] = {
             "colours": colours,
             "index": packed([colours.index(one.colour) for one in looks], np.uint8),
-            "words": sorted({one.text for one in changes if one is not None})[:_LEGEND],
+            "words": _largest_first(change for change in changes if change is not None),
         }
     scale = shading.scale
     return {
@@ -84,3 +85,11 @@ def _shading(shading: Shading, study: Study) -> dict[str, Entry]:
         "sets": sets,
         "legend": {"colours": steps(scale.colours, _LEGEND), "ticks": [words for _, words in scale.ticks]},
     }
+
+
+def _largest_first(changes: Iterable[Change]) -> list[str]:
+    """Words of the changes of a set, the largest first, and how many more there are."""
+    size = {change.text: abs(float(np.nan_to_num(change.ratio))) for change in changes}
+    words = sorted(size, key=lambda text: (-size[text], text))
+    more = len(words) - _MOST_WORDS
+    return words if more <= 0 else [*words[:_MOST_WORDS], f"and {more} more"]

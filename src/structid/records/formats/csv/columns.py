@@ -325,7 +325,8 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_Head]:
         unit = match["unit"] or match["round"] or match["own"] or table.units[j]
         part = _PART_WORDS[match["part"].lower()]
         if part == "phase":
-            unit = _phase_unit(table, j, match["own"] or match["unit"] or match["round"])
+            near = [text for text in (match["unit"], match["round"]) if text and text.strip().lower() in _PHASE_UNITS]
+            unit = _phase_unit(table, j, match["own"] or next(iter(near), None))
         heads.append(_Head(_without_estimator(match["output"], match["input"]), match["input"], unit, part))
     return _output_first(heads, options)
 
@@ -379,8 +380,8 @@ def _require_headers_agree(table: Table, assumed: Sequence[_Head]) -> None:
     for j, head in enumerate(assumed, start=1):
         name = table.names[j]
         match = _match_pair(name)
-        part = match["part"] if match is not None else next(iter(_PART_WORD.findall(name)), "")
-        said = _PART_WORDS.get(part.lower(), head.part)
+        words = [match["part"]] if match is not None else _PART_WORD.findall(name)
+        said = {_PART_WORDS[word.lower()] for word in words} or {head.part}
         told = (
             []
             if match is None
@@ -390,7 +391,7 @@ def _require_headers_agree(table: Table, assumed: Sequence[_Head]) -> None:
             ]
         )
         own = next((role for role, word, name in told if meant.setdefault((role, word), name) != name), "")
-        if said != head.part or own:
+        if head.part not in said or own:
             raise _column(
                 table,
                 j,
@@ -469,7 +470,8 @@ def _phase_factor(table: Table, j: int, unit: str, layout: CsvLayout) -> float:
 def _is_surely_degrees(phase: FloatArray) -> bool:
     """True if phases can be none in rad: within one turn they are too large, and unwrapped they step by half a turn at most."""
     return bool(
-        np.abs(phase).max() > 2 * np.pi + _PHASE_ROUNDING and np.abs(np.diff(phase)).max() > np.pi + _PHASE_ROUNDING
+        np.abs(phase).max() > 2 * np.pi + _PHASE_ROUNDING
+        and np.abs(np.diff(phase)).max(initial=0.0) > np.pi + _PHASE_ROUNDING
     )
 
 

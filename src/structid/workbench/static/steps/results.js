@@ -37,28 +37,35 @@ export async function show(box, app) {
     h("div", {class: "row end"}, field("Results", choice), field("Beside", other)),
     place,
   );
+  let turn = 0;
   const draw = async () => {
+    const own = ++turn,
+      name = choice.value;
     try {
-      const found = await get("results", {results: choice.value}),
-        beside = other.value ? await get("results", {results: other.value}) : null;
-      const asTold = (error) => h("p", {class: "note"}, error.message);
-      const [fit, picture] = await Promise.all([
-        fits(choice.value).catch(asTold),
-        get("identified", {results: choice.value}).then(answerPicture, asTold),
-      ]);
+      const found = await get("results", {results: name}),
+        beside = other.value ? await get("results", {results: other.value}) : null,
+        fit = h("div"),
+        picture = h("div");
+      if (own !== turn) {
+        return; // other results were chosen meanwhile
+      }
       fill(
         place,
         verdict(found.results),
-        further(app, found.results, choice.value),
-        changes(found.results, choice.value, found.files),
-        values(found.results, beside?.results, choice.value, other.value),
+        further(app, found.results, name),
+        changes(found.results, name, found.files),
+        values(found.results, beside?.results, name, other.value),
         fit,
         picture,
-        exported(choice.value, found.files),
-        report(found.report, choice.value),
+        exported(name, found.files),
+        report(found.report, name),
       );
+      const put = async (part, card) => fill(part, await card.catch((error) => h("p", {class: "note"}, error.message)));
+      await Promise.all([put(fit, fits(name)), put(picture, get("identified", {results: name}).then(answerPicture))]);
     } catch (error) {
-      fill(place, h("div", {class: "card bad"}, error.message));
+      if (own === turn) {
+        fill(place, h("div", {class: "card bad"}, error.message));
+      }
     }
   };
   await draw();
