@@ -7,6 +7,7 @@ import os
 import pkgutil
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import pytest
 
@@ -131,4 +132,5 @@ def test_check_and_identify_draw_nothing_and_open_no_format_but_their_own(tmp_pa
         "structid.modal.formats.files", "structid.fem.meshes.nastran", "structid.fem.importers.dmig",
         "structid.records.formats.uff.uff", "structid.records.formats.mat",
     }  # fmt: skip
+    assert all(map(find_spec, unused))  # a module that has another name now is never loaded
     assert unused.isdisjoint(loaded)

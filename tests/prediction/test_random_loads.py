@@ -1,5 +1,7 @@
 """Largest values of random response against simulation and Davenport, noise, pulses, and the distribution of maxima."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -8,7 +10,7 @@ import structid as sid
 from structid.core.errors import FileError, InputError
 from structid.prediction.identified_model import identified_model
 from structid.prediction.loads import coloured_noise, half_sine, read_density, sine
-from structid.prediction.predict import predict_together
+from structid.prediction.predict import _with_model_error, predict_together
 
 
 def make_oscillator(damping=3.0, std=0.0):
@@ -132,3 +134,13 @@ def test_loads_and_extremes_that_cannot_be_are_named():
     mises = sid.Spectrum(sid.Frf(["von_mises[p:1@top]"], ["1X"], [1.0, 2.0]), np.ones((2, 1)))
     with pytest.raises(InputError, match="is not Gaussian"):
         sid.Extremes(mises, 1.0)
+
+
+def test_a_von_mises_stress_with_model_error_is_never_negative():
+    load = np.zeros((4, 1))
+    history = sid.History(["von_mises[p:1@top]", "1X"], ["1X"], load, 100.0)
+    lowered = SimpleNamespace(added_to_histories=lambda draws, rate, rng: draws - 1.0)
+    draws = np.full((3, 4, 2), 0.5)
+    widened = _with_model_error(history, draws[0], draws, lowered, 0)
+    assert (widened[..., 0] == 0.0).all()
+    assert (widened[..., 1] == -0.5).all()

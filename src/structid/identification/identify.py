@@ -62,15 +62,15 @@ def identify(
     channel_unknowns : sequence of ChannelUnknown
         Errors of sensors and loads that are identified too.
 
-    Raises
-    ------
-    InputError
-        If an argument is of another class, or the record cannot be used.
-
     Returns
     -------
     Identification
         Also where the search failed or the data do not determine the answer: see ``estimate.status``.
+
+    Raises
+    ------
+    InputError
+        If an argument is of another class, or the record cannot be used.
 
     References
     ----------

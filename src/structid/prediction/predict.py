@@ -28,6 +28,7 @@ from structid.prediction.quantities import (
     Spectrum,
     comparable_modes,
 )
+from structid.prediction.recovery import is_von_mises
 from structid.unknowns import Parameters
 
 #: A quantity by the identified model, and by each of the random models, (n_draws, ...).
@@ -296,7 +297,9 @@ def _with_model_error(
         has_size = np.array([isinstance(each, Dof) and base.kind != "transmissibility" for each in base.outputs])
         return error.added_to(draws.astype(complex), base.frequency, base.kind, has_size, nominal.astype(complex), rng)
     if isinstance(base, History):
-        return error.added_to_histories(draws.real, base.sampling_rate, rng)
+        widened = error.added_to_histories(draws.real, base.sampling_rate, rng)
+        is_positive = np.array([is_von_mises(output) for output in base.outputs])
+        return np.where(is_positive, np.maximum(widened, 0.0), widened)
     if isinstance(base, Spectrum):
         return error.added_to_spectra(draws.real, base.frf.frequency, rng)
     return None
