@@ -24,7 +24,8 @@ from laboratory_cases import WRITERS
 OUTCOMES = ("read", "refused", "wrong", "lost", "other")
 
 
-def _read(path: Path, options: dict[str, Any]) -> Record:
+def read_case(path: Path, options: dict[str, Any]) -> Record:
+    """The record of a case of a writer, by its options."""
     layout = CsvLayout(**options["csv"]) if "csv" in options else None
     return read_record(path, ReadOptions(**(options | {"csv": layout})))
 
@@ -42,7 +43,7 @@ def main() -> int:
             kind = list(WRITERS)[index % len(WRITERS)]
             case = WRITERS[kind](f"{given.seed} {index}")
             try:
-                outcome, words = judge(case, Path(folder) / f"a{case.suffix}", _read, InputError)
+                outcome, words = judge(case, Path(folder) / f"a{case.suffix}", read_case, InputError)
             except Exception as error:  # whatever it is, it is no refusal
                 outcome, words = "other", repr(error)
             counts[kind][outcome] += 1

@@ -37,7 +37,7 @@ class LvmClock(NamedTuple):
     error : float
         Relative error of `rate` that the digits of the file leave open.
     off : float
-        Largest distance of a printed time from an even one, in steps, beyond what rounding explains.
+        Largest distance of a printed time from an even one, in steps; 0 where rounding explains it.
     times : (n_samples,) float array
         s; empty where they are even.
     """
@@ -119,17 +119,19 @@ def read_lvm(path: Path) -> list[LvmChannel]:
     )
     sampled = [j for j in range(count) if samples[j]]
     starts = dict(zip(sampled, _starts([(dates[j], hours[j]) for j in sampled]), strict=True))
-    channels = []
+    channels, clocks = [], dict[tuple[int, int, str, float], LvmClock]()
     for j in sampled:
         column = columns[j]
         n_rows = _count_rows(segment, column, samples[j], layout)
         scale = parse_time_unit(of_x[j]) if of_x[j] else 1.0
-        printed = [row[column - 1 if own_times else 0] for row in segment.rows[:n_rows]] if layout != "No" else []
-        clock = _clock(segment, printed, steps[j], scale)
+        timed = column - 1 if own_times else 0, n_rows, steps[j], scale
+        if timed not in clocks:  # most files have one column of times
+            printed = [row[timed[0]] for row in segment.rows[:n_rows]] if layout != "No" else []
+            clocks[timed] = _clock(segment, printed, steps[j], scale)
         values = np.array([segment.decimal(row[column]) for row in segment.rows[:n_rows]])
         later = starts[j] if layout != "One" else 0.0
         start = later + scale * segment.decimal(of_start[j] or "0")
-        channels.append(LvmChannel(names[j], units[j], values, clock, start))
+        channels.append(LvmChannel(names[j], units[j], values, clocks[timed], start))
     return channels
 
 
@@ -164,8 +166,7 @@ def _count_rows(segment: _Segment, column: int, n_samples: int, layout: str) -> 
     ValueError
         If there are fewer rows than the head says, or more without times that tell whether they continue it.
     """
-    filled = [i for i, row in enumerate(segment.rows) if row[column].strip()]
-    last = filled[-1] + 1 if filled else 0
+    last = next((n for n in range(len(segment.rows), 0, -1) if segment.rows[n - 1][column].strip()), 0)
     if last < n_samples or (last > n_samples and layout == "No"):
         joined = (
             "; several writings without times do not say whether one continues the other" if last > n_samples else ""

@@ -470,13 +470,10 @@ class TimeRecord(Shown):
         object.__setattr__(self, "values", locked(self.values, np.float64))
         object.__setattr__(self, "channels", parse_dofs(self.channels))
         object.__setattr__(self, "quantities", tuple(self.quantities))
-        if np.ndim(self.sampling_rate) != 0 or not np.isfinite(self.sampling_rate) or self.sampling_rate <= 0:
-            got = (
-                f"{self.sampling_rate!r} Hz"
-                if np.ndim(self.sampling_rate) == 0
-                else "an array; the samples come second"
-            )
-            raise InputError(f"`sampling_rate` must be one positive number, got {got}")
+        if np.ndim(self.sampling_rate) != 0:
+            raise InputError("`sampling_rate` must be one positive number, got an array; the samples come second")
+        if not np.isfinite(self.sampling_rate) or self.sampling_rate <= 0:
+            raise InputError(f"`sampling_rate` must be one positive number, got {self.sampling_rate!r} Hz")
         require_shape("values", self.values, (None, len(self.channels)), "one column a channel")
         if self.values.shape[0] == 0:
             raise InputError("`values` must hold at least one sample, got none; the record is empty")

@@ -84,10 +84,12 @@ class Ascii:
 
     def groups(self) -> list[tuple[int | None, int, str]]:
         """Dimension, number and name of each physical group; None where the file does not say its dimension."""
-        count, end = int(self._text.split(maxsplit=1)[0]), re.search(rb"\d+", self._text)
-        place = end.end() if end else 0
+        head = re.match(rb"\s*(\d+)", self._text)
+        if head is None:
+            raise ValueError("the names of physical groups begin with no count")
+        place = head.end()
         groups: list[tuple[int | None, int, str]] = []
-        for _ in range(count):
+        for _ in range(int(head[1])):
             match = _GROUP.match(self._text, place)
             if match is None:
                 raise ValueError("a physical group has no number, or no name in quotation marks")

@@ -34,6 +34,10 @@ from structid.modal.poles.poles import modal_phase_collinearity
 from structid.records.formats import Geometry
 
 _NASTRAN = (*F06_SUFFIXES, *PUNCH_SUFFIXES, *OP2_SUFFIXES)
+#: Suffixes of the files that an option is about, where these are not those of Nastran alone.
+_ABOUT = {"shape_axes": UFF_SUFFIXES} | dict.fromkeys(
+    ("length_unit", "force_unit"), (*_NASTRAN, *UFF_SUFFIXES, *FRD_SUFFIXES)
+)
 _READ = (*dict.fromkeys((*WRITTEN_SUFFIXES, *_NASTRAN, *FRD_SUFFIXES)),)
 #: What to do about files that are often at hand.
 _ELSEWHERE = {
@@ -75,11 +79,8 @@ def read_modes(path: str | Path, options: ModeFileOptions | None = None) -> Moda
     path, options = Path(path), options or ModeFileOptions()
     suffix = path.suffix.lower()
     _require_suffix(path, suffix, _READ)
-    units = ("length_unit", "force_unit")
-    nastran = tuple(item.name for item in fields(options) if item.name != "shape_axes")
-    taken = (*units, "shape_axes") if suffix in UFF_SUFFIXES else units if suffix in FRD_SUFFIXES else ()
     for name in (item.name for item in fields(options)):
-        if getattr(options, name) and name not in (nastran if suffix in _NASTRAN else taken):
+        if getattr(options, name) and suffix not in _ABOUT.get(name, _NASTRAN):
             subject = "universal files" if name == "shape_axes" else "files of Nastran"
             raise InputError(f"{path}: `{name}` is about {subject}; leave it out", name)
     require_readable(path)

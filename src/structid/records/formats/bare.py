@@ -80,7 +80,8 @@ def read_bare(
             _require_present(path, shapes, options.coherence_array)
             coherence = load(options.coherence_array)
         frfs = frf_from_array(path, load(name), frequency, coherence, replace(options, axis_unit=unit))
-        return replace(frfs, source=sourced(path, "; ".join(filter(None, (note, words)))))
+        note = "; ".join(filter(None, (note, words)))
+        return replace(frfs, source=sourced(path, note)) if note else frfs
     name = _choose_array(path, shapes, options.array, set())
     record = time_from_array(path, load(name), options)
     n_points = shapes[name][0][0] if shapes[name][0] else 0

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from structid.core.errors import InputError
-from structid.core.units import parse_frequency_unit, parse_time_unit
+from structid.core.units import FrfUnit, Unit, parse_frequency_unit, parse_time_unit
 
 T = TypeVar("T")
 
@@ -136,17 +136,34 @@ def units_in_name(name: str, parse: Callable[[str], T]) -> list[tuple[str, T, bo
         return []
     texts = [(next(filter(None, match.groups()), ""), True) for match in _BRACKETED.finditer(name)]
     texts += [(match[1], False) for pattern in _LAST_WORDS if (match := pattern.search(name.strip()))]
-    texts = [(text, is_bracketed) for text, is_bracketed in texts if is_bracketed or text not in _NO_BARE_UNITS]
     return [
         (text, unit, is_bracketed and text not in _NO_BARE_UNITS)  # a direction or a side may stand in brackets too
         for text, is_bracketed in texts
+        if is_bracketed or text not in _NO_BARE_UNITS
         for unit in _read(parse, text)
     ]
+
+
+def other_unit_in_name(name: str, parse: Callable[[str], Unit | FrfUnit], kind: str, factor: float) -> str:
+    """The unit that a header says if it is another than that of a quantity or `kind` and of a `factor`; "" for none.
+
+    A unit without brackets counts where it is one of that kind.
+    """
+    for text, stated, is_bracketed in units_in_name(name, parse):
+        is_same = stated[0] == kind
+        if (is_bracketed and not is_same) or (is_same and abs(stated.factor / factor - 1) > 1e-9):
+            return text
+    return ""
 
 
 def is_read_by(text: str, parse: Callable[[str], object]) -> bool:
     """True if a text names a unit for the function `parse`."""
     return bool(_read(parse, text))
+
+
+def states_unit(text: str, unit: str, parse: Callable[[str], object]) -> bool:
+    """True if a text names the same unit as `unit` does, both read by `parse`."""
+    return parse(unit) in _read(parse, text)
 
 
 def level_word(text: str) -> str:

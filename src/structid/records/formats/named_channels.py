@@ -18,7 +18,7 @@ from structid.core.errors import FileError, InputError, about
 from structid.core.units import Unit, parse_time_unit, parse_unit
 from structid.records.formats.bare import channel_units, require_same_rotation
 from structid.records.formats.gaps import Lines, sourced, whole
-from structid.records.formats.headers import level_word, name_and_unit, time_factor, units_in_name
+from structid.records.formats.headers import level_word, name_and_unit, other_unit_in_name, time_factor
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import selected
 from structid.records.record import FrfRecord, TimeRecord
@@ -258,15 +258,14 @@ def _require_names_agree(
 ) -> None:
     """Raise `FileError` if the name of a channel says another unit than that which it is read in."""
     for j, (name, quantity, factor) in enumerate(zip(part.names, quantities, factors, strict=True)):
-        for text, unit, is_bracketed in units_in_name(name, parse_unit):
-            is_same = unit.quantity == quantity.removeprefix("support_")
-            if (is_bracketed and not is_same) or (is_same and abs(unit.factor / factor - 1) > 1e-9):
-                other = "`units`" if options.units else part.told_units[j] or "SI"
-                raise FileError(
-                    f"{part.path}: {part.place(j)}: the name says {text!r}, and the channel is read in another unit ({other});"
-                    " correct one of them",
-                    "units",
-                )
+        text = other_unit_in_name(name, parse_unit, quantity.removeprefix("support_"), factor)
+        if text:
+            other = "`units`" if options.units else part.told_units[j] or "SI"
+            raise FileError(
+                f"{part.path}: {part.place(j)}: the name says {text!r}, and the channel is read in another unit ({other});"
+                " correct one of them",
+                "units",
+            )
 
 
 def _unit(text: str, is_given: bool) -> Unit | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -162,23 +162,21 @@ def frequency_unit(path: Path, name: str, options: ReadOptions) -> str:
 
 def _require_name_agrees(path: Path, array: str, options: ReadOptions) -> None:
     """Raise `InputError` if the array's own name, such as ``acc_g``, says another unit than the one given."""
-    for text, _, _ in units_in_name(_parts(array)[-1], parse_frf_unit if options.frequency_array else parse_unit):
-        if _is_other_unit(text, options):
+    parse: Callable[[str], FrfUnit | Unit] = parse_frf_unit if options.frequency_array else parse_unit
+    for _, unit, _ in units_in_name(_parts(array)[-1], parse):
+        if _is_other_unit(unit, options):
             raise InputError(
                 f"{path}: array {array!r} says another unit by its name than the one that was given; correct one of them",
                 "unit" if options.frequency_array else "units",
             )
 
 
-def _is_other_unit(text: str, options: ReadOptions, channel: int | None = None) -> bool:
+def _is_other_unit(stated: FrfUnit | Unit, options: ReadOptions, channel: int | None = None) -> bool:
     """True if a unit is one of the same motion or force as that which was given (of a channel, or any), and of another size."""
-    stated: FrfUnit | Unit
     given: list[tuple[str, float]]
     if options.frequency_array:
-        stated = parse_frf_unit(text)
         given = [parse_frf_unit(options.unit)[:2]] if options.unit else []
     else:
-        stated = parse_unit(text)
         texts = options.units if channel is None else options.units[channel : channel + 1]
         given = [*(parse_unit(unit)[:2] for unit in texts), *((name, 1.0) for name in options.quantities if not texts)]
     return any(kind == stated[0] and abs(factor / stated.factor - 1) > 1e-9 for kind, factor in given)
@@ -219,18 +217,18 @@ def _require_unscaled(path: Path, array: str, name: str, key: str, value: np.nda
 def _compare_units(path: Path, array: str, name: str, texts: tuple[str, ...], options: ReadOptions) -> str:
     """A note on a stated unit that is not the one given, or ""; `InputError` if it is not SI where options give a kind alone."""
     is_frf = bool(options.frequency_array)
+    parse: Callable[[str], FrfUnit | Unit] = parse_frf_unit if is_frf else parse_unit
     if options.unit if is_frf else options.units:
         for k, text in enumerate(texts):
             channel = k if len(texts) == len(options.units) else None
-            is_unit = is_read_by(text, parse_frf_unit if is_frf else parse_unit)
-            is_of_all = 1 in (len(texts), len(options.units))
-            if is_unit and (is_of_all or channel is not None) and _is_other_unit(text, options, channel):
+            is_told = channel is not None or 1 in (len(texts), len(options.units))
+            if is_told and is_read_by(text, parse) and _is_other_unit(parse(text), options, channel):
                 return f"in the unit that was given, though {name} says {text}"
         return ""
     option, kind = ("unit", "kind") if is_frf else ("units", "quantities")
     for text in texts:
         try:
-            factor = parse_frf_unit(text).factor if is_frf else parse_unit(text).factor
+            factor = parse(text).factor
         except InputError:
             factor = np.nan
         if text.strip(" -") and factor != 1.0:

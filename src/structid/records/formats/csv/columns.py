@@ -30,7 +30,7 @@ from structid.records.formats.headers import (
     is_time,
     level_word,
     name_and_unit,
-    units_in_name,
+    other_unit_in_name,
 )
 from structid.records.formats.named_channels import NamedChannels, chosen, record_of, scale_of_times
 from structid.records.formats.options import ReadOptions, layout_words, option_words
@@ -445,10 +445,9 @@ def _parse_column(
 
 def _require_name_agrees(name: str, unit: FrfUnit) -> None:
     """Raise `InputError` if the name of a column says another unit than that which it is read in."""
-    for text, stated, is_bracketed in units_in_name(name, parse_frf_unit):
-        is_same = stated.kind == unit.kind
-        if (is_bracketed and not is_same) or (is_same and abs(stated.factor / unit.factor - 1) > 1e-9):
-            raise InputError(f"the name says {text!r}, and the column is read in another unit; correct one of them")
+    text = other_unit_in_name(name, parse_frf_unit, unit.kind, unit.factor)
+    if text:
+        raise InputError(f"the name says {text!r}, and the column is read in another unit; correct one of them")
 
 
 def _phase_factor(table: Table, j: int, unit: str, layout: CsvLayout) -> float:

@@ -252,26 +252,22 @@ def _has_decimal_commas(
         return layout.decimal == "comma"
     if separator == ",":
         return False
-    seen: dict[bool, int] = {}
+    seen: dict[bool, tuple[int, str]] = {}
     surely_decimals = False
     for row in range(0, len(rows), max(1, len(rows) // _HEAD)):
         for cell in rows[row]:
             if is_number(cell) and (_COMMA.search(cell) or _POINT.search(cell)):
-                seen.setdefault("," in cell, first_line + row)
+                seen.setdefault("," in cell, (first_line + row, cell.strip()))
                 surely_decimals = surely_decimals or _THOUSANDS.fullmatch(cell.strip()) is None
     if len(seen) == 2:
         raise FileError(
-            f"{path}: line {seen[True]} has decimal commas and line {seen[False]} decimal points; export all numbers alike, or"
-            f' give {layout_words(decimal="comma")} or "point" and leave the other lines out'
+            f"{path}: line {seen[True][0]} has decimal commas and line {seen[False][0]} decimal points; export all numbers"
+            f' alike, or give {layout_words(decimal="comma")} or "point" and leave the other lines out'
         )
     if seen and not surely_decimals:
+        line, grouped = next(iter(seen.values()))
         raise FileError(
-            f"{path}: line {next(iter(seen.values()))}: numbers such as {_grouped_cell(rows)!r} may have decimals or thousands"
+            f"{path}: line {line}: numbers such as {grouped!r} may have decimals or thousands"
             f' apart, and no other number tells; give {layout_words(decimal="point")} or "comma"'
         )
     return seen.popitem()[0] if seen else False
-
-
-def _grouped_cell(rows: Sequence[Sequence[str]]) -> str:
-    """The first cell that may be a number with its thousands apart."""
-    return next((cell.strip() for row in rows for cell in row if _THOUSANDS.fullmatch(cell.strip())), "")

@@ -17,6 +17,7 @@ from structid.core.units import parse_frf_unit
 from structid.files.uff.nodes import UniversalNodes
 from structid.files.uff.units import UnitFactors
 from structid.records.formats.gaps import sourced
+from structid.records.formats.headers import states_unit
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import positions, selected
 from structid.records.formats.uff.abscissa import one_axis_unit
@@ -123,21 +124,12 @@ def _unit_words(functions: Sequence[Function], options: ReadOptions) -> str:
         stated = [
             " per ".join(filter(None, pair))
             for pair in sorted(labels)
-            if any(pair) and not _is_unit(pair, options.unit)
+            if any(pair) and not states_unit(f"({pair[0]})/({pair[1]})", options.unit, parse_frf_unit)
         ]
         beside = f", though the file says {', '.join(stated)}" if stated else ""
         return f"in {options.unit} as given{beside}"
     other = [pair for pair in sorted(labels) if not set(pair) <= SI_UNITS]
     return f"in {', '.join(' per '.join(filter(None, pair)) for pair in other)}" if other else ""
-
-
-def _is_unit(labels: tuple[str, str], unit: str) -> bool:
-    """True if the labels of ordinate and denominator state `unit`."""
-    try:
-        stated = parse_frf_unit(f"({labels[0]})/({labels[1]})")
-    except InputError:
-        return False
-    return stated == parse_frf_unit(unit)
 
 
 def _chosen(path: Path, name: str, texts: tuple[str, ...], present: list[Dof]) -> tuple[Dof, ...]:

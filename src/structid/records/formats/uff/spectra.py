@@ -19,6 +19,7 @@ from structid.files.uff.nodes import read_nodes
 from structid.files.uff.units import UnitFactors, read_unit_factors
 from structid.records.formats.bare import channel_units
 from structid.records.formats.gaps import sourced
+from structid.records.formats.headers import is_read_by
 from structid.records.formats.named_channels import chosen
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.uff.abscissa import one_axis_unit
@@ -305,21 +306,12 @@ def _sides(path: Path, function: Function) -> tuple[str, str]:
     candidates += [(next(part for part in square.groups() if part),) * 2] if square else []
     candidates += [(body[:k], body[k + 1 :]) for k, letter in enumerate(body) if letter in "*.\u00b7 "]
     for left, right in candidates if not _ROOT.search(label) else []:
-        if _is_unit(left) and _is_unit(right):
+        if is_read_by(left, parse_unit) and is_read_by(right, parse_unit):
             return left, right
     raise FileError(
         f"{path}: function {function.place} has unit {label!r}, no square or product of motions as g^2/Hz or"
         f" (m/s^2)^2 is; say the unit of the motion where the values are squares of it: {option_words(units='g')}"
     )
-
-
-def _is_unit(text: str) -> bool:
-    """True if `text` names a unit."""
-    try:
-        parse_unit(text)
-    except InputError:
-        return False
-    return True
 
 
 def stated_averages(functions: Sequence[Function]) -> int | None:

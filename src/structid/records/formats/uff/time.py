@@ -17,7 +17,7 @@ from structid.files.uff.units import UnitFactors
 from structid.records.formats.bare import channel_units
 from structid.records.formats.clocks import SURE, even_rate, resample, resampling_remedy
 from structid.records.formats.gaps import sourced, whole
-from structid.records.formats.headers import is_read_by
+from structid.records.formats.headers import states_unit
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import positions
 from structid.records.formats.uff.abscissa import one_axis_unit
@@ -129,15 +129,12 @@ def _unit_words(times: Sequence[Function], options: ReadOptions) -> str:
     if options.units:
         several = options.units if len(options.units) == len(times) else options.units[:1] * len(times)
         pairs = dict.fromkeys((function.ordinate.label, unit) for function, unit in zip(times, several, strict=True))
-        stated = ", ".join(dict.fromkeys(label for label, unit in pairs if label and not _is_unit(label, unit)))
+        stated = ", ".join(
+            dict.fromkeys(label for label, unit in pairs if label and not states_unit(label, unit, parse_unit))
+        )
         beside = f", though the file says {stated}" if stated else ""
         return f"units {', '.join(dict.fromkeys(options.units))} as given{beside}"
     return f"units {', '.join(labels)}" if set(labels) - SI_UNITS else ""
-
-
-def _is_unit(label: str, unit: str) -> bool:
-    """True if the label of a function states `unit`."""
-    return is_read_by(label, parse_unit) and parse_unit(label) == parse_unit(unit)
 
 
 def _require_one_clock(path: Path, channels: tuple[Dof, ...], clocks: Sequence[FloatArray]) -> None:
