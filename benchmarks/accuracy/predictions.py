@@ -23,7 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from scipy.linalg import eigh, expm
-from tolerances import DAMPING, RIGS, Rig, beam_matrices, frf_setup, matrices, truth
+from tolerances import DAMPING, RIGS, Rig, beam_matrices, frf_setup, matrices, receptances, truth
 
 import structid as sid
 from structid.prediction.changes import AddMass
@@ -73,17 +73,10 @@ def readings(rig: Rig, values: dict[str, float]) -> list[Reading]:
 
 def true_frf(rig: Rig, m, k, c, frequency: np.ndarray, read: list[Reading]) -> np.ndarray:
     """Magnitudes of the FRFs of what is read, (n_frequencies, n_readings)."""
-    s = 2j * np.pi * frequency
-    z = s[:, None, None] ** 2 * m + s[:, None, None] * c + k
-    unit = np.zeros((len(rig.dofs), 1))
-    unit[rig.index(rig.load)] = 1.0
-    motion = np.linalg.solve(z, np.broadcast_to(unit, (len(s), *unit.shape)))[..., 0]
-    of_displacement, of_acceleration = (np.array(rows).T for rows in zip(*map(rows_of, read), strict=True))
-    return np.abs(motion @ of_displacement + (s**2)[:, None] * motion @ of_acceleration)
-
-
-def rows_of(each: Reading) -> tuple[np.ndarray, np.ndarray]:
-    return each.of_displacement, each.of_acceleration
+    motion = receptances(rig, m, k, c, frequency)
+    of_displacement = np.array([each.of_displacement for each in read]).T
+    of_acceleration = np.array([each.of_acceleration for each in read]).T
+    return np.abs(motion @ of_displacement - ((2 * np.pi * frequency) ** 2)[:, None] * motion @ of_acceleration)
 
 
 def true_history(rig: Rig, m, k, c, force: np.ndarray, rate: float, read: list[Reading]) -> np.ndarray:
@@ -94,7 +87,8 @@ def true_history(rig: Rig, m, k, c, force: np.ndarray, rate: float, read: list[R
     whole = np.zeros((2 * n + 2, 2 * n + 2))
     whole[: 2 * n, : 2 * n], whole[: 2 * n, 2 * n], whole[2 * n, 2 * n + 1] = a / rate, b / rate, 1.0
     step = expm(whole)
-    of_displacement, of_acceleration = (np.array(rows) for rows in zip(*map(rows_of, read), strict=True))
+    of_displacement = np.array([each.of_displacement for each in read])
+    of_acceleration = np.array([each.of_acceleration for each in read])
     output = np.hstack([of_displacement, np.zeros((len(read), n))]) + of_acceleration @ a[n:]
     direct = of_acceleration @ b[n:]
     state, history = np.zeros(2 * n), np.zeros((len(force), len(read)))

@@ -183,16 +183,17 @@ def model_of(found: Identification) -> IdentifiedModel:
             "a matrix-free search gives no covariance matrix to predict with; group the unknowns, so that a dense search is used"
         )
     influence = estimate.fixed
-    tolerances = None if influence is None else dict.fromkeys(influence.change_names, 0.0)
-    if tolerances is not None and influence is not None:
-        tolerances.update(zip(influence.names, influence.tolerance.tolist(), strict=True))
+    tolerances = changes = None
+    if influence is not None:
+        tolerances = dict(zip(influence.change_names, influence.change_tolerances, strict=True))
+        changes = influence.changes[index]
     return identified_model(
         found.structure,
         found.parameters,
         estimate.values[index],
         estimate.covariance_of_data[np.ix_(index, index)],
         tolerances,
-        None if influence is None else influence.changes[index],
+        changes,
         found.assumption,
     )
 

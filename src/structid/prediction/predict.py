@@ -147,7 +147,7 @@ def predict_together(
     """
     model, error = model_and_error(source, model_error)
     drawn = _draw_all(model, model.structure, model.parameters, quantities, n_draws, seed)
-    return [_predicted(each, values, model.words, error, seed) for each, values in zip(quantities, drawn, strict=True)]
+    return _predict_all(quantities, drawn, model.words, error, seed)
 
 
 def predict_change(
@@ -196,16 +196,12 @@ def predict_changes(
             wanted[i], followed[i] = pair
     all_before = _draw_all(model, model.structure, model.parameters, wanted, n_draws, seed)
     all_after = _draw_all(model, changed, parameters, followed, n_draws, seed)
-    predicted = []
-    for quantity, before, after in zip(wanted, all_before, all_after, strict=True):
-        predicted.append(
-            PredictedChange(
-                _predicted(quantity, before, model.words, error, seed),
-                _predicted(quantity, after, model.words, error, seed),
-                _band(quantity, *_difference(quantity, before, after), model.words),
-            )
-        )
-    return predicted
+    differences = [
+        _band(quantity, *_difference(quantity, before, after), model.words)
+        for quantity, before, after in zip(wanted, all_before, all_after, strict=True)
+    ]
+    both = (_predict_all(wanted, drawn, model.words, error, seed) for drawn in (all_before, all_after))
+    return [PredictedChange(*three) for three in zip(*both, differences, strict=True)]
 
 
 def model_and_error(
@@ -228,12 +224,12 @@ def _draw_all(
     quantities: Sequence[Quantity],
     n_draws: int,
     seed: int,
-) -> list[tuple[NumberArray, NumberArray]]:
+) -> list[_Drawn]:
     """The base of each quantity by the identified model, and by each of the random models, (n_draws, ...)."""
     if n_draws < _FEWEST:
         raise InputError(f"`n_draws` must be at least {_FEWEST} for a 95 % band, got {n_draws}")
     physical = model.draw_parameters(n_draws, np.random.default_rng(seed))
-    computed: dict[int, tuple[NumberArray, NumberArray]] = {}
+    computed: dict[int, _Drawn] = {}
     for quantity in quantities:
         base = _base_of(quantity)
         if id(base) not in computed:
@@ -280,12 +276,24 @@ def parameter_points(model: IdentifiedModel) -> list[FloatArray]:
     return [model.physical, *moved]
 
 
-def _predicted(quantity: Quantity, drawn: _Drawn, words: str, error: ModelError | None, seed: int) -> Prediction:
-    """The prediction of a quantity from its base by the identified and the random models, with what the model misses."""
-    base, (nominal, draws) = _base_of(quantity), drawn
-    if error is not None and (widened := _with_model_error(base, nominal, draws, error, seed)) is not None:
-        draws, words = widened, f"{words}, and {error.words}" if words else error.words
-    return _band(quantity, *_derive(quantity, (nominal, draws)), words)
+def _predict_all(
+    quantities: Sequence[Quantity], drawn: Sequence[_Drawn], words: str, error: ModelError | None, seed: int
+) -> list[Prediction]:
+    """Predictions of quantities from their bases by the identified and the random models, with what the model misses.
+
+    What it misses of a base is drawn once for all quantities that follow from it.
+    """
+    missed: dict[int, NumberArray | None] = {}
+    predictions = []
+    for quantity, (nominal, draws) in zip(quantities, drawn, strict=True):
+        base, said = _base_of(quantity), words
+        if error is not None:
+            if id(base) not in missed:
+                missed[id(base)] = _with_model_error(base, nominal, draws, error, seed)
+            if (widened := missed[id(base)]) is not None:
+                draws, said = widened, f"{words}, and {error.words}" if words else error.words
+        predictions.append(_band(quantity, *_derive(quantity, (nominal, draws)), said))
+    return predictions
 
 
 def _with_model_error(

@@ -155,8 +155,8 @@ def tune_damper(
         with_damper = _coupled(receptances[1:], frf.frequency, mass, frequency, ratio)
         return float(np.quantile(peaks(with_damper), quantile))
 
-    ratio = mass / effective
-    start = tuned / (1 + ratio), float(np.sqrt(3 * ratio / (8 * (1 + ratio))))
+    mass_ratio = mass / effective
+    start = tuned / (1 + mass_ratio), float(np.sqrt(3 * mass_ratio / (8 * (1 + mass_ratio))))
     nominal = _search(nominal_peak, start)
     robust = _search(peak_below, nominal)
     return TunedDamper(

@@ -447,8 +447,7 @@ class _Smoother:
         back = np.linalg.solve(predicted, system.transition @ updated).T
         drive = (after[:-1] - before[1:] @ back.T)[::-1]
         smoothed = stepped(back, drive, after[-1])[::-1]
-        covariance = linalg.solve_discrete_lyapunov(back, updated - back @ predicted @ back.T)
-        covariance = (covariance + covariance.T) / 2
+        covariance = _symmetric(linalg.solve_discrete_lyapunov(back, updated - back @ predicted @ back.T))
         mean = smoothed @ system.wanted.T + self.channels.known @ system.wanted_direct.T
         wanted = system.wanted @ covariance @ system.wanted.T
         variance = np.tile(np.maximum(np.diag(wanted), 0.0), (len(mean), 1))
@@ -497,13 +496,9 @@ class _Smoother:
         system = self._system(reduced, std)
         _, gain, innovation = self._steady(system)
         before, _ = self._filtered(system, gain)
-        whitened = self._whitened(system, before, innovation)
-        return float(-0.5 * (whitened**2).sum() - 0.5 * whitened.shape[1] * np.linalg.slogdet(innovation)[1])
-
-    def _whitened(self, system: _StateSpace, before: FloatArray, innovation: FloatArray) -> FloatArray:
-        """Innovations (n_sensors, n_times): what sensors read beyond the predicted states, as independent unit errors."""
         error = self._measured - self.channels.known @ system.direct.T - before @ system.reading.T
-        return np.asarray(linalg.solve_triangular(np.linalg.cholesky(innovation), error.T, lower=True))
+        whitened = linalg.solve_triangular(np.linalg.cholesky(innovation), error.T, lower=True)
+        return float(-0.5 * (whitened**2).sum() - 0.5 * len(error) * np.linalg.slogdet(innovation)[1])
 
     def _steady(self, system: _StateSpace) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Covariance of the predicted state, gain, and covariance of the innovations, all in the steady state."""
@@ -570,7 +565,7 @@ class _Smoother:
         return _StateSpace(
             transition,
             np.hstack([constant - rising, rising]),
-            (noise + noise.T) / 2,
+            _symmetric(noise),
             rows[:n_sensors] * units / deviation,
             direct[:n_sensors] / deviation,
             wanted,
