@@ -9,7 +9,7 @@ from structid.diagnose.causes import candidates
 from structid.diagnose.causes.fixed_value import FixedValue
 from structid.diagnose.score_test import Point
 from structid.diagnose.search_budget import UNLIMITED
-from structid.diagnose.set_screening import LinearizedFit, _step_of, left_by_steps, linearize_fit, screen_sets
+from structid.diagnose.set_screening import LinearizedFit, _screen_change, linearize_fit, screen_changes, screen_sets
 from structid.diagnose.tolerance_directions import damped_basis, tolerance_directions
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
 from structid.study.run.diagnosis import diagnose_study
@@ -62,9 +62,9 @@ def test_a_linearized_fit_leaves_the_least_misfit_of_few_rows_as_of_many(drawn, 
     directions = tolerance_directions(jacobian, columns)
     triangle = np.linalg.qr(np.column_stack([jacobian, directions, columns, residual]), mode="r")
     linearized = LinearizedFit(None, residual, directions, tuple("abcde"), triangle)
-    assert linearized.left == pytest.approx(least(jacobian, columns, residual), rel=1e-9)
+    assert linearized.misfit == pytest.approx(least(jacobian, columns, residual), rel=1e-9)
     freed = np.column_stack([jacobian, columns[:, [0, 2, 4]].sum(axis=1)])
-    assert linearized.left_with_freed("ace") == pytest.approx(least(freed, columns, residual), rel=1e-9)
+    assert linearized.misfit_with_freed("ace") == pytest.approx(least(freed, columns, residual), rel=1e-9)
 
 
 def test_changes_that_noise_hides_are_no_directions(drawn):
@@ -84,9 +84,9 @@ def test_a_fixed_value_is_screened_by_its_column_as_by_its_changed_model(tmp_pat
         ("axial_stiffness[left]", "axial_stiffness[girder]"),
     ):
         change = (FixedValue(where=names), 1.0)
-        [left] = left_by_steps(linearized, [change], ALONE, "steps", UNLIMITED)
-        assert left == pytest.approx(_step_of(linearized, change, PLAIN_TOOLS)["left"], rel=1e-6)
-        assert left < linearized.left
+        [left] = screen_changes(linearized, [change], ALONE, "steps", UNLIMITED)
+        assert left == pytest.approx(_screen_change(linearized, change, PLAIN_TOOLS)["left"], rel=1e-6)
+        assert left < linearized.misfit
 
 
 @pytest.mark.parametrize("mass", [pytest.param("", marks=pytest.mark.long), FORGOTTEN])

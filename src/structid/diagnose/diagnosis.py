@@ -13,11 +13,7 @@ from structid.diagnose.diagnosed import DiagnosedIdentification, noise_level, wi
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, is_clear
 from structid.diagnose.search_budget import UNLIMITED, SearchBudget, iteration_effort
 from structid.diagnose.tested_model import TestedModel
-from structid.diagnose.thresholds import (
-    IDENTIFICATIONS,
-    SEARCH_EFFORT,
-    STAGE_PART,
-)
+from structid.diagnose.thresholds import IDENTIFICATIONS, SEARCH_EFFORT, STAGE_PART
 from structid.diagnose.verdict import (
     NOT_TRIED,
     Diagnosis,
@@ -106,9 +102,7 @@ def diagnose_identification(
         sensitivities = diagnose.fixed_value_sensitivities(model, identification)
         if not explain and (explain is False or not is_clear(sensitivities)):
             return diagnose.diagnose_sound(model, identification, sensitivities, work, apart, is_asked=explain is None)
-    if any(one.warning for one in identification.truncations) and not explain:
-        return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
-    if is_untested(identification) and not explain:
+    if not explain and (any(one.warning for one in identification.truncations) or is_untested(identification)):
         return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
     ratio = noise_ratio(identification)
     if ratio is not None and ratio != 1.0 and not explain:

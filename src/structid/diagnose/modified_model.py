@@ -50,7 +50,7 @@ from structid.records import FrfRecord
 from structid.unknowns.named_unknowns import begun_at
 
 FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
-QUICK = Raced(max_iterations=12, gain_tolerance=1e-3, left_at=0.05)
+QUICK = Raced(max_iterations=12, gain_tolerance=1e-3, left_at=RACED_AT)
 
 
 class NearFit(NamedTuple):

@@ -23,7 +23,7 @@ from structid.forward import FrfProblem
 from structid.forward.frf.response import driving_bases
 from structid.records.record import DERIVATIVES
 
-#: Degrees of freedom up to which Z is inverted line by line; of larger models modes and a static rest take its place.
+#: Degrees of freedom up to which Z is inverted line by line; of larger models modes and a residual term take its place.
 MOST_DENSE_DOFS = 600
 #: Lines that a screen looks at where time counts.
 MOST_LINES = 90

@@ -17,7 +17,7 @@ from structid.diagnose.data_rows import scaled_misfit
 from structid.diagnose.receptances import MOST_LINES, Receptances, receptances_at
 from structid.diagnose.search_budget import METER, iteration_effort, screening_effort
 from structid.diagnose.thresholds import FINELY_SCREENED
-from structid.diagnose.tolerance_directions import damped_basis, tolerance_directions
+from structid.diagnose.tolerance_directions import damped_basis, fixed_columns, tolerance_directions
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.joint_problem import tolerances_of
 from structid.inversion import JointProblem
@@ -257,12 +257,8 @@ def point_at(
     at = whole.linearize(theta)
     freed = free_fixed_values(on_lines)
     tolerances = tolerances_of(freed)
-    columns = np.zeros((len(at.residual), 0))
-    if tolerances:
-        joint = JointProblem(tuple(freed), first_prior_counts=True)
-        METER.add(iteration_effort(joint))
-        of_fixed = FixedValues(joint, tolerances).sensitivities_at(whole.names, theta)
-        columns = np.pad(of_fixed.columns * of_fixed.tolerance, ((0, len(at.residual) - whole.n_data), (0, 0)))
-    directions = tolerance_directions(at.jacobian, columns)
+    fixed_values = FixedValues(JointProblem(tuple(freed), first_prior_counts=True), tolerances) if tolerances else None
+    _, columns, tolerance = fixed_columns(fixed_values, whole.names, theta, len(at.residual))
+    directions = tolerance_directions(at.jacobian, columns * tolerance)
     basis, weights = damped_basis(np.linalg.qr(at.jacobian)[0], directions)
     return Point(records, at.residual, basis, weights, undamped)

@@ -36,7 +36,7 @@ from structid.diagnose.search_budget import (
     SearchEndedError,
     map_within_budget,
 )
-from structid.diagnose.set_screening import left_by_steps, linearize_fit
+from structid.diagnose.set_screening import linearize_fit, screen_changes
 from structid.diagnose.thresholds import (
     CERTAIN_AT_FIT,
     CHANNEL_PART,
@@ -276,7 +276,7 @@ def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, bud
     fifths of the other.
     """
     left = np.array(
-        left_by_steps(
+        screen_changes(
             linearize_fit(base), [(row.candidate, row.strength) for row in rows], work, f"{name}, of modes", budget
         )
     )

@@ -400,7 +400,7 @@ def _fit_near_all(
     first = [k for k in originals if rank[k] < FINALISTS]
     rest = sorted((k for k in originals if rank[k] >= FINALISTS), key=lambda k: (k not in kept, rank[k]))
     known: dict[int, StoredFit | None] = {}
-    base.near_path  # noqa: B018  # computed once, before it is sent to other processes
+    _ = base.near_path  # computed once, before it is sent to other processes
     above, least = np.inf, LEAST_REFITS
     for block in [first, *(rest[i : i + FINALISTS] for i in range(0, len(rest), FINALISTS))]:
         items = [(*changes[k], np.inf if k in kept else above) for k in block]

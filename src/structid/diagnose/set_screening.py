@@ -1,4 +1,4 @@
-"""Screening of changes that receptances do not show: each is evaluated anew, and judged by what one linear step leaves."""
+"""Screening of changes whose effect receptances do not give: each changed model is judged by its misfit after one linear step."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from structid.diagnose.refits import Fitted, Sized
 from structid.diagnose.score_test import Screened
 from structid.diagnose.search_budget import METER, UNLIMITED, SearchBudget, iteration_effort, map_within_budget
 from structid.diagnose.thresholds import LEAST_DROP
-from structid.diagnose.tolerance_directions import tolerance_directions
+from structid.diagnose.tolerance_directions import fixed_columns, tolerance_directions
 from structid.inversion.linearization import triangle_of
 from structid.inversion.search.work import Tools, Work
 
@@ -32,7 +32,7 @@ class LinearizedFit(NamedTuple):
     directions : (n_data, n_directions) float array
         Changes of the data rows, each by one tolerance; see `tolerance_directions`.
     names : tuple of str
-        Fixed values whose effect is known.
+        Fixed values, one for each of their columns in `triangle`, in its order.
     triangle : (n, n_columns) float array
         R of the QR factorization of the Jacobian, `directions`, the columns of the fixed values, and the residual; of n rows,
         as many as it has columns, or as there are data and priors where these are fewer.
@@ -45,93 +45,92 @@ class LinearizedFit(NamedTuple):
     triangle: FloatArray
 
     @property
-    def left(self) -> float:
-        """The sum of squares that a linear step leaves, fixed values within their tolerances."""
-        return self._left_with(np.zeros((len(self.triangle), 0)))
+    def misfit(self) -> float:
+        """The misfit after one linear step, fixed values within their tolerances."""
+        return self._misfit_with(np.zeros((len(self.triangle), 0)))
 
-    def left_with_freed(self, names: Sequence[str]) -> float:
-        """The sum of squares that a linear step leaves where fixed values change by one factor, however large."""
+    def misfit_with_freed(self, names: Sequence[str]) -> float:
+        """The misfit after one linear step that also changes these fixed values by one factor, without a prior."""
         first = self.triangle.shape[1] - len(self.names) - 1
         chosen = [first + self.names.index(name) for name in names]
-        return self._left_with(self.triangle[:, chosen].sum(axis=1, keepdims=True))
+        return self._misfit_with(self.triangle[:, chosen].sum(axis=1, keepdims=True))
 
-    def _left_with(self, freed: FloatArray) -> float:
+    def _misfit_with(self, freed: FloatArray) -> float:
+        """The misfit after one linear step with these columns, as `triangle` has them, as further unknowns."""
         n_directions = self.directions.shape[1]
         n_params = self.triangle.shape[1] - len(self.names) - n_directions - 1
         columns = [self.triangle[:, : n_params + n_directions], freed, self.triangle[:, -1:]]
-        return left_by_step(np.column_stack(columns), n_params, n_directions)
+        return misfit_after_step(np.column_stack(columns), n_params, n_directions)
 
 
-def left_by_step(rows: FloatArray, n_params: int, n_directions: int) -> float:
-    """The sum of squares that the best linear step leaves.
+def misfit_after_step(augmented: FloatArray, n_params: int, n_directions: int) -> float:
+    """The sum of squares of data, priors and tolerances that the best linear step leaves.
 
     Parameters
     ----------
-    rows : (n_rows, n_columns) float array
-        Jacobian by parameters, changes by one tolerance each, further columns, and the residual.
+    augmented : (n_rows, n_columns) float array
+        Jacobian by parameters, changes by one tolerance each, columns of further unknowns without a prior, and the residual.
     n_params, n_directions : int
         How many columns are of parameters, and how many of tolerances: each of these has a standard normal prior.
     """
-    priors = np.zeros((n_directions, rows.shape[1]))
+    priors = np.zeros((n_directions, augmented.shape[1]))
     priors[:, n_params : n_params + n_directions] = np.eye(n_directions)
-    rest = triangle_of(np.concatenate([rows, priors]))[rows.shape[1] - 1 :, -1]
+    rest = triangle_of(np.concatenate([augmented, priors]))[augmented.shape[1] - 1 :, -1]
     return float(rest @ rest)
 
 
 def linearize_fit(fitted: Fitted) -> LinearizedFit:
-    """A fit linearized once for all changes that are held against it; that of a large model without tolerances."""
+    """A fit linearized once for all changes that are held against it; for large models tolerances are left out."""
     modified, target = fitted.modified, fitted.modified.target
     METER.add(iteration_effort(target))
     at = target.linearize(fitted.theta)
-    n_rows, names = len(at.residual), tuple[str, ...]()
-    columns: FloatArray = np.zeros((n_rows, 0))
-    tolerance: FloatArray = np.zeros(0)
     fixed_values = None if modified.is_large else modified.fixed_values
-    if fixed_values is not None:
-        METER.add(iteration_effort(fixed_values.problem))
-        of_fixed = fixed_values.sensitivities_at(target.names, fitted.theta)
-        columns = np.pad(of_fixed.columns, ((0, n_rows - target.n_data), (0, 0)))
-        names, tolerance = of_fixed.names, of_fixed.tolerance
+    names, columns, tolerance = fixed_columns(fixed_values, target.names, fitted.theta, len(at.residual))
     directions = tolerance_directions(at.jacobian, columns * tolerance)
     triangle = triangle_of(np.column_stack([at.jacobian, directions, columns, at.residual]))
     return LinearizedFit(fitted, at.residual, directions[: target.n_data], names, triangle)
 
 
 def screen_sets(base: Fitted, work: Work, name: str, budget: SearchBudget = UNLIMITED) -> list[Screened]:
-    """Changes of whole sets and of the mesh that lower the misfit by one linear step, with their best strengths."""
+    """Changes with which a linear step leaves less than without, with their best strengths.
+
+    Mesh, shear, window and clock need not lower the misfit by `LEAST_DROP`, as all others must. `name` is that of the stage.
+    """
     several = set_candidates(base.modified.model, base.modified.problems)
     sized = [(candidate, float(strength)) for candidate in several for strength in candidate.strengths]
     linearized = linearize_fit(base)
-    left = iter(left_by_steps(linearized, sized, work, name, budget))
-    whole, screened = linearized.left, list[Screened]()
+    left = iter(screen_changes(linearized, sized, work, name, budget))
+    unchanged, screened = linearized.misfit, list[Screened]()
     for candidate in several:
         least, strength = min((next(left), float(strength)) for strength in candidate.strengths)
-        is_always = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow | Clock)
-        if np.isfinite(least) and (is_always or least < (1 - LEAST_DROP) * whole):
+        needs_no_drop = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow | Clock)
+        if np.isfinite(least) and (needs_no_drop or least < (1 - LEAST_DROP) * unchanged):
             screened.append(Screened(candidate, strength, least))
     return screened
 
 
-def left_by_steps(
+def screen_changes(
     linearized: LinearizedFit, sized: Sequence[Sized], work: Work, name: str, budget: SearchBudget
 ) -> list[float]:
-    """The misfit that a linear step of each changed model leaves; infinite where there is none, or no time for it."""
-    known = {k: linearized.left_with_freed(one.where) for k, (one, _) in enumerate(sized) if _is_known(linearized, one)}
+    """The misfit of each changed model after a linear step; infinite where there is no such model, or no time for it."""
+    known = {
+        k: linearized.misfit_with_freed(one.where) for k, (one, _) in enumerate(sized) if _has_columns(linearized, one)
+    }
     others = [item for k, item in enumerate(sized) if k not in known]
-    steps = iter(map_within_budget(budget, work, name, _step_of, linearized, others))
+    steps = iter(map_within_budget(budget, work, name, _screen_change, linearized, others))
     return [known[k] if k in known else (next(steps) or {"left": np.inf})["left"] for k in range(len(sized))]
 
 
-def _is_known(linearized: LinearizedFit, candidate: Candidate) -> bool:
+def _has_columns(linearized: LinearizedFit, candidate: Candidate) -> bool:
     """True of fixed values whose effect is a column of the linearized fit."""
     return isinstance(candidate, FixedValue) and set(candidate.where) <= set(linearized.names)
 
 
-def _step_of(linearized: LinearizedFit, change: Sized, tools: Tools) -> dict[str, float]:
-    """The misfit that one linear step leaves of a model with the change; infinite where it hardly lowers the misfit.
+def _screen_change(linearized: LinearizedFit, change: Sized, tools: Tools) -> dict[str, float]:
+    """The misfit after one linear step of a model with the change; infinite where there is none, or the change does too little.
 
-    A change without a parameter of its own that changes the residual by d lowers what a step leaves of |r|^2, W, by no more
-    than 2 sqrt(W) |d| to first order.
+    A change without a parameter of its own that changes the residual by d lowers the misfit W after a step by no more than
+    2 sqrt(W) |d| to first order.
     """
     base = linearized.fitted
     try:
@@ -140,7 +139,7 @@ def _step_of(linearized: LinearizedFit, change: Sized, tools: Tools) -> dict[str
         n_data, is_comparable = target.n_data, target.n_data == base.modified.target.n_data
         if is_comparable and target.names == base.modified.target.names:
             difference = np.linalg.norm(target.residual(theta)[:n_data] - linearized.residual[:n_data])
-            if 2 * difference < LEAST_DROP * np.sqrt(linearized.left):
+            if 2 * difference < LEAST_DROP * np.sqrt(linearized.misfit):
                 return {"left": np.inf}
         METER.add(iteration_effort(target))
         at = target.linearize(theta)
@@ -148,5 +147,5 @@ def _step_of(linearized: LinearizedFit, change: Sized, tools: Tools) -> dict[str
         return {"left": np.inf}
     directions = linearized.directions if is_comparable else np.zeros((n_data, 0))
     directions = np.pad(directions, ((0, len(at.residual) - n_data), (0, 0)))
-    rows = np.column_stack([at.jacobian, directions, at.residual])
-    return {"left": left_by_step(rows, at.n_params, directions.shape[1])}
+    augmented = np.column_stack([at.jacobian, directions, at.residual])
+    return {"left": misfit_after_step(augmented, at.n_params, directions.shape[1])}

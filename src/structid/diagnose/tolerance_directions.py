@@ -5,8 +5,33 @@ from __future__ import annotations
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.diagnose.search_budget import METER, iteration_effort
 from structid.diagnose.thresholds import LEAST_TOLERANCE_EFFECT
 from structid.inversion.linearization import triangle_of
+from structid.inversion.search.within_tolerances import FixedValues
+
+
+def fixed_columns(
+    fixed_values: FixedValues | None, names: tuple[str, ...], theta: FloatArray, n_rows: int
+) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Names of fixed values, changes of data and prior rows by their logarithms, (n_rows, n_fixed), and their tolerances.
+
+    Parameters
+    ----------
+    fixed_values : FixedValues, optional
+        There are no columns without.
+    names : tuple of str
+        Of the parameters.
+    theta : (n_params,) float array
+    n_rows : int
+        Data rows, then rows of priors, which fixed values do not change.
+    """
+    if fixed_values is None:
+        return (), np.zeros((n_rows, 0)), np.zeros(0)
+    METER.add(iteration_effort(fixed_values.problem))
+    influence = fixed_values.sensitivities_at(names, theta)
+    padded = np.pad(influence.columns, ((0, n_rows - len(influence.columns)), (0, 0)))
+    return influence.names, padded, influence.tolerance
 
 
 def tolerance_directions(jacobian: FloatArray, columns: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from structid.diagnose.causes.places import spread
 from structid.diagnose.model_edits import AddUnknown, Edits, LetNodeSlide
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.thresholds import MOST_NODE_PLACES
-from structid.fem import RigidLink, Structure
+from structid.fem import Structure
 from structid.fem.node_positions import node_positions
 from structid.forward import RecordProblem
 
@@ -28,7 +28,7 @@ class NodePlace(Candidate):
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
         """A candidate for each node, some of very many, where bars and beams meet in a straight line or one ends."""
         structure = model.setups[0].structure
-        for node in spread(list(_nodes_that_may_slide(structure)), MOST_NODE_PLACES):
+        for node in spread(_nodes_that_may_slide(structure), MOST_NODE_PLACES):
             yield cls(where=(str(node),))
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
@@ -39,10 +39,12 @@ class NodePlace(Candidate):
         return f"node {self.where[0]} is elsewhere along its line than drawn: a length is wrong"
 
 
-def _nodes_that_may_slide(structure: Structure) -> Iterator[int]:
+def _nodes_that_may_slide(structure: Structure) -> list[int]:
     """Labels of the nodes whose position may become a property; none of structures with components."""
-    linked = {node for tie in structure.ties if isinstance(tie, RigidLink) for node in (tie.main, *tie.dependents)}
+    nodes = []
     for node in structure.nodes if not structure.components else ():
-        if node not in structure.sliding and node not in linked:
+        if node not in structure.sliding:
             with suppress(InputError):
-                yield node_positions([node], structure.elements, structure.nodes)[0].node
+                node_positions([node], structure.elements, structure.nodes, structure.ties)
+                nodes.append(node)
+    return nodes
