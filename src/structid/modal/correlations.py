@@ -59,6 +59,11 @@ class Outputs:
         """Of the longest record, s."""
         return max(len(y) for y in self.series) / self.sampling_rate
 
+    @property
+    def seconds(self) -> float:
+        """Of all records together."""
+        return sum(map(len, self.series)) / self.sampling_rate
+
 
 @dataclass(frozen=True)
 class Piece:

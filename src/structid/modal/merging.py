@@ -164,12 +164,17 @@ def common_sensors(
     return tuple(dict.fromkeys(wanted))
 
 
+def rows_and_signs(setup: ModalRecord, dofs: Sequence[Dof]) -> tuple[list[int], FloatArray]:
+    """Rows of a set-up's shapes at `dofs`, which are positive directions, and the senses of its channels there, (n_dofs, 1)."""
+    row_of = {dof.unsigned: i for i, dof in enumerate(setup.channels)}
+    rows = [row_of[dof] for dof in dofs]
+    return rows, np.array([[float(setup.channels[row].sign)] for row in rows])
+
+
 def _rows(setup: ModalRecord, dofs: Sequence[Dof]) -> ComplexArray:
     """Shape entries (n_dofs, n_modes) of a set-up at `dofs`, counted positive along the axes."""
-    place = {dof.unsigned: i for i, dof in enumerate(setup.channels)}
-    rows = [place[dof] for dof in dofs]
-    sign = np.array([setup.channels[i].sign for i in rows])
-    return np.asarray(setup.mode_shapes[rows] * sign[:, None], dtype=np.complex128)
+    rows, signs = rows_and_signs(setup, dofs)
+    return np.asarray(setup.mode_shapes[rows] * signs, dtype=np.complex128)
 
 
 def pair_worth(

@@ -11,7 +11,7 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import Dof
 from structid.core.errors import InputError
-from structid.modal.merging import common_sensors, pair_worth
+from structid.modal.merging import common_sensors, pair_worth, rows_and_signs
 from structid.modal.modal_record import ModalRecord
 from structid.modal.shape_uncertainty import mac_with_std
 from structid.similarity.pairing import assigned
@@ -132,8 +132,7 @@ def track_modes(
 
 def _at_sensors(record: ModalRecord, sensors: Sequence[Dof]) -> ModalRecord:
     """Modes at `sensors`, which are positive directions, in their order."""
-    rows = [[dof.unsigned for dof in record.channels].index(sensor) for sensor in sensors]
-    signs = np.array([[record.channels[row].sign * 1.0] for row in rows])
+    rows, signs = rows_and_signs(record, sensors)
     few = record.some_channels(rows)
     changes = few.changes and replace(few.changes, mode_shapes=signs * few.changes.mode_shapes)
     return replace(few, channels=tuple(sensors), mode_shapes=signs * few.mode_shapes, changes=changes)

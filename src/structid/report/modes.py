@@ -247,8 +247,7 @@ def method_words(result: ModesResult) -> str:
 
 def scale_sentence(result: ModesResult) -> str:
     """`ModesResult.scale_words` as a sentence."""
-    words = result.scale_words
-    return as_sentence(words)
+    return as_sentence(result.scale_words)
 
 
 def std_sentence(result: ModesResult) -> str:

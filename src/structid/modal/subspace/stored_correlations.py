@@ -40,7 +40,9 @@ from structid.modal.subspace.subspace_modes import (
     changes_of_poles,
     frequency_damping_covariance,
     left_out_clusters,
+    numbers_of,
     picked_poles,
+    poles_of,
     shape_deviations,
     surest_poles,
 )
@@ -127,13 +129,13 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
     found = tuple(selection.clusters[n] for n in order) if selection.clusters else ()
     errors = None
     if averages is not None:
-        largest = max(sweep[k].order for k in [k for k, _ in picked] + [k for c in found for k in c.number.tolist()])
+        largest = max(sweep[k].order for k in [k for k, _ in picked] + numbers_of(found))
         drawn = error_deviations(record, averages, subspace, rows, columns, largest)
         errors = PoleChanges(drawn, *changes_of_poles(subspace, drawn, sweep, picked))
         if found and options.frequencies is None:
             seconds = averages * len(record.values) / record.sampling_rate
             picked, found, errors = surest_poles(subspace, sweep, found, errors, seconds)
-    poles: ComplexArray = np.array([sweep[k].poles[i] for k, i in picked])
+    poles = poles_of(sweep, picked)
     shapes = np.stack([sweep[k].shapes[:, i] for k, i in picked], axis=1)
     dofs, merge = displacement_rows(data, poles)
     merged = np.einsum("cdm,dm->cm", merge, shapes)

@@ -79,7 +79,7 @@ def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = F
             "`records` show no mode that is stable over `orders` and meets `criteria`; widen the criteria, raise "
             "`block_rows` or the greatest order, or measure longer"
         )
-    motion = free_decay(data, _poles(sweep, picked))
+    motion = free_decay(data, poles_of(sweep, picked))
     shorter = _until_noise(data, motion, 8 * rows) if motion.explains_most and not is_decay else None
     if shorter is not None:
         result = _modes(shorter, options, method, is_decay=True)
@@ -88,15 +88,15 @@ def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = F
     automatic = bool(found) and options.frequencies is None
     if automatic and method in _REFINED and options.refine and (is_decay or motion.explains_most):
         picked, found, motion = _with_left_over(data, sweep, picked, found, motion, options, notes)
-    if not motion.explains_all and (_poles(sweep, picked).real >= 0).any():
+    if not motion.explains_all and (poles_of(sweep, picked).real >= 0).any():
         options = replace(options, criteria=options.criteria.damped)
-        picked, found, notes, others = _damped(sweep, data.scale, options, _poles(sweep, picked))
-        motion = free_decay(data, _poles(sweep, picked))
+        picked, found, notes, others = _damped(sweep, data.scale, options, poles_of(sweep, picked))
+        motion = free_decay(data, poles_of(sweep, picked))
     if automatic and motion.explains_all:
         picked, found, motion = _standing_out(data, sweep, picked, found, motion, notes)
     changes = _pole_changes(subspace, sweep, picked, found, motion)
     if automatic and changes is not None and not motion.explains_all:
-        seconds = sum(len(y) for y in data.series) / data.sampling_rate
+        seconds = data.seconds
         piece = seconds / len(subspace.windows)
         picked, found, changes = surest_poles(subspace, sweep, found, changes, seconds, piece)
     modes = _modal_record(subspace, sweep, picked, motion, changes, notes)
@@ -138,7 +138,7 @@ def _with_left_over(
     """
     every = clusters(sweep, data.scale, options.criteria, keep_all=True)
     candidates = np.array([sweep[c.number[c.chosen]].poles[c.index[c.chosen]] for c in every if c.size > 1])
-    start = _poles(sweep, picked)
+    start = poles_of(sweep, picked)
     fit = decay_fit(data, start)
     poles = start if fit is None else fit.poles
     if fit is not None and is_near(poles, start) and not is_left_over(data, poles, candidates):
@@ -195,7 +195,8 @@ def _around(sweep: Sequence[Poles], every: Sequence[Cluster], number: int, index
     return Cluster(np.array([number]), own, poles.frequency[own], poles.damping_ratio[own], 0)
 
 
-def _poles(sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]) -> ComplexArray:
+def poles_of(sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]) -> ComplexArray:
+    """The picked poles of a sweep over orders, (n_modes,), rad/s."""
     return np.array([sweep[k].poles[i] for k, i in picked])
 
 
@@ -205,7 +206,7 @@ def _damped(
     """Chosen poles of ambient motion without undamped ones, and notes on the undamped ones left out."""
     selection = picked_poles(sweep, scale, options)
     picked = selection.places
-    omega, undamped = np.abs(_poles(sweep, picked)), np.abs(before[before.real >= 0])
+    omega, undamped = np.abs(poles_of(sweep, picked)), np.abs(before[before.real >= 0])
     lost = [w for w in undamped if not (np.abs(omega / w - 1) < _SAME).any()]
     listed = ", ".join(f"{w / (2 * np.pi):.4g}" for w in sorted(lost))
     words = (
@@ -222,7 +223,7 @@ def _standing_out(
     notes: list[str],
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], FreeDecay]:  # fmt: skip
     """Chosen poles of a free decay without those that do not stand out of the noise, which are noted."""
-    s = _poles(sweep, picked)
+    s = poles_of(sweep, picked)
     keep = stands_out(data, s)
     if keep.all() or not keep.any():
         return picked, found, motion
@@ -381,12 +382,12 @@ def _pole_changes(
     motion: FreeDecay,
 ) -> PoleChanges | None:
     """Changes of the chosen poles by the scatter of the data; None where that cannot be had."""
-    numbers = [k for k, _ in picked] if motion.explains_all else [k for k, _ in picked] + _numbers(found)
+    numbers = [k for k, _ in picked] if motion.explains_all else [k for k, _ in picked] + numbers_of(found)
     spread = deviations(subspace, max(sweep[k].order for k in numbers), motion, len(picked))
     return None if spread is None else PoleChanges(spread, *changes_of_poles(subspace, spread, sweep, picked))
 
 
-def _numbers(found: Sequence[Cluster]) -> list[int]:
+def numbers_of(found: Sequence[Cluster]) -> list[int]:
     return sorted({k for cluster in found for k in cluster.number.tolist()})
 
 
@@ -410,7 +411,8 @@ def surest_poles(
     Au (2014), Uncertainty law in ambient modal identification, part I: theory, Mech. Syst. Signal Process. 48, 15-33: the
     variance of a frequency f is at least zeta f / (2 pi T) in T seconds.
     """
-    memory = _memory(_poles(sweep, [c.place for c in found]))
+    start = poles_of(sweep, [cluster.place for cluster in found])
+    memory = _memory(start)
 
     def std(poles: ComplexArray, moved: ComplexArray) -> FloatArray:
         batches = moved if piece is None else overlapping_batches(moved, moved[:, None], piece, memory)[0]
@@ -419,7 +421,6 @@ def surest_poles(
         return np.asarray(np.sqrt(np.sum(both**2, axis=0)).reshape(2, -1))
 
     clusters, ds, dshape = list(found), changes.poles.copy(), changes.shapes.copy()
-    start = _poles(sweep, [cluster.place for cluster in clusters])
     least = np.sqrt(np.maximum(-start.real, 0.0) / seconds) / (2 * np.pi)
     surest = std(start, ds)
     likely = np.array([cluster.probability >= LIKELY for cluster in found])
@@ -458,7 +459,7 @@ def _modal_record(
 ) -> ModalRecord:  # fmt: skip
     """Modal record of the chosen poles, with shapes scaled to largest entry 1, covariance and notes."""
     data = subspace.data
-    s = _poles(sweep, picked)
+    s = poles_of(sweep, picked)
     raw = np.stack([sweep[k].shapes[:, i] for k, i in picked], axis=1)
     order = np.argsort(np.abs(s), kind="stable")
     s, raw = s[order], raw[:, order]
@@ -469,7 +470,7 @@ def _modal_record(
         ds, draw = changes.poles[:, order], changes.shapes[:, :, order]
         widening: FloatArray = np.ones(len(s))
         if not motion.explains_all:
-            seconds, n_pieces = sum(len(y) for y in data.series) / data.sampling_rate, len(subspace.windows)
+            seconds, n_pieces = data.seconds, len(subspace.windows)
             ds, draw = overlapping_batches(ds, draw, seconds / n_pieces, _memory(s))
             widening = frequency_widening(s, seconds, n_pieces, _memory(s))
         modal_changes = changes_of_modes(s, ds, shapes, np.einsum("cdm,bdm->bcm", merge, draw), widening)
@@ -551,7 +552,7 @@ def _warnings(data: Outputs, s: ComplexArray, n_pieces: int) -> list[str]:
         notes.append(f"mode {listed} turns less than three times in {duration:g} s; measure longer")
     decay = np.maximum(-s.real, 1e-300)
     if n_pieces:
-        batch = sum(len(y) for y in data.series) / data.sampling_rate / min(n_pieces, 8)  # as long as they may grow
+        batch = data.seconds / min(n_pieces, 8)  # as long as they may grow
         slow = np.flatnonzero((batch * omega < 4 * np.pi) | ((batch * decay < 1) & (duration * decay > 1)))
         if len(slow):
             listed = ", ".join(str(i + 1) for i in slow)
