@@ -783,7 +783,6 @@ def test_a_click_that_begins_while_a_field_is_saved_counts(page, tmp_path):
     text = study.read_text("utf-8") + '\n[[unknown]]\nproperty = "mass"\nelements = "beam"\n'
     study.write_text(text, encoding="utf-8")
     entries = tomllib.loads(text)["unknown"]
-    page.set_default_timeout(60_000)
     with served(tmp_path) as bench:
         page.goto(bench.address + "#unknowns/beam.toml")
         page.get_by_label("bounds: mass of beam").fill("0.1, 9")

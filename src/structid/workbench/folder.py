@@ -141,10 +141,11 @@ class OpenFolder:
     def stamps(self) -> dict[str, str]:
         """Modification time (ns) and size of each TOML file in the listing, by its name."""
         stamps = {}
-        for path, size in self._files()[0]:
+        for path, _ in self._files()[0]:
             if path.suffix == ".toml":
                 with suppress(OSError):
-                    stamps[_shown_name(self.name(path))] = f"{path.stat().st_mtime_ns} {size}"
+                    stat = path.stat()
+                    stamps[_shown_name(self.name(path))] = f"{stat.st_mtime_ns} {stat.st_size}"
         return stamps
 
     def _refusal(self, path: Path) -> str:

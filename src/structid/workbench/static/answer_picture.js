@@ -1,6 +1,6 @@
 // The identified structure: its changes by colour, and the shapes of its modes in motion.
 import {field, fill, h, options, unpacked} from "./dom.js";
-import {Scene, sceneStage} from "./scene.js";
+import {Scene, sceneStage, unpackedSet} from "./scene.js";
 
 const REACH = 0.12; // of the size of the structure: the largest motion that is drawn
 const SECONDS = 2.4; // a cycle
@@ -42,23 +42,7 @@ export function answerPicture(told) {
     "Drag to turn, Shift and drag to move, wheel to zoom",
   );
   const scene = new Scene(stage, () => {});
-  const arrays = {labels: "i32", places: "f32", moves: "u8"};
-  const structure = {...told};
-  for (const [key, kind] of Object.entries(arrays)) {
-    structure[key] = unpacked(told[key], kind);
-  }
-  structure.sets = told.sets.map((set) => {
-    const made = {...set};
-    for (const key of ["triangles", "edges", "owners", "lines", "marks"]) {
-      if (set[key]) {
-        made[key] = unpacked(set[key], "u32");
-      }
-    }
-    if (set.weights) {
-      made.weights = unpacked(set.weights, "f32");
-    }
-    return made;
-  });
+  const structure = {...told, places: unpacked(told.places, "f32"), sets: told.sets.map(unpackedSet)};
   const legend = h("div", {class: "scale"}),
     words = h("ul", {class: "plain note"});
   const shown = h(
@@ -81,8 +65,10 @@ export function answerPicture(told) {
     const shading = told.shadings[shown.value];
     stage.classList.toggle("shaded", Boolean(shading));
     scene.isOutlined = Boolean(shading);
-    scene.set({...structure, sets: shading ? splitByColour(structure.sets, shading) : structure.sets}, isDrawn);
-    isDrawn = true;
+    scene.set(
+      {...structure, sets: shading ? splitByColour(structure.sets, shading) : structure.sets},
+      Boolean(scene.told),
+    );
     fill(
       legend,
       shading
@@ -131,7 +117,6 @@ export function answerPicture(told) {
     };
     requestAnimationFrame(swing);
   };
-  let isDrawn = false;
   colour();
   return h(
     "section",

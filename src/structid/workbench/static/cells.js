@@ -172,10 +172,6 @@ export class Cells {
     cell.tried = null;
   }
 
-  refuse(cell, words) {
-    refuseTyped(cell.input, words);
-  }
-
   describe(cell, words) {
     cell.note.textContent = words;
     cell.place.append(cell.note);
@@ -198,7 +194,7 @@ export class Cells {
       forgetTyped(cell.input);
     } catch (error) {
       if (cell.input.value === text) {
-        this.refuse(cell, error.message);
+        refuseTyped(cell.input, error.message);
       }
     }
   }
@@ -220,7 +216,7 @@ export class Cells {
     try {
       done = this.added(values);
     } catch (error) {
-      this.refuse(own.find((cell) => cell.column.key === error.column) ?? own[0], error.message);
+      refuseTyped((own.find((cell) => cell.column.key === error.column) ?? own[0]).input, error.message);
       (own.find((cell) => cell.column.key === error.column) ?? own[0]).input.focus();
       return;
     }
@@ -234,7 +230,7 @@ export class Cells {
       own.forEach((cell) => {
         cell.input.value = values[cell.column.key];
       });
-      this.refuse(own[0], error.message);
+      refuseTyped(own[0].input, error.message);
     }
   }
 

@@ -32,8 +32,7 @@ export const app = {
   shown: 0,
   drafts: new Map(),
   acting: new Set(), // controls whose action goes on
-  asked: 0, // answers about the open study that were asked for, and when all of them are there
-  answered: null,
+  answered: null, // settles once all answers about the open study are there; a new one for each of them
 };
 keepClicks();
 keepTyped(main, () => `${app.step} ${app.study} ${app.record}`);
@@ -115,7 +114,6 @@ app.read = async () => {
 // The answer of the server to a reading or a writing of the open study; changes that are heard meanwhile wait for it.
 app.answer = (asked) => {
   const answer = Promise.resolve(asked);
-  app.asked += 1;
   app.answered = Promise.allSettled([app.answered, answer]).then(() => null); // no answer is kept
   return answer;
 };
@@ -260,12 +258,12 @@ window.addEventListener("beforeunload", (event) => {
 // Changes made by hand, by another page or by a run are heard here.
 async function noticeChange(study) {
   let found = null,
-    asked = 0;
+    answered = null;
   do {
-    await app.answered;
-    asked = app.asked;
+    answered = app.answered;
+    await answered;
     found = await get("study", {study});
-  } while (asked !== app.asked); // else it may be older than what the page itself has read or written meanwhile
+  } while (answered !== app.answered); // else it may be older than what the page itself has read or written meanwhile
   if (!app.now || app.study !== study || found.digest === app.now.digest) {
     return;
   }

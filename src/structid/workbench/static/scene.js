@@ -22,6 +22,19 @@ const DISC = `#version 300 es
 precision highp float; uniform vec4 colour; out vec4 made; void main() { float r = length(gl_PointCoord - 0.5); if (r > 0.5) { discard; } made = vec4(colour.rgb * (r > 0.4 ? 0.6 : 1.0), 1.0); }`;
 
 const numbers = (given, kind) => (typeof given === "string" ? unpacked(given, kind) : given);
+// An element set as the server sends it, with its packed arrays as numbers.
+export function unpackedSet(one) {
+  const made = {...one};
+  for (const key of ["triangles", "edges", "owners", "lines", "marks"]) {
+    if (one[key]) {
+      made[key] = numbers(one[key], "u32");
+    }
+  }
+  if (one.weights) {
+    made.weights = numbers(one.weights, "f32");
+  }
+  return made;
+}
 const rgb = (text) => {
   const n = parseInt(text.slice(1), 16);
   return [(n >> 16) / 255, ((n >> 8) & 255) / 255, (n & 255) / 255];
@@ -164,15 +177,7 @@ export class Scene {
     this.labels.forEach((label, k) => this.row.set(label, k));
     const used = new Uint8Array(n);
     this.sets = told.sets.map((one, k) => {
-      const made = {...one, colour: one.colour ?? SET_COLOURS[k % SET_COLOURS.length]};
-      for (const key of ["triangles", "edges", "owners", "lines", "marks"]) {
-        if (one[key]) {
-          made[key] = numbers(one[key], "u32");
-        }
-      }
-      if (one.weights) {
-        made.weights = numbers(one.weights, "f32");
-      }
+      const made = {...unpackedSet(one), colour: one.colour ?? SET_COLOURS[k % SET_COLOURS.length]};
       for (const key of ["triangles", "lines", "marks"]) {
         if (made[key]) {
           for (const row of made[key]) {

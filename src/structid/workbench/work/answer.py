@@ -18,24 +18,28 @@ from structid.study.schema.study import Study
 from structid.workbench.folder import read_json
 from structid.workbench.work.scene import packed, structure_scene
 
-#: Modes whose shapes are sent, degrees of freedom beyond which none are, colours of the legend, and changes told in words.
-_MODES, _MOST_DOFS, _LEGEND, _MOST_WORDS = 12, 30_000, 9, 20
+#: Modes whose shapes are sent, and degrees of freedom beyond which none are.
+_MODES, _MOST_DOFS = 12, 30_000
+#: Colours of the legend, and changes of an element set that are told in words.
+_LEGEND_COLOURS, _MOST_WORDS = 9, 20
 
 
-def identified_structure(folder: Path) -> dict[str, Entry]:
-    """Drawing data of the structure of a results folder, with colours of its changes by element and mode shapes at its nodes.
+def identified_scene(folder: Path) -> dict[str, Entry]:
+    """Drawing data of the structure of a results folder: colours of its changes by element, and shapes of the identified modes.
+
+    There are no modes of large structures, and of those that have none.
 
     Raises
     ------
     FileError
-        If the folder is of another version, or its study has changed.
+        If the folder is of another version, its study has changed, or its estimate.json cannot be used.
     InputError
         If the data do not determine the model.
     """
     study = stored_study(folder)
     structure = study.structure
     drawn: dict[str, Entry] = structure_scene(structure)
-    drawn["shadings"] = [_shading(one, study) for one in parameter_shadings(_identified(folder, study))]
+    drawn["shadings"] = [_shading(one, study) for one in parameter_shadings(_identified_parameters(folder, study))]
     drawn["modes"] = []
     if structure.has_modes and structure.n_dofs <= _MOST_DOFS:
         computed = model_modes(stored_model(folder, study), _MODES)
@@ -47,7 +51,7 @@ def identified_structure(folder: Path) -> dict[str, Entry]:
     return drawn
 
 
-def _identified(folder: Path, study: Study) -> IdentifiedParameters:
+def _identified_parameters(folder: Path, study: Study) -> IdentifiedParameters:
     """The parameters of the study of a results folder with their values, from its estimate.json."""
     try:
         listed = {one["name"]: one for one in read_json(folder / "estimate.json")["parameters"]}
@@ -67,7 +71,7 @@ def _identified(folder: Path, study: Study) -> IdentifiedParameters:
 
 
 def _shading(shading: Shading, study: Study) -> dict[str, Entry]:
-    """One shading as the page shows it: the colour and the words of each element by its set, and the legend."""
+    """One shading as the page shows it: by element set the colour of each element and words on its changes; and the legend."""
     sets: dict[str, Entry] = {}
     for element in study.structure.elements:
         rows = range(len(element.nodes))
@@ -83,12 +87,12 @@ def _shading(shading: Shading, study: Study) -> dict[str, Entry]:
     return {
         "title": shading.title,
         "sets": sets,
-        "legend": {"colours": steps(scale.colours, _LEGEND), "ticks": [words for _, words in scale.ticks]},
+        "legend": {"colours": steps(scale.colours, _LEGEND_COLOURS), "ticks": [words for _, words in scale.ticks]},
     }
 
 
 def _largest_first(changes: Iterable[Change]) -> list[str]:
-    """Words of the changes of a set, the largest first, and how many more there are."""
+    """Distinct words of the relative changes of a set, the largest first, and how many more there are."""
     size = {change.text: abs(float(np.nan_to_num(change.ratio))) for change in changes}
     words = sorted(size, key=lambda text: (-size[text], text))
     more = len(words) - _MOST_WORDS

@@ -265,9 +265,9 @@ def _fits(opened: OpenFolder, results: str) -> Entry:
 
 
 def _identified(opened: OpenFolder, results: str) -> Entry:
-    from structid.workbench.work.answer import identified_structure
+    from structid.workbench.work.answer import identified_scene
 
-    return identified_structure(opened.inside(results))
+    return identified_scene(opened.inside(results))
 
 
 def _use(opened: OpenFolder, results: str) -> Entry:

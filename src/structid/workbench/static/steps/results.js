@@ -1,5 +1,4 @@
 // Results: the verdict first, then values, the report, everything to take away, and two results side by side.
-
 import {answerPicture} from "../answer_picture.js";
 import {get, link, post, view} from "../api.js";
 import {chart, colours, ink} from "../charts.js";
@@ -177,7 +176,8 @@ function verdict(found) {
 // The fit of the worst and of the best channel, and of others by choice: measured, initial and fitted magnitude.
 async function fits(folder) {
   const found = await get("fits", {results: folder}),
-    {length} = found.channels;
+    {length} = found.channels,
+    x = unpacked(found.frequency, "f64");
   if (!length) {
     return null;
   }
@@ -189,15 +189,14 @@ async function fits(folder) {
     h(
       "div",
       {class: "columns"},
-      fitOf(found, 0, length > 1 ? "Worst channel, and its median relative error" : "Channel", "fit"),
-      length > 1 ? fitOf(found, length - 1, "Best channel, or another one", "fit-best") : null,
+      fitOf(found, x, 0, length > 1 ? "Worst channel, and its median relative error" : "Channel", "fit"),
+      length > 1 ? fitOf(found, x, length - 1, "Best channel, or another one", "fit-best") : null,
     ),
   );
 }
 
-function fitOf(found, first, label, id) {
-  const frequency = unpacked(found.frequency, "f64"),
-    plot = h("div", {class: "plot", id});
+function fitOf(found, x, first, label, id) {
+  const plot = h("div", {class: "plot", id});
   const choice = h(
     "select",
     {onchange: () => draw()},
@@ -207,8 +206,7 @@ function fitOf(found, first, label, id) {
   );
   const draw = () => {
     const one = found.channels[Number(choice.value)],
-      [blue, orange] = colours(),
-      x = frequency;
+      [blue, orange] = colours();
     const lines = [
       {name: "measured", x, y: unpacked(one.measured, "f32"), mode: "markers", marker: {size: 3, color: ink()}},
       {
@@ -220,6 +218,9 @@ function fitOf(found, first, label, id) {
       },
       {name: "fitted model", x, y: unpacked(one.fitted, "f32"), mode: "lines", line: {color: orange, width: 2}},
     ];
+    const {y} = lines[0],
+      least = y.reduce((low, value) => Math.min(low, value)),
+      most = y.reduce((high, value) => Math.max(high, value));
     return chart(plot, lines, {
       again: draw,
       showlegend: false,
@@ -227,7 +228,7 @@ function fitOf(found, first, label, id) {
       yaxis: {
         type: "log",
         exponentformat: "power",
-        dtick: Math.max(...lines[0].y) < 1000 * Math.min(...lines[0].y) ? "D2" : null, // ticks at 1, 2 and 5
+        dtick: most < 1000 * least ? "D2" : null, // ticks at 1, 2 and 5
         title: {text: withUnit(one.quantity, one.unit)},
       },
     });
