@@ -68,6 +68,8 @@ SMALL: dict[str, str] = {
     "accuracy/sierra_blocks.py": "--corners 1",
     "accuracy/six_masses.py": "--arrangements 4 --short",
     "accuracy/six_masses_frf.py": "--arrangements 1",
+    "accuracy/merging_records.py": "--campaigns 1",
+    "accuracy/stored_correlations.py": "--repeats 1",
     "accuracy/six_masses_predicted.py": "--arrangements 4",
     "accuracy/six_masses_varying.py": "--arrangements 4 --choices nothing",
     "accuracy/spectral_modes.py": "--repeats 1",

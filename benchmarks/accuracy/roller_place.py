@@ -38,20 +38,19 @@ def problem(frequency: FloatArray) -> ModalProblem:
     )  # shapes have no say
 
 
-def measured(place: float, rng: np.random.Generator) -> FloatArray:
-    """The first two frequencies with the roller at `place` (m), with errors, Hz."""
+def frequencies(place: float) -> FloatArray:
+    """The first two frequencies with the roller at `place` (m), without errors, Hz."""
     drawn = beam(place)
-    clean = modes(drawn.matrix("mass"), drawn.matrix("stiffness"), n_modes=2).frequency
-    return np.asarray(clean * (1 + ERROR * rng.standard_normal(2)))
+    return modes(drawn.matrix("mass"), drawn.matrix("stiffness"), n_modes=2).frequency
 
 
 def print_moves(repeats: int) -> None:
     """Print the positions of a roller that is moved in steps of 10 mm, and how the steps come out over repeats."""
     positions = 1.35 + 0.01 * np.arange(6)
-    steps, z = [], []
+    clean, steps, z = [frequencies(position) for position in positions], [], []
     for seed in range(repeats):
         rng = np.random.default_rng([7, seed])
-        estimates = [estimate(problem(measured(position, rng))) for position in positions]
+        estimates = [estimate(problem(pair * (1 + ERROR * rng.standard_normal(2)))) for pair in clean]
         values, std = (np.array([getattr(e, name)[0] for e in estimates]) for name in ("values", "std"))
         if seed == 0:
             for position, value, error in zip(positions, values, std, strict=True):
@@ -74,8 +73,7 @@ def main() -> int:
     if chosen.moves:
         print_moves(chosen.moves)
         return 0
-    drawn = beam(TRUTH)
-    clean = modes(drawn.matrix("mass"), drawn.matrix("stiffness"), n_modes=2).frequency
+    clean = frequencies(TRUTH)
     exact = abs(float(estimate(problem(clean)).values[0]) - TRUTH)
     print(f"without noise off by {exact:.1e} m")
     errors = []

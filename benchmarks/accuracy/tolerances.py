@@ -265,13 +265,17 @@ def truth(rig: Rig, rng: np.random.Generator, tolerance: float) -> tuple[dict[st
 
 def responses(rig: Rig, values: dict[str, float], frequency: np.ndarray) -> np.ndarray:
     """Accelerance at the sensors, (n_frequencies, n_sensors, 1)."""
-    m, k, c = matrices(rig, values)
+    motion = receptances(rig, *matrices(rig, values), frequency)
+    return -((2 * np.pi * frequency) ** 2)[:, None, None] * motion[:, [rig.index(d) for d in rig.sensors], None]
+
+
+def receptances(rig: Rig, m, k, c, frequency: np.ndarray) -> np.ndarray:
+    """Motion of all degrees of freedom under a unit force at the load, (n_frequencies, n_dofs)."""
     s = 2j * np.pi * frequency
     z = s[:, None, None] ** 2 * m + s[:, None, None] * c + k
-    unit = np.zeros(len(rig.dofs))
+    unit = np.zeros((len(rig.dofs), 1))
     unit[rig.index(rig.load)] = 1.0
-    motion = np.linalg.solve(z, np.broadcast_to(unit[:, None], (len(s), len(unit), 1)))[..., 0]
-    return (s**2)[:, None, None] * motion[:, [rig.index(d) for d in rig.sensors], None]
+    return np.linalg.solve(z, np.broadcast_to(unit, (len(s), *unit.shape)))[..., 0]
 
 
 def frf_setup(rig, values, gain, rng, noise: float) -> sid.Setup:
