@@ -11,6 +11,7 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError
 from structid.fem.elements.element import ElementMatrixTerm, ElementSet, Positions, Term
+from structid.fem.supports import RigidLink, Tie
 
 #: Powers of its length that a matrix of a bar or beam has.
 _POWERS = range(-3, 4)
@@ -89,16 +90,22 @@ class LengthDependence:
 
 
 def node_positions(
-    nodes: Sequence[int], elements: Sequence[ElementSet], positions: Positions
+    nodes: Sequence[int], elements: Sequence[ElementSet], positions: Positions, ties: Sequence[Tie] = ()
 ) -> tuple[NodePosition, ...]:
     """The line and nominal position of each of the `nodes` whose position is a property, in that order, each once.
 
     Raises
     ------
     InputError
-        If one is not there, has no bar or beam, is a corner of cells, or lines that meet there are not straight.
+        If one is not there, has no bar or beam, is a corner of cells or in a rigid link among the `ties`, or lines that meet
+        there are not straight.
     """
-    return tuple(_make_node_position(node, elements, positions) for node in dict.fromkeys(nodes))
+    made = tuple(_make_node_position(node, elements, positions) for node in dict.fromkeys(nodes))
+    for node in dict.fromkeys(nodes):
+        for tie in ties:
+            if isinstance(tie, RigidLink) and node in (tie.main, *tie.dependents):
+                raise InputError(f"node {node} of `sliding` is in rigid link {tie.name!r}; take it out of one of them")
+    return made
 
 
 def _make_node_position(node: int, elements: Sequence[ElementSet], positions: Positions) -> NodePosition:

@@ -26,7 +26,7 @@ from structid.fem.modal_damping import ALL_MODES, damping_term, modal_damping
 from structid.fem.node_positions import LengthDependence, NodePosition, length_dependence, node_positions
 from structid.fem.numbering import Numbering, blocks_of_all, free_blocks, numbering, selection
 from structid.fem.subdivision import NumberedTerms, is_divisible, numbered_terms
-from structid.fem.supports import Base, Equations, RigidLink, Tie, tie_equations, tied_codes
+from structid.fem.supports import Base, Equations, Tie, tie_equations, tied_codes
 from structid.plotting import StructurePlots
 
 #: Into which one element may be cut; its matrices are dense.
@@ -212,14 +212,7 @@ class Structure(Shown, StructurePlots):
     @cached_property
     def _node_positions(self) -> tuple[NodePosition, ...]:
         """The nodes with variable position, checked."""
-        checked = node_positions(self.sliding, self.elements, self.nodes)
-        for node_position in checked:
-            for tie in self.ties:
-                if isinstance(tie, RigidLink) and node_position.node in (tie.main, *tie.dependents):
-                    raise InputError(
-                        f"node {node_position.node} of `sliding` is in rigid link {tie.name!r}; take it out of one of them"
-                    )
-        return checked
+        return node_positions(self.sliding, self.elements, self.nodes, self.ties)
 
     @cached_property
     def _length_dependences(self) -> dict[str, LengthDependence]:

@@ -122,7 +122,7 @@ def judge_pieces(setups: Sequence[AnySetup], found: Identification, options: Ide
 def _finer_problem(
     setups: Sequence[AnySetup], problems: Sequence[RecordProblem], options: IdentifyOptions, count: int
 ) -> Problem:
-    """The problem of all records, with the data and weights of `problems`, and lines cut into so many pieces."""
+    """The problem of all records, lines cut into so many pieces, with the data and weights of `problems`; of histories anew."""
     cut = [
         setup.modelled_by(
             replace(setup.structure, subdivide=count if setup.structure.divisible else 1),

@@ -572,18 +572,16 @@ def estimate(
     fixed = None if chosen.is_matrix_free else fixed
     sampled = fixed.on_sample() if fixed is not None and sample is not None else fixed
 
-    refits: dict[
-        int, tuple[Minimum, FitWithinTolerances]
-    ] = {}  # with the minima, so that no other one has their identity
+    refits: dict[Minimum, FitWithinTolerances] = {}
     accepted: list[tuple[Minimum, FloatArray]] = []
 
     def refit(minimum: Minimum) -> FitWithinTolerances | None:
         """Refit of a misfitting minimum with fixed values free within their tolerances; None where it is not needed."""
         if sampled is None or not chosen.misfits(searched, minimum, misfit_probability):
             return None
-        if id(minimum) not in refits:
-            refits[id(minimum)] = minimum, sampled.refit(searched.names, minimum.theta)
-        return refits[id(minimum)][1]
+        if minimum not in refits:
+            refits[minimum] = sampled.refit(searched.names, minimum.theta)
+        return refits[minimum]
 
     def fits(minimum: Minimum) -> bool:
         """True if the data allow `minimum`, with fixed values free within tolerances, and it is a new answer."""
@@ -613,14 +611,13 @@ def estimate(
     if sample is not None:
         best = work.minimize(problem, chosen.for_polishing(), best.theta, named(progress, "all data"))
         n_iterations += len(best.costs) - 1
-    columns = None
+    columns, within = None, None
     if fixed is not None:
-        _, within = refits.get(id(best), (best, None))
+        within = refits.get(best)
         if within is None and chosen.misfits(problem, best, _DOUBTFUL):
             within = fixed.refit(problem.names, best.theta)
         columns = fixed.sensitivities_at(problem.names, best.theta, within)
     uncertainty = chosen.uncertainty(problem, best, misfit_probability, search.seed, columns)
-    within = None if columns is None else columns.within
     theta, residual = best.theta, best.linearization.residual
     data = residual[: problem.n_data]
     parameters = parameters_at(problem, theta)

@@ -74,6 +74,11 @@ class FixedValueInfluence:
         return (*self.names, SECOND_ORDER)
 
     @property
+    def change_tolerances(self) -> tuple[float, ...]:
+        """Tolerance of the cause of each column of `changes`; 0 of the second order."""
+        return (*self.tolerance.tolist(), 0.0)
+
+    @property
     def covariance(self) -> FloatArray:
         """K S K' of the parameters, physical units, (n_params, n_params)."""
         return self.changes @ self.changes.T

@@ -136,14 +136,14 @@ def _sizes(one: ParameterGroup) -> FloatArray:
     return np.abs(one.start) * part
 
 
-def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
-    """The named parameters that the declarations `unknowns` make on `structure`.
+def parameters(structure: Structure, unknowns: Unknown | Iterable[Unknown]) -> Parameters:
+    """The named parameters that the declarations `unknowns`, one or several, make on `structure`.
 
     Raises
     ------
     InputError
-        If a declaration names an element, property or parameter that does not exist (the nearest is named), if
-        two declarations claim the same value, or if a start lies outside its range.
+        If a declaration is of another class or names an element, property or parameter that does not exist (the nearest is
+        named), if two declarations claim the same value, or if a start lies outside its range.
 
     Examples
     --------

@@ -218,9 +218,7 @@ def _run_study(study: Study, progress: StageProgress | None) -> State:
             f"{study.path}: [method] search is 'matrix_free', which gives no covariance matrix to compare by; group the"
             " unknowns and leave it out"
         )
-    result = run_started(ready, progress)
-    if ready.mesh is not None:
-        _, result = refine_mesh(ready, result, ready.mesh.count, progress)
+    _, result = refine_mesh(ready, run_started(ready, progress), progress)
     return state_of(result)
 
 

@@ -15,7 +15,6 @@ from structid.core.errors import FileError, InputError, NoAnswerError
 from structid.core.units import FrfKind
 from structid.files import require_readable
 from structid.files.hdf5 import Field, hdf5_attributes, hdf5_datasets, hdf5_fields, texts_of
-from structid.inversion.fixed_values import SECOND_ORDER
 from structid.prediction.identified_model import IdentifiedModel, identified_model
 from structid.prediction.model_error import ModelError
 from structid.records import FrfRecord
@@ -117,9 +116,11 @@ def stored_model(folder: Path, study: Study) -> IdentifiedModel:
     covariance = np.asarray(stored[f"covariance_{texts_of(stored['covariance_basis'])[0]}"], dtype=float)
     fixed, changes, words = None, None, "± takes what the model holds as exact"
     if all(name in stored for name in _FIXED):
-        names = [name for name in texts_of(stored["fixed_names"]) if name != SECOND_ORDER]
-        fixed = dict(zip(names, np.asarray(stored["fixed_tolerances"], dtype=float).tolist(), strict=True))
-        fixed[SECOND_ORDER] = 0.0
+        tolerances = [
+            *np.asarray(stored["fixed_tolerances"], dtype=float).tolist(),
+            0.0,
+        ]  # of the second order, which is last
+        fixed = dict(zip(texts_of(stored["fixed_names"]), tolerances, strict=True))
         changes = np.asarray(stored["fixed_changes"], dtype=float)[index]
         words = "± includes the tolerances of fixed values"
     values, spread = np.asarray(stored["values"], dtype=float)[index], covariance[np.ix_(index, index)]

@@ -64,10 +64,8 @@ def run_from_start(
     ready = started(study)
     if study.solved is not None:
         ready = solver.about_answer(ready, progress, work)
-    result = run_started(ready, progress, work)
-    if ready.mesh is not None:
-        ready, result = refine_mesh(ready, result, ready.mesh.count, progress, work)
-    elif study.solved is None:
+    ready, result = refine_mesh(ready, run_started(ready, progress, work), progress, work)
+    if ready.mesh is None and study.solved is None:
         result = _with_mesh_warning(ready, result)
     if study.solved is not None:
         result = solver.with_solver(solver.from_nominal(result), work)
@@ -75,11 +73,13 @@ def run_from_start(
 
 
 def refine_mesh(
-    ready: Start, result: StudyResult, count: int, progress: StageProgress | None = None, work: Work = ALONE
+    ready: Start, result: StudyResult, progress: StageProgress | None = None, work: Work = ALONE
 ) -> tuple[Start, StudyResult]:
-    """The study and its result with beams cut into more pieces than `count`, until finer ones move no value much."""
+    """The study and its result with beams cut into more pieces, until finer ones move no value much; as they are without `mesh`."""
+    if ready.mesh is None:
+        return ready, result
     options, tried = ready.study.options, 0
-    mesh = judge_pieces(ready.setups, result.identification, options, count)
+    mesh = judge_pieces(ready.setups, result.identification, options, ready.mesh.count)
     while not mesh.is_enough and not mesh.obstacle and tried < _MOST_CUTS:
         study, setups = with_pieces(ready.study, ready.setups, mesh.needed)
         ready = compare_with_models(study, setups, MeshPieces(mesh.needed))

@@ -145,8 +145,7 @@ def changed_text(text: str, change: Callable[[dict[str, Any]], None]) -> str:
     entries = list(_numbered_entries(after))  # kept alive: a new table could have the identity of one that is gone
     numbers = {id(entry): number for entry, number in entries}
     change(after)
-    for edit in _edits_between((), parse_toml(text), after, numbers):
-        text = edited(text, [edit])
+    text = edited(text, list(_edits_between((), parse_toml(text), after, numbers)))
     if parse_toml(text) != after:
         raise InputError("the study is written in a way that has no line for the change; write its tables in blocks")
     return text
