@@ -1,4 +1,4 @@
-"""What `structid identify` prints: verdict, values, what to do; and with `--verbose` all the statistics."""
+"""Output of `structid identify`: verdict, values, what to do; and with `--verbose` all the statistics."""
 
 from __future__ import annotations
 

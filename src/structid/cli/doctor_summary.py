@@ -1,4 +1,4 @@
-"""What `structid doctor` prints: what is installed, and what a study will need."""
+"""Output of `structid doctor`: the installation, and what a study will need."""
 
 from __future__ import annotations
 

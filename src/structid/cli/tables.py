@@ -1,4 +1,4 @@
-"""How the command line prints: rich text and tables on standard output."""
+"""Printing on the command line: rich text and tables on standard output."""
 
 from __future__ import annotations
 

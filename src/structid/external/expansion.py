@@ -1,4 +1,4 @@
-"""How numbers that a solver gives depend on its parameters: polynomials of low order, found and verified at further points."""
+"""Low-order polynomials of a solver's results in its parameters, fitted and verified at further points."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ def _describe_matrices(polynomials: Expansion, pattern: _Pattern, counts: RunCou
 
 @dataclass(frozen=True, eq=False)
 class _Pattern:
-    """Where the matrices of the runs so far have entries: solvers leave out those that cancel, one run here, another there.
+    """Union of the sparsity patterns of the runs so far: solvers leave out entries that cancel, in each run others.
 
     Attributes
     ----------

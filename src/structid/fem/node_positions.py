@@ -61,7 +61,7 @@ class NodePosition:
 
 @dataclass(frozen=True, eq=False)
 class LengthDependence:
-    """How the lengths of the elements of a set depend on the variable positions of nodes.
+    """Dependence of the lengths of a set's elements on the variable positions of nodes.
 
     Attributes
     ----------

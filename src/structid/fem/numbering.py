@@ -44,7 +44,7 @@ class Numbering:
         return self.codes[np.diff(self.matrix.indptr) > 0]
 
     def directions(self, node: int) -> list[str]:
-        """In which elements or ties use a node, held or not."""
+        """Directions in which elements or ties use a node, constrained or not."""
         first, last = np.searchsorted(self.codes, [6 * node, 6 * node + 6])
         return [dof_of_code(code).direction for code in self.codes[first:last].tolist()]
 

@@ -1,4 +1,4 @@
-"""Where sensors and forces are that no degree of freedom alone names: on lines, on meshes, several as one."""
+"""Sensors and forces that no single degree of freedom names: on lines, on meshes, several as one."""
 
 from __future__ import annotations
 

@@ -409,7 +409,7 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def _patterns(self) -> dict[str, Pattern]:
-        """Where the entries of element matrices go, by kind of matrix; for small models, whose matrices are made many times."""
+        """Sparsity pattern of each kind of matrix; for small models, whose matrices are assembled many times."""
         return {}
 
     def selection(self, dofs: Iterable[Dof]) -> sparse.csc_array:

@@ -1,4 +1,4 @@
-"""What a test would tell before it is run: predicted accuracy, and the sensors, loads and lines that tell most."""
+"""Plan of a test before it is run: predicted accuracy, and the most informative sensors, loads and lines."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _ROUNDING = 1e-9
 
 
 def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances | None = None) -> Plan:
-    """The most informative sensors, loads and lines of a test, with the predicted accuracy of each parameter.
+    """Choose the most informative sensors, loads and lines of a test, with the predicted accuracy of each parameter.
 
     The information of a test is the sum over its lines, sensors and loads of what each value tells of the relative
     parameters (Udwadia 1994); sets are chosen by greedy addition and exchange (Fedorov 1972), sensors and loads in
@@ -164,17 +164,17 @@ class _Ground:
         return np.vstack([ignorance(self.pairs.shape[-1]), self.prior])
 
     def rows(self, sensors: tuple[int, ...] | range, loads: tuple[int, ...] | range) -> FloatArray:
-        """What these sensors and loads tell at all lines."""
+        """Sensitivity rows of the given sensors and loads at all lines."""
         n_params = self.pairs.shape[-1]
         return information_root(self.pairs[np.ix_(list(sensors), list(loads))].reshape(-1, n_params))
 
     def by_sensor(self, loads: tuple[int, ...]) -> FloatArray:
-        """What each sensor tells under these loads, (n_sensors, n_rows, n_params)."""
+        """Sensitivity rows of each sensor under the given loads, (n_sensors, n_rows, n_params)."""
         n_sensors, _, _, n_params = self.pairs.shape
         return information_root(self.pairs[:, list(loads)].reshape(n_sensors, -1, n_params))
 
     def by_load(self, sensors: tuple[int, ...] | range) -> FloatArray:
-        """What each load tells to these sensors, (n_loads, n_rows, n_params)."""
+        """Sensitivity rows of each load at the given sensors, (n_loads, n_rows, n_params)."""
         _, n_loads, _, n_params = self.pairs.shape
         rows = np.swapaxes(self.pairs[list(sensors)], 0, 1).reshape(n_loads, -1, n_params)
         return information_root(rows)

@@ -364,7 +364,7 @@ class OutputMap:
         return tuple(sorted(set(self.derivative.tolist())))
 
     def rows(self, values: FloatArray) -> sparse.csc_array:
-        """What the rows read of each derivative in `orders`, one after another, (n_dofs, n_orders n_rows)."""
+        """Weights of the rows for each derivative in `orders`, one after another, (n_dofs, n_orders n_rows)."""
         weights = np.array([weight(values) for weight in self.weights])
         terms, group = np.arange(len(weights)), np.searchsorted(self.orders, self.derivative)
         shape = len(terms), len(self.orders) * self.n_rows

@@ -284,7 +284,7 @@ def _unseen_words(forces: Sequence[Dof], covariance: FloatArray, std: float) -> 
 
 @dataclass(frozen=True, eq=False)
 class _Channels:
-    """What a record holds: known forces, sensors that are used, and sensors that are left out.
+    """Channels of a record by role: known forces, sensors that are used, sensors that are left out.
 
     Attributes
     ----------
@@ -488,7 +488,7 @@ class _Smoother:
 
     @property
     def _measured(self) -> FloatArray:
-        """What the sensors that are used read, in standard deviations of their noise."""
+        """Readings of the used sensors in standard deviations of their noise, (n_times, n_used)."""
         return self.channels.measured / np.sqrt(self.channels.variance)
 
     def _log_likelihood(self, reduced: ReducedMatrices, std: float) -> float:

@@ -1,4 +1,4 @@
-"""What `structid modes` prints, the words and tables that its page shows, and the page, with shapes that move."""
+"""Report of `structid modes`: words and tables for the terminal, and its page with moving shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a plan shows: words and tables for the terminal, and its page."""
+"""Report of a plan: words and tables for the terminal, and its page."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _noise_words(found: Plan) -> str:
 
 
 def assumption_lines(found: Plan) -> list[str]:
-    """What the deviations of the table rest on: tolerances, and a model without damping."""
+    """Lines on the assumptions behind the deviations of the table: tolerances, and a model without damping."""
     lines = (
         [
             f"std are of noise alone; the last column is the worst with {found.assumption} as well, which neither more lines"

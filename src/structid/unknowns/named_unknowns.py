@@ -79,7 +79,7 @@ class NamedUnknowns:
         return self.transforms.bounds
 
     def sizes(self, physical: FloatArray) -> FloatArray:
-        """What the standard deviation of each is held against, (n_params,); at 0, of those alone that may vanish."""
+        """Scales (n_params,) with which standard deviations are compared; 0 but for unknowns that may vanish."""
         return np.maximum(np.abs(physical), self.scale)
 
     @property

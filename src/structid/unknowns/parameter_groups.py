@@ -161,14 +161,14 @@ def element_sets(group: ParameterGroup) -> tuple[tuple[str, ...], ...]:
 
 
 def _varies(numbers: np.ndarray, first: IntArray) -> np.ndarray:
-    """Whether `numbers`, one an entry, differ among the entries of each parameter, which begin at `first`, (n_params,)."""
+    """True for each parameter (n_params,) whose entries, which begin at `first`, have different `numbers`."""
     if not len(first):
         return np.zeros(0, dtype=bool)
     return np.asarray(np.maximum.reduceat(numbers, first) > np.minimum.reduceat(numbers, first))
 
 
 def label_of(unknown: Unknown) -> str:
-    """What stands for all parameters of a declaration in the brackets of a name."""
+    """Label of all parameters of a declaration, in the brackets of a name."""
     texts = (unknown.elements,) if isinstance(unknown.elements, str) else unknown.elements
     return unknown.name or ", ".join(texts)
 

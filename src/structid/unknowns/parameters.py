@@ -1,4 +1,4 @@
-"""What is unknown: named parameters in physical units, mapped to the property values of a structure."""
+"""Parameters: named unknowns in physical units, mapped to the property values of a structure."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ class Parameters(Shown, NamedUnknowns):
 
 
 def _sizes(one: ParameterGroup) -> FloatArray:
-    """What the deviations of parameters that may vanish are held against then, as they may be well known at that; else 0."""
+    """Scales with which deviations of parameters that may vanish are compared; 0 for the others."""
     part = 1.0 if one.limits[0] < 0 else _ABSENT * (_transform(one) == "log") * np.isin(one.kinds, MAY_VANISH)
     return np.abs(one.start) * part
 

@@ -1,4 +1,4 @@
-"""What is known beforehand, as whitened rows: of one parameter, or of combinations of several."""
+"""Prior knowledge as whitened rows: of one parameter, or of combinations of several."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page asks for: each address, answered from files, runs and worker processes."""
+"""Handlers of the page's addresses, answered from files, runs and worker processes."""
 
 from __future__ import annotations
 

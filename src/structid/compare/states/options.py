@@ -1,4 +1,4 @@
-"""How two states are compared, as the flags of the command say it."""
+"""Options of the comparison of two states, as the flags of the command state them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from structid.core.errors import InputError
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """How two states are compared. Every field is a flag of the command; a list may be one text with commas.
+    """Options of `structid compare`. Every field is a flag of the command; a list may be one text with commas.
 
     Parameters
     ----------

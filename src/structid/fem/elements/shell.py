@@ -63,7 +63,7 @@ class Facets:
         return (linked.reshape(*maps.shape[:-1], 2 * n, 3) @ self.axes[0]).reshape(maps.shape)
 
     def _links(self) -> FloatArray:
-        """From motion at the nodes to motion of the corners in the plane below them, (n_cells, 6 n, 6 n)."""
+        """Maps from motion at the nodes to motion of the corners in the facet plane, (n_cells, 6 n, 6 n)."""
         n_cells, n = self.height.shape
         links = np.tile(np.eye(6 * n), (n_cells, 1, 1))
         for k in range(n):

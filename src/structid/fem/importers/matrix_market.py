@@ -26,7 +26,7 @@ _MIRRORS = {"general": 0, "symmetric": 1, "skew-symmetric": -1, "hermitian": 1}
 
 
 class _WordTable(NamedTuple):
-    """Where the words of the lines with content begin and end, (n_lines, n_words) each, and the numbers of the lines."""
+    """Start and end of the words of the lines with content, (n_lines, n_words) each, and the numbers of the lines."""
 
     path: Path
     buffer: Bytes

@@ -52,7 +52,7 @@ class BulkText:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader of the deck should know of it."""
+        """Notes for the user on how the deck was read."""
         return () if self.has_end else (_NO_END,)
 
     def count_cards(self) -> Counter[str]:

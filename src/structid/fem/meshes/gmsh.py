@@ -51,7 +51,7 @@ _HEAD = re.compile(rb"\$MeshFormat\s+([\d.]+)\s+([01])\s+(\d+)\s*?\n")
 
 @dataclass(eq=False)
 class _Content:
-    """What has been read so far: cells by type with the physical groups that each is in."""
+    """Contents read so far: cells by type with the physical groups that each is in."""
 
     names: dict[tuple[int, int], str] = field(default_factory=dict)
     physical: dict[tuple[int, int], list[int]] = field(default_factory=dict)

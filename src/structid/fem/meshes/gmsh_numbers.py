@@ -18,7 +18,7 @@ _GROUP = re.compile(rb'\s*(?:(\d+)[ \t]+)?(\d+)[ \t]+"([^"]*)"[^\r\n]*')
 
 
 class Numbers(Protocol):
-    """What text and bytes have in common.
+    """Reader of numbers from a Gmsh file, the part that text and binary files share.
 
     `integers` are whole numbers of 4 bytes, `sizes` those of 8, `counts` stand in text even in binary files.
     """

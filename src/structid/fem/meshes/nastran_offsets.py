@@ -139,7 +139,7 @@ class OffsetReader:
         return vector @ np.array([x, np.cross(z, x), z])
 
     def _with_grids(self, block: CellBlock, rows: IntArray) -> IntArray:
-        """Those of `rows` whose nodes are all there; others are refused with the mesh."""
+        """The `rows` whose nodes all exist; others are refused with the mesh."""
         known = np.isin(block.nodes[rows], list(self._positions)).all(axis=1) if len(rows) else np.zeros(0, bool)
         return rows[known]
 

@@ -199,7 +199,7 @@ Reader = Callable[[Sequence[str]], Item]
 
 
 def _readers(deck: _Deck) -> dict[str, Reader]:
-    """What reads one card of each name."""
+    """Reader of one card, by the name of the card."""
     tables = {name: _property_fields(deck, name, width) for name, width in (("PELAS", 4), ("PDAMP", 2), ("PMASS", 2))}
     bushes = {"CBUSH": _read_pbush(deck), "CBUSH1D": _read_pbush1d(deck), "CVISC": _read_pvisc(deck)}
     return {

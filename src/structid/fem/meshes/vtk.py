@@ -31,7 +31,7 @@ class _Cells(Protocol):
 
 
 class _Grid(Protocol):
-    """What is used of a mesh of meshio."""
+    """The attributes of a mesh of meshio that are used here."""
 
     points: AnyArray
     cells: Sequence[_Cells]

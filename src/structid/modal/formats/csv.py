@@ -121,7 +121,7 @@ def _read_table(path: Path) -> _Table:
 
 
 class _Word(NamedTuple):
-    """What this module calls a column, the factor to its unit, and what is taken for granted of the unit, in words."""
+    """A column's name in this module, the factor to its unit, and words on an assumed unit."""
 
     name: str
     factor: float = 1.0

@@ -116,7 +116,7 @@ def _reals(values: list[float]) -> list[str]:
 
 @dataclass(frozen=True)
 class _Kind:
-    """What the header of a dataset 55 or 2414 says of its data."""
+    """Type of data that the header of a dataset 55 or 2414 states."""
 
     model: int
     analysis: int

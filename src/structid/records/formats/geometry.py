@@ -1,4 +1,4 @@
-"""Where the nodes of a test are and how lines join them, from universal files and CSV tables."""
+"""Geometry of a test: node positions and the lines that join them, from universal files and CSV tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the spectra of a record give away: too few periods, aliasing, lines of the mains."""
+"""Checks of the spectra of a record: too few periods, aliasing, lines of the mains."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a drawing of a structure consists of, in drawing units, and how space is laid on paper."""
+"""Parts of a drawing of a structure, in drawing units, and the projection of space to paper."""
 
 from __future__ import annotations
 

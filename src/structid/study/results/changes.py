@@ -1,4 +1,4 @@
-"""What files tell of very many parameters: how far each moved, and how that compares with chance."""
+"""Entries of results with very many parameters: how far each moved, and how that compares with chance."""
 
 from __future__ import annotations
 

@@ -293,7 +293,7 @@ def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Entry]:
 
 
 def fit_summary(fit: RecordFit) -> dict[str, Entry]:
-    """How well the identified model does on the lines of a record's evaluation band."""
+    """Fit of the identified model on the lines of a record's evaluation band."""
     error, record, fitted = fit.relative_error, fit.evaluation, fit.problem.record
     channels: list[Entry] = [
         {"output": str(output), "input": str(load), "median_relative_error": float(np.median(error[:, o, i]))}

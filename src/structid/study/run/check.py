@@ -1,4 +1,4 @@
-"""What a study can be expected to give, from its record and its initial model, before any search."""
+"""Check of a study before any search: the accuracy expected from its record and initial model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a long run has done so far, in a folder beside its results: written by renaming, so that it is whole at any instant.
+"""Checkpoint of a long run in a folder beside its results: written by renaming, so that it is whole at any instant.
 
 The folder holds ``run.json`` (what it belongs to), ``done-*.npz`` (finished searches and tasks), ``search.npz`` (the
 running search after its last iteration) and, after an interruption, ``so_far.json`` (the values reached, to read).

@@ -164,7 +164,7 @@ def _connect(address: str, seconds: float) -> Client:
 
 
 async def _kind(address: str) -> str:
-    """What answers at the address: Scheduler, Worker, Nanny."""
+    """Kind of process that answers at the address: Scheduler, Worker or Nanny."""
     async with rpc(address) as there:
         return str((await there.identity())["type"])
 

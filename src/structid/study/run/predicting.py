@@ -374,7 +374,7 @@ def _damper_entry(damper: TunedDamper) -> dict[str, Entry]:
 
 
 def _of_outputs(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
-    """Each output of a quantity without an axis of time, by each of the predictions, with its distribution."""
+    """Distributions of each output of a quantity without a time axis, by each of the predictions."""
     quantity = next(iter(parts.values())).quantity
     return [
         {

@@ -1,4 +1,4 @@
-"""What a template of a study is: a dataclass of the numbers that it asks for, and the text that it makes of them."""
+"""Templates of a study: a dataclass of the numbers that it asks for, and the study text that it makes of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the workbench asks of structid, each in a worker process: the server stays small and outlives a broken file.
+"""Calls of structid by the workbench, in worker processes: the server stays small and outlives a broken file.
 
 Every function takes the folder first and gives what JSON can hold.
 """
@@ -37,7 +37,7 @@ def called(name: str, root: str, given: dict[str, Any]) -> str:
 
 
 def called_again(name: str, root: str, given: dict[str, Any]) -> str:
-    """As `called`, in a process that is asked for more than once: records that it read are kept."""
+    """Call as `called` does, in a process that keeps the records that it has read."""
     from structid.records.formats import keep_records
 
     keep_records(_KEPT_BYTES)

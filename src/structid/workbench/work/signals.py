@@ -1,4 +1,4 @@
-"""What records look like: facts, long time histories as the least and greatest of stretches, and responses over lines."""
+"""Views of records: facts, long time histories as minimum and maximum of chunks, and responses over lines."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ def _sampled_stretches(record: ChunkedRecord, begin: int, end: int) -> tuple[Flo
 
 
 def overview_path(path: Path, options: ReadOptions, kept: Path) -> Path:
-    """Where the overview of a record stands: by its place, size and time of change."""
+    """Path of the overview of a record, named by the record's path, size and time of change."""
     stamp = path.stat()
     told = f"{path}|{stamp.st_size}|{stamp.st_mtime_ns}|{options}"
     return kept / f"{hashlib.sha256(told.encode()).hexdigest()[:32]}.npy"

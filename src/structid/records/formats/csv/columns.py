@@ -272,7 +272,7 @@ def time_header(record: TimeRecord) -> tuple[list[str], list[FloatArray]]:
 
 
 class _Head(NamedTuple):
-    """What the header of a column says, or the user in its place."""
+    """Content of a column's header, or the user's words in its place."""
 
     output: str
     input: str

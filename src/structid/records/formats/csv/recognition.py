@@ -1,4 +1,4 @@
-"""What the lines of a table say about its layout: separator, decimal sign, header; refused with a remedy where in doubt."""
+"""Layout of a table from its lines: separator, decimal sign, header; refused with a remedy where in doubt."""
 
 from __future__ import annotations
 

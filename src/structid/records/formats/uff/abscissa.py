@@ -17,7 +17,7 @@ AxisKind = Literal["frequencies", "times"]
 
 
 class _Axis(NamedTuple):
-    """How an axis is read: its unit's reader, what a type stands for without a label, and other types that a label can explain."""
+    """Rules to read an axis: its unit's reader, the meaning of a type without a label, and types that a label can explain."""
 
     parse: Callable[[str], float]
     units: dict[int, str]

@@ -257,7 +257,7 @@ def _scale_by_sides(
 
 
 def _split(kind: FrfKind, above: Characteristics, below: Characteristics) -> tuple[Characteristics, Characteristics]:
-    """Both sides where the numerator's label is of the whole FRF, of this kind: without labels, types by its kind."""
+    """Both sides of an FRF whose numerator label describes the whole FRF of this kind; types by kind without labels."""
     types = {"receptance": 8, "mobility": 11, "accelerance": 12, "transmissibility": 12}
     load = 12 if kind == "transmissibility" else 13
     return (

@@ -30,7 +30,7 @@ _FLOATING = {1: "DEC VMS (VAX)", 3: "IBM 5/370"}
 
 @dataclass(frozen=True)
 class Characteristics:
-    """What a header says of the abscissa, or of one side of the ordinate.
+    """Header fields of the abscissa, or of one side of the ordinate.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a function measures, where, and the factor of its values to SI."""
+"""Quantity and degree of freedom of a function, and the factor of its values to SI."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ def _mesh_section(section: Section) -> Section | None:
 
 @dataclass(frozen=True, eq=False)
 class TakenParts:
-    """What a study takes of a deck beside its cells, and what it leaves.
+    """Parts of a deck beside its cells that a study takes, and those that it leaves.
 
     Attributes
     ----------

@@ -105,7 +105,7 @@ def _channels(record: TimeRecord, quantities: tuple[str, ...]) -> tuple[Dof, ...
 
 @dataclass(frozen=True, eq=False)
 class TimeSource:
-    """How the time record of a study is fitted, and how noisy its channels are.
+    """Options of the fit of a study's time record, and the noise of its channels.
 
     Attributes
     ----------
