@@ -192,11 +192,11 @@ def _tied_blocks(position: IntArray, local: FloatArray, matrix: sparse.csr_array
         np.append(matrix.indptr[:-1], 0)[position].ravel() - np.cumsum(n_masters) + n_masters, n_masters
     )
     element = line // n_local
-    pairs, place = np.unique(element * n_free + matrix.indices[entry], return_inverse=True)
+    pairs, column = np.unique(element * n_free + matrix.indices[entry], return_inverse=True)
     owner = pairs // n_free
     begin, size = np.searchsorted(owner, np.arange(n_elements)), int(np.bincount(owner, minlength=1).max())
     ties = np.zeros((n_elements, n_local, size))
-    np.add.at(ties, (element, line % n_local, place - begin[element]), matrix.data[entry])
+    np.add.at(ties, (element, line % n_local, column - begin[element]), matrix.data[entry])
     dofs = -np.ones((n_elements, size), dtype=np.int64)
     dofs[owner, np.arange(len(pairs)) - begin[owner]] = pairs % n_free
     return Blocks(dofs, np.swapaxes(ties, 1, 2) @ local @ ties, n_free)

@@ -35,8 +35,8 @@ def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
         )
     changing = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != structure.values)
     factors = np.zeros(len(changing), dtype=bool)
-    for place in (place for part in structure.contributions if part.scale for place in part.scale.places):
-        factors[place] = True
+    for index in (index for part in structure.contributions if part.scale for index in part.scale.value_indices):
+        factors[index] = True
     for item in structure.properties:
         if (factors[item.values] & changing[item.values]).any():
             remedy = _REMEDIES.get(item.term.kind, "leave the shear out")
@@ -122,9 +122,9 @@ def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[
     counts, marks = np.diff(unknown.design.tocsr().indptr), np.zeros(len(unknown.offset), dtype=bool)
     for member in (member for group in sensitive for member in group.members):
         item = structure.contributions[member]
-        for place in item.places[1:]:
-            marks[place] = True
-            if counts[place].any():
+        for index in item.value_indices[1:]:
+            marks[index] = True
+            if counts[index].any():
                 marks[item.value] = True
     return np.flatnonzero(marks)
 

@@ -211,7 +211,7 @@ def _best_sensors_and_loads(ground: _Ground) -> tuple[tuple[int, ...], tuple[int
         others = greedy(by_load, np.vstack([known, by_load[load]]), min(count, len(by_load)), *criterion)
         starts.append((load, *[i for i in others if i != load][: count - 1]))
     found = {_exchange_until_stable(ground, start) for start in dict.fromkeys(starts)}
-    return max(sorted(found), key=lambda places: merit(np.vstack([known, ground.rows(*places)]), *criterion))
+    return max(sorted(found), key=lambda pair: merit(np.vstack([known, ground.rows(*pair)]), *criterion))
 
 
 def _exchange_until_stable(ground: _Ground, loads: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:

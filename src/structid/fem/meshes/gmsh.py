@@ -98,7 +98,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
             in_text = not is_binary or name == b"PhysicalNames"
             numbers: Numbers = Ascii(data, section.end(), stop) if in_text else Binary(data, section.end(), swapped)
             take(content, numbers)
-            if not data[numbers.place :].lstrip().startswith(b"$End" + name):
+            if not data[numbers.offset :].lstrip().startswith(b"$End" + name):
                 raise FileError(f"{path}: ${name.decode()} has more or fewer numbers than it says; {_AGAIN}")
     except FileError:
         raise

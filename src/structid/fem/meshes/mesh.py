@@ -170,10 +170,10 @@ class Mesh:
         chosen = ~np.isin(self.labels, list(self.carriers))
         if among is not None:
             chosen &= np.isin(self.labels, self.carried_by(np.array(list(among), dtype=np.int64)))
-        place = np.flatnonzero(chosen)
-        distance = np.linalg.norm(self.positions[place] - np.asarray(position, dtype=np.float64), axis=1)
+        rows = np.flatnonzero(chosen)
+        distance = np.linalg.norm(self.positions[rows] - np.asarray(position, dtype=np.float64), axis=1)
         best = int(np.argmin(distance))
-        label = int(self.labels[place[best]])
+        label = int(self.labels[rows[best]])
         return label, float(distance[best]), self.size_at(label)
 
     def size_at(self, label: int) -> float:

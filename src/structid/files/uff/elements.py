@@ -102,7 +102,7 @@ def read_elements(path: Path, blocks: Sequence[Block]) -> UniversalElements:
     elements, rows = UniversalElements(), dict[int, tuple[str, list[int]]]()
     for block in blocks:
         if block.number == 2412:
-            _add_elements(f"{path}: dataset {block.place} (2412)", block.lines, elements, rows)
+            _add_elements(f"{path}: dataset {block.ordinal} (2412)", block.lines, elements, rows)
     return elements
 
 

@@ -52,8 +52,8 @@ def _with_stated_units(
 ) -> tuple[ReadOptions, str]:
     """Options with the units that attributes of the arrays state, and words on them; what was given must agree."""
     stated: dict[str, tuple[str, ...]] = {}
-    for place, value in attributes.items():
-        dataset, _, key = place.rpartition("@")
+    for address, value in attributes.items():
+        dataset, _, key = address.rpartition("@")
         if key.lower() in ("unit", "units", "unit_string") and isinstance(value, tuple):
             stated.setdefault(dataset, value)
     numeric = [name for name, (_, dtype) in shapes.items() if dtype.kind in "fciu"]

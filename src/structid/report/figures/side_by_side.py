@@ -14,7 +14,7 @@ from structid.core.dof import DIRECTIONS, Dof
 from structid.core.quantities import likeness, number
 from structid.dynamics import Modes
 from structid.fem import Structure
-from structid.fem.places import AimedSensor
+from structid.fem.measuring_points import AimedSensor
 from structid.fem.supports import RigidLink
 from structid.report.drawing import palette
 from structid.report.drawing.faces import cell_edges, is_cells

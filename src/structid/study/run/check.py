@@ -11,7 +11,7 @@ from structid.core.arrays import FloatArray
 from structid.diagnose.checks.loose_parts import PlacedFinding, coarse_elements, structure_findings
 from structid.diagnose.checks.mesh import MeshErrors
 from structid.dynamics import Modes
-from structid.fem.places import AimedSensor, MeshPoint
+from structid.fem.measuring_points import AimedSensor, MeshPoint
 from structid.forward import ModalProblem, RecordProblem
 from structid.identification.fits.model_modes import response_rounding, rounding_warnings, structure_modes
 from structid.identification.fits.ratios import common_scale, scale_words

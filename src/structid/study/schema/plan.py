@@ -14,7 +14,7 @@ from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dofs, renamed
 from structid.core.errors import SingularModelError
 from structid.fem import Structure
-from structid.fem.places import AimedSensor
+from structid.fem.measuring_points import AimedSensor
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import used_lines
@@ -179,7 +179,7 @@ def _read_options(
     for key in ("sensors", "installed_sensors", *_LOADS):
         with section.located(key):
             values[key] = _in_structure(parse_dofs(as_list(values.get(key, []))), aimed, key in _LOADS)
-            structure.require_places(values[key], key in _LOADS)
+            structure.require_dofs(values[key], key in _LOADS)
     if structure.driven([dof for key in _LOADS for dof in values[key]]):
         values.setdefault("kind", "transmissibility")
     if record is not None:

@@ -196,8 +196,8 @@ def encoded(strings: Strings, options: Op4Options) -> bytes:
             body.append(_pack_string_head(int(strings.row[s]) + 1, len(data) // kind.word, strings.layout, kind) + data)
         whole = b"".join(body)
         first = int(strings.row[a]) + 1 if strings.layout == "dense" else 0
-        place = struct.pack(f"{kind.order}3{kind.integer}", int(strings.column[a]) + 1, first, len(whole) // kind.word)
-        parts.append(_framed(place + whole, kind))
+        start = struct.pack(f"{kind.order}3{kind.integer}", int(strings.column[a]) + 1, first, len(whole) // kind.word)
+        parts.append(_framed(start + whole, kind))
     last = struct.pack(f"{kind.order}3{kind.integer}", strings.shape[1] + 1, 1, size // kind.word)
     parts.append(_framed(last + struct.pack(f"{kind.order}{'f' if size == 4 else 'd'}", 1.0), kind))
     return b"".join(parts)

@@ -282,7 +282,7 @@ def positions_of(solved: external.Solved) -> dict[int, list[float]]:
     """Position in m of each node of the model: from the deck if structid can read its mesh, else at the origin."""
     deck = solved.solver.deck
     try:
-        mesh = read_mesh(solved.solver.place(solved.at) / deck.main, solved.units.length)
+        mesh = read_mesh(solved.solver.run_folder(solved.at) / deck.main, solved.units.length)
         positions = {label: position.tolist() for label, position in mesh.nodes.items()}
     except InputError:
         positions = {}

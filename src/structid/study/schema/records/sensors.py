@@ -13,7 +13,7 @@ from structid.core.dof import DIRECTIONS, Dof, parse_dof
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.fem.elements import ElementSet
-from structid.fem.places import AimedSensor, nearest_nodes, unit_direction
+from structid.fem.measuring_points import AimedSensor, nearest_nodes, unit_direction
 from structid.study.schema.kinds import POSITION, VECTOR, Kind
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, table_of
