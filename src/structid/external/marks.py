@@ -233,5 +233,5 @@ def _parse_number(where: str, text: str) -> float:
     return float(f"{match[1]}e{match[2] or match[3] or 0}")
 
 
-def _lines_of(found: Sequence[Card] | Sequence[Keyword]) -> str:
-    return ", ".join(f"{one.file} line {one.line}" for one in found[:_MOST_NAMED])
+def _lines_of(cards: Sequence[Card] | Sequence[Keyword]) -> str:
+    return ", ".join(f"{one.file} line {one.line}" for one in cards[:_MOST_NAMED])

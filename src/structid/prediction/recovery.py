@@ -312,10 +312,10 @@ def output_unit(output: Output) -> str:
     return "" if isinstance(output, Dof) else output.unit
 
 
-def _numbers(text: str, rest: str) -> dict[str, float]:
-    """The numbers behind the place of an output, such as y=0.05, by name."""
+def _numbers(text: str, numbers_text: str) -> dict[str, float]:
+    """Numbers in `numbers_text`, such as y=0.05, by name; `text`, the whole output, is for errors."""
     numbers: dict[str, float] = {}
-    for key, value in _PAIR.findall(rest):
+    for key, value in _PAIR.findall(numbers_text):
         try:
             numbers[key] = float(value)
         except ValueError as error:

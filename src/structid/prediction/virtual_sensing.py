@@ -308,11 +308,13 @@ class _Channels:
     left_variance: FloatArray
 
     @classmethod
-    def of_record(cls, record: TimeRecord, left: tuple[Dof, ...]) -> _Channels:
-        """Forces and sensors of a record, without the sensors in `left`, which are only compared."""
+    def of_record(cls, record: TimeRecord, left_out: tuple[Dof, ...]) -> _Channels:
+        """Forces and sensors of a record, without the sensors in `left_out`, which are only compared."""
         quantities = record.quantities
         pushed = [
-            str(dof) for dof, what in zip(record.channels, quantities, strict=True) if what == "force" and dof in left
+            str(dof)
+            for dof, what in zip(record.channels, quantities, strict=True)
+            if what == "force" and dof in left_out
         ]
         if pushed:
             raise InputError(
@@ -321,7 +323,7 @@ class _Channels:
         other = [str(quantity) for quantity in quantities if quantity not in (*MOTION_DERIVATIVES, "force")]
         if other:
             raise InputError(f"the record holds {other[0]}; motion at other places takes forces and motions alone")
-        missing = [str(dof) for dof in left if dof not in record.channels]
+        missing = [str(dof) for dof in left_out if dof not in record.channels]
         if missing:
             raise InputError(f"`leave_out` names {missing[0]}, which the record does not have")
         variance = record.variance
@@ -329,8 +331,8 @@ class _Channels:
             variance = (_NOISE * record.values.std(axis=0)) ** 2
         rows = range(len(record.channels))
         loads = [i for i in rows if quantities[i] == "force"]
-        used = [i for i in rows if quantities[i] != "force" and record.channels[i] not in left]
-        out = [i for i in rows if quantities[i] != "force" and record.channels[i] in left]
+        used = [i for i in rows if quantities[i] != "force" and record.channels[i] not in left_out]
+        out = [i for i in rows if quantities[i] != "force" and record.channels[i] in left_out]
         if not used:
             raise InputError(
                 "the record has no motion to sense from; use one with displacements, velocities or accelerations"
@@ -615,15 +617,15 @@ def _variance_towards_end(wanted: FloatArray, back: FloatArray, excess: FloatArr
 
 
 def _readings(
-    outputs: FloatArray, orders: IntArray, acceleration: FloatArray, known: FloatArray
+    outputs: FloatArray, orders: IntArray, acceleration: FloatArray, forces: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Matrices of outputs over states (n_outputs, n_states) and over known forces (n_outputs, n_known).
 
     `outputs` (n_outputs, n_modes) read modal displacements, or their derivatives of `orders` (n_outputs,).
     """
     n = outputs.shape[1]
-    rows, direct = np.zeros((len(orders), acceleration.shape[1])), np.zeros((len(orders), known.shape[1]))
+    rows, direct = np.zeros((len(orders), acceleration.shape[1])), np.zeros((len(orders), forces.shape[1]))
     for order in (0, 1):
         rows[orders == order, order * n : (order + 1) * n] = outputs[orders == order]
-    rows[orders == 2], direct[orders == 2] = outputs[orders == 2] @ acceleration, outputs[orders == 2] @ known
+    rows[orders == 2], direct[orders == 2] = outputs[orders == 2] @ acceleration, outputs[orders == 2] @ forces
     return rows, direct

@@ -173,11 +173,11 @@ def label_of(unknown: Unknown) -> str:
     return unknown.name or ", ".join(texts)
 
 
-def _chosen(table: Sequence[Entry], places: IntArray) -> tuple[Entry, ...]:
-    """`table` at `places`."""
+def _chosen(table: Sequence[Entry], positions: IntArray) -> tuple[Entry, ...]:
+    """`table` at `positions`."""
     if len(table) == 1:
-        return (table[0],) * len(places)
-    return tuple([table[i] for i in places.tolist()])
+        return (table[0],) * len(positions)
+    return tuple([table[i] for i in positions.tolist()])
 
 
 def parameter_group(structure: Structure, unknown: Unknown) -> ParameterGroup:

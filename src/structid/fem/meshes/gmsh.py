@@ -107,9 +107,9 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     return _make_mesh(path, content, units.length)
 
 
-def _is_swapped(data: bytes, at: int) -> bool:
+def _is_swapped(data: bytes, offset: int) -> bool:
     """True if the number one behind the header of a binary file is in the other byte order."""
-    marker = data[at : at + 4]
+    marker = data[offset : offset + 4]
     if marker not in (b"\x01\0\0\0", b"\0\0\0\x01"):
         raise ValueError("the number one is missing behind $MeshFormat")
     return (np.frombuffer(marker, "<i4")[0] == 1) != (sys.byteorder == "little")

@@ -93,10 +93,10 @@ def dataset_lines(path: Path, wanted: int) -> list[tuple[int, list[str]]]:
     return [(block.ordinal, block.lines) for block in read_blocks(path) if block.number == wanted]
 
 
-def _skip_blank(data: bytes, at: int) -> int:
-    while at < len(data) and data[at] in _BLANK:
-        at += 1
-    return at
+def _skip_blank(data: bytes, offset: int) -> int:
+    while offset < len(data) and data[offset] in _BLANK:
+        offset += 1
+    return offset
 
 
 def _truncated(path: Path, ordinal: int) -> FileError:
@@ -130,15 +130,15 @@ def _read_block(path: Path, data: bytes, begin_of_head: int, count: int) -> tupl
         begin_of_head = end + 1
 
 
-def _binary_values_range(path: Path, data: bytes, at: int, head: str, ordinal: int) -> tuple[int, int]:
-    """First byte in `data` and number of bytes of the values of the binary dataset 58 whose first line begins at byte `at`.
+def _binary_values_range(path: Path, data: bytes, offset: int, head: str, ordinal: int) -> tuple[int, int]:
+    """First byte in `data` and number of bytes of the values of the binary dataset 58 whose first line begins at byte `offset`.
 
     Abscissas of uneven spacing have four or eight bytes in double precision; the position of the closing tag decides,
     else the size in the header.
 
     An uneven abscissa is of four or eight bytes in double precision: the closing tag, else the size that the head says, tells.
     """
-    lines, body = [], at
+    lines, body = [], offset
     for _ in range(HEADER_LINES):
         end = data.find(b"\n", body)
         if end < 0:

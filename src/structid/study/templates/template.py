@@ -54,7 +54,7 @@ def asked_of(template: type[Template]) -> tuple[Asked, ...]:
     return tuple(Asked(one.name, **one.metadata) for one in found)
 
 
-def template_with(template: type[Template], given: Mapping[str, object]) -> Template:
+def template_with(template: type[Template], answers: Mapping[str, object]) -> Template:
     """`template` filled with values, given as text or numbers by name, and defaults for the others.
 
     Raises
@@ -64,22 +64,22 @@ def template_with(template: type[Template], given: Mapping[str, object]) -> Temp
     """
     questions = {question.name: question for question in asked_of(template)}
     values: dict[str, float | int | str] = {}
-    for name, value in given.items():
+    for name, value in answers.items():
         if name not in questions:
             raise InputError(f"there is no {name!r} to give; this template asks for {', '.join(questions)}")
         values[name] = asked_value(questions[name], str(value))
     return template(**values)
 
 
-def asked_value(question: Asked, given: str) -> float | int | str:
-    """`given` as the number or text that a question asks for.
+def asked_value(question: Asked, answer: str) -> float | int | str:
+    """`answer` as the number or text that a question asks for.
 
     Raises
     ------
     InputError
         If it is no number, not positive, far too many pieces, or none of the choices.
     """
-    text = given.strip()
+    text = answer.strip()
     if question.choices and text not in question.choices:
         raise InputError(f"{question.name} must be one of {', '.join(question.choices)}, got {text!r}")
     if isinstance(question.default, str):
@@ -122,9 +122,9 @@ def write_study(template: Template, path: Path) -> Path:
     return path
 
 
-def node_lines(places: Mapping[int, Sequence[float]]) -> str:
+def node_lines(positions: Mapping[int, Sequence[float]]) -> str:
     """The lines of ``[structure.nodes]``."""
-    return "\n".join(f"{label} = [{', '.join(number(x) for x in place)}]" for label, place in places.items())
+    return "\n".join(f"{label} = [{', '.join(number(x) for x in place)}]" for label, place in positions.items())
 
 
 def number(value: float) -> str:

@@ -21,12 +21,12 @@ if TYPE_CHECKING:  # NumPy comes with it, which the server does without
 _KEPT_BYTES = 500_000_000
 
 
-def called(name: str, root: str, given: dict[str, Any]) -> str:
+def called(name: str, root: str, arguments: dict[str, Any]) -> str:
     """Answer of the worker function `name` as JSON, or ``{"error": words}`` if it raises an error."""
     from structid.core.json_types import plain
 
     try:
-        found = _FUNCTIONS[name](OpenFolder(Path(root)), **given)
+        found = _FUNCTIONS[name](OpenFolder(Path(root)), **arguments)
     except StructidError as error:
         found = {"error": str(error).replace(f"{root}/", "")}
     except MemoryError:
@@ -36,12 +36,12 @@ def called(name: str, root: str, given: dict[str, Any]) -> str:
     return json.dumps(plain(found), allow_nan=False, separators=(",", ":"))
 
 
-def called_again(name: str, root: str, given: dict[str, Any]) -> str:
+def called_again(name: str, root: str, arguments: dict[str, Any]) -> str:
     """Call as `called` does, in a process that keeps the records that it has read."""
     from structid.records.formats import keep_records
 
     keep_records(_KEPT_BYTES)
-    return called(name, root, given)
+    return called(name, root, arguments)
 
 
 def _warm(_: OpenFolder) -> Entry:
@@ -247,13 +247,13 @@ def _merge(
     return {**merge(paths, options_of(options), opened.inside(out), band), "path": f"{out}/modes.json"}
 
 
-def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str) -> Entry:
-    """Measured modes compared with those of a study's model, at start values or results in `at`."""
+def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], path: str) -> Entry:
+    """Measured modes compared with those of a study's model, at start values or results in `path`."""
     from structid.modal.formats.files import read_modes
     from structid.workbench.work.model import read_model
     from structid.workbench.work.modes import beside, posted_modes
 
-    results = opened.inside(at) if at else None
+    results = opened.inside(path) if path else None
     modes = read_modes(opened.inside(measured)) if isinstance(measured, str) else posted_modes(measured)
     return beside(read_model(opened.inside(study), number), modes, results)
 

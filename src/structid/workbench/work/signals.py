@@ -247,7 +247,7 @@ def responses(record: FrfRecord, outputs: list[str]) -> dict[str, Entry]:
     }
 
 
-def options_of(given: dict[str, Any]) -> ReadOptions:
+def options_of(posted: dict[str, Any]) -> ReadOptions:
     """Reading options for a file from a mapping, such as the page or a ``[record]`` section gives.
 
     Raises
@@ -256,7 +256,7 @@ def options_of(given: dict[str, Any]) -> ReadOptions:
         If an option is unknown or of the wrong kind.
     """
     known = set(ReadOptions.__dataclass_fields__)
-    chosen = {name: value for name, value in given.items() if name in known and value not in ("", None)}
+    chosen = {name: value for name, value in posted.items() if name in known and value not in ("", None)}
     try:
         if isinstance(chosen.get("csv"), dict):
             chosen["csv"] = CsvLayout(**chosen["csv"])
