@@ -247,13 +247,13 @@ def _merge(
     return {**merge(paths, options_of(options), opened.inside(out), band), "path": f"{out}/modes.json"}
 
 
-def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], path: str) -> Entry:
-    """Measured modes compared with those of a study's model, at start values or results in `path`."""
+def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str) -> Entry:
+    """Measured modes compared with those of a study's model, at start values or results in `at`."""
     from structid.modal.formats.files import read_modes
     from structid.workbench.work.model import read_model
     from structid.workbench.work.modes import beside, posted_modes
 
-    results = opened.inside(path) if path else None
+    results = opened.inside(at) if at else None
     modes = read_modes(opened.inside(measured)) if isinstance(measured, str) else posted_modes(measured)
     return beside(read_model(opened.inside(study), number), modes, results)
 
