@@ -47,7 +47,7 @@ class WithJacobian:
         return self
 
     def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
-        """By the law of chi-square that the errors of the data rows give it."""
+        """Misfit statistics from the chi-square distribution that the errors of the data rows imply."""
         return misfits(problem, minimum.theta, cast(Linearization, minimum.linearization), probability)
 
     def uncertainty(
@@ -58,7 +58,7 @@ class WithJacobian:
         seed: int,
         fixed: FixedColumns | None = None,
     ) -> Uncertainty:
-        """By the information matrix; see `dense_uncertainty`."""
+        """Covariance and rank at the minimum from the information matrix; see `dense_uncertainty`."""
         at = cast(Linearization, minimum.linearization)
         return dense_uncertainty(problem, minimum.theta, at, minimum.converged, misfit_probability, fixed)
 
@@ -76,7 +76,7 @@ class FactoredPoint(Point[Linearization]):
         return _ROUNDING * float(np.linalg.norm(self.triangle * self.size))
 
     def promised(self, step: FloatArray) -> float:
-        """By how much the linear model lowers the sum of squares."""
+        """Decrease of the sum of squares that the linear model predicts."""
         linear = self.triangle @ step
         return -float(linear @ linear + 2 * linear @ self.projected)
 

@@ -40,7 +40,7 @@ _STRETCHES_A_WORKER = 2
 
 @dataclass
 class Reached:
-    """Where the running search is: what an interruption tells."""
+    """State of the running search, for the report of an interruption."""
 
     search: str = ""
     iteration: int = 0
@@ -51,13 +51,13 @@ class Reached:
 
     @property
     def words(self) -> str:
-        """Where the run is: the tasks in work, or the search."""
+        """Words on the state of the run: the tasks in work, or the search."""
         if self.tasks:
             return self.tasks
         return f"{self.search}, iteration {self.iteration}, sum of squares {self.cost:.5g}"
 
     def take(self, name: str, problem: Problem, minimum: Minimum) -> None:
-        """Where a search has ended, now or before an interruption."""
+        """Take over the end of a search, now or before an interruption."""
         self.search, self.iteration, self.cost = name, len(minimum.costs) - 1, float(minimum.costs[-1])
         self.problem, self.theta = problem, minimum.theta
 
