@@ -373,7 +373,7 @@ class Maxima(DerivedQuantity):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Those of the history."""
+        """Units of the history."""
         return self.history.units
 
 
@@ -588,7 +588,7 @@ class NaturalModes:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Of frequencies, and of damping ratios."""
+        """Units of frequencies and of damping ratios."""
         return ("Hz", "1")
 
     @property
@@ -653,7 +653,7 @@ def _words(outputs: Sequence[Output]) -> tuple[str, ...]:
 
 
 def _distinct(name: str, channels: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The same channels; `InputError` where there is none, or one stands twice."""
+    """`channels` unchanged; `InputError` if there is none, or one stands twice."""
     if not channels:
         raise InputError(f"`{name}` must name at least one channel, got none")
     for number, channel in enumerate(channels):
