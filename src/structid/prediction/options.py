@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
-
 from structid.core.constraints import Limits, require_declared
 from structid.core.errors import InputError
 
@@ -192,7 +190,7 @@ class ExportOptions:
         try:
             part = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
         except ValueError:
-            part = np.nan
+            part = float("nan")
         if not 0 < part < 1:
             raise InputError(f"`error` must be a part of 1, as 1% or 0.01, got {self.error!r}", "error")
         return part
