@@ -82,7 +82,7 @@ class IdentificationPlots:
         return draw("changes", self, axes)
 
     def plot_correlation(self, axes: Axes | None = None) -> Figure:
-        """How the errors of the parameters go together."""
+        """Plot the correlation matrix of the parameters' errors."""
         return draw("correlation", self, axes)
 
     def plot_convergence(self, axes: Axes | Sequence[Axes] | None = None) -> Figure:

@@ -62,7 +62,7 @@ class Disagreement:
 
 
 class _Fit(TypedDict, total=False):
-    """Of a part of the data; empty where it cannot be fitted."""
+    """Fit of a part of the data; empty where it cannot be fitted."""
 
     values: FloatArray
     std: FloatArray

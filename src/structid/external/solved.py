@@ -36,7 +36,7 @@ class Units:
 
 @dataclass(frozen=True)
 class Checked:
-    """The solver run once more, beside the model of it.
+    """Comparison of one more run of the solver with the model of its results.
 
     Attributes
     ----------

@@ -183,7 +183,7 @@ class ModalDamping(Factor):
 
     @cached_property
     def _values(self) -> IntArray:
-        """Where the values stand that masses and stiffnesses have."""
+        """Indices of the values of masses and stiffnesses among all values."""
         every = np.arange(self.n_values)
         return np.unique(np.concatenate([every[place] for part in self.parts for place in part.places]))
 

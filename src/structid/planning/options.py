@@ -92,7 +92,7 @@ def wanted_parameters(unknown: Parameters, wanted: Sequence[str]) -> np.ndarray:
 
 
 def positions(wanted: Iterable[Dof], among: Sequence[Dof]) -> tuple[int, ...]:
-    """Where each of `wanted` stands in `among`, whatever its sense."""
+    """Indices in `among` of each of `wanted`, whatever its sense."""
     place = {dof.unsigned: i for i, dof in enumerate(among)}
     return tuple(place[dof.unsigned] for dof in wanted)
 
@@ -107,7 +107,7 @@ def _require_increasing(frequency: np.ndarray) -> None:
 
 
 def _joined(first: tuple[Dof, ...], others: tuple[Dof, ...]) -> tuple[Dof, ...]:
-    """Both, each place and direction once, in the sense in which it comes first."""
+    """Degrees of freedom of both, each once, in the sense in which it comes first."""
     return tuple({dof.unsigned: dof for dof in (*others, *first)}.values())
 
 

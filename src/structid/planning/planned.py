@@ -109,7 +109,7 @@ class PlannedTest:
 
     @property
     def worst_std(self) -> float:
-        """Its relative standard deviation; infinite where it is not determined."""
+        """Relative standard deviation of the worst parameter; infinite where the test does not determine it."""
         return float(np.inf if np.isnan(self.std[self.worst]) else self.std[self.worst])
 
     @property
@@ -120,7 +120,7 @@ class PlannedTest:
 
     @property
     def n_determined(self) -> int:
-        """How many parameters, of all, are determined to better than their own size."""
+        """Number of parameters with a standard deviation below their own size."""
         return int((self.std <= 1).sum())
 
     @property

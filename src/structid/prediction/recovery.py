@@ -298,7 +298,7 @@ def parse_output(text: str | Output) -> Output:
 
 
 def parse_outputs(texts: Sequence[str | Output]) -> tuple[Output, ...]:
-    """Each text of `texts` as an output, see `parse_output`."""
+    """Outputs named by `texts`, each read by `parse_output`."""
     return tuple(parse_output(text) for text in texts)
 
 
@@ -480,7 +480,7 @@ def _end_of(element: ElementSet, row: int, node: int, text: str) -> int:
 
 
 def _offered(element: ElementSet) -> str:
-    """What can be read from elements of a type, in words."""
+    """Words on the stresses and forces that can be read from elements of a type."""
     if isinstance(element, ThinSet):
         return "stress_xx, stress_yy, stress_xy and von_mises at top, middle and bottom can be predicted"
     if element.section_stiffness:

@@ -125,7 +125,7 @@ def frac_table(part: ResponsesCorrelation) -> Table:
 
 
 def channels_table(found: StudyCorrelation) -> Table:
-    """What each sensor and load sees of the model."""
+    """Table of the degrees of freedom of the model that each sensor and load sees."""
     rows = tuple((one.channel, one.role, one.seen) for one in found.channels)
     return Table(("Channel", "Role", "Sees"), rows)
 

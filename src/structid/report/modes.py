@@ -194,7 +194,7 @@ def remarks(result: ModesResult) -> list[list[str]]:
 
 
 def _tone_words(kurtosis: float) -> str:
-    """On a mode with hardly any damping."""
+    """Words on a mode with hardly any damping, by the kurtosis of its motion."""
     if kurtosis < _TONE:
         return f"a steady tone, as of a machine, not a mode under random forces (kurtosis {kurtosis:.2f}, tone 1.5, mode 3)"
     return "hardly damped: a machine or the mains can look like this"

@@ -172,7 +172,7 @@ def next_lines(found: Plan) -> list[str]:
 
 
 def places(dofs: tuple[Dof, ...]) -> str:
-    """Places with commas, the first dozen of them."""
+    """Degrees of freedom joined by commas, at most a dozen."""
     return join_words(dofs, _MOST_PLACES)
 
 

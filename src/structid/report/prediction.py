@@ -80,7 +80,7 @@ def _interval(part: Prediction, index: tuple[int, ...], factor: float = 1.0) -> 
 
 
 def heading(found: StudyPrediction) -> str:
-    """What was predicted, in one line."""
+    """Heading in one line: the predicted quantities, the folder, loads and changes."""
     kinds = (("FRFs", found.frf), ("history", found.history), ("spectra", found.spectrum))
     what = [name for name, part in kinds if part is not None]
     words = f"{' and '.join([*what, 'modes'])} predicted from {found.folder}"

@@ -133,7 +133,7 @@ class NamedUnknowns:
 
 
 def begun_at(unknowns: N, known: Mapping[str, float]) -> N:
-    """The same begun at the `known` values of its names, of those that lie in their range."""
+    """Copy that starts at the `known` values of its names, where these lie in their range."""
     start = np.array([known.get(name, own) for name, own in zip(unknowns.names, unknowns.start, strict=True)])
     inside = (start > unknowns.transforms.lower) & (start < unknowns.transforms.upper)
     return unknowns.started_at(np.where(inside, start, unknowns.start))

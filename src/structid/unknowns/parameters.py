@@ -83,7 +83,7 @@ class Parameters(Shown, NamedUnknowns):
         return self.offset + self.design @ physical
 
     def overview(self) -> Overview:
-        """How many there are, and one row each: start, prior, unit and element sets."""
+        """Heading with the number of parameters, and one row each: start, prior, unit and element sets."""
         words = f"{plural(self.n_params, 'parameter')}, {int(self.priors.stated.sum())} with a prior"
         rows = [
             (
@@ -112,7 +112,7 @@ class Parameters(Shown, NamedUnknowns):
         return bool(self.priors.stated.any() or self.couplings)
 
     def without_priors(self) -> Parameters:
-        """The same parameters with nothing known of them but their ranges."""
+        """Copy of the parameters with their ranges but without priors."""
         return replace(self, priors=no_priors(self.n_params), couplings=())
 
     def coupled(self, *couplings: Coupling) -> Parameters:
@@ -310,7 +310,7 @@ def _joined(parts: Iterable[tuple[Entry, ...]]) -> tuple[Entry, ...]:
 
 
 def own_name(name: str, title: str) -> str:
-    """What the value of a record is called, such as ``stiffness[clamp] @ record 3``."""
+    """Name of a parameter's value in one record, such as ``stiffness[clamp] @ record 3``."""
     return f"{name}{OF_RECORD}{title}"
 
 

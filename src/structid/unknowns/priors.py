@@ -17,7 +17,7 @@ PriorKind = Literal["normal", "lognormal"]
 
 @dataclass(frozen=True)
 class Prior:
-    """What was believed of a parameter before the measurement.
+    """A belief about one parameter before the measurement.
 
     Parameters
     ----------
@@ -81,11 +81,11 @@ class Priors:
         return Prior(float(self.mean[index]), float(self.std[index]), kind)
 
     def at(self, index: IntArray) -> Priors:
-        """Those of the parameters at `index`."""
+        """Priors of the parameters at `index`."""
         return Priors(self.mean[index], self.std[index], self.lognormal[index])
 
     def followed_by(self, other: Priors) -> Priors:
-        """Those of both, one after the other."""
+        """These priors, then those of `other`."""
         pairs = (self.mean, other.mean), (self.std, other.std), (self.lognormal, other.lognormal)
         return Priors(*(np.concatenate(pair) for pair in pairs))
 
@@ -106,14 +106,14 @@ class Priors:
 
 
 def priors_of(each: Iterable[Prior | None]) -> Priors:
-    """As arrays, None where there is none."""
+    """Priors as arrays, one entry for each of `each`; NaN where it is None."""
     given = [one or Prior(np.nan, np.nan) for one in each]
     log = [one.kind == "lognormal" for one in given]
     return Priors(np.array([one.mean for one in given]), np.array([one.std for one in given]), np.array(log))
 
 
 def no_priors(n_params: int) -> Priors:
-    """Those of parameters of which nothing is known."""
+    """Priors (n_params,) that say nothing: NaN means and deviations."""
     return priors_of([None]).at(np.zeros(n_params, dtype=int))
 
 
@@ -180,7 +180,7 @@ class Coupling:
         return self.residual(physical), self.matrix / np.where(self.used, physical, 1.0)
 
     def among(self, n_params: int, first: int) -> Coupling:
-        """The same of the parameters from number `first` on among `n_params`."""
+        """The prior with columns for all of `n_params` parameters; its own begin at number `first`."""
         return self.at(np.arange(first, first + self.matrix.shape[1]), n_params)
 
     def at(self, index: IntArray, n_params: int) -> Coupling:
@@ -191,7 +191,7 @@ class Coupling:
         return Coupling(self.name, kept, self.target, self.logarithmic)
 
     def scaled(self, strengths: FloatArray | float) -> Coupling:
-        """The same with the information of every row multiplied by its strength."""
+        """Copy with the information of every row multiplied by its strength."""
         root = np.sqrt(np.broadcast_to(strengths, self.target.shape))
         scaled = sparse.diags_array(root) @ self.matrix if sparse.issparse(self.matrix) else self.matrix * root[:, None]
         return Coupling(self.name, scaled, self.target * root, self.logarithmic)

@@ -104,7 +104,7 @@ class Json(JSONResponse):
 
 
 def _answered(answer: str) -> Response:
-    """What a worker gave."""
+    """Response with the JSON answer of a worker; status 422 where it is an error."""
     return Response(answer, 422 if answer.startswith('{"error"') else 200, media_type="application/json")
 
 
@@ -144,7 +144,7 @@ async def _folder(bench: Workbench, _: Request) -> Response:
 
 
 async def _open(bench: Workbench, request: Request) -> Response:
-    """Another folder, which has an address of its own from then on."""
+    """Open another folder, which gets its own address."""
     path = typed_folder(str((await request.json())["folder"]))
     return Json({"address": f"/{(await asyncio.to_thread(bench.open, path)).token}/"})
 

@@ -43,7 +43,7 @@ _WITHOUT_TOKEN = "The address lacks the token: open the whole address that `stru
 
 @dataclass(frozen=True)
 class Access:
-    """What requests to a folder must have.
+    """Port and token that requests to a folder must have.
 
     Attributes
     ----------
@@ -58,11 +58,11 @@ class Access:
 
     @property
     def address(self) -> str:
-        """What the browser opens."""
+        """Address that the browser opens."""
         return f"http://127.0.0.1:{self.port}/{self.token}/"
 
     def view_key(self, path: str) -> str:
-        """What lets a page of results be seen, and nothing else: such a page knows its own address."""
+        """Key that opens a page of results and nothing else: such a page knows its own address."""
         return hmac.new(self.token.encode(), path.encode(), hashlib.sha256).hexdigest()[:40]
 
     def is_token(self, given: str) -> bool:

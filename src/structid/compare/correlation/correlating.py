@@ -35,7 +35,7 @@ CORRELATION_PAGE = "correlation.html"
 
 @dataclass(frozen=True, eq=False)
 class StudyCorrelation:
-    """Each record of a study beside the model.
+    """Correlation of each record of a study with the model.
 
     Attributes
     ----------

@@ -78,7 +78,7 @@ class ComparisonResult:
 
     @property
     def basis_words(self) -> str:
-        """How the states were brought together, in a sentence."""
+        """Sentence on how the two states were brought together."""
         kinds = Counter(name.split("[")[0] for name in self.comparison.carried)
         shared = ", ".join(f"{kind} ({count})" for kind, count in kinds.items())
         return {

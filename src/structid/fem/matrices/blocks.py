@@ -130,7 +130,7 @@ class Blocks:
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Where the entries of several families of element matrices go in their weighted sum; made by `pattern`."""
+    """Sparsity pattern of a weighted sum of several families of element matrices; made by `pattern`."""
 
     indices: IntArray
     starts: IntArray
@@ -157,7 +157,7 @@ class Pattern:
 
     @cached_property
     def _flat(self) -> IntArray:
-        """Where the entries stand in a dense array."""
+        """Indices of the entries in a flattened dense array."""
         size = len(self.starts) - 1
         return self.indices.astype(np.int64) * size + np.repeat(np.arange(size), np.diff(self.starts))
 

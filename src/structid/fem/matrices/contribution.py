@@ -50,7 +50,7 @@ class Factor(Protocol):
 
     @property
     def places(self) -> tuple[Place, ...]:
-        """Where the values stand that it depends on, among the values of the structure; one an element."""
+        """Indices, among the values of the structure, of the values that the scale depends on; one an element."""
         ...
 
     def of(self, values: FloatArray) -> FloatArray:
@@ -209,7 +209,7 @@ class Contribution:
 
     @property
     def first(self) -> int:
-        """Where the first of its values stands."""
+        """Index of the contribution's first value among the values of the structure."""
         return int(np.r_[self.value][0])
 
     @property
@@ -219,7 +219,7 @@ class Contribution:
 
     @property
     def places(self) -> tuple[Place, ...]:
-        """Where the values stand that make up the weights."""
+        """Indices of the values that make up the weights."""
         factor: tuple[Place, ...] = () if self.factor is None else (self.factor,)
         return (self.value, *factor, *(() if self.scale is None else self.scale.places))
 

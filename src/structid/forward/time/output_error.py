@@ -243,7 +243,7 @@ class OutputErrorProblem(RecordProblem):
 
     @cached_property
     def incidentals(self) -> Incidentals:
-        """Unknowns besides the parameters."""
+        """Linear unknowns in addition to the parameters: initial states and noisy forces."""
         return Incidentals(self.model, self.histories, self.free_start)
 
     def with_parts(self, parts: Sequence[NamedUnknowns]) -> OutputErrorProblem:

@@ -127,7 +127,7 @@ class MatrixFree:
         seed: int,
         fixed: FixedColumns | None = None,
     ) -> Uncertainty:
-        """By draws from the posterior; see `drawn_uncertainty`."""
+        """Covariance and rank at the minimum from draws of the posterior; see `drawn_uncertainty`."""
         at = cast(OperatorLinearization, minimum.linearization)
         return drawn_uncertainty(problem, minimum.theta, at, self.draws, self.solved, misfit_probability, seed)
 

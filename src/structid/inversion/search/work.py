@@ -17,7 +17,7 @@ StageProgress = Callable[[str, int, float], None]
 
 
 class Minimizer(Protocol):
-    """`minimize`, or the same with its iterations kept."""
+    """A search: `minimize`, or a variant that keeps its iterations."""
 
     def __call__(
         self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None

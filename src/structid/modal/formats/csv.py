@@ -80,11 +80,11 @@ class _Table(NamedTuple):
     notes: list[str]
 
     def place(self, k: int, name: str) -> str:
-        """Where the value called `name` of mode `k` is."""
+        """Words on the position in the file of the value `name` of mode `k`."""
         return f"row `{name}`, {self.mode(k)}" if self.is_turned else f"{self.mode(k)}, column `{name}`"
 
     def mode(self, k: int) -> str:
-        """Where mode `k` is."""
+        """Words on the line or column of mode `k`."""
         return f"{'column' if self.is_turned else 'line'} {self.numbers[k]}"
 
 
@@ -154,7 +154,7 @@ def _canonical_column(cell: str) -> _Word:
 
 
 def _word_or_cell(cell: str) -> str:
-    """What this module calls a column; the cell itself where its unit is not known."""
+    """The module's word for a column; the cell itself where its unit is not known."""
     try:
         return _canonical_column(cell).name
     except InputError:

@@ -139,7 +139,7 @@ def _inverse(normal: FloatArray) -> FloatArray:
 
 
 def frequency_damping_covariance(modes: FrfModes) -> FloatArray:
-    """Of frequencies (Hz), then damping ratios; NaN for modes whose poles are fixed."""
+    """Covariance of frequencies (Hz), then damping ratios; NaN for modes whose poles are fixed."""
     slope, n = frequency_damping_slope(modes.at.poles), len(modes.at.poles)
     of_poles = np.full((2 * n, 2 * n), np.nan)
     own = modes.at.free[modes.at.free < 2 * n]

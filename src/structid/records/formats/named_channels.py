@@ -29,7 +29,7 @@ _NAMED_BY = '`channels`, in the order of the columns, as in channels = ["1X", "2
 
 @dataclass(frozen=True, eq=False)
 class NamedChannels:
-    """What a file holds, under its own names.
+    """Channels of a file under the file's own names.
 
     Attributes
     ----------
@@ -64,14 +64,14 @@ class NamedChannels:
     tells_all: bool = False
 
     def place(self, j: int) -> str:
-        """Where channel `j` is in the file."""
+        """Words on the position of channel `j` in the file."""
         if self.lines is None:
             return f"channel {self.number(j)} ({self.names[j]!r})"
         return f"line {self.lines[0]}, column {self.number(j)} ({self.names[j]!r})"
 
     @property
     def told_units(self) -> list[str]:
-        """What the file says of the unit of each channel, beside its name or in it; "" where nothing."""
+        """Unit text of each channel, beside its name or in it; "" where the file has none."""
         return [unit or name_and_unit(name)[1] for name, unit in zip(self.names, self.units, strict=True)]
 
     def number(self, j: int) -> int:

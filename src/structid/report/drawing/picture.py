@@ -25,7 +25,7 @@ PLANE_AXES = np.array([[1.0, 0.0], [0.0, 1.0], [-0.5, -0.5]])
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """One element, or one face of it.
+    """Drawing of one element or of one of its faces.
 
     Attributes
     ----------

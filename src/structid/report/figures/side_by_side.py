@@ -152,7 +152,7 @@ def _lines(structure: Structure, place: dict[int, int]) -> IntArray:
 
 
 def _spans(nodes: IntArray) -> list[tuple[int, int]]:
-    """From node to node of elements with two."""
+    """Pairs of nodes that elements of two nodes join; `nodes` (n_elements, n) has -1 where there is none."""
     rows = [row[row >= 0].tolist() for row in np.atleast_2d(nodes)]
     return [pair for row in rows if len(row) == 2 for pair in pairwise(row)]
 
@@ -243,7 +243,7 @@ def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, .
 
 
 def _name(part: ModesCorrelation, i: int) -> str:
-    """Both frequencies and the MAC."""
+    """Name of the pair of measured mode `i`: both frequencies and the MAC."""
     k = int(part.pairing.number[i])
     own, like = number(float(part.measured.frequency[i]), 4), number(float(part.model.frequency[k]), 4)
     return f"mode {i + 1}: {own} Hz beside {like} Hz, MAC {likeness(float(part.pairing.mac[i, k]), 2)}"

@@ -169,7 +169,7 @@ def _record_figures(identification: Identification) -> dict[str, plot.Figure]:
 
 
 def _modal(identification: Identification, place: int) -> dict[str, object]:
-    """What the page shows of a record of modes."""
+    """Entries of the page for a record of modes."""
     fit = identification.modal_fits[place]
     is_unknown = any(kind == "mass" for kind in fit.problem.unknowns.kinds)
     return {
@@ -182,7 +182,7 @@ def _modal(identification: Identification, place: int) -> dict[str, object]:
 
 
 def _other(identification: Identification, place: int) -> dict[str, object]:
-    """What the page shows of a further record."""
+    """Entries of the page for a further record."""
     part = identification.seen_from(place)
     return {
         "number": place + 1,

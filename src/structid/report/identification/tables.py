@@ -133,7 +133,7 @@ def varied_table(identification: Identification, varied: Varied) -> Table:
 
 
 def interval_words(identification: Identification) -> str:
-    """How the intervals of the parameters were found."""
+    """Sentence on how the intervals of the parameters were computed."""
     return _INTERVALS[identification.intervals.kind]
 
 

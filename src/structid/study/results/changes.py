@@ -16,12 +16,12 @@ _MOST_CHANGES = 50
 
 
 def search_summary(found: Estimate) -> dict[str, Entry]:
-    """How a matrix-free search was done, and why."""
+    """Entries on a matrix-free search: its kind, the reason for it, and how many parameters are determined."""
     return {"search": "matrix_free", "reason": search_reason(found), "n_determined": found.spread.determined}
 
 
 def search_reason(found: Estimate) -> str:
-    """How much memory a search with a Jacobian would take."""
+    """Sentence on the memory that a search with a Jacobian would take."""
     return dense_search_fits(len(found.names), found.goodness.n_data)[1]
 
 

@@ -117,7 +117,7 @@ class ParameterResult:
 
     @property
     def interval_text(self) -> str:
-        """Both ends of the interval without their unit."""
+        """The interval as text, lower and upper end without their unit."""
         return span_text(*map(self.scaled, self.interval))
 
     @property
@@ -133,7 +133,7 @@ class ParameterResult:
 
 @dataclass(frozen=True)
 class ChannelFit:
-    """How well one channel is fitted: medians over its lines of the relative error of the FRF, after and before."""
+    """Fit of one channel: medians over its lines of the relative error of the FRF, after and before."""
 
     record: str
     output: str
@@ -367,7 +367,7 @@ def _parameters(found: Identification) -> tuple[ParameterResult, ...]:
 
 
 def parameter_states(found: Identification) -> tuple[str, ...]:
-    """How each parameter is determined; see `ParameterResult.state`."""
+    """State of each parameter, such as ``determined`` or ``by prior``; see `ParameterResult.state`."""
     estimate = found.estimate
     weak = np.zeros(len(estimate.names), dtype=bool)
     for direction in estimate.identifiability.directions:

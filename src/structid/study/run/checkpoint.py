@@ -39,7 +39,7 @@ class Owner(TypedDict):
 
 
 def checkpoint_folder(results: Path) -> Path:
-    """Where the checkpoint of a run stands whose results go to the folder `results`."""
+    """Folder of the checkpoint of a run whose results go to the folder `results`."""
     return results.parent / f"{results.name}.checkpoint"
 
 
@@ -98,11 +98,11 @@ class Checkpoint:
 
     @property
     def n_found(self) -> int:
-        """How many searches and tasks are finished."""
+        """Number of finished searches and tasks."""
         return len(self.entries)
 
     def state_of(self, name: str) -> State | None:
-        """Where the search `name` was when the run before ended; None where it had not begun or was finished."""
+        """State of the search `name` when the previous run ended; None where it had not begun or was finished."""
         return self._search[1] if self._search is not None and self._search[0] == name else None
 
     def finished(self, name: str, result: object) -> None:

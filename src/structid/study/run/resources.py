@@ -46,7 +46,7 @@ _GROUP = Path("/sys/fs/cgroup")
 
 @dataclass(frozen=True)
 class Sizes:
-    """How large a study is.
+    """Sizes of a study.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class Needs:
 
 @dataclass(frozen=True)
 class Duration:
-    """How long a run of `structid identify` takes, s of wall time on this machine as it is now.
+    """Duration of a run of `structid identify`, s of wall time on this machine as it is now.
 
     Attributes
     ----------

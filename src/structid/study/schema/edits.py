@@ -152,7 +152,7 @@ def changed_text(text: str, change: Callable[[dict[str, Any]], None]) -> str:
 
 
 def _numbered_entries(content: Any) -> Iterator[tuple[dict[str, Any], int]]:
-    """Each table in a list, with its position there."""
+    """Pairs of a table and its position in the list that holds it, through nested lists and tables."""
     for number, value in enumerate(content.values() if isinstance(content, dict) else content):
         if isinstance(content, list) and isinstance(value, dict):
             yield value, number

@@ -102,6 +102,6 @@ class Workers:
                 self._pools.pop(kind).shutdown()
 
     def close(self) -> None:
-        """End all of them."""
+        """End all worker processes."""
         while self._pools:
             self._pools.popitem()[1].shutdown()

@@ -55,7 +55,7 @@ class MeshEntry:
 
 @dataclass(frozen=True)
 class SupportEntry:
-    """``[[structure.support]]``: nodes that satisfy all of it are held."""
+    """``[[structure.support]]``: nodes that satisfy every condition are constrained."""
 
     group: Annotated[str | None, "A group of the mesh"] = None
     nodes: Annotated[int | list[int] | list[list[int]] | None, NODES, "Node numbers"] = None
