@@ -113,12 +113,12 @@ class SensedMotion(Shown):
         """A table with the size and the standard deviation of each output and force, and checks of left-out sensors."""
         rows = [
             (
-                str(dof),
+                name,
                 format_number(float(np.sqrt(np.mean(value**2))), 3),
                 format_number(float(np.sqrt(np.mean(std**2))), 2),
             )
-            for dof, value, std in zip(
-                (*self.outputs, *self.force_dofs),
+            for name, value, std in zip(
+                (*map(str, self.outputs), *(f"force at {dof}" for dof in self.force_dofs)),
                 (*self.values.T, *self.forces.T),
                 (*self.std.T, *self.force_std.T),
                 strict=True,
@@ -202,6 +202,11 @@ def sense(
     if len(forces) > len(channels.sensors):
         raise InputError(
             f"{len(forces)} unknown forces cannot be told by {len(channels.sensors)} sensors; name fewer, or use more sensors"
+        )
+    if not forces and not channels.loads:
+        raise InputError(
+            "the record holds no force and none is named as unknown, so that nothing would move the model; name where forces act"
+            " with `unknown`"
         )
     structure = model.structure
     structure.require_modes("motion at other places")

@@ -43,7 +43,10 @@ def init(
     if sys.stdin.isatty():
         made = template_with(kind, values | _asked(kind, set(values)))
     path = write_study(made, study or beside_call(f"{template}.toml"))
-    say(f"{path}: written; look at it with `structid app {path.parent}`, or go on with `structid plan {path}`")
+    say(
+        f"{path}: written; see it with `structid app {path.parent}`; before a test go on with `structid plan {path}`; once"
+        f" its [record] names the file of a test, with `structid check {path}`"
+    )
 
 
 def _given(pairs: list[str]) -> dict[str, str]:

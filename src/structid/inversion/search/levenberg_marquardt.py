@@ -213,32 +213,32 @@ class LevenbergMarquardt(WithJacobian):
         end = damped_end(here, damping, velocity, promised, self.step_tolerance, self.gain_tolerance)
         if end is not None:
             return Trial(None, end=end)
-        step, cost = self._bent(problem, here, damped, velocity, damping)
-        return Trial(step, (here.cost - cost) / promised if promised > 0 else -1.0)
-
-    def _bent(
-        self, problem: Problem, here: FactoredPoint, damped: _Damped, velocity: FloatArray, damping: Damping
-    ) -> tuple[FloatArray, float]:
-        """Step to try and the sum of squares after it, bent by second order if the plain step gains too little.
-
-        A step cut to its limit is held to the promise of the whole: damping then grows until it turns downhill instead.
-        """
-        limit, promised = damping.limit, here.promised(velocity)
         low, high = damping.reach.T - here.theta
-        step = np.clip(shortened(velocity, limit), low, high)
+        step = np.clip(shortened(velocity, damping.limit), low, high)
         residual = residual_at(problem, here.theta + step)
         cost = squared(residual)
-        if residual is None or self.acceleration <= 0 or here.cost - cost > _KEPT * promised:
-            return step, cost
+        # a step cut to its limit is held to the promise of the whole: damping then grows until it turns downhill instead
+        if residual is not None and here.cost - cost <= _KEPT * promised:
+            bent = self._bent_step(here, damped, step, residual)
+            if bent is not None:
+                bent = np.clip(shortened(bent, damping.limit), low, high)
+                bent_cost = squared(residual_at(problem, here.theta + bent))
+                step, cost = (bent, bent_cost) if bent_cost < cost else (step, cost)
+        return Trial(step, (here.cost - cost) / promised if promised > 0 else -1.0)
+
+    def _bent_step(
+        self, here: FactoredPoint, damped: _Damped, step: FloatArray, residual: FloatArray
+    ) -> FloatArray | None:
+        """The step with half its acceleration, from the residual after it; None where that is rounding or too long."""
+        if self.acceleration <= 0:
+            return None
         bend = residual - here.at.residual - here.at.jacobian @ step
         if np.linalg.norm(bend) <= here.rounding:
-            return step, cost
+            return None
         acceleration = 2 * damped.downhill(here.at.jacobian.T @ bend)
         if not damped.length(acceleration) <= self.acceleration * damped.length(step):
-            return step, cost
-        bent = np.clip(shortened(step + 0.5 * acceleration, limit), low, high)
-        bent_cost = squared(residual_at(problem, here.theta + bent))
-        return (bent, bent_cost) if bent_cost < cost else (step, cost)
+            return None
+        return np.asarray(step + 0.5 * acceleration)
 
 
 @dataclass(frozen=True)

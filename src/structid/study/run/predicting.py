@@ -15,6 +15,7 @@ from structid.core.constraints import split_commas
 from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
+from structid.core.isolation import absolute_paths
 from structid.core.json_types import Entry
 from structid.fem import Base, Structure
 from structid.files import csv_text
@@ -39,12 +40,14 @@ from structid.prediction.recovery import Output, is_von_mises, parse_outputs
 from structid.prediction.tuned_damper import TunedDamper, tune_damper
 from structid.records import ReadOptions, TimeRecord, read_record
 from structid.study.results.stored_model import (
+    stored_band,
     stored_doubt,
     stored_loads,
     stored_model,
     stored_model_error,
     stored_study,
 )
+from structid.study.schema.study import Study
 
 PREDICTION_PAGE = "prediction.html"
 Found: TypeAlias = Prediction | PredictedChange | None
@@ -131,7 +134,7 @@ def predict_study(
     spectrum: Found = None
     mean: Found = None
     largest: Found = None
-    band = options.band or source.options.band
+    band = options.band or _predicted_band(folder, source)
     words: list[str] = []
     if outputs:
         linear = tuple(output for output in outputs if not is_von_mises(output))
@@ -195,11 +198,21 @@ def _damper(model: IdentifiedModel, options: PredictOptions) -> TunedDamper:
     return tune_damper(model, dof, kg, band=options.band, seed=options.seed)
 
 
-def _lines(band: tuple[float | None, float | None] | None, options: PredictOptions) -> FloatArray:
+def _predicted_band(folder: Path, study: Study) -> tuple[float | None, float | None]:
+    """Ends of the band that was fitted, Hz: as the study states them, else those of the record; None where neither says."""
+    low, high = study.options.band or (None, None)
+    lowest, highest = stored_band(folder) or (None, None)
+    return low or lowest, high or highest
+
+
+def _lines(band: tuple[float | None, float | None], options: PredictOptions) -> FloatArray:
     """The frequencies of FRFs and spectra, Hz."""
-    low, high = band or (None, None)
+    low, high = band
     if low is None or high is None:
-        raise InputError("`band` must be given: the study does not state one under [method]", "band")
+        raise InputError(
+            "`band` must be given (--band LOW HIGH): neither the study, under [method], nor a record of FRFs states one",
+            "band",
+        )
     return np.linspace(low, high, options.lines)
 
 
@@ -306,7 +319,7 @@ def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, I
     text, at, name = options.noise.rpartition("@")
     if not at or not text:
         raise InputError(f"`noise` must be a table and a place, as wind.csv@12Y, got {options.noise!r}", "noise")
-    return Path(text), _inputs(structure, [name], options)[0]
+    return absolute_paths(Path(text)), _inputs(structure, [name], options)[0]
 
 
 def _sizes_at(name: str, text: str, parts: tuple[str, str]) -> tuple[tuple[float, float], Dof]:

@@ -16,9 +16,12 @@ T = TypeVar("T")
 
 #: What stands at the end of every new study until a record is there.
 NO_RECORD = """
-# The record, once it is there (structid app writes this section, too):
+# The record, once it is there (`structid app` writes this section, too):
 # [record]
 # path = "record.csv"
+# outputs = ["2Y", "3Y"]  # nodes and directions of a table of FRFs whose columns have names of their own, in its order
+# inputs = ["2Y"]
+# averages = 10  # with the coherence in the file they say the noise
 """
 
 
@@ -66,7 +69,10 @@ def template_with(template: type[Template], answers: Mapping[str, object]) -> Te
     values: dict[str, float | int | str] = {}
     for name, value in answers.items():
         if name not in questions:
-            raise InputError(f"there is no {name!r} to give; this template asks for {', '.join(questions)}")
+            listed = ", ".join(
+                f"{question.name} ({question.words}, {question.unit or 'no unit'})" for question in questions.values()
+            )
+            raise InputError(f"there is no {name!r} to give; this template asks for {listed}")
         values[name] = asked_value(questions[name], str(value))
     return template(**values)
 
