@@ -31,7 +31,7 @@ _Key: TypeAlias = tuple[object, ...]
 
 @dataclass(frozen=True, eq=False)
 class Screened:
-    """A candidate, the strength that removes most, and what it leaves of the sum of squares."""
+    """Result of screening one candidate: the best strength and the sum of squares that remains."""
 
     candidate: Candidate
     strength: float
@@ -39,7 +39,7 @@ class Screened:
 
 
 class RequestedChange(NamedTuple):
-    """A candidate with the strength that a residual asks of it to first order, and that over its deviation."""
+    """A candidate with its first-order strength from the residual, and this strength over its standard deviation."""
 
     candidate: Candidate
     strength: float
@@ -47,7 +47,7 @@ class RequestedChange(NamedTuple):
 
 
 class _Look(NamedTuple):
-    """A candidate's strengths, what each leaves, the linear estimate of it, and the least that any of them promises."""
+    """Screening of one candidate: strengths, the sum of squares after each, the linear estimate and the lowest promise."""
 
     strengths: FloatArray
     left: FloatArray
@@ -201,7 +201,7 @@ class Point:
         return _squares(self._off(candidate, strengths))
 
     def _off(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
-        """Residuals with a candidate, without what the parameters can follow, (n_rows, n_strengths)."""
+        """Residuals with a candidate at each strength, projected off the span of the parameters, (n_rows, n_strengths)."""
         rows = np.empty((len(self.residual), len(strengths)))
         METER.add(screening_effort(*rows.shape))
         rows[:] = self.residual[:, None]

@@ -116,7 +116,7 @@ class Keyword:
     data: list[tuple[int, int, str]]
 
     def is_called(self, words: str, with_options: bool = True) -> bool:
-        """True if it is this keyword, with these options."""
+        """True if the block has the given keyword and options."""
         name, options = called(words)
         known = {key: value.upper() for key, value in self.options.items()}
         return self.name == name and (

@@ -352,9 +352,9 @@ def _unsure_scatter(n_setups: IntArray) -> FloatArray:
 
 
 def _agreement(frequency: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Chi-square of each mode's frequencies about their mean, and the probability of a larger value.
+    """Chi-square of each mode's frequencies (n_setups, n_modes) about their mean, and its p-value, (n_modes,) each.
 
-    Of the set-ups that state a deviation; NaN for a mode of which fewer than two do.
+    Only set-ups that state a variance count; NaN for a mode with fewer than two of them.
     """
     from scipy import special
 
@@ -420,7 +420,7 @@ def _shapes(
 ) -> tuple[ComplexArray, FloatArray | None, tuple[Dof, ...], NDArray[np.bool_]]:
     """Merged shapes at all sensors, largest entry 1, their standard deviations, the sensors, and which lack deviations.
 
-    The last are modes of set-ups, (n_setups, n_modes), beside others that state theirs.
+    The last, (n_setups, n_modes), is true where a set-up states no deviation although others do.
     """
     channels = tuple(dict.fromkeys(dof.unsigned for setup in setups for dof in setup.channels))
     index = [np.array([channels.index(dof.unsigned) for dof in setup.channels]) for setup in setups]

@@ -230,7 +230,7 @@ class _Equations:
 
     @classmethod
     def of(cls, reduced: ReducedMatrices, derivatives: int) -> _Equations:
-        """State equations of modal displacements (times omega) and speeds; outputs are speeds for 1, 2 derivatives."""
+        """State equations of modal displacements (times omega) and speeds, with displacement (0 `derivatives`) or speed outputs."""
         rigid = reduced.is_rigid
         order = np.concatenate([np.flatnonzero(rigid), np.flatnonzero(~rigid)])
         omega, n, n_rigid = reduced.omega[order], len(order), int(rigid.sum())

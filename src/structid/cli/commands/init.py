@@ -73,7 +73,7 @@ def _asked(kind: type[Template], answered: set[str]) -> dict[str, str]:
 
 
 def _checked(question: Asked, text: str) -> str:
-    """The text as it is; raises the error after which typer asks again where it is no value."""
+    """`text` unchanged if it is a value for the question; otherwise raises the error after which typer asks again."""
     try:
         asked_value(question, text)
     except InputError as error:

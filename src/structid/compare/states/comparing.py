@@ -45,7 +45,7 @@ class _Settings(TypedDict):
 
 @dataclass(frozen=True, eq=False)
 class ComparisonResult:
-    """A comparison with what it was made from.
+    """A comparison of two states with the states it was made from.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ _ALIKE, _FARTHEST = 0.5, 1.0
 
 @dataclass(frozen=True, eq=False)
 class MeshErrors:
-    """Modes of a model beside those that it would have with elements of no size.
+    """Frequencies of a model beside those extrapolated to infinitely small elements.
 
     Attributes
     ----------

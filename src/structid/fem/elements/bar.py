@@ -57,8 +57,8 @@ class Bar(ElementSet):
         """Axial force N; see `ElementSet.section_directions`."""
         return {"N": element_vectors(self.name, self.nodes, positions)[1]}
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """Element matrices of the mass and the axial stiffness; see `ElementSet.matrices`."""
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+        """Element matrices of mass, axial stiffness and axial force, by property; arguments as for `ElementSet.terms`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         dimensions = direction.shape[1]
         codes = node_codes(self.nodes, TRANSLATIONS[:dimensions])

@@ -232,8 +232,8 @@ class Beam(ElementSet):
         along, across = _plane_maps(direction)
         return {"N": along[:, 0, :3], "V": across[:, 0, :3], "M": across[:, 1, :3]}
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """Element matrices of each property; see `ElementSet.matrices`."""
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+        """Element matrices by property, from mass to axial force; arguments as for `ElementSet.terms`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         bending, shear = ("bending_stiffness", self.bending_stiffness), ("shear_stiffness", self.shear_stiffness)
         if direction.shape[1] == 1:

@@ -95,7 +95,7 @@ class SpaceBeam(ElementSet):
         wide[:, :3, :3] = wide[:, 3:, 3:] = axes
         return {name: wide[:, row] for row, name in enumerate(("N", "VY", "VZ", "T", "MY", "MZ"))}
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """Element matrices of each property; see `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         if direction.shape[1] != 3:

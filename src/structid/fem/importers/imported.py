@@ -41,7 +41,7 @@ class ElementEntries:
 
 @dataclass(frozen=True, eq=False)
 class ImportedMatrix:
-    """A matrix as a file holds it, symmetric ones complete.
+    """A matrix from a file; symmetric ones have both triangles.
 
     Attributes
     ----------

@@ -187,9 +187,9 @@ class Mesh:
                 longest = max(longest, float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max()))
         return longest
 
-    def _raise_missing(self, group: str, present: Iterable[str], word: str) -> None:
-        """Raise `InputError` for a group that is not among `present`, and name the nearest; `word` is the kind of group."""
-        names = list(present)
+    def _raise_missing(self, group: str, existing: Iterable[str], word: str) -> None:
+        """Raise `InputError` for a group that is not among `existing`, and name the nearest; `word` is the kind of group."""
+        names = list(existing)
         close = difflib.get_close_matches(group, names, 1, 0.0)
         have = (
             f"the nearest is {close[0]!r}; it has {', '.join(names)}"

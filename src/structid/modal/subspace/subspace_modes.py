@@ -234,9 +234,9 @@ def _standing_out(
 
 
 def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> ModalIdentification:
-    """Identification with only modes whose frequency is known to within their half-power bandwidth, or 2 / T.
+    """Identification without modes whose frequency deviation exceeds their half-power bandwidth, or 2 / T.
 
-    Stable poles of mere noise seldom are. Of random motion each mode is told once, and its channels move in one phase or the
+    Stable poles of mere noise seldom are. Of random motion each mode is kept once, and its channels move in one phase or the
     opposite as far as a modal phase collinearity of `ONE_PHASE`. In free decays modes must also be certain to `_CERTAIN`, or
     hold `_STRONG` of the energy.
     """

@@ -172,7 +172,7 @@ def _read_options(
     method: IdentifyOptions,
     aimed: Mapping[str, str],
 ) -> tuple[PlanOptions, tuple[str, ...]]:
-    """The options of the plan, with defaults from the record and from [method], and notes on them."""
+    """Options of the plan with defaults from the record and from [method], and notes on them; `aimed` renames aimed sensors."""
     values = section.values(PLAN)
     frequency, line_notes = _candidate_lines(section, values, structure, unknown, record, method)
     relative, absolute, noise_notes = _noise_levels(section, record, declared, method.model_error)

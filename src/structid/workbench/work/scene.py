@@ -175,7 +175,7 @@ def _set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Entr
 
 
 def _faces(element: ElementSet, rows: Any) -> tuple[str, str, str]:
-    """Triangles, edges, and the element of each triangle as packed arrays; outer faces only for solids."""
+    """Packed arrays for the page: triangles, edges, and the element of each triangle; of solids the outer faces only."""
     corners, owners = [], []
     counts = (element.nodes >= 0).sum(axis=1)
     solid = isinstance(element, Solid)
