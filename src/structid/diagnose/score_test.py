@@ -142,7 +142,7 @@ class Point:
         found = []
         for candidate in several:
             small = _SMALL * np.abs(candidate.strengths).min()
-            step, size = self._linear(self._off(candidate, np.array([small]))[:, 0], small)
+            step, size = self._linear(self._residuals_off_parameters(candidate, np.array([small]))[:, 0], small)
             low, high = candidate.bounds
             if len(candidate.strengths) > 1 and size > 0 and low < step < high:
                 found.append(RequestedChange(candidate, step, float(abs(step) * np.sqrt(size))))
@@ -170,7 +170,7 @@ class Point:
             left = self._left_by(candidate, strengths)
             return _Look(strengths, left, 0.0, float(left[0]))
         small = _SMALL * np.abs(strengths).min()
-        off = self._off(candidate, np.append(strengths, small))
+        off = self._residuals_off_parameters(candidate, np.append(strengths, small))
         left, (step, size) = _squares(off[:, :-1]), self._linear(off[:, -1], small)
         low, high = candidate.bounds
         linear = self.left - step**2 * size if low < step < high else np.inf
@@ -198,9 +198,9 @@ class Point:
         return rows - (self.basis * self.weights) @ followed
 
     def _left_by(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
-        return _squares(self._off(candidate, strengths))
+        return _squares(self._residuals_off_parameters(candidate, strengths))
 
-    def _off(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
+    def _residuals_off_parameters(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
         """Residuals with a candidate at each strength, projected off the span of the parameters, (n_rows, n_strengths)."""
         rows = np.empty((len(self.residual), len(strengths)))
         METER.add(screening_effort(*rows.shape))

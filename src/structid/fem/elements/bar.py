@@ -27,7 +27,7 @@ from structid.fem.elements.element import (
     element_vectors,
     node_codes,
     node_table,
-    rotated,
+    rotate_matrices,
 )
 
 
@@ -64,7 +64,7 @@ class Bar(ElementSet):
         codes = node_codes(self.nodes, TRANSLATIONS[:dimensions])
         along = np.zeros((len(length), 2, 2 * dimensions))
         along[:, 0, :dimensions] = along[:, 1, dimensions:] = direction
-        stiffness = rotated(rod_stiffness(length), along)
+        stiffness = rotate_matrices(rod_stiffness(length), along)
         mass = np.einsum("nij,kl->nikjl", rod_mass(length), np.eye(dimensions)).reshape(stiffness.shape)
         terms = {"mass": (ElementMatrixTerm(codes, mass),), "axial_stiffness": (ElementMatrixTerm(codes, stiffness),)}
         if self.axial_force is not None:

@@ -463,6 +463,6 @@ def element_vectors(name: str, nodes: IntArray, positions: Positions) -> tuple[F
     return length, difference / length[:, None]
 
 
-def rotated(local: FloatArray, rotation: FloatArray) -> FloatArray:
+def rotate_matrices(local: FloatArray, rotation: FloatArray) -> FloatArray:
     """rotation' local rotation for every element: (n, a, a) and (n, a, b) to (n, b, b)."""
     return np.swapaxes(rotation, 1, 2) @ local @ rotation

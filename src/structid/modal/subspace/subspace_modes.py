@@ -107,7 +107,7 @@ def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = F
         modes, method, sweep, found, options, by_rising_frequency(left_out), motion.explains_most
     )
     if automatic:
-        result = _worthy(data, result, motion)
+        result = _keep_certain_modes(data, result, motion)
     more = close_mode_notes(result.modes, data.duration, len(data.series), motion.explains_all)
     return replace(result, modes=replace(result.modes, warnings=(*result.modes.warnings, *more)))
 
@@ -233,7 +233,7 @@ def _standing_out(
     return [picked[i] for i in kept], tuple(found[i] for i in kept), free_decay(data, s[kept])
 
 
-def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> ModalIdentification:
+def _keep_certain_modes(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> ModalIdentification:
     """Identification without modes whose frequency deviation exceeds their half-power bandwidth, or 2 / T.
 
     Stable poles of mere noise seldom are. Of random motion each mode is kept once, and its channels move in one phase or the
