@@ -1,4 +1,4 @@
-"""What `structid modes` prints, the words and tables that its page shows, and the page, with shapes that move."""
+"""Report of `structid modes`: words and tables for the terminal, and its page with moving shapes."""
 
 from __future__ import annotations
 
@@ -212,7 +212,7 @@ def remarks(result: ModesResult) -> list[list[str]]:
 
 
 def _tone_words(kurtosis: float) -> str:
-    """On a mode with hardly any damping."""
+    """Words on a mode with hardly any damping, by the kurtosis of its motion."""
     if kurtosis < _TONE:
         return f"a steady tone, as of a machine, not a mode under random forces (kurtosis {kurtosis:.2f}, tone 1.5, mode 3)"
     return "hardly damped: a machine or the mains can look like this"

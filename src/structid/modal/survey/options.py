@@ -1,4 +1,4 @@
-"""What the user of `structid modes` asks for."""
+"""Options of `structid modes`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from structid.modal.poles.poles import HardCriteria
 
 @dataclass(frozen=True)
 class ModesOptions:
-    """What the user asks for; every default serves without a look at the record. Every field is a flag of the command.
+    """Options of `structid modes`; the defaults suit any record. Every field is a flag of the command.
 
     Lists may be given as one text: ``frequencies="1.9,2.4"``; ``orders="10,20,30"``, ``"2:60"`` (in steps of 2) or
     ``"4:80:4"``.
@@ -82,7 +82,7 @@ class ModesOptions:
 
     @property
     def modal(self) -> ModalOptions:
-        """What a method of modal identification is told."""
+        """Options for a method of modal identification."""
         band, damping = self.band or (0.0, np.inf), self.damping or HardCriteria().damping_ratio
         return ModalOptions(self.orders, None, HardCriteria(band, damping), self.frequencies, deviation=self.deviation)
 

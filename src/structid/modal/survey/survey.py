@@ -62,7 +62,7 @@ _MOST_PEAKS = 8
 
 @dataclass(frozen=True, eq=False)
 class ModeSpectra:
-    """What is drawn behind the poles.
+    """Spectra that are drawn behind the poles.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class ModesResult(ModesPlots):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """On the signals, then on the modes."""
+        """Warnings on the signals, then on the modes."""
         doubtful = (finding.words for finding in self.findings if finding.severity != "note")
         return (*doubtful, *self.modes.warnings)
 
@@ -392,7 +392,7 @@ def _tone_kurtosis(record: Record, identification: ModalIdentification) -> Float
 
 
 def dies_out(identification: ModalIdentification) -> NDArray[np.bool_]:
-    """Whether each mode is one of a free decay with a damping ratio that is told from 0, (n_modes,)."""
+    """True for each mode of a free decay whose damping ratio is significantly above 0, (n_modes,)."""
     modes = identification.modes
     damping_std = modes.std[modes.n_modes :]
     return np.asarray(identification.is_free_decay & (modes.damping_ratio > NOT_TOLD_APART * damping_std))

@@ -31,7 +31,7 @@ _LEAST = 16  # samples that must be left
 
 @dataclass(frozen=True)
 class Preparation:
-    """What is done to a time record before modes or parameters are looked for; the default looks and takes off means.
+    """Preparation of a time record before modes or parameters are identified; by default checks, and means removed.
 
     Parameters
     ----------
