@@ -282,7 +282,7 @@ def time_header(record: TimeRecord) -> tuple[list[str], list[FloatArray]]:
 
 
 class _Head(NamedTuple):
-    """What the header of a column says, or the user in its place."""
+    """Content of a column's header, or the user's words in its place."""
 
     output: str
     input: str
@@ -445,12 +445,28 @@ def _parse_column(
         require_same_rotation(table.path, f"output {output}", output.is_rotation, unit.output_rotation)
         require_same_rotation(table.path, f"input {load}", load.is_rotation, unit.input_rotation)
     except InputError as error:
-        named = as_dof(head.output) and as_dof(head.input)
-        hint = (
-            "" if named else "; or say by `outputs` and `inputs` what the table's sensors and loads are, in their order"
-        )
-        raise _column(table, j, text=f"{error}{hint}") from error
+        raise _column(table, j, error) from error
     return _Column(output, load, unit, head.part, unit.factor)
+
+
+def _require_meanings(table: Table, heads: Sequence[_Head], outputs: dict[str, str], inputs: dict[str, str]) -> None:
+    """Raise `FileError` if sensors or loads have names of their own that the user's `outputs` and `inputs` do not explain."""
+    names = {
+        "outputs": dict.fromkeys(head.output for head in heads if head.output not in outputs),
+        "inputs": dict.fromkeys(head.input for head in heads if head.input not in inputs),
+    }
+    unclear = {role: [name for name in own if not as_dof(name)] for role, own in names.items()}
+    unclear = {role: own for role, own in unclear.items() if own}
+    if not unclear:
+        return
+    role, own = next(iter(unclear.items()))
+    first = next(j for j, head in enumerate(heads, 1) if own[0] == (head.output if role == "outputs" else head.input))
+    listed = "; ".join(f"{role}: {', '.join(own)}" for role, own in unclear.items())
+    text = (
+        f"cannot read {own[0]!r} as a degree of freedom; write node, direction and sense, as in 12Z+ or 3RX-; or say what"
+        f" the names of the table are ({listed}), in this order, by {option_words(**dict.fromkeys(unclear))}"
+    )
+    raise _column(table, first, text=text)
 
 
 def _require_name_agrees(name: str, unit: FrfUnit) -> None:
@@ -519,6 +535,7 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
     heads = _read_headers(table, options)
     of_outputs = _names_by_user(table, "outputs", [head.output for head in heads], options.outputs)
     of_inputs = _names_by_user(table, "inputs", [head.input for head in heads], options.inputs)
+    _require_meanings(table, heads, of_outputs, of_inputs)
     columns = [_parse_column(table, j, head, of_outputs, of_inputs, options) for j, head in enumerate(heads, start=1)]
     _require_unit(table, columns, options.unit)
     kind = _kind(table, columns)

@@ -1,4 +1,4 @@
-"""What the lines of a table say about its layout: separator, decimal sign, header; refused with a remedy where in doubt."""
+"""Layout of a table from its lines: separator, decimal sign, header; refused with a remedy where in doubt."""
 
 from __future__ import annotations
 
@@ -47,11 +47,15 @@ class Rows(Sequence[list[str]]):
         return len(self.lines)
 
     @overload
-    def __getitem__(self, at: int) -> list[str]: ...
+    def __getitem__(self, index: int) -> list[str]: ...
     @overload
-    def __getitem__(self, at: slice) -> Rows: ...
-    def __getitem__(self, at: int | slice) -> list[str] | Rows:
-        return Rows(self.lines[at], self.separator) if isinstance(at, slice) else _split(self.lines[at], self.separator)
+    def __getitem__(self, index: slice) -> Rows: ...
+    def __getitem__(self, index: int | slice) -> list[str] | Rows:
+        return (
+            Rows(self.lines[index], self.separator)
+            if isinstance(index, slice)
+            else _split(self.lines[index], self.separator)
+        )
 
     def column(self, j: int) -> list[str]:
         """Cell `j` of every line."""
