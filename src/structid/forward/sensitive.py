@@ -47,8 +47,8 @@ def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
 def nonlinear_values(structure: Structure) -> np.ndarray:
     """True for property values that enter matrices non-linearly, (n_values,) bool."""
     factors = np.zeros(len(structure.values), dtype=bool)
-    for place in (place for part in structure.contributions if part.scale for place in part.scale.places):
-        factors[place] = True
+    for index in (index for part in structure.contributions if part.scale for index in part.scale.value_indices):
+        factors[index] = True
     return factors
 
 
@@ -128,9 +128,9 @@ def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[
     counts, marks = np.diff(unknown.design.tocsr().indptr), np.zeros(len(unknown.offset), dtype=bool)
     for member in (member for group in sensitive for member in group.members):
         item = structure.contributions[member]
-        for place in item.places[1:]:
-            marks[place] = True
-            if counts[place].any():
+        for index in item.value_indices[1:]:
+            marks[index] = True
+            if counts[index].any():
                 marks[item.value] = True
     return np.flatnonzero(marks)
 

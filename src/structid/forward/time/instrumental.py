@@ -274,7 +274,7 @@ def identified_by_instruments(
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """Where the iteration from one start ended; `rows` None where motion cannot be simulated there."""
+    """End of the iteration from one start; `rows` is None where motion cannot be simulated there."""
 
     values: FloatArray | None
     converged: bool

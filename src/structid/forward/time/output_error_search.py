@@ -289,7 +289,7 @@ def _best(short: OutputErrorProblem, ways: Sequence[_Way]) -> tuple[float, Float
 
 
 def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], tools: Tools) -> dict[str, Any]:
-    """Where posterior linearization comes to from a centre with a spread and a seed, as a task."""
+    """Start point that posterior linearization reaches from a centre with a spread and a seed, as a task."""
     progress = named(tools.progress, f"far start, {short.n_times} samples")
     return {"theta": posterior_linearized(short, *task, progress)}
 

@@ -15,7 +15,7 @@ from structid.core.constraints import Positive
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.fem.places import together, with_joint_forces
+from structid.fem.measuring_points import together, with_joint_forces
 from structid.forward import (
     ChannelUnknown,
     FrfProblem,
