@@ -95,7 +95,8 @@ def scale_of_times(described: str, name: str, unit: str, options: ReadOptions) -
     if not options.axis_unit:
         if by_file is None:
             raise InputError(
-                f"{described} does not say the unit of its times; give {option_words(axis_unit='s')}", "axis_unit"
+                f"{described} does not say the unit of its times; give {option_words(axis_unit=None)}: s, ms, us or min",
+                "axis_unit",
             )
         return by_file
     with about("axis_unit"):
