@@ -1,7 +1,8 @@
-"""Words that a new reader does not understand are in no message, page or document."""
+"""Words that a new reader does not understand are in no message, page or document; docstrings begin with their subject."""
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,7 @@ REPLACED = {
     "rest on\\*": "sensitivity to fixed values",
 }
 PATTERN = re.compile("|".join(f"({words})(?![a-z])" for words in REPLACED), re.IGNORECASE)
+_DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 PAGES = [
     ROOT / "README.md",
     *sorted((ROOT / "docs").glob("*.md")),
@@ -34,9 +36,14 @@ PAGES = [
 ]
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def messages(path: Path) -> list[str]:
     """String constants of a module that are no docstrings."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = parsed(path)
     bodies = [node.body for node in ast.walk(tree) if isinstance(getattr(node, "body", None), list)]
     bare = {id(line.value) for body in bodies for line in body if isinstance(line, ast.Expr)}
     texts = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
@@ -60,3 +67,13 @@ def test_no_message_has_them():
 def test_no_page_has_them(page):
     lines = page.read_text(encoding="utf-8").splitlines()
     assert [line for line in lines if PATTERN.search(line)] == []
+
+
+def test_first_lines_of_docstrings_stand_alone():
+    leaning = re.compile(r"(What|Where|Whether|How|Of|The same|Those|Its)\b")
+    read = []
+    for path in sorted((ROOT / "src" / "structid").rglob("*.py")):
+        nodes = [node for node in ast.walk(parsed(path)) if isinstance(node, _DOCUMENTED)]
+        read += [(path.name, ast.get_docstring(node) or "") for node in nodes]
+    assert len(read) > 5000
+    assert [(name, text) for name, text in read if leaning.match(text)] == []

@@ -73,8 +73,8 @@ def reported() -> Iterator[None]:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise typer.Exit(NOT_DETERMINED) from None
     except OSError as error:
-        place = f"{error.filename}: " if error.filename else ""
-        fail(f"{place}{error.strerror or error}; check the disk and the permissions", UNUSABLE_INPUT)
+        prefix = f"{error.filename}: " if error.filename else ""
+        fail(f"{prefix}{error.strerror or error}; check the disk and the permissions", UNUSABLE_INPUT)
 
 
 @contextmanager

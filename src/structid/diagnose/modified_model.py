@@ -54,7 +54,7 @@ QUICK = Raced(max_iterations=12, gain_tolerance=1e-3, left_at=RACED_AT)
 
 
 class NearFit(NamedTuple):
-    """Where a quick fit ended: free variables and sum of squares; and the free variables at the end of each of its steps."""
+    """End of a quick fit: free variables and sum of squares, and the free variables after each of its steps."""
 
     theta: FloatArray
     chi_square: float

@@ -215,9 +215,9 @@ class Receptances:
                     yield ElementMatrix(item.element, e, item.term.property, item.term.kind, codes, matrix, lost, row)
 
     def along(self, codes: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Positions (n_rows,) of the free degrees of freedom that move along some directions, and these on them, (n_rows, m).
+        """Indices (n_rows,) of the free degrees of freedom that take part in directions, and the directions on them, (n_rows, m).
 
-        The directions are weights (n_codes, m) of degrees of freedom by code.
+        The directions are `weights` (n_codes, m) of the degrees of freedom `codes`.
         """
         key = codes.tobytes(), weights.tobytes()
         known = self._directions.get(key)

@@ -156,7 +156,7 @@ class FitWithinTolerances:
         return self.misfits_law(probability, *chi_square_law(self.problem, self.theta, self.at))
 
     def misfits_law(self, probability: float, scale: float, freedom: float) -> bool:
-        """The same where chi-square is `scale` times that of `freedom` degrees of freedom; see `chi_square_law`."""
+        """Copy for a chi-square that is `scale` times that of `freedom` degrees of freedom; see `chi_square_law`."""
         if np.abs(self.asked).max() > limit_of(len(self.asked), probability):
             return True
         more = float(self.asked @ self.asked)

@@ -448,7 +448,7 @@ class RootMeanSquare(DerivedQuantity):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Those of the motions."""
+        """Units of the motions."""
         return self.spectrum.output_units
 
 
@@ -521,7 +521,7 @@ class Extremes(DerivedQuantity):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Those of the motions."""
+        """Units of the motions."""
         return self.spectrum.output_units
 
 

@@ -77,14 +77,14 @@ def frf(identification: Identification, sensor: str, load: str, record: int, axe
     fit = _fit(identification, record)
     outputs, inputs = fit.measured.outputs, fit.measured.inputs
     if sensor or load:
-        places = []
+        indices = []
         for role, given, dofs in (("sensor", sensor, outputs), ("load", load, inputs)):
             texts = [dof.place for dof in dofs]
             wanted = parse_dof(given).place if given else texts[0]
             if wanted not in texts:
                 raise InputError(f"`{role}` must be one of {', '.join(texts)}, got {given!r}")
-            places.append(texts.index(wanted))
-        channel = places[0] * len(inputs) + places[1]
+            indices.append(texts.index(wanted))
+        channel = indices[0] * len(inputs) + indices[1]
     else:
         [channel] = worst_channels(fit, 1)
     whole = responses_figure(fit)

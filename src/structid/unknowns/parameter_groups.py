@@ -292,7 +292,7 @@ def _make_field_group(
     functions, grid_points = field_functions(unknown.field, _element_centres(structure, items, indices, item))
     functions.sort_indices()
     entry, owner = functions.indices, np.repeat(np.arange(len(grid_points)), np.diff(functions.indptr))
-    labels = tuple(f"{label}:field {place}" for place in grid_points)
+    labels = tuple(f"{label}:field {grid_point}" for grid_point in grid_points)
     nominal = structure.values[indices[entry]]
     return ParameterGroup(
         unknown, labels, items, indices[entry], owner, item[entry], nominal, np.asarray(functions.data)

@@ -77,7 +77,7 @@ def field_functions(field: Field, middles: FloatArray) -> tuple[sparse.csc_array
             f" {len(field.intervals)}: the elements extend along {'XYZ'[int(np.flatnonzero(~flat)[-1])]} too"
         )
     total = sparse.csr_array(np.ones((len(middles), 1)))
-    places: list[tuple[int, ...]] = [()]
+    grid_points: list[tuple[int, ...]] = [()]
     for axis, count in enumerate(field.intervals[: middles.shape[1]]):
         if flat[axis]:
             continue
@@ -85,11 +85,11 @@ def field_functions(field: Field, middles: FloatArray) -> tuple[sparse.csc_array
         total = sparse.csr_array(
             sparse.hstack([total[:, [k]].multiply(own) for k in range(total.shape[1])], format="csr")
         )
-        places = [(*place, i + 1) for place in places for i in range(own.shape[1])]
+        grid_points = [(*grid_point, i + 1) for grid_point in grid_points for i in range(own.shape[1])]
     columns = sparse.csc_array(total)
     columns.eliminate_zeros()
     seen = np.flatnonzero(np.diff(columns.indptr))
-    names = tuple(",".join(map(str, places[k])) or "1" for k in seen)
+    names = tuple(",".join(map(str, grid_points[k])) or "1" for k in seen)
     return sparse.csc_array(columns[:, seen]), names
 
 

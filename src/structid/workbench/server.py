@@ -57,16 +57,16 @@ class Workbenches:
         FileError
             If there is no such folder.
         """
-        place = open_study_folder(folder)
+        opened = open_study_folder(folder)
         with self._opening:
-            access = next((access for access, bench in self.opened.items() if bench.opened == place), None)
+            access = next((access for access, bench in self.opened.items() if bench.opened == opened), None)
             if access is None:
                 access = Access(self.port)
-                runs = Runs(place)
-                workers, watcher = Workers(str(place.root)), Watcher(place, runs)
-                bench = Workbench(place, access, workers, runs, self.open, self.ending, watcher)
+                runs = Runs(opened)
+                workers, watcher = Workers(str(opened.root)), Watcher(opened, runs)
+                bench = Workbench(opened, access, workers, runs, self.open, self.ending, watcher)
                 self.opened[access] = bench
-        remember(place.root)
+        remember(opened.root)
         return access
 
     def close(self) -> None:

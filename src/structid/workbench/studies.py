@@ -25,8 +25,8 @@ def study_answer(text: str, digest: str) -> dict[str, Any]:
     try:
         table = parse_toml(text)
     except (ValueError, RecursionError) as error:
-        place = re.search(r"at line (\d+)", str(error))
-        line = int(place[1]) if place else text.count("\n") + 1
+        line_match = re.search(r"at line (\d+)", str(error))
+        line = int(line_match[1]) if line_match else text.count("\n") + 1
         return {"text": text, "digest": digest, "table": None, "broken": {"line": line, "words": str(error)}}
     if len(text) > _LONG:
         table = {name: part for name, part in table.items() if name != "structure"}

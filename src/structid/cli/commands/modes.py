@@ -110,7 +110,11 @@ def _track(
     from structid.study.results.folder import staged_folder
     from structid.study.results.modes import write_tracks
 
-    paths = [path for place in results for path in (_files_of(place) if place.is_dir() else [place])]
+    paths = [
+        path
+        for path_or_folder in results
+        for path in (_files_of(path_or_folder) if path_or_folder.is_dir() else [path_or_folder])
+    ]
     modes = [
         read_modes(path) if holds_modes(path) else modes_of_file(path, options, read, geometry).modes for path in paths
     ]
@@ -149,9 +153,9 @@ def _merge(
         )
     names = file_names(paths)
     merging = merged_setups([read_modes(path) for path in paths], names=names)
-    places = None if geometry is None else read_geometry(geometry)
+    nodes = None if geometry is None else read_geometry(geometry)
     folder = out if out is not None else beside_call(f"{paths[0].stem}_modes")
     with staged_folder(folder, MODES_PAGE) as staged:
-        write_merged(merging.modes, staged, places)
+        write_merged(merging.modes, staged, nodes)
     show(merged_text(names, merging))
     say(folder / "modes.json")

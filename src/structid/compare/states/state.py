@@ -251,13 +251,15 @@ def carried(baseline: Identified, later: Parameters, unchanged: Sequence[str]) -
     InputError
         If the baseline does not determine one of them.
     """
-    place = {name: i for i, name in enumerate(baseline.names)}
-    start = np.array([baseline.values[place[n]] if n in place else later.start[i] for i, n in enumerate(later.names)])
+    index_of = {name: i for i, name in enumerate(baseline.names)}
+    start = np.array(
+        [baseline.values[index_of[n]] if n in index_of else later.start[i] for i, n in enumerate(later.names)]
+    )
     inside = (start > later.transforms.lower) & (start < later.transforms.upper)
     later = later.started_at(np.where(inside, start, later.start))
     if not unchanged:
         return later
-    rows = [place[name] for name in unchanged]
+    rows = [index_of[name] for name in unchanged]
     return later.coupled(
         joint_prior(
             "baseline",

@@ -130,7 +130,7 @@ class FixedRows:
         )
 
     def influence_within_tolerances(self, rows: WhitenedRows, values: FloatArray) -> tuple[FixedValueInfluence, float]:
-        """The same with what the rows ask of each of them, free within its tolerance, and the sum of squares there."""
+        """Influence of fixed values, each free within its tolerance, with the pull of the rows and the sum of squares there."""
         n, n_fixed = len(values), len(self.names)
         stated = np.hstack([np.zeros((n_fixed, n)), np.eye(n_fixed)])
         together = replace(

@@ -202,14 +202,14 @@ def denominators(band: FrfBand, angle: FloatArray, degrees: Sequence[int]) -> It
     weight = np.ones(band.values.shape[:2]) if band.variance is None else 1 / band.variance.mean(axis=2)
     lag = np.arange(-n, n + 1)
     powers = np.exp(1j * angle[:, None] * lag)  # z^(s - r) of column s and row r
-    place = np.arange(n + 1)[None, :] - np.arange(n + 1)[:, None] + n
+    diagonal = np.arange(n + 1)[None, :] - np.arange(n + 1)[:, None] + n
     h = band.values
     products = np.einsum("fo,foa,fob->fab", weight, h.conj(), h, optimize=True).reshape(len(h), -1)
-    full = (powers.T @ products).real.reshape(-1, m, m)[place].transpose(0, 2, 1, 3).reshape((n + 1) * m, -1)
+    full = (powers.T @ products).real.reshape(-1, m, m)[diagonal].transpose(0, 2, 1, 3).reshape((n + 1) * m, -1)
     eliminated = []
     for o in range(h.shape[1]):
-        own = (powers.T @ weight[:, o]).real[place]
-        mixed = (powers.T @ (weight[:, o, None] * h[:, o])).real[place].reshape(n + 1, -1)
+        own = (powers.T @ weight[:, o]).real[diagonal]
+        mixed = (powers.T @ (weight[:, o, None] * h[:, o])).real[diagonal].reshape(n + 1, -1)
         eliminated.append(linalg.solve_triangular(linalg.cholesky(own, lower=True), mixed, lower=True))
     rows = np.array(eliminated)
     taken, done = np.zeros_like(full), 0

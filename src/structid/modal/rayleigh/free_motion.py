@@ -194,7 +194,7 @@ def _channels(records: Sequence[TimeRecord], quantities: Sequence[str]) -> tuple
 
 def _columns(record: TimeRecord, channels: tuple[Dof, ...], quantity: str) -> FloatArray:
     """`quantity` at `channels`, (n_times, n_channels)."""
-    place = {
+    column_of = {
         (str(dof), str(held)): i for i, (dof, held) in enumerate(zip(record.channels, record.quantities, strict=True))
     }
-    return np.take(record.values, [place[str(channel), quantity] for channel in channels], axis=1)
+    return np.take(record.values, [column_of[str(channel), quantity] for channel in channels], axis=1)

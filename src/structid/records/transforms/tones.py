@@ -70,7 +70,7 @@ class Tone:
 
     @property
     def place(self) -> str:
-        """Its frequency in words, and from where to where it went."""
+        """Frequency of the tone in words, with its range if it wanders."""
         if not self.highest > self.lowest:
             return f"{format_number(self.frequency, 6)} Hz"
         return f"{format_number(self.lowest, 6)} to {format_number(self.highest, 6)} Hz"
@@ -127,7 +127,7 @@ class _Phase:
         return self.frequency + self.spline(time, 1) / (2 * np.pi)
 
     def with_coefficients(self, count: int) -> _Phase:
-        """The same phase by a spline of another number of coefficients."""
+        """Copy of the phase as a spline with another number of coefficients."""
         time = np.linspace(0, self.duration, 8 * count)
         finer = replace(self, coefficients=np.zeros(count))
         return replace(finer, coefficients=np.linalg.lstsq(_basis(time, finer), self.spline(time), rcond=None)[0])
@@ -138,7 +138,7 @@ class _Phase:
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """How far the motion beside a phase is one tone: log probability of random motion, kurtosis, and gain in noise lines."""
+    """Evidence that the motion beside a phase is one tone: log probability of random motion, kurtosis, and gain in noise lines."""
 
     phase: _Phase
     log_probability: float

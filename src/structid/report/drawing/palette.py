@@ -42,6 +42,6 @@ N_STEPS = 41
 def steps(name: str, count: int = N_STEPS) -> tuple[str, ...]:
     """Hexadecimal codes of `count` evenly spaced colours of the colour scale `name`."""
     anchors = np.array([[int(text[i : i + 2], 16) for i in (1, 3, 5)] for text in SCALES[name]])
-    place = np.linspace(0.0, len(anchors) - 1.0, count)
-    channels = [np.rint(np.interp(place, np.arange(len(anchors)), channel)).astype(int) for channel in anchors.T]
+    positions = np.linspace(0.0, len(anchors) - 1.0, count)
+    channels = [np.rint(np.interp(positions, np.arange(len(anchors)), channel)).astype(int) for channel in anchors.T]
     return tuple(f"#{red:02X}{green:02X}{blue:02X}" for red, green, blue in zip(*channels, strict=True))

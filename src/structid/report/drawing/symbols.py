@@ -64,10 +64,10 @@ def connector(kind: str, start: FloatArray, end: FloatArray, height: float) -> F
     size = min((6 if kind == "spring" else 4) * height, 0.6 * length)
     body = 0.5 * (length - size), 0.5 * (length + size)
     lines = [np.array(line) for line in _BODIES[kind]]
-    places = [
+    outlines = [
         np.column_stack([np.interp(line[:, 0], _ENDS, (0.0, *body, length)), height * line[:, 1]]) for line in lines
     ]
-    return joined(_placed(place, start, unit(end - start)) for place in places)
+    return joined(_placed(outline, start, unit(end - start)) for outline in outlines)
 
 
 def spiral(centre: FloatArray, radius: float) -> FloatArray:

@@ -36,14 +36,14 @@ def comparison_figures(result: ComparisonResult) -> dict[str, plot.Figure]:
 
 def changes_figure(comparison: Comparison) -> plot.Figure:
     """Relative change of every parameter with its 95 % interval, over its detection limit."""
-    place, limit = np.arange(len(comparison.names), dtype=float), 100 * _axis_limit(comparison)
+    heights, limit = np.arange(len(comparison.names), dtype=float), 100 * _axis_limit(comparison)
     ratio, std = 100 * comparison.relative_change, 100 * comparison.relative_std
     seen, half = np.isfinite(std), 100 * comparison.relative_detection_limit
-    at, middle, tail = place[seen], ratio[seen], NORMAL_95 * std[seen]
+    at, middle, tail = heights[seen], ratio[seen], NORMAL_95 * std[seen]
     below = f"below the detection limit ({percent(comparison.power, 2, signed=False)} power)"
     traces: list[plot.Trace] = [
         plot.boxes((-half[seen], half[seen]), (at - 0.36, at + 0.36), palette.GRID, below),
-        plot.segments((0.0, 0.0), (-0.6, len(place) - 0.4), plot.Pen(palette.MUTED)),
+        plot.segments((0.0, 0.0), (-0.6, len(heights) - 0.4), plot.Pen(palette.MUTED)),
         plot.segments((middle - tail, middle + tail), (at, at), plot.Pen(palette.INK, 1.8), "95 % interval"),
     ]
     rows = zip(comparison.names, comparison.relative_change, comparison.relative_std, strict=True)
@@ -55,9 +55,9 @@ def changes_figure(comparison: Comparison) -> plot.Figure:
         (~seen, plot.Marker("x-thin", 8.0, "", plot.Pen(palette.MUTED)), "not determined"),
     ):
         words = tuple(text for text, chosen in zip(texts, which, strict=True) if chosen)
-        traces.append(plot.Curve(np.where(seen, ratio, 0.0)[which], place[which], None, marker, label, words))
+        traces.append(plot.Curve(np.where(seen, ratio, 0.0)[which], heights[which], None, marker, label, words))
     x = plot.Axis("change as a part of the baseline", "%", (-limit, limit))
-    return plot.Figure((plot.panel(x, plot.rows_axis(comparison.names), *traces),), plot.rows_size(len(place)))
+    return plot.Figure((plot.panel(x, plot.rows_axis(comparison.names), *traces),), plot.rows_size(len(heights)))
 
 
 def _axis_limit(comparison: Comparison) -> float:
@@ -80,12 +80,12 @@ def map_figure(comparison: Comparison, drawn: Drawn) -> plot.Figure:
 
 def _shading(comparison: Comparison, drawn: Drawn, name: str, kinds: tuple[str, ...]) -> Shading | None:
     """Shading of elements by declared changes of one kind of property; None if none was compared."""
-    place = {label: i for i, label in enumerate(comparison.names)}
+    index_of = {label: i for i, label in enumerate(comparison.names)}
     changes: Changes = {}
     for item in properties_of(drawn.structure, kinds):
         for key, _, columns in elements_of(item, drawn.parameters.design.tocsr()):
             names = [drawn.parameters.names[c] for c in columns]
-            for i in (place[label] for label in names if label in place):
+            for i in (index_of[label] for label in names if label in index_of):
                 ratio = float(comparison.relative_change[i]) if comparison.changed[i] else 0.0
                 change = Change(
                     ratio, bool(np.isfinite(comparison.p_values[i])), f"{comparison.names[i]}: {percent(ratio)}"

@@ -128,12 +128,12 @@ def _bars(
     title: str = "",
 ) -> plot.Panel:
     """Bar chart panel with a group for each of `names` and a bar for each of `values`."""
-    place, count = np.arange(len(names), dtype=float), len(values)
+    positions, count = np.arange(len(names), dtype=float), len(values)
     width = 0.8 / count
     traces: list[plot.Trace] = []
     for k, (heights, word) in enumerate(zip(values, words, strict=True)):
         known = np.isfinite(heights)
-        left = place[known] - 0.4 + k * width
+        left = positions[known] - 0.4 + k * width
         own = word if count > 1 else ""
         traces.append(plot.boxes((left, left + width), (0.0, heights[known]), _COLOURS[word], own))
         texts = tuple(

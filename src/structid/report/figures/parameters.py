@@ -39,14 +39,20 @@ def parameters_figure(identification: Identification) -> plot.Figure:
     notes = ("" if initial else " (initial value 0)" for initial in found.initial)
     names = [name + note for name, note in zip(found.names, notes, strict=True)]
     texts = [f"{name}: {with_std(r, s)}" for name, r, s in zip(names, ratio, std, strict=True)]
-    place, has_prior = np.arange(len(names), dtype=float), np.isfinite(prior).all(axis=1)
-    rows, known = (place, place), ~wild
+    positions, has_prior = np.arange(len(names), dtype=float), np.isfinite(prior).all(axis=1)
+    rows, known = (positions, positions), ~wild
     traces: list[plot.Trace] = [
         plot.boxes(
-            prior[has_prior].T, (place[has_prior] - 0.36, place[has_prior] + 0.36), palette.SKY, "prior ± 1 std", 0.35
+            prior[has_prior].T,
+            (positions[has_prior] - 0.36, positions[has_prior] + 0.36),
+            palette.SKY,
+            "prior ± 1 std",
+            0.35,
         ),
         plot.segments((1.0, 1.0), (-0.6, len(names) - 0.4), plot.Pen(palette.INITIAL, 1.6), "initial value"),
-        plot.segments((low, high), (place[wild], place[wild]), plot.Pen(palette.MUTED, 1.4, "dash"), "not determined"),
+        plot.segments(
+            (low, high), (positions[wild], positions[wild]), plot.Pen(palette.MUTED, 1.4, "dash"), "not determined"
+        ),
     ]
     for ends, width, label in ((interval, 1.4, "95 % interval"), (one_std, 4.2, "± 1 std")):
         lines = plot.segments(tuple(ends[known].T), [row[known] for row in rows], plot.Pen(palette.INK, width), label)
@@ -59,7 +65,7 @@ def parameters_figure(identification: Identification) -> plot.Figure:
         (plot.Marker("triangle-right", 8.0, "white", hollow), above, ""),
     ):
         words = tuple(text for text, chosen in zip(texts, which, strict=True) if chosen)
-        traces.append(plot.Curve(shown[which], place[which], None, marker, label, words))
+        traces.append(plot.Curve(shown[which], positions[which], None, marker, label, words))
     caption = (
         "Identified parameters over their initial values. Thick bars: one standard deviation, thin bars: 95 % interval; the"
         " interval of parameters that are not determined runs across the whole axis, dashed; a triangle at the edge stands"

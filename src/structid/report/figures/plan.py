@@ -60,12 +60,12 @@ def std_figure(plan: Plan) -> plot.Figure:
         pen = plot.Pen(palette.GREEN, 1.7)
         traces.append(plot.segments((target, target), ends, pen, f"wanted: {percent_text(target)}"))
     for k, (test, std) in enumerate(zip(tests, shown, strict=True)):
-        place, off = row + 0.5 * ((k + 0.5) / len(tests) - 0.5), std > high
+        height, off = row + 0.5 * ((k + 0.5) / len(tests) - 0.5), std > high
         texts = tuple(f"{name}, {test.label}: {percent_text(float(s))}" for name, s in zip(names, std, strict=True))
         sign, arrow = plot.Marker(_SYMBOLS[k], 6.5, _COLOURS[k]), plot.Marker("triangle-right", 6.0, _COLOURS[k])
-        traces.append(plot.Curve(np.where(off, edge, std), place, None, sign, test.label, texts))
+        traces.append(plot.Curve(np.where(off, edge, std), height, None, sign, test.label, texts))
         beyond = np.full(int(off.sum()), edge * (high / low) ** 0.025)  # an arrow to what lies beyond
-        traces.append(plot.Curve(beyond, place[off], None, arrow))
+        traces.append(plot.Curve(beyond, height[off], None, arrow))
     ticks = tuple((value, percent_text(value)) for value, _ in plot.decade_ticks(low, high))
     label = "predicted standard deviation, relative to the initial value"
     panel = plot.panel(plot.Axis(label, limits=(low, high), log=True, ticks=ticks), plot.rows_axis(names), *traces)

@@ -159,7 +159,7 @@ def _coherence(frequency: FloatArray, used: np.ndarray, values: FloatArray) -> p
 def residual_channels_figure(fit: RecordFit) -> plot.Figure:
     """Figure of the median relative error of every channel, with 90 % quantile and initial model."""
     found = channels(fit)
-    labels, place = [c.label for c in found], np.arange(len(found), dtype=float)
+    labels, positions = [c.label for c in found], np.arange(len(found), dtype=float)
     rows = np.array([(c.median_error, c.high_error, c.median_error_initial) for c in found])
     median, high, before = 100 * rows.T
     smallest = min((e for e in (*median, *before) if e > 0), default=1.0)
@@ -175,9 +175,11 @@ def residual_channels_figure(fit: RecordFit) -> plot.Figure:
     panel = plot.panel(
         plot.Axis("channel (sensor/load)", limits=(-0.7, len(found) - 0.3), ticks=plot.named_ticks(labels), grid=False),
         plot.Axis("relative FRF error", "%", (floor, top), log=True, ticks=plot.decade_ticks(floor, top)),
-        plot.segments((place, place), (median, high), plot.Pen(palette.INK, 1.6), "fitted, up to the 90 % quantile"),
-        plot.Curve(place, before, None, square, "initial, median", texts),
-        plot.Curve(place, np.maximum(median, floor), None, dot, "fitted, median", texts),
+        plot.segments(
+            (positions, positions), (median, high), plot.Pen(palette.INK, 1.6), "fitted, up to the 90 % quantile"
+        ),
+        plot.Curve(positions, before, None, square, "initial, median", texts),
+        plot.Curve(positions, np.maximum(median, floor), None, dot, "fitted, median", texts),
     )
     caption = (
         "Relative error of the FRFs by channel: medians over the lines, and the 90 % quantile of the fitted model."

@@ -162,9 +162,9 @@ def shapes_figure(result: ModesResult) -> plot.Figure:
 def _curves(scene: Scene, mode: int, is_row: bool) -> list[plot.Curve]:
     """Plot curves of the structure at rest and of its measured lines deflected in `mode`."""
     found = []
-    for place, (name, path) in enumerate(scene.measured.items()):
-        symbol = _SYMBOLS[place % len(_SYMBOLS)] if is_row else "circle"
-        dash = _DASHES[place % len(_DASHES)] if is_row else "solid"
+    for number, (name, path) in enumerate(scene.measured.items()):
+        symbol = _SYMBOLS[number % len(_SYMBOLS)] if is_row else "circle"
+        dash = _DASHES[number % len(_DASHES)] if is_row else "solid"
         label = "at rest" if is_row else f"at rest, {name}"
         found.append(_curve(scene, path, plot.Pen(palette.RIGID, 1.6), plot.Marker(symbol, 4.0, palette.RIGID), label))
         pen, marker = plot.Pen(palette.VERMILLION, 2.5, dash), plot.Marker(symbol, 6.0, palette.VERMILLION)

@@ -105,21 +105,21 @@ def _in_place(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
     diagonal = float(np.linalg.norm(np.ptp(rest, axis=0)))
     if diagonal == 0:
         return None
-    place = {node: i for i, node in enumerate(labels)}
+    positions = {node: i for i, node in enumerate(labels)}
     rows = np.full((len(labels), 3), -1)
     for row, code in enumerate(structure.numbering.codes.tolist()):
         node, axis = divmod(code, 6)
-        if node in place and axis < 3:
-            rows[place[node], axis] = row
+        if node in positions and axis < 3:
+            rows[positions[node], axis] = row
     if not (rows >= 0).any():
         return None
     aimed = {tie.dof: tie for tie in structure.ties if isinstance(tie, AimedSensor)}
     along = np.zeros((len(channels), 3))
-    at = np.array([place[dof.node] for dof in channels], dtype=int)
+    at = np.array([positions[dof.node] for dof in channels], dtype=int)
     for c, dof in enumerate(channels):
         sensor = aimed.get(dof.unsigned)
         if sensor is not None:
-            at[c], along[c] = place[sensor.node], dof.sign * np.array(sensor.direction)
+            at[c], along[c] = positions[sensor.node], dof.sign * np.array(sensor.direction)
         elif not dof.is_rotation:
             along[c, dof.axis] = dof.sign
     extent = np.ptp(rest, axis=0)
@@ -128,7 +128,7 @@ def _in_place(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
     aside = min(used, key=lambda axis: (extent[axis] == 0 and axis == 2, extent[axis], axis))
     shift = np.zeros(3)
     shift[aside] = extent[aside] + _GAP * diagonal
-    return _Scene(labels, rest, _lines(structure, place), shift, used, rows, at, along, diagonal)
+    return _Scene(labels, rest, _lines(structure, positions), shift, used, rows, at, along, diagonal)
 
 
 def _lines(structure: Structure, row_of: dict[int, int]) -> IntArray:
@@ -222,7 +222,7 @@ def _curve(
 def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, ...]:
     """Plot panels of mode pairs without geometry: both shapes over the sensors in order."""
     names = [str(dof) for dof in part.measured.channels]
-    place = np.arange(len(names), dtype=float)
+    positions = np.arange(len(names), dtype=float)
     x = plot.Axis("sensor", limits=(-0.5, len(names) - 0.5), ticks=plot.named_ticks(names, 40))
     y = plot.Axis("shape", "1", (-1.2, 1.2))
     rest = np.zeros(len(names))
@@ -230,14 +230,16 @@ def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, .
     for i in chosen.tolist():
         own, like = part.shapes[:, i], part.seen @ part.coefficients[:, i]
         size, known = float(np.nanmax(np.abs([own, like]))), ~np.isnan(own)
-        curves = [plot.Curve(place, rest, plot.Pen(palette.FAINT, 1.0), None, "at rest")]
+        curves = [plot.Curve(positions, rest, plot.Pen(palette.FAINT, 1.0), None, "at rest")]
         for values, colour, label, symbol in (
             (own, _MEASURED, "measured", "circle"), (like, _MODEL, "model", "diamond"),
         ):  # fmt: skip
             shown = known if label == "measured" else np.ones(len(names), bool)
             sway = np.column_stack([rest, values / size])[shown].astype(complex)
             marker, told = plot.Marker(symbol, 6.0, colour), tuple(np.array(names)[shown].tolist())
-            curves.append(plot.Curve(place[shown], rest[shown], plot.Pen(colour, 2.0), marker, label, told, sway=sway))
+            curves.append(
+                plot.Curve(positions[shown], rest[shown], plot.Pen(colour, 2.0), marker, label, told, sway=sway)
+            )
         panels.append(plot.Panel(x, (plot.Strip(y, tuple(curves)),), name=_name(part, i)))
     return tuple(panels)
 

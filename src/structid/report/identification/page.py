@@ -159,11 +159,11 @@ def report_page(
 def _record_figures(identification: Identification) -> dict[str, plot.Figure]:
     """Figures by name: responses and residuals of every record, and a residual map of the first."""
     figures = {}
-    for place, fit in enumerate(identification.fits, 1):
-        prefix = f"record_{place}_" if place > 1 else ""
+    for count, fit in enumerate(identification.fits, 1):
+        prefix = f"record_{count}_" if count > 1 else ""
         figures[f"{prefix}frf"] = responses_figure(fit)
         figures[f"{prefix}residual_by_channel"] = residual_channels_figure(fit)
-        if place == 1:
+        if number == 1:
             figures["residual_map"] = residual_map_figure(fit)
     return figures
 

@@ -60,10 +60,10 @@ class Arrays:
     def place(self, values: FloatArray) -> int:
         """Row number of `values` among the stored arrays; they are added if they are new."""
         given = np.ascontiguousarray(values, dtype=np.float64)
-        place = self.places.setdefault(given.tobytes(), len(self.rows))
-        if place == len(self.rows):
+        index = self.places.setdefault(given.tobytes(), len(self.rows))
+        if index == len(self.rows):
             self.rows.append(numbers(given))
-        return place
+        return index
 
 
 def numbers(values: FloatArray) -> list[float | None]:
@@ -202,9 +202,9 @@ class _Traces:
     right: str
     data: list[Described]
 
-    def _add(self, trace: Described, label: str, **places: int | list[int]) -> None:
+    def _add(self, trace: Described, label: str, **indices: int | list[int]) -> None:
         named: Described = {"name": clean(label)} if label else {}
-        self.data.append({"type": "scatter", "yaxis": self.left} | trace | named | {"arrays": places})
+        self.data.append({"type": "scatter", "yaxis": self.left} | trace | named | {"arrays": indices})
 
     def curve(self, trace: Curve) -> None:
         """Add a curve as a Plotly scatter trace, in the plane or in space."""
@@ -219,14 +219,14 @@ class _Traces:
             found["hovertemplate"] = "%{x}, %{y}"
         else:
             found |= {"text": [clean(text) for text in trace.hover], "hovertemplate": "%{text}<extra></extra>"}
-        places: dict[str, int | list[int]] = {
+        indices: dict[str, int | list[int]] = {
             key: self.arrays.place(v) for key, v in zip("xyz", trace.at(), strict=False)
         }
         if trace.sway is not None:
-            places["real"], places["imaginary"] = (
+            indices["real"], indices["imaginary"] = (
                 [self.arrays.place(column) for column in part.T] for part in (trace.sway.real, trace.sway.imag)
             )
-        self._add(found, trace.label, **places)
+        self._add(found, trace.label, **indices)
 
     def area(self, trace: Area) -> None:
         """Add an area as a filled Plotly outline."""

@@ -106,11 +106,11 @@ class Curve:
 
     def at(self, phase: float | None = None) -> tuple[FloatArray, ...]:
         """Coordinates of the curve, one array for each of two or three axes, at rest or at `phase` (rad)."""
-        places = (self.x, self.y) if self.z is None else (self.x, self.y, self.z)
+        coordinates = (self.x, self.y) if self.z is None else (self.x, self.y, self.z)
         if self.sway is None or phase is None:
-            return places
+            return coordinates
         moved = (self.sway * np.exp(1j * phase)).real
-        return tuple(place + moved[:, axis] for axis, place in enumerate(places))
+        return tuple(coordinate + moved[:, axis] for axis, coordinate in enumerate(coordinates))
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,9 +193,9 @@ class ColourScale:
 
     def colour(self, value: float) -> str:
         """The step of the scale nearest to `value`; that of an end beyond it, the middle for NaN."""
-        place = 0.5 if np.isnan(value) else min(max((value - self.low) / (self.high - self.low), 0.0), 1.0)
+        fraction = 0.5 if np.isnan(value) else min(max((value - self.low) / (self.high - self.low), 0.0), 1.0)
         steps = palette.steps(self.colours)
-        return steps[round(place * (len(steps) - 1))]
+        return steps[round(fraction * (len(steps) - 1))]
 
 
 @dataclass(frozen=True)
@@ -371,7 +371,7 @@ def rows_size(count: int) -> tuple[float, float]:
 def named_ticks(names: Sequence[str], most: int = 60) -> Ticks:
     """A tick for each of `names` at 0, 1, ...; evenly spaced ones where there are more than `most`."""
     step = max(1, -(-len(names) // most))
-    return tuple((float(place), names[place]) for place in range(0, len(names), step))
+    return tuple((float(fraction), names[fraction]) for fraction in range(0, len(names), step))
 
 
 def whole_ticks(first: int, last: int, most: int = 15) -> Ticks:

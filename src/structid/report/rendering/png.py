@@ -125,22 +125,22 @@ def plotted(figure: Figure, axes: Axes | Sequence[Axes] | None = None) -> Pictur
                 figsize=(figure.size[0] / 100, figure.size[1] / 100), layout="constrained"
             )
             weights = [panel.strips[0].weight for panel in strips]
-            places = list(picture.subplots(len(strips), height_ratios=weights, sharex=True))
+            panels_axes = list(picture.subplots(len(strips), height_ratios=weights, sharex=True))
         else:
-            places = [axes] if isinstance(axes, Axes) else list(axes)
-            if not len(figure.panels) <= len(places) <= len(strips):
-                raise InputError(f"`axes` must be {len(strips)}, one for each panel, got {len(places)}")
-            picture = cast("Picture", places[0].get_figure(root=True))
+            panels_axes = [axes] if isinstance(axes, Axes) else list(axes)
+            if not len(figure.panels) <= len(panels_axes) <= len(strips):
+                raise InputError(f"`axes` must be {len(strips)}, one for each panel, got {len(panels_axes)}")
+            picture = cast("Picture", panels_axes[0].get_figure(root=True))
         handles: dict[str, Artist] = {}
-        last = len(places) - 1
-        for k, (place, panel) in enumerate(zip(places, strips, strict=False)):
+        last = len(panels_axes) - 1
+        for k, (panel_axes, panel) in enumerate(zip(panels_axes, strips, strict=False)):
             named = k == last or axes is not None
-            _whole_panel(picture, place, panel, handles, figure.size[0], (named, True))
-            place.set_title(plain(panel.title), loc="left")
+            _whole_panel(picture, panel_axes, panel, handles, figure.size[0], (named, True))
+            panel_axes.set_title(plain(panel.title), loc="left")
         if handles and axes is None:
             picture.legend([*handles.values()], [*handles], loc="outside upper center", ncols=len(handles))
         elif handles:
-            places[0].legend([*handles.values()], [*handles])
+            panels_axes[0].legend([*handles.values()], [*handles])
         return picture
 
 

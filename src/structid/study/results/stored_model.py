@@ -40,15 +40,15 @@ def stored_study(folder: Path, study: Path | None = None) -> Study:
     InputError
         If a solver gives the model of the study.
     """
-    place = folder / "estimate.json"
-    if not place.is_file():
+    summary = folder / "estimate.json"
+    if not summary.is_file():
         raise FileError(f"{folder}: holds no estimate.json; give a results folder of `structid identify`")
     try:
-        told = json.loads(require_readable(place).read_text(encoding="utf-8"))
-        way, inputs = _text(folder / STUDY_PATH).strip(), dict(told["provenance"]["inputs"])
+        stored = json.loads(require_readable(summary).read_text(encoding="utf-8"))
+        relative, inputs = _text(folder / STUDY_PATH).strip(), dict(stored["provenance"]["inputs"])
     except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
-        raise FileError(f"{place}: does not say which study it is of; {_AGAIN}") from error
-    path = study or folder / way
+        raise FileError(f"{summary}: does not say which study it is of; {_AGAIN}") from error
+    path = study or folder / relative
     if not path.is_file():
         raise FileError(f"{folder}: its study is no longer at {path}; say where it is with --study")
     found = load_study(path)
@@ -204,8 +204,8 @@ def _read_group(path: Path, group: str, names: tuple[str, ...]) -> dict[str, Fie
     """Datasets of a group of an HDF5 file, those of `names` that it has; the group "" is the whole file."""
     places = {f"{group}/{name}".removeprefix("/"): name for name in names}
     present = set(hdf5_datasets(require_readable(path)))
-    found = hdf5_fields(path, [place for place in places if place in present])
-    return {places[place]: field for place, field in found.items()}
+    found = hdf5_fields(path, [path_in_file for path_in_file in places if path_in_file in present])
+    return {places[path_in_file]: field for path_in_file, field in found.items()}
 
 
 def stored_band(folder: Path) -> tuple[float, float] | None:

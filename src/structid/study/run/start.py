@@ -220,15 +220,15 @@ def _prepare_record(
 ) -> tuple[Prepared[RecordProblem], InitialComparison]:
     """The problem of one record and its comparison with the initial model; `name` begins warnings about it."""
     method, structure, options = study.section("method"), study.section("structure"), study.options
-    place = source.section.section("modes") or source.section
-    with place.located(), _locate_empty_band(method, "band", name):
+    section = source.section.section("modes") or source.section
+    with section.located(), _locate_empty_band(method, "band", name):
         used, _ = setup.axes(replace(options, evaluation_band=None))
-    with place.located(), _locate_empty_band(method, "evaluation_band", name):
+    with section.located(), _locate_empty_band(method, "evaluation_band", name):
         _, judged = setup.axes(options)
     values = setup.parameters.values(setup.parameters.start)
     with placed_mechanism(structure):
         require_sound_model(setup.structure, values, min(used[0], judged[0]))
-    with placed_mechanism(structure), place.located():
+    with placed_mechanism(structure), section.located():
         prepared = setup.prepared(options)
         return prepared, compare_with_initial_model(setup, prepared.problem, options)
 
@@ -239,8 +239,8 @@ def _locate_empty_band(method: Section, key: str, name: str) -> Iterator[None]:
     try:
         yield
     except NoLinesError as error:
-        place = error.option or key
-        raise method.error(name + str(error), place if place in method.table else None) from error
+        key_at_fault = error.option or key
+        raise method.error(name + str(error), key_at_fault if key_at_fault in method.table else None) from error
 
 
 @contextmanager

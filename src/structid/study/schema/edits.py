@@ -16,7 +16,7 @@ from structid.study.schema.toml_lines import KeyPath, Words, header, parse_toml,
 
 
 @dataclass(frozen=True)
-class Place:
+class _Span:
     """A key and its value: begin of its line, begin and end of the value, and where the next line begins."""
 
     start: int
@@ -35,7 +35,7 @@ class Block:
     path: KeyPath
     start: int
     own_end: int
-    pairs: dict[KeyPath, Place] = field(default_factory=dict)
+    pairs: dict[KeyPath, _Span] = field(default_factory=dict)
 
 
 def blocks_of(text: str) -> list[Block]:
@@ -68,7 +68,7 @@ def _add_key(text: str, words: Words, block: Block) -> None:
     begin = words[-1][1]
     end = _value_end(words)
     line_start = text.rfind("\n", 0, start) + 1
-    block.pairs[tuple(parts)] = Place(line_start, begin, end, _after_line(text, end))
+    block.pairs[tuple(parts)] = _Span(line_start, begin, end, _after_line(text, end))
     block.own_end = _after_line(text, end)
 
 
@@ -228,17 +228,17 @@ def _with_value(text: str, path: KeyPath, value: str) -> str:
     if not path or not isinstance(path[-1], str):
         raise InputError(f"{_words(path)}: the last part of a path must be the name of a key")
     for block in blocks:
-        for key, place in block.pairs.items():
+        for key, span in block.pairs.items():
             if block.path + key == path:
-                return text[: place.value] + value + text[place.end :]
+                return text[: span.value] + value + text[span.end :]
             if len(block.path + key) < len(path) and path[: len(block.path + key)] == block.path + key:
-                return _changed_inline(text, place, path[len(block.path + key) :], value)
+                return _changed_inline(text, span, path[len(block.path + key) :], value)
     if any(block.path[: len(path)] == path for block in blocks):
         raise InputError(f"{_words(path)}: is a table; change the keys in it")
     for block in blocks:
-        for key, place in block.pairs.items():
+        for key, span in block.pairs.items():
             if len(key) > 1 and block.path + key[:-1] == path[:-1]:  # its neighbours are written with points
-                return _inserted_line(text, place.line_end, f"{_name((*key[:-1], path[-1]))} = {value}\n")
+                return _inserted_line(text, span.line_end, f"{_name((*key[:-1], path[-1]))} = {value}\n")
     holder = next((block for block in blocks if block.path == path[:-1]), None)
     for length in range(1, len(path)):
         if isinstance(path[length - 1], int) and not any(block.path[:length] == path[:length] for block in blocks):
@@ -266,7 +266,7 @@ def _set_spread(text: str, path: KeyPath, value: str) -> str:
     return text
 
 
-def _changed_inline(text: str, span: Place, keys: KeyPath, value: str | None) -> str:
+def _changed_inline(text: str, span: _Span, keys: KeyPath, value: str | None) -> str:
     """TOML text with the entry at `keys` inside an inline table or list set, or removed if `value` is None."""
     whole: Any = tomlkit.value(text[span.value : span.end])
     try:
@@ -290,20 +290,20 @@ def _without_key(text: str, path: KeyPath) -> str:
     """TOML text without the key or table at `path`; raises `InputError` if it is not there."""
     blocks = blocks_of(text)
     for block in blocks:
-        for key, place in block.pairs.items():
+        for key, span in block.pairs.items():
             if block.path + key == path:
-                return text[: place.start] + text[place.line_end :]
+                return text[: span.start] + text[span.line_end :]
             if path[: len(block.path + key)] == block.path + key:
-                return _changed_inline(text, place, path[len(block.path + key) :], None)
+                return _changed_inline(text, span, path[len(block.path + key) :], None)
     dotted = [
-        place
+        span
         for block in blocks
-        for key, place in block.pairs.items()
+        for key, span in block.pairs.items()
         if len(block.path) < len(path) and (block.path + key)[: len(path)] == path
     ]
     if dotted:
-        for place in reversed(dotted):
-            text = text[: place.start] + text[place.line_end :]
+        for span in reversed(dotted):
+            text = text[: span.start] + text[span.line_end :]
         return text
     gone = [block for block in blocks if block.path and block.path[: len(path)] == path]
     if not gone:
@@ -333,12 +333,12 @@ def _with_entry(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
     entry = f"[[{_name(path)}]]\n{keys}"
     blocks = blocks_of(text)
     for block in blocks:
-        for key, place in block.pairs.items():
+        for key, span in block.pairs.items():
             if block.path + key == path:
-                listed: Any = tomlkit.value(text[place.value : place.end])
+                listed: Any = tomlkit.value(text[span.value : span.end])
                 if isinstance(listed, Array):
                     listed.append(tomlkit.value(f"{{ {', '.join(keys.splitlines())} }}"))
-                    return text[: place.value] + listed.as_string() + text[place.end :]
+                    return text[: span.value] + listed.as_string() + text[span.end :]
     same = [block for block in blocks if block.path[: len(path)] == path and len(block.path) > len(path)]
     if same:
         return _inserted_text(text, max(block.own_end for block in same), entry)
@@ -346,7 +346,7 @@ def _with_entry(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
 
 
 def _inserted_block(text: str, blocks: Sequence[Block], path: KeyPath, entry: str) -> str:
-    """TOML text with the new table `entry` inserted next to related tables, or at its customary place."""
+    """TOML text with the new table `entry` inserted next to related tables, or at its customary position."""
     for length in range(len(path) - 1, 0, -1):
         near = [block for block in blocks if block.path and block.path[:length] == path[:length]]
         if near:

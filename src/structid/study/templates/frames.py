@@ -56,7 +56,7 @@ class BeamTemplate(Template):
         last = self.elements + 1
         held = ('"1Y"', f'"{last}Y"') if self.support == "simple" else held
         fixed = f"fixed = [{', '.join(held)}]  # {words}\n" if held else ""
-        places = {k + 1: [self.length * k / self.elements] for k in range(last)}
+        positions = {k + 1: [self.length * k / self.elements] for k in range(last)}
         beam = _beams("beam", _pairs(1, self.elements), self.mass, self.bending_stiffness, 0.01)
         unknowns = unknown("bending_stiffness", "beam") + unknown("loss_factor", "beam")
         return f"""title = "Beam {words}"
@@ -64,7 +64,7 @@ class BeamTemplate(Template):
 [structure]
 {fixed}
 [structure.nodes]  # m
-{node_lines(places)}
+{node_lines(positions)}
 {beam}{unknowns}{NO_RECORD}"""
 
 
@@ -82,7 +82,7 @@ class BridgeTemplate(Template):
     def text(self, folder: Path) -> str:
         """The text of the study file."""
         total = self.spans * self.elements
-        places = {k + 1: [self.length * k / self.elements] for k in range(total + 1)}
+        positions = {k + 1: [self.length * k / self.elements] for k in range(total + 1)}
         piers = ", ".join(f'"{1 + k * self.elements}Y"' for k in range(self.spans + 1))
         sets = "".join(
             _beams(
@@ -97,7 +97,7 @@ class BridgeTemplate(Template):
 fixed = [{piers}]  # abutments and piers
 
 [structure.nodes]  # m
-{node_lines(places)}
+{node_lines(positions)}
 {sets}{unknowns}{NO_RECORD}"""
 
 
@@ -117,10 +117,10 @@ class FrameTemplate(Template):
     def text(self, folder: Path) -> str:
         """The text of the study file."""
         floors = range(self.storeys + 1)
-        places = {10 * f + 1: [0.0, f * self.height] for f in floors}
-        places |= {10 * f + 2: [self.width, f * self.height] for f in floors}
-        places |= {10 * f + 3: [0.5 * self.width, f * self.height] for f in floors if f}
-        places = dict(sorted(places.items()))
+        positions = {10 * f + 1: [0.0, f * self.height] for f in floors}
+        positions |= {10 * f + 2: [self.width, f * self.height] for f in floors}
+        positions |= {10 * f + 3: [0.5 * self.width, f * self.height] for f in floors if f}
+        positions = dict(sorted(positions.items()))
         columns = "".join(
             _beams(
                 f"columns {f}",
@@ -145,7 +145,7 @@ fixed = ["1", "2"]  # feet of the columns
 subdivide = 4  # "auto", once there is a record, cuts until the mesh moves no value
 
 [structure.nodes]  # m; floor f has the nodes f1 (left), f2 (right) and f3 (middle)
-{node_lines(places)}
+{node_lines(positions)}
 {columns}{floor}{unknowns}{NO_RECORD}"""
 
 
@@ -161,7 +161,7 @@ class ShearBuildingTemplate(Template):
 
     def text(self, folder: Path) -> str:
         """The text of the study file."""
-        places = {k: [0.0, 0.0, k * self.height] for k in range(self.storeys + 1)}
+        positions = {k: [0.0, 0.0, k * self.height] for k in range(self.storeys + 1)}
         floors = ", ".join(str(k) for k in range(1, self.storeys + 1))
         lower = ", ".join(f'"{k}X"' for k in range(self.storeys))
         upper = ", ".join(f'"{k}X"' for k in range(1, self.storeys + 1))
@@ -172,7 +172,7 @@ active = ["X"]
 fixed = ["0X"]  # the ground
 
 [structure.nodes]  # m
-{node_lines(places)}
+{node_lines(positions)}
 
 [[structure.point_mass]]
 name = "floor"
@@ -206,7 +206,7 @@ class PlateTemplate(Template):
         """The text of the study file."""
         nx, ny = self.elements_along, self.elements_across
         label = {(i, j): 1 + i * (ny + 1) + j for i in range(nx + 1) for j in range(ny + 1)}
-        places = {n: [self.length * i / nx, self.width * j / ny] for (i, j), n in label.items()}
+        positions = {n: [self.length * i / nx, self.width * j / ny] for (i, j), n in label.items()}
         cells = ",\n  ".join(
             ", ".join(
                 f"[{label[i, j]}, {label[i + 1, j]}, {label[i + 1, j + 1]}, {label[i, j + 1]}]" for j in range(ny)
@@ -226,7 +226,7 @@ class PlateTemplate(Template):
 active = ["Z", "RX", "RY"]
 {held}
 [structure.nodes]  # m
-{node_lines(places)}
+{node_lines(positions)}
 
 [[structure.plate]]
 name = "plate"

@@ -102,7 +102,7 @@ def _bending_slopes(
 
 
 def _with_mean_dilatation(rows: FloatArray, measure: FloatArray, d: int) -> FloatArray:
-    """Strain rows (n_points, n_cells, n_strains, n_local) whose trace is the mean over the cell."""
+    """Strain rows (n_points, n_cells, n_strains, n_local) whose trace is replaced by its mean over the cell."""
     trace = rows[:, :, :d].sum(axis=2)
     mean = np.einsum("qe,qen->en", measure, trace) / measure.sum(axis=0)[:, None]
     changed = rows.copy()

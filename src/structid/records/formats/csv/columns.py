@@ -238,7 +238,7 @@ def sampling_rate(
     texts : (n_times,) sequence of str
         The times as written, in units of `scale` s.
     first_line, column : int
-        Path of the file, for messages.
+        Line of the first time and column of the times, from 1, for messages.
     to_resample : bool
 
     Raises

@@ -153,5 +153,5 @@ def channel_names(structure: Structure) -> dict[str, str]:
 
 def used_names(names: Mapping[str, str], channels: Iterable[Dof]) -> dict[str, str]:
     """Entries of `names` whose channels are among those given."""
-    places = {dof.place for dof in channels}
-    return {name: dof for name, dof in names.items() if name.removeprefix(_LOAD) in places}
+    names_of_channels = {dof.place for dof in channels}
+    return {name: dof for name, dof in names.items() if name.removeprefix(_LOAD) in names_of_channels}
