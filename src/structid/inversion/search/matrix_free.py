@@ -114,7 +114,7 @@ class MatrixFree:
         return self
 
     def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
-        """With as many degrees of freedom as there are more rows, those of priors included, than parameters."""
+        """Misfit statistics; degrees of freedom are rows, those of priors included, minus parameters."""
         at = minimum.linearization
         freedom, (scale, share) = len(at.residual) - at.n_params, row_law(problem.rows.averages)
         return misses_noise(problem, at.residual, scale, share * freedom, probability)
