@@ -22,6 +22,7 @@ from structid.fem.importers import (
     dofs_of,
     group_from_exports,
     in_si,
+    matrix_files,
     on_dofs,
     read_matrices,
     read_matrix,
