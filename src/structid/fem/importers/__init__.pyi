@@ -8,7 +8,7 @@ from structid.fem.importers.exports import total_mass as total_mass
 from structid.fem.importers.imported import ElementEntries as ElementEntries
 from structid.fem.importers.imported import ImportedMatrix as ImportedMatrix
 from structid.fem.importers.imported import codes_of as codes_of
-from structid.fem.importers.imported import completed as completed
+from structid.fem.importers.imported import complete_triangles as complete_triangles
 from structid.fem.importers.imported import dof_table as dof_table
 from structid.fem.importers.imported import dofs_of as dofs_of
 from structid.fem.importers.imported import of_elements as of_elements

@@ -298,7 +298,7 @@ def _complete_triangle(item: ImportedMatrix) -> ImportedMatrix:
     upper, lower = sparse.triu(item.matrix, 1), sparse.tril(item.matrix, -1)
     if abs(upper).sum() > 0 and abs(lower).sum() > 0:
         raise InputError(f"{item.name!r} has entries on both sides of the diagonal; leave `one_triangle` out")
-    return importers.ImportedMatrix(item.name, importers.completed(item.matrix, item.name), item.dofs)
+    return importers.ImportedMatrix(item.name, importers.complete_triangles(item.matrix, item.name), item.dofs)
 
 
 def _labels(entries: Sequence[int | str] | int | str) -> set[int]:
