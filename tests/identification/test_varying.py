@@ -21,7 +21,7 @@ from structid.diagnose.verdict import judged
 from structid.forward import RecordProblem
 from structid.forward.record_problem import linearization_with_priors, residual_with_priors
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
-from structid.identification.search import answered
+from structid.identification.search import search_parameters
 from structid.identification.varying import _chances
 from structid.inversion.problem import DataRows
 from structid.inversion.search.work import ALONE
@@ -133,7 +133,7 @@ def benchmark():
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_given_scatter_is_generalized_least_squares(seed):
     problems, dense = toy(seed, 0.08)
-    found = answered(SETUPS, problems, OPTIONS, None, ALONE)
+    found = search_parameters(SETUPS, problems, OPTIONS, None, ALONE)
     beta, covariance, chi_square, _ = textbook(*dense, 0.08)
     estimate = found.estimate
     assert estimate.names[:3] == ("mass[m]", "stiffness[a]", "stiffness[b]")
@@ -150,7 +150,7 @@ def test_a_given_scatter_is_generalized_least_squares(seed):
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_chosen_scatter_is_that_of_restricted_likelihood(seed):
     problems, dense = toy(seed, True)
-    found = answered(SETUPS, problems, OPTIONS, None, ALONE)
+    found = search_parameters(SETUPS, problems, OPTIONS, None, ALONE)
     best = optimize.minimize_scalar(
         lambda log: -textbook(*dense, np.exp(log))[3],
         bounds=(np.log(1e-3), 0),
@@ -177,7 +177,7 @@ def test_the_chosen_scatter_is_that_of_restricted_likelihood(seed):
 
 def test_deviations_are_the_best_linear_predictions():
     problems, dense = toy(4, 0.08)
-    found = answered(SETUPS, problems, OPTIONS, None, ALONE)
+    found = search_parameters(SETUPS, problems, OPTIONS, None, ALONE)
     x, z, y, errors = dense
     beta = textbook(*dense, 0.08)[0]
     v = np.diag(errors**2) + 0.08**2 * z @ z.T

@@ -7,6 +7,7 @@ from structid.core.errors import FileError, InputError
 from structid.records import CsvLayout, ReadOptions, read_record
 from structid.records.formats import keep_records
 from structid.records.formats.csv.table import read_table
+from structid.records.formats.options import options_given_as_flags
 
 ROWS = np.array([[0.5, -1.25, 100.0], [1.5, 2.25, 110.0], [-2.5, 3.25, 120.0], [0.25, 0.75, 130.0], [1.0, -0.5, 90.0]])
 RATE = 512.0
@@ -184,7 +185,11 @@ def test_frfs_whose_sensors_have_names_of_their_own(tmp_path):
 
 
 def test_frfs_with_names_of_their_own_name_what_is_missing(tmp_path):
-    with pytest.raises(FileError, match=r"column 2 .*cannot read 'A'.*say by `outputs` and `inputs` what"):
+    with pytest.raises(
+        FileError, match=r"column 2 .*cannot read 'A'.*\(outputs: A, B; inputs: H\).*`outputs` and `inputs`"
+    ):
+        read(tmp_path, FRF)
+    with options_given_as_flags(), pytest.raises(FileError, match=r"in this order, by --outputs --inputs$"):
         read(tmp_path, FRF)
     with pytest.raises(InputError, match=r"`outputs` must have 2 entries, one for each of A, B, .* got 1"):
         read(tmp_path, FRF, outputs="7Z", inputs="3Z")

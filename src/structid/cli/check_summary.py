@@ -1,4 +1,4 @@
-"""What `structid check` prints: record, sensors, modes, rank and predicted accuracy, in facts and tables."""
+"""Output of `structid check`: record, sensors, modes, rank and predicted accuracy, in facts and tables."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from rich.text import Text
 
 from structid.cli.tables import groups, heading, new_table
 from structid.core.display import format_number
+from structid.core.quantities import unit_text
 from structid.study.run.check import CheckResult
 
 #: Warnings that stand first; the others come last.
@@ -53,7 +54,7 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
     for name, unit, start, std in zip(result.names, result.units, result.start, result.std, strict=True):
         table.add_row(
             name,
-            unit,
+            unit_text(unit),
             format_number(start),
             format_number(std, 2),
             format_number(std / abs(start) if start else math.nan, 2),

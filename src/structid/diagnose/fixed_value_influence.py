@@ -100,7 +100,7 @@ def doubted(held: Sequence[FixedValueSensitivity]) -> tuple[FixedValueSensitivit
 
 
 def resting(held: Sequence[FixedValueSensitivity]) -> list[FixedValueSensitivity]:
-    """Those that move a value most first."""
+    """Fixed values sorted by influence: the one that moves a parameter most first."""
     return sorted(held, key=lambda one: -abs(one.distance[one.most_moved]))
 
 

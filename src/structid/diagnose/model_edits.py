@@ -26,7 +26,7 @@ from structid.diagnose.study_tables import (
 )
 from structid.diagnose.tested_model import ModelDraft
 from structid.fem import ELEMENT_TYPES, Base, Constraint, RigidLink
-from structid.fem.places import AimedSensor, unit_direction
+from structid.fem.measuring_points import AimedSensor, unit_direction
 from structid.forward import ChannelUnknown
 from structid.identification.setups.modal import ModalSetup, chosen_modes
 from structid.identification.setups.time import TimeSetup
@@ -312,7 +312,7 @@ class AddChannelError:
 
 @dataclass(frozen=True)
 class UseChannels:
-    """Only these sensors of a record are used."""
+    """Edit: only the sensors `outputs` of a record are used."""
 
     record: int
     outputs: tuple[str, ...]
@@ -372,7 +372,7 @@ class RemoveRecord:
 
 @dataclass(frozen=True)
 class UseModes:
-    """Only these modes of a record are used, by their numbers from 1."""
+    """Edit: only the given modes of a record are used, by their numbers from 1."""
 
     record: int
     numbers: tuple[int, ...]
@@ -452,7 +452,7 @@ class ScaleAxis:
 
 @dataclass(frozen=True)
 class SubdivideElements:
-    """Each beam is made of so many pieces."""
+    """Edit: each beam is cut into `pieces` equal elements."""
 
     pieces: int
 

@@ -30,7 +30,7 @@ MOST_LINES = 90
 
 
 class ElementMatrix(NamedTuple):
-    """What one property of one element adds: its set, its number from 0, the property, and the matrix with its codes.
+    """Element matrix of one property: element set, number from 0, property, matrix and codes of its rows.
 
     `row` is the place of the property among all values.
     """
@@ -75,7 +75,7 @@ class Receptances:
 
     @cached_property
     def structure(self) -> Structure:
-        """Of the problem, supports that drive it let go."""
+        """Structure of the problem, with the supports that drive it released."""
         whole = self.problem.structure
         return whole.release_supports(self._bases) if self._bases else whole
 
@@ -116,7 +116,7 @@ class Receptances:
 
     @cached_property
     def _ends(self) -> FloatArray | None:
-        """Where measured components are joined to the model, (n_dofs, n_ends); None where there are none."""
+        """Columns at the interfaces of measured components with the model, (n_dofs, n_ends); None without components."""
         parts = self.structure.measured
         return self.structure.selection([dof for one in parts for dof in one.interface]).toarray() if parts else None
 

@@ -20,7 +20,8 @@ from structid.diagnose.thresholds import (
     PARTS_RISK,
 )
 from structid.forward import FrfProblem, RecordProblem
-from structid.identification.joint_problem import joint_problem, tolerances_of
+from structid.forward.fixed_values import tolerances_of
+from structid.identification.joint_problem import joint_problem
 from structid.inversion import LevenbergMarquardt, Problem, Search
 from structid.inversion.estimate import estimate
 from structid.inversion.search.within_tolerances import FixedValues
@@ -61,7 +62,7 @@ class Disagreement:
 
 
 class _Fit(TypedDict, total=False):
-    """Of a part of the data; empty where it cannot be fitted."""
+    """Fit of a part of the data; empty where it cannot be fitted."""
 
     values: FloatArray
     std: FloatArray

@@ -1,4 +1,4 @@
-"""What the runs of a solver gave: a model of it, and what it is made of."""
+"""Model of the results of a solver, with the runs that it is made of."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Units:
 
 @dataclass(frozen=True)
 class Checked:
-    """The solver run once more, beside the model of it.
+    """Comparison of one more run of the solver with the model of its results.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ _WHOLE = 1e-9
 
 
 class LvmClock(NamedTuple):
-    """When the samples of a channel were taken.
+    """Sampling times of a channel.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ from structid.identification.identified import Identification, MassEstimate, Pri
 from structid.identification.joint_problem import first_values, freed_problems, harmonize_shared_parameters, indices_of
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import regularization_warnings, shares
-from structid.identification.search import answered
+from structid.identification.search import search_parameters
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.setup import AnySetup, prefixes, prepared_warnings, titles
 from structid.identification.warning_words import estimate_warnings, ran_away, ran_away_words, unused_damping
@@ -127,10 +127,10 @@ def identify_together(
     problems = initial = harmonize_shared_parameters([ready.problem for ready in prepared], titles(setups))
     if len(setups) == 1:
         problems = (setups[0].begun(problems[0]),)
-    answer = answered(setups, problems, chosen, progress, work)
-    problems, target = answer.problems, answer.target
-    freed = () if answer.estimate.fixed is None else freed_problems(setups, problems, chosen.tolerances)
-    found = answer.estimate.with_initial(first_values(answer.estimate.names, initial, lambda part: part.start))
+    outcome = search_parameters(setups, problems, chosen, progress, work)
+    problems, target = outcome.problems, outcome.target
+    freed = () if outcome.estimate.fixed is None else freed_problems(setups, problems, chosen.tolerances)
+    found = outcome.estimate.with_initial(first_values(outcome.estimate.names, initial, lambda part: part.start))
     if found.goodness.residual_tests is not None and target is not None:
         tests = found.goodness.residual_tests.named(_series_names(setups, problems))
         found = replace(found, goodness=replace(found.goodness, residual_tests=tests))
@@ -158,14 +158,14 @@ def identify_together(
     warnings += [f"{ran_away_words(found, index)}; {remedy}" for index in away]
     warnings += [] if scale_free is None else [scale_free.words]
     warnings += unused_damping(problems, found.names, found.kinds, found.identified)
-    warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, answer.regularizations, share)]
+    warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, outcome.regularizations, share)]
     mass, std = total_mass(problems[0], found, chosen.direction, freed[0] if freed else None)
     priors = PriorSummary(
         mean=first_values(found.names, problems, lambda part: part.priors.mean),
         std=first_values(found.names, problems, lambda part: part.priors.std),
         share=share,
-        regularizations=answer.regularizations,
-        varied=answer.varied,
+        regularizations=outcome.regularizations,
+        varied=outcome.varied,
     )
     return Identification(
         estimate=found,
@@ -188,7 +188,7 @@ def identify_together(
         freed=freed,
         setups=tuple(setups),
         options=chosen,
-        alternatives=alternatives(found, problems, answer.without_priors),
+        alternatives=alternatives(found, problems, outcome.without_priors),
     )
 
 
@@ -200,9 +200,16 @@ def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem])
 
 
 def _own(problem: RecordProblem, found: Estimate) -> Own:
-    """Free variables, values and initial values of the problem's own parameters in the estimate."""
+    """Free variables, values and initial values of the problem's own parameters in the estimate.
+
+    A linear fit knows no free variables: values out of their range, as it may give them, have those of their start.
+    """
     place = indices_of(found.names, problem.names)
-    return Own(found.theta[place], found.values[place], found.initial[place])
+    values, theta = found.values[place], found.theta[place]
+    if found.parameters.slope is None:
+        start, ranges = problem.physical(problem.theta_start), problem.unknowns.transforms
+        theta = ranges.free(np.where((values > ranges.lower) & (values < ranges.upper), values, start))
+    return Own(theta, values, found.initial[place])
 
 
 def total_mass(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 
@@ -46,7 +46,7 @@ _GAIN_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class SearchOutcome:
     """Result of the search over the problems of all records.
 
     Attributes
@@ -72,13 +72,13 @@ class Answer:
     without_priors: Estimate | None = None
 
 
-def answered(
+def search_parameters(
     setups: Sequence[AnySetup],
     problems: tuple[RecordProblem, ...],
     options: IdentifyOptions,
     progress: StageProgress | None,
     work: Work,
-) -> Answer:
+) -> SearchOutcome:
     """The best estimate over the problems of all records, by the method that set-ups and options ask for.
 
     Raises
@@ -88,64 +88,72 @@ def answered(
     """
     alone = next((setup for setup in setups if setup.own_estimator), None)
     if alone is not None:
-        if (
-            len(setups) > 1
-            or options.regularization
-            or options.intervals != "laplace"
-            or options.band
-            or options.exclude
-        ):
-            raise InputError(
-                f"{alone.own_estimator} takes one record, all of it, without regularization and with Laplace intervals;"
-                " use fit 'spectra' for more"
-            )
-        return Answer(alone.estimated(options, progress, work), problems, None, ())
+        _require_single_record(alone, setups, options)
+        return SearchOutcome(alone.estimated(options, progress, work), problems, None, ())
     method = chosen_method(problems, options)
     regular = regularized(problems, options, method, progress, work)
-    few = all(np.isnan(problem.facts.line_spacing).all() for problem in problems)  # modes: a wrong minimum may fit them
-    local = not all(problem.structure.has_matrices for problem in problems)  # FRFs alone hold about the start only
+    is_local = not all(problem.structure.has_matrices for problem in problems)  # FRFs alone hold about the start only
     wide = wide_starts(problems) if options.wide_starts is None else options.wide_starts
-    search = (
-        Search(seed=options.seed)
-        if local
-        else Search(
-            options.restarts,
-            options.uniqueness_starts,
-            options.seed,
-            doubt_starts=_DOUBT_STARTS if not wide else 0,
-            doubt_beyond=_DOUBT_BEYOND if few else np.inf,
-            wide_starts=wide,
-            wide_problem=partial(_keeping_order, regular.problems) if few else None,
-        )
-    )
-    if method.is_matrix_free:
-        search = Search(seed=options.seed, start=regular.theta)
-
-    def found(current: tuple[RecordProblem, ...]) -> Estimate:
+    if method.is_matrix_free or is_local:
+        search = Search(seed=options.seed, start=regular.theta if method.is_matrix_free else None)
+    else:
+        search = _search_starts(problems, regular.problems, options, wide)
+    is_staged = options.pole_free_start and regular.theta is None and not is_local
+    trials = PolarityTrials.begun(regular.problems)
+    while trials.pending:
+        current = trials.pending[0]
         paths = joint_schedules(current)[:1] if method.is_matrix_free else joint_paths(current)
-        staged = options.pole_free_start and regular.theta is None and not local
-        return estimate(
+        fit = estimate(
             joint_problem(current),
             method,
-            paths if staged else (),
+            paths if is_staged else (),
             search,
             progress=progress,
             sample=joint_sample(current),
             work=work,
             fixed=fixed_values(freed_problems(setups, current, options.tolerances)),
         )
+        trials.add(fit)
 
-    def found_near(current: tuple[RecordProblem, ...], theta: FloatArray) -> Estimate:
+    def search_near(current: tuple[RecordProblem, ...], theta: FloatArray) -> Estimate:
         near = Search(seed=options.seed, start=theta)
         fixed = fixed_values(freed_problems(setups, current, options.tolerances))
         return estimate(joint_problem(current), method, (), near, progress=progress, work=work, fixed=fixed)
 
-    best, problems = reweighted(*searched(regular.problems, found), found_near)
+    best, problems = reweighted(*trials.best, search_near)
     differing = varied(problems, best, regular.scatters)
     best = widened_estimate(best, tuple(regular.scatters.values()))
     is_chosen = wide and best.goodness.test_freedom < 1 and not options.regularization and not regular.scatters
     unforced = _without_priors(problems, best, method, search, work) if is_chosen else None
-    return Answer(best, problems, joint_problem(problems), regular.regularizations, differing, unforced)
+    return SearchOutcome(best, problems, joint_problem(problems), regular.regularizations, differing, unforced)
+
+
+def _require_single_record(alone: AnySetup, setups: Sequence[AnySetup], options: IdentifyOptions) -> None:
+    """Raise `InputError` if a set-up with an estimator of its own comes with others, or with options it cannot take."""
+    if len(setups) > 1 or options.regularization or options.intervals != "laplace" or options.band or options.exclude:
+        raise InputError(
+            f"{alone.own_estimator} takes one record, all of it, without regularization and with Laplace intervals;"
+            " use fit 'spectra' for more"
+        )
+
+
+def _search_starts(
+    problems: Sequence[RecordProblem],
+    regular_problems: Sequence[RecordProblem],
+    options: IdentifyOptions,
+    wide: int,
+) -> Search:
+    """Number and starts of the searches with a Jacobian; `wide` is the number of wide starts."""
+    is_modal = all(np.isnan(problem.facts.line_spacing).all() for problem in problems)  # a wrong minimum may fit modes
+    return Search(
+        options.restarts,
+        options.uniqueness_starts,
+        options.seed,
+        doubt_starts=_DOUBT_STARTS if not wide else 0,
+        doubt_beyond=_DOUBT_BEYOND if is_modal else np.inf,
+        wide_starts=wide,
+        wide_problem=partial(_keeping_order, regular_problems) if is_modal else None,
+    )
 
 
 def _without_priors(
@@ -217,36 +225,48 @@ def matrix_free_obstacle(problems: Sequence[RecordProblem], options: IdentifyOpt
     return obstacle or takes_matrix_free(options.regularization)
 
 
-def searched(
-    problems: tuple[RecordProblem, ...], search: Callable[[tuple[RecordProblem, ...]], Estimate]
-) -> tuple[Estimate, tuple[RecordProblem, ...]]:
-    """The best fit, and copies of the problems with the channel polarities that it has.
+@dataclass(eq=False)
+class PolarityTrials:
+    """The fits with other polarities of channels, and the polarities that are still to be tried.
 
-    Polarities begin as the initial model asks for and are decided again by the fitted model. Where the fit then
-    misses the noise, every other choice of up to three polarities is tried too.
+    Polarities begin as the initial model asks for and are decided again by the fitted model. Where every fit then misses the
+    noise, every other choice of up to three polarities is tried too.
 
-    Parameters
+    Attributes
     ----------
-    problems : tuple of RecordProblem
-    search : callable
-        The estimate of such problems as one.
+    pending : list of tuple of RecordProblem
+        Copies of the problems with polarities to try, the next one first.
+    fits : dict
+        The fit with each choice of polarities and its problems.
     """
-    current = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
-    found = search(current)
-    tried = {_polarities(current): (found, current)}
-    while True:
-        current = tuple(decide_polarities(p, found.theta[indices_of(found.names, p.names)]) for p in current)
-        if _polarities(current) in tried:
-            break
-        found = search(current)
-        tried[_polarities(current)] = (found, current)
-    count = len(_polarities(current))
-    if 0 < count <= _MOST_TRIED and min(f.covariance_basis == "model_error" for f, _ in tried.values()):
-        for signs in product((1.0, -1.0), repeat=count):
-            if signs not in tried:
-                current = _with_polarities(current, signs)
-                tried[signs] = (search(current), current)
-    return min(tried.values(), key=lambda pair: (pair[0].status is Status.NOT_CONVERGED, pair[0].goodness.chi_square))
+
+    pending: list[tuple[RecordProblem, ...]]
+    fits: dict[tuple[float, ...], tuple[Estimate, tuple[RecordProblem, ...]]] = field(default_factory=dict)
+
+    @classmethod
+    def begun(cls, problems: Sequence[RecordProblem]) -> PolarityTrials:
+        """Trials that begin with the polarities of the initial model."""
+        return cls([tuple(decide_polarities(problem, problem.theta_start) for problem in problems)])
+
+    def add(self, fit: Estimate) -> None:
+        """Add the fit of the next pending problems, and find the polarities to try after it."""
+        problems = self.pending.pop(0)
+        self.fits[_polarities(problems)] = (fit, problems)
+        if self.pending:
+            return
+        decided = tuple(decide_polarities(p, fit.theta[indices_of(fit.names, p.names)]) for p in problems)
+        if (signs := _polarities(decided)) not in self.fits:
+            self.pending.append(decided)
+        elif len(signs) <= _MOST_TRIED and all(one.covariance_basis == "model_error" for one, _ in self.fits.values()):
+            choices = product((1.0, -1.0), repeat=len(signs))
+            self.pending += [_with_polarities(decided, choice) for choice in choices if choice not in self.fits]
+
+    @property
+    def best(self) -> tuple[Estimate, tuple[RecordProblem, ...]]:
+        """The fit with the smallest sum of squares, one that converged where there is any, and its problems."""
+        return min(
+            self.fits.values(), key=lambda pair: (pair[0].status is Status.NOT_CONVERGED, pair[0].goodness.chi_square)
+        )
 
 
 def reweighted(

@@ -88,7 +88,7 @@ class Varied:
 
     @property
     def outlying_words(self) -> tuple[str, ...]:
-        """Each value that stands out, in a sentence."""
+        """Sentences on the values that stand out, one each."""
         return tuple(
             f"{self.records[k]} stands out: its {self.common[k]} is {abs(self.deviations[k]):.2g} scatters"
             f" {'above' if self.deviations[k] > 0 else 'below'} the others (p = {self.p_values[k]:.2g})"

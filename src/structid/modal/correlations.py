@@ -56,12 +56,12 @@ class Outputs:
 
     @property
     def duration(self) -> float:
-        """Of the longest record, s."""
+        """Duration of the longest record, s."""
         return max(len(y) for y in self.series) / self.sampling_rate
 
     @property
     def seconds(self) -> float:
-        """Of all records together."""
+        """Duration of all records together, s."""
         return sum(map(len, self.series)) / self.sampling_rate
 
 

@@ -1,4 +1,4 @@
-"""What a modal identification hands on: frequencies, damping ratios and mode shapes at sensors."""
+"""Modal records: frequencies, damping ratios and mode shapes at sensors."""
 
 from __future__ import annotations
 
@@ -231,7 +231,7 @@ class ModalRecord(Shown):
         )
 
     def some_channels(self, indices: Sequence[int] | IntArray) -> ModalRecord:
-        """The same modes at some of the channels, in the order of `indices`."""
+        """Copy of the modes at the channels `indices`, in that order."""
         rows, own = np.asarray(indices, dtype=int), self.changes
         return replace(
             self,
@@ -301,7 +301,7 @@ def _side_by_side(parts: Sequence[FloatArray | None]) -> FloatArray | None:
 
 
 def unit_largest(shapes: NumberArray) -> NumberArray:
-    """Each column divided by its known entry of largest magnitude, so that this entry is 1."""
+    """Columns divided by their known entry of largest magnitude, so that this entry is 1."""
     known = ~np.isnan(shapes)
     largest = shapes[np.where(known, np.abs(shapes), 0.0).argmax(axis=0), np.arange(shapes.shape[1])]
     return shapes / np.where(np.isnan(largest), 1.0, largest)

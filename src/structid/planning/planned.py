@@ -19,7 +19,7 @@ from structid.unknowns import Parameters
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What a planned test may use.
+    """Options of a planned test: candidate sensors and loads, lines and noise.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class PlannedTest:
 
     @property
     def worst_std(self) -> float:
-        """Its relative standard deviation; infinite where it is not determined."""
+        """Relative standard deviation of the worst parameter; infinite where the test does not determine it."""
         return float(np.inf if np.isnan(self.std[self.worst]) else self.std[self.worst])
 
     @property
@@ -120,7 +120,7 @@ class PlannedTest:
 
     @property
     def n_determined(self) -> int:
-        """How many parameters, of all, are determined to better than their own size."""
+        """Number of parameters with a standard deviation below their own size."""
         return int((self.std <= 1).sum())
 
     @property
@@ -131,7 +131,7 @@ class PlannedTest:
 
 @dataclass(frozen=True, eq=False)
 class Enough:
-    """What it takes to reach a wanted accuracy, by greedy choice.
+    """Smallest test, by greedy choice, that reaches a wanted accuracy.
 
     Attributes
     ----------
@@ -153,7 +153,7 @@ class Enough:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlannedTests:
-    """What was chosen, and what it is held against.
+    """The chosen test and the tests that it is compared with.
 
     Attributes
     ----------

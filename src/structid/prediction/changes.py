@@ -62,7 +62,7 @@ class Scale:
     factor: float
 
     def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
-        """The same structure, and the parameters with the property values scaled."""
+        """`structure` unchanged, and `parameters` with the property values scaled."""
         if not (np.isfinite(self.factor) and self.factor >= 0):
             raise InputError(f"`factor` of {self.label} must be at least 0, got {self.factor:g}")
         found = _LABEL.match(self.label)

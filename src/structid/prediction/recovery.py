@@ -298,7 +298,7 @@ def parse_output(text: str | Output) -> Output:
 
 
 def parse_outputs(texts: Sequence[str | Output]) -> tuple[Output, ...]:
-    """Each text of `texts` as an output, see `parse_output`."""
+    """Outputs named by `texts`, each read by `parse_output`."""
     return tuple(parse_output(text) for text in texts)
 
 
@@ -312,10 +312,10 @@ def output_unit(output: Output) -> str:
     return "" if isinstance(output, Dof) else output.unit
 
 
-def _numbers(text: str, rest: str) -> dict[str, float]:
-    """The numbers behind the place of an output, such as y=0.05, by name."""
+def _numbers(text: str, numbers_text: str) -> dict[str, float]:
+    """Numbers in `numbers_text`, such as y=0.05, by name; `text`, the whole output, is for errors."""
     numbers: dict[str, float] = {}
-    for key, value in _PAIR.findall(rest):
+    for key, value in _PAIR.findall(numbers_text):
         try:
             numbers[key] = float(value)
         except ValueError as error:
@@ -364,7 +364,7 @@ class OutputMap:
         return tuple(sorted(set(self.derivative.tolist())))
 
     def rows(self, values: FloatArray) -> sparse.csc_array:
-        """What the rows read of each derivative in `orders`, one after another, (n_dofs, n_orders n_rows)."""
+        """Weights of the rows for each derivative in `orders`, one after another, (n_dofs, n_orders n_rows)."""
         weights = np.array([weight(values) for weight in self.weights])
         terms, group = np.arange(len(weights)), np.searchsorted(self.orders, self.derivative)
         shape = len(terms), len(self.orders) * self.n_rows
@@ -480,7 +480,7 @@ def _end_of(element: ElementSet, row: int, node: int, text: str) -> int:
 
 
 def _offered(element: ElementSet) -> str:
-    """What can be read from elements of a type, in words."""
+    """Words on the stresses and forces that can be read from elements of a type."""
     if isinstance(element, ThinSet):
         return "stress_xx, stress_yy, stress_xy and von_mises at top, middle and bottom can be predicted"
     if element.section_stiffness:

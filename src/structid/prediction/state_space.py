@@ -173,6 +173,10 @@ def state_space(
         raise InputError(f"`band` must run from 0 Hz or more to a higher frequency, got {band}")
     if motion not in MOTION_DERIVATIVES:
         raise InputError(f"`motion` must be one of {', '.join(MOTION_DERIVATIVES)}, got {motion!r}")
+    if sampling_rate is not None and not sampling_rate > 2 * high:
+        raise InputError(
+            f"`sampling_rate` must be more than twice the highest frequency of `band`, {high:g} Hz, got {sampling_rate:g}"
+        )
     sensors, loads, structure = parse_dofs(outputs), parse_dofs(inputs), model.structure
     structure.require_modes("state equations")
     sides = Sides(structure.selection(sensors), structure.selection(loads))

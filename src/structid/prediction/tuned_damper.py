@@ -20,8 +20,8 @@ from structid.prediction.quantities import Frf, structure_modes
 
 #: The default band reaches this part of a mode's frequency to each side of it, and has so many lines.
 _AROUND, _LINES = 0.35, 1200
-#: Modes among which that mode is chosen.
-_MODES = 20
+#: Modes among which that mode is chosen; below this part of the highest of their frequencies they are rigid motions.
+_MODES, _RIGID = 20, 3e-5
 #: Largest ratio of the damper's frequency to that where the search starts, either way, and largest damping ratio.
 _FARTHEST, _MOST_DAMPED = 2.0, 1.0
 
@@ -183,7 +183,7 @@ def _dominant_mode(model: IdentifiedModel, dof: Dof, band: tuple[float, float] |
         shapes = structure_modes(structure, model.values, n_modes)
     motion = structure.selection([dof]).T @ shapes.mode_shapes
     omega = 2 * np.pi * shapes.frequency
-    elastic = (omega > 1e-3 * omega.max(initial=0.0)) & (shapes.frequency >= low) & (shapes.frequency <= high)
+    elastic = (omega > _RIGID * omega.max(initial=0.0)) & (shapes.frequency >= low) & (shapes.frequency <= high)
     flexible = np.where(elastic, motion[0] ** 2 / np.where(elastic, omega, 1.0) ** 2, 0.0)
     if not flexible.max(initial=0.0) > 0:
         within = "" if band is None else f" between {low:g} and {high:g} Hz"

@@ -27,7 +27,7 @@ _CODE = re.compile(r"`([^`]+)`")
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """What a page shows.
+    """Contents of a report page.
 
     Attributes
     ----------

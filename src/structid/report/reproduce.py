@@ -84,7 +84,7 @@ def _item_summary(item: Item) -> dict[str, Plain]:
 
 
 def _rounded_fields(part: Table | Curve) -> dict[str, Plain]:
-    """What is known of a table or a curve."""
+    """Fields of a table or a curve that are not None, rounded."""
     return {name: _rounded(plain(value)) for name, value in asdict(part).items() if value is not None}
 
 
@@ -107,7 +107,7 @@ def reproduction_page(items: Sequence[Item]) -> Page:
 
 
 def _item_view(item: Item) -> dict[str, object]:
-    """What the template shows of an item."""
+    """Entries of the template for an item."""
     largest = item.max_abs_difference
     return {
         "slug": _slug(item),
@@ -177,7 +177,7 @@ def _is_whole(values: FloatArray) -> bool:
 
 @dataclass(frozen=True)
 class _Digits:
-    """How a column is printed: with so many decimals, or so many significant digits where they are too many."""
+    """Number format of a column: decimals, or significant digits where the decimals would be too many."""
 
     decimals: int
     significant: int

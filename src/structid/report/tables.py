@@ -26,11 +26,11 @@ class Table:
         return len(self.rows) > _MANY
 
     def first(self, count: int) -> Table:
-        """The same table with its first `count` rows."""
+        """Copy of the table with its first `count` rows."""
         return replace(self, rows=self.rows[:count], marks=self.marks[:count])
 
     def after(self, count: int) -> Table:
-        """The same table without its first `count` rows."""
+        """Copy of the table without its first `count` rows."""
         return replace(self, rows=self.rows[count:], marks=self.marks[count:])
 
 

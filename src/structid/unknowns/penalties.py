@@ -1,4 +1,4 @@
-"""What holds many parameters where the data do not: smoothness over neighbours, and sparsity of what changed."""
+"""Regularization of many parameters: smoothness over neighbours, and sparsity of changes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _DENSE_UP_TO = 2_000_000
 
 
 class _Term:
-    """What both kinds have in common."""
+    """Fields that both kinds of regularization term share."""
 
     is_sparse: ClassVar[bool]
     strength: float | StrengthRule
@@ -35,7 +35,7 @@ class _Term:
 
     @property
     def rule(self) -> str:
-        """How the strength is chosen: ``given``, or by which rule."""
+        """Rule that chooses the strength; ``given`` where it is a number."""
         return self.strength if isinstance(self.strength, str) else "given"
 
 
@@ -89,7 +89,7 @@ Regularization = Smoothness | Sparsity
 
 
 def term_name(term: Regularization) -> str:
-    """What reports call `term`, such as ``smoothness of mass[beam]``."""
+    """Name of `term` in reports, such as ``smoothness of mass[beam]``."""
     elements = term.elements if isinstance(term.elements, str) else ", ".join(term.elements)
     return f"{type(term).__name__.lower()} of {term.property}[{elements}]"
 

@@ -1,4 +1,4 @@
-"""What is known beforehand, as whitened rows: of one parameter, or of combinations of several."""
+"""Prior knowledge as whitened rows: of one parameter, or of combinations of several."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PriorKind = Literal["normal", "lognormal"]
 
 @dataclass(frozen=True)
 class Prior:
-    """What was believed of a parameter before the measurement.
+    """A belief about one parameter before the measurement.
 
     Parameters
     ----------
@@ -81,11 +81,11 @@ class Priors:
         return Prior(float(self.mean[index]), float(self.std[index]), kind)
 
     def at(self, index: IntArray) -> Priors:
-        """Those of the parameters at `index`."""
+        """Priors of the parameters at `index`."""
         return Priors(self.mean[index], self.std[index], self.lognormal[index])
 
     def followed_by(self, other: Priors) -> Priors:
-        """Those of both, one after the other."""
+        """These priors, then those of `other`."""
         pairs = (self.mean, other.mean), (self.std, other.std), (self.lognormal, other.lognormal)
         return Priors(*(np.concatenate(pair) for pair in pairs))
 
@@ -106,14 +106,14 @@ class Priors:
 
 
 def priors_of(each: Iterable[Prior | None]) -> Priors:
-    """As arrays, None where there is none."""
+    """Priors as arrays, one entry for each of `each`; NaN where it is None."""
     given = [one or Prior(np.nan, np.nan) for one in each]
     log = [one.kind == "lognormal" for one in given]
     return Priors(np.array([one.mean for one in given]), np.array([one.std for one in given]), np.array(log))
 
 
 def no_priors(n_params: int) -> Priors:
-    """Those of parameters of which nothing is known."""
+    """Priors (n_params,) that say nothing: NaN means and deviations."""
     return priors_of([None]).at(np.zeros(n_params, dtype=int))
 
 
@@ -180,7 +180,7 @@ class Coupling:
         return self.residual(physical), self.matrix / np.where(self.used, physical, 1.0)
 
     def among(self, n_params: int, first: int) -> Coupling:
-        """The same of the parameters from number `first` on among `n_params`."""
+        """The prior with columns for all of `n_params` parameters; its own begin at number `first`."""
         return self.at(np.arange(first, first + self.matrix.shape[1]), n_params)
 
     def at(self, index: IntArray, n_params: int) -> Coupling:
@@ -191,7 +191,7 @@ class Coupling:
         return Coupling(self.name, kept, self.target, self.logarithmic)
 
     def scaled(self, strengths: FloatArray | float) -> Coupling:
-        """The same with the information of every row multiplied by its strength."""
+        """Copy with the information of every row multiplied by its strength."""
         root = np.sqrt(np.broadcast_to(strengths, self.target.shape))
         scaled = sparse.diags_array(root) @ self.matrix if sparse.issparse(self.matrix) else self.matrix * root[:, None]
         return Coupling(self.name, scaled, self.target * root, self.logarithmic)
@@ -200,7 +200,7 @@ class Coupling:
 def joint_prior(
     name: str,
     names: tuple[str, ...],
-    known: tuple[str, ...],
+    own_names: tuple[str, ...],
     mean: FloatArray,
     covariance: FloatArray,
     logarithmic: bool = False,
@@ -213,7 +213,7 @@ def joint_prior(
         Name of the prior in reports.
     names : tuple of str
         All parameters, in order.
-    known : tuple of str
+    own_names : tuple of str
         Names of the parameters that the prior is about.
     mean, covariance : (n_known,), (n_known, n_known) float arrays
         Physical units.
@@ -225,10 +225,10 @@ def joint_prior(
     InputError
         If a name is no parameter, or the covariance is not finite and positive definite.
     """
-    missing = [label for label in known if label not in names]
+    missing = [label for label in own_names if label not in names]
     if missing:
         raise InputError(f"`known` must name parameters, got {missing[0]!r}; they are {', '.join(names)}")
-    require_shape("covariance", covariance, (len(known), len(known)))
+    require_shape("covariance", covariance, (len(own_names), len(own_names)))
     require_finite("covariance", covariance, "a parameter that was not determined cannot be carried; leave it out")
     if logarithmic:
         if not (mean > 0).all():
@@ -244,8 +244,8 @@ def joint_prior(
             f"`covariance` of {name} must be positive definite, got one that is not; carry fewer parameters"
         )
     whitener = np.linalg.solve(factor, np.diag(1 / std))
-    matrix = np.zeros((len(known), len(names)))
-    matrix[:, [names.index(label) for label in known]] = whitener
+    matrix = np.zeros((len(own_names), len(names)))
+    matrix[:, [names.index(label) for label in own_names]] = whitener
     return Coupling(name, matrix, whitener @ mean, logarithmic)
 
 

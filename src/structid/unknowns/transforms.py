@@ -34,13 +34,13 @@ class Transforms:
     upper: FloatArray
 
     def at(self, index: Sequence[int] | IntArray) -> Transforms:
-        """Those of some parameters, in the order of `index`."""
+        """Transforms of the parameters at `index`, in that order."""
         chosen = np.asarray(index, dtype=np.intp)
         kinds = tuple(self.kinds[i] for i in chosen.tolist())
         return Transforms(kinds, locked(self.lower[chosen]), locked(self.upper[chosen]))
 
     def followed_by(self, other: Transforms) -> Transforms:
-        """These, then those of `other`."""
+        """These transforms, then those of `other`."""
         lower, upper = (np.concatenate(pair) for pair in ((self.lower, other.lower), (self.upper, other.upper)))
         return Transforms(self.kinds + other.kinds, locked(lower), locked(upper))
 

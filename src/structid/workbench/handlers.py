@@ -1,4 +1,4 @@
-"""What the page asks for: each address, answered from files, runs and worker processes."""
+"""Handlers of the page's addresses, answered from files, runs and worker processes."""
 
 from __future__ import annotations
 
@@ -90,9 +90,9 @@ class Workbench:
         """The address under which a page of results is seen."""
         return f"/view/{self.access.view_key(page)}/{quote(page)}"
 
-    async def worked(self, name: str, given: dict[str, Any], version: str = "") -> Response:
+    async def worked(self, name: str, arguments: dict[str, Any], version: str = "") -> Response:
         """The answer of a worker."""
-        return _answered(await self.workers(name, given, version))
+        return _answered(await self.workers(name, arguments, version))
 
 
 class Json(JSONResponse):
@@ -104,7 +104,7 @@ class Json(JSONResponse):
 
 
 def _answered(answer: str) -> Response:
-    """What a worker gave."""
+    """Response with the JSON answer of a worker; status 422 where it is an error."""
     return Response(answer, 422 if answer.startswith('{"error"') else 200, media_type="application/json")
 
 
@@ -144,7 +144,7 @@ async def _folder(bench: Workbench, _: Request) -> Response:
 
 
 async def _open(bench: Workbench, request: Request) -> Response:
-    """Another folder, which has an address of its own from then on."""
+    """Open another folder, which gets its own address."""
     path = typed_folder(str((await request.json())["folder"]))
     return Json({"address": f"/{(await asyncio.to_thread(bench.open, path)).token}/"})
 

@@ -43,7 +43,7 @@ _WITHOUT_TOKEN = "The address lacks the token: open the whole address that `stru
 
 @dataclass(frozen=True)
 class Access:
-    """What requests to a folder must have.
+    """Port and token that requests to a folder must have.
 
     Attributes
     ----------
@@ -58,20 +58,20 @@ class Access:
 
     @property
     def address(self) -> str:
-        """What the browser opens."""
+        """Address that the browser opens."""
         return f"http://127.0.0.1:{self.port}/{self.token}/"
 
     def view_key(self, path: str) -> str:
-        """What lets a page of results be seen, and nothing else: such a page knows its own address."""
+        """Key that opens a page of results and nothing else: such a page knows its own address."""
         return hmac.new(self.token.encode(), path.encode(), hashlib.sha256).hexdigest()[:40]
 
-    def is_token(self, given: str) -> bool:
-        """True if `given` is the token; as long for a wrong one as for the right one."""
-        return hmac.compare_digest(given.encode(), self.token.encode())
+    def is_token(self, token: str) -> bool:
+        """True if `token` is the token; as long for a wrong one as for the right one."""
+        return hmac.compare_digest(token.encode(), self.token.encode())
 
-    def is_view_key(self, given: str, path: str) -> bool:
-        """True if `given` is the key of the page of results at `path`."""
-        return hmac.compare_digest(given.encode(), self.view_key(path).encode())
+    def is_view_key(self, key: str, path: str) -> bool:
+        """True if `key` is the key of the page of results at `path`."""
+        return hmac.compare_digest(key.encode(), self.view_key(path).encode())
 
 
 class Guard:

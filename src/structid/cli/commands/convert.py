@@ -46,7 +46,7 @@ _NUMBERED = next(module.SUFFIXES for module in MATRIX_FORMATS if ".pch" in modul
 
 @dataclass(frozen=True)
 class MatrixOptions:
-    """How matrices are read and written.
+    """Options of reading and writing matrices.
 
     Parameters
     ----------

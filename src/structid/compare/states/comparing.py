@@ -16,7 +16,8 @@ from structid.core.display import join_words
 from structid.core.errors import InputError, SingularModelError
 from structid.core.json_types import Plain, plain_table
 from structid.forward import RecordProblem
-from structid.identification.joint_problem import fixed_values, joint_problem, tolerances_of
+from structid.forward.fixed_values import tolerances_of
+from structid.identification.joint_problem import fixed_values, joint_problem
 from structid.inversion import Estimate, Problem, Status
 from structid.inversion.comparison.comparison import Comparison, compare_jointly, compare_states
 from structid.inversion.comparison.multiple_tests import Correction, require_levels
@@ -77,7 +78,7 @@ class ComparisonResult:
 
     @property
     def basis_words(self) -> str:
-        """How the states were brought together, in a sentence."""
+        """Sentence on how the two states were brought together."""
         kinds = Counter(name.split("[")[0] for name in self.comparison.carried)
         shared = ", ".join(f"{kind} ({count})" for kind, count in kinds.items())
         return {

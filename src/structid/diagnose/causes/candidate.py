@@ -79,7 +79,7 @@ class Candidate:
         raise NotImplementedError
 
     def sentence(self, value: float | None) -> str:
-        """What the change says, in a clause; `value` is what a fit found of its parameter."""
+        """Clause that states the change; `value` is the fitted value of its parameter."""
         raise NotImplementedError
 
     def named_kind(self, value: float | None) -> str:
@@ -98,7 +98,7 @@ class Candidate:
 
     @property
     def places(self) -> tuple[str, ...]:
-        """Its places as results list them."""
+        """Places of the change as results list them."""
         return self.where
 
     @property
@@ -108,9 +108,9 @@ class Candidate:
 
     @property
     def n_own(self) -> int:
-        """Parameters that a fit of it determines beside those of the changed model."""
+        """Number of parameters that a fit of the change determines beside those of the changed model."""
         return self.n_hidden
 
     def alike_by(self) -> tuple[Directions, tuple[object, ...]] | None:
-        """What its effect depends on, where that is directions and some values alone."""
+        """Key of the effect where directions and a few values alone determine it; candidates of one key share it."""
         return None

@@ -130,11 +130,11 @@ class Blocks:
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Where the entries of several families of element matrices go in their weighted sum; made by `pattern`."""
+    """Sparsity pattern of a weighted sum of several families of element matrices; made by `pattern`."""
 
     indices: IntArray
     starts: IntArray
-    place: IntArray  # in the sum, of each entry
+    entry: IntArray  # index of each element entry in the sum
     element: IntArray
     value: FloatArray
 
@@ -153,11 +153,11 @@ class Pattern:
         return total.reshape(size, size)
 
     def _data(self, weights: np.ndarray) -> FloatArray:
-        return np.asarray(np.bincount(self.place, self.value * weights[self.element], len(self.indices)), np.float64)
+        return np.asarray(np.bincount(self.entry, self.value * weights[self.element], len(self.indices)), np.float64)
 
     @cached_property
     def _flat(self) -> IntArray:
-        """Where the entries stand in a dense array."""
+        """Indices of the entries in a flattened dense array."""
         size = len(self.starts) - 1
         return self.indices.astype(np.int64) * size + np.repeat(np.arange(size), np.diff(self.starts))
 

@@ -149,7 +149,7 @@ class DeckPart:
 
     @property
     def words(self) -> str:
-        """How many, of what, how heavy."""
+        """Count, kind and mass of the part, such as ``3 CONM2 (12 kg)``."""
         heavy = f" ({format_number(self.mass)} kg)" if self.mass else ""
         return f"{self.count} {self.kind}{heavy}"
 

@@ -179,7 +179,7 @@ def _fitted(
 
 
 def _widened(state: ModelState, slope: NDArray[np.floating]) -> FloatArray:
-    """With zeros for the errors of channels."""
+    """`slope` (..., n) with further zero columns for the errors of channels."""
     none = np.zeros((*slope.shape[:-1], state.readings.shape[1]))
     wider: FloatArray = np.concatenate([slope, none], axis=-1)
     return wider

@@ -146,7 +146,7 @@ class Comparison(States):
 
     @property
     def changed(self) -> np.ndarray:
-        """Where a change is declared, (n,) bool."""
+        """True for each parameter with a declared change, (n,) bool."""
         return self.adjusted <= self.level
 
     @property

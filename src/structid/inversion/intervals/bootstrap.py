@@ -58,7 +58,7 @@ class Bootstrap:
     degrees_of_freedom: FloatArray
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
-        """The replicates as one chain, all of them."""
+        """All replicates as one chain, (1, n_replicates, n_params)."""
         return self.values[None]
 
     @property

@@ -67,7 +67,7 @@ class Profile:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """That of the parameter alone."""
+        """Name of the profiled parameter, as a tuple of one."""
         return (self.name,)
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:

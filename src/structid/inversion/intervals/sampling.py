@@ -59,7 +59,7 @@ class Samples:
     n_evaluations: int
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
-        """The draws themselves, all of them."""
+        """All draws, (n_chains, n_draws, n_params)."""
         return self.samples
 
     @property
@@ -344,7 +344,7 @@ def tail_sample_size(draws: FloatArray) -> float:
 
 
 def _split(draws: FloatArray) -> FloatArray:
-    """Each chain as two halves."""
+    """Draws (n_chains, n_draws, ...) with each chain cut into two halves, (2 n_chains, n_draws / 2, ...)."""
     half = draws.shape[1] // 2
     return np.concatenate([draws[:, :half], draws[:, -half:]])
 

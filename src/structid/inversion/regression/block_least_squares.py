@@ -272,7 +272,7 @@ def _condition(factor: _Band | _Normal, rows: sparse.csr_array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class BandLayout:
-    """Where the columns of blocks go in a banded triangle.
+    """Layout of the columns of blocks in a banded triangle.
 
     Attributes
     ----------

@@ -47,7 +47,7 @@ class WithJacobian:
         return self
 
     def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
-        """By the law of chi-square that the errors of the data rows give it."""
+        """Misfit statistics from the chi-square distribution that the errors of the data rows imply."""
         return misfits(problem, minimum.theta, cast(Linearization, minimum.linearization), probability)
 
     def uncertainty(
@@ -58,7 +58,7 @@ class WithJacobian:
         seed: int,
         fixed: FixedColumns | None = None,
     ) -> Uncertainty:
-        """By the information matrix; see `dense_uncertainty`."""
+        """Covariance and rank at the minimum from the information matrix; see `dense_uncertainty`."""
         at = cast(Linearization, minimum.linearization)
         return dense_uncertainty(problem, minimum.theta, at, minimum.converged, misfit_probability, fixed)
 
@@ -76,7 +76,7 @@ class FactoredPoint(Point[Linearization]):
         return _ROUNDING * float(np.linalg.norm(self.triangle * self.size))
 
     def promised(self, step: FloatArray) -> float:
-        """By how much the linear model lowers the sum of squares."""
+        """Decrease of the sum of squares that the linear model predicts."""
         linear = self.triangle @ step
         return -float(linear @ linear + 2 * linear @ self.projected)
 
@@ -213,32 +213,32 @@ class LevenbergMarquardt(WithJacobian):
         end = damped_end(here, damping, velocity, promised, self.step_tolerance, self.gain_tolerance)
         if end is not None:
             return Trial(None, end=end)
-        step, cost = self._bent(problem, here, damped, velocity, damping)
-        return Trial(step, (here.cost - cost) / promised if promised > 0 else -1.0)
-
-    def _bent(
-        self, problem: Problem, here: FactoredPoint, damped: _Damped, velocity: FloatArray, damping: Damping
-    ) -> tuple[FloatArray, float]:
-        """Step to try and the sum of squares after it, bent by second order if the plain step gains too little.
-
-        A step cut to its limit is held to the promise of the whole: damping then grows until it turns downhill instead.
-        """
-        limit, promised = damping.limit, here.promised(velocity)
         low, high = damping.reach.T - here.theta
-        step = np.clip(shortened(velocity, limit), low, high)
+        step = np.clip(shortened(velocity, damping.limit), low, high)
         residual = residual_at(problem, here.theta + step)
         cost = squared(residual)
-        if residual is None or self.acceleration <= 0 or here.cost - cost > _KEPT * promised:
-            return step, cost
+        # a step cut to its limit is held to the promise of the whole: damping then grows until it turns downhill instead
+        if residual is not None and here.cost - cost <= _KEPT * promised:
+            bent = self._bent_step(here, damped, step, residual)
+            if bent is not None:
+                bent = np.clip(shortened(bent, damping.limit), low, high)
+                bent_cost = squared(residual_at(problem, here.theta + bent))
+                step, cost = (bent, bent_cost) if bent_cost < cost else (step, cost)
+        return Trial(step, (here.cost - cost) / promised if promised > 0 else -1.0)
+
+    def _bent_step(
+        self, here: FactoredPoint, damped: _Damped, step: FloatArray, residual: FloatArray
+    ) -> FloatArray | None:
+        """The step with half its acceleration, from the residual after it; None where that is rounding or too long."""
+        if self.acceleration <= 0:
+            return None
         bend = residual - here.at.residual - here.at.jacobian @ step
         if np.linalg.norm(bend) <= here.rounding:
-            return step, cost
+            return None
         acceleration = 2 * damped.downhill(here.at.jacobian.T @ bend)
         if not damped.length(acceleration) <= self.acceleration * damped.length(step):
-            return step, cost
-        bent = np.clip(shortened(step + 0.5 * acceleration, limit), low, high)
-        bent_cost = squared(residual_at(problem, here.theta + bent))
-        return (bent, bent_cost) if bent_cost < cost else (step, cost)
+            return None
+        return np.asarray(step + 0.5 * acceleration)
 
 
 @dataclass(frozen=True)

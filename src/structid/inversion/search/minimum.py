@@ -21,11 +21,11 @@ State: TypeAlias = Stored
 
 
 class Keeper(Protocol):
-    """Where a search leaves its state after each iteration, and finds one to go on from."""
+    """Store in which a search leaves its state after each iteration, and finds one to resume from."""
 
     @property
     def state(self) -> State | None:
-        """Where an earlier run of the same search was; None where it has to begin."""
+        """State of an earlier run of the same search; None where the search has to begin."""
         ...
 
     def keep(self, iteration: int, cost: float, state: Callable[[], State]) -> None:
@@ -35,7 +35,7 @@ class Keeper(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where a search ended, and how.
+    """End point of a search, with its status and history.
 
     Attributes
     ----------

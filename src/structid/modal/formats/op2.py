@@ -40,7 +40,7 @@ _MAGNITUDE_PHASE = 3
 
 @dataclass(frozen=True)
 class _Words:
-    """How words are stored."""
+    """Byte order and size of the binary words of a file."""
 
     order: str
     size: int

@@ -75,7 +75,7 @@ class PolesAndParticipation:
         return np.concatenate([moving, n + moving, 2 * n + entries, 2 * n + n_inputs * n + entries])
 
     def moved(self, step: FloatArray) -> PolesAndParticipation:
-        """With `step` added to the unknowns in the order of `free`."""
+        """Copy with `step` added to the unknowns in the order of `free`."""
         n_inputs, n = self.participation.shape
         whole = np.zeros(2 * n + 2 * n_inputs * n)
         whole[self.free] = step
@@ -84,7 +84,7 @@ class PolesAndParticipation:
         return PolesAndParticipation(poles, self.participation + entries[0] + 1j * entries[1], self.fixed)
 
     def select(self, modes: IntArray) -> PolesAndParticipation:
-        """These modes, in this order."""
+        """The poles and participation of `modes`, in the order of these indices."""
         return PolesAndParticipation(self.poles[modes], self.participation[:, modes], self.fixed[modes])
 
 
@@ -117,12 +117,12 @@ class OutputBlock:
 
     @property
     def through(self) -> FloatArray:
-        """By how much `own` falls as the unknowns rise, (n_own, n_unknowns)."""
+        """Negative derivative of `own` by the unknowns, (n_own, n_unknowns)."""
         return np.asarray(linalg.solve_triangular(self.triangle, self.shared))
 
     @property
     def pseudo_inverse(self) -> FloatArray:
-        """From errors of the data to `own`, (n_own, n_rows)."""
+        """Pseudo-inverse: the change of `own` for changes of the data, (n_own, n_rows)."""
         return np.asarray(linalg.solve_triangular(self.triangle, self.basis.T))
 
     @property

@@ -76,7 +76,7 @@ class Poles:
 
 @dataclass(frozen=True)
 class HardCriteria:
-    """What a pole must meet to be looked at; the defaults exclude only what no structure shows.
+    """Hard criteria for poles; the defaults exclude only what no structure shows.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class HardCriteria:
 
     @property
     def damped(self) -> HardCriteria:
-        """The same for modes of ambient motion, all of which have damping."""
+        """Copy of these criteria for modes of ambient motion, all of which have damping."""
         low, high = self.damping_ratio
         return replace(self, damping_ratio=(max(low, float(np.nextafter(0.0, 1.0))), high))
 

@@ -16,7 +16,7 @@ Mark = tuple[Path, int, int, ReadOptions]
 
 
 class _Kept:
-    """The records read last, `most` bytes of them."""
+    """Cache of the records read last, at most `most` bytes."""
 
     def __init__(self) -> None:
         self.most = 0
@@ -47,7 +47,7 @@ def kept_or_read(path: Path, options: ReadOptions, read: Callable[[], Record]) -
 
 
 def _mark(path: Path, options: ReadOptions) -> Mark:
-    """What changes with the content of the file, and with how it is read."""
+    """Key of a file's content and of the way it is read."""
     stamp = path.stat()
     return path.absolute(), stamp.st_mtime_ns, stamp.st_size, options
 

@@ -1,4 +1,4 @@
-"""What became of every element: relative changes by kind of property, and how a drawing shades them."""
+"""Relative changes of every element by kind of property, and their shading in a drawing."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _LIMITS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
 
 @dataclass(frozen=True)
 class Change:
-    """What became of one element: the largest relative change among its parameters, and a text on each of them.
+    """Change of one element: the largest relative change among its parameters, and a text on each of them.
 
     `is_significant` says whether the interval of a parameter leaves its initial value out.
     """
@@ -68,7 +68,7 @@ class Shading:
 
 @dataclass(frozen=True)
 class Look:
-    """How an element is drawn: its colour, whether the shading says something of it, and whether it is in doubt."""
+    """Appearance of a drawn element: its colour, whether it is shaded, and whether its change is in doubt."""
 
     colour: str = palette.KNOWN
     is_unknown: bool = False
@@ -100,7 +100,7 @@ def round_limit(ratios: Iterable[float], least: float = 0.05) -> float:
 
 
 def properties_of(structure: Structure, kinds: tuple[str, ...]) -> Iterator[Property]:
-    """The properties of these kinds."""
+    """Properties of `structure` of the given kinds."""
     return (item for item in structure.properties if item.term.kind in kinds)
 
 
@@ -114,7 +114,7 @@ def elements_of(item: Property, design: csr_array) -> Iterator[tuple[tuple[str, 
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedParameters:
-    """What became of the parameters of a structure.
+    """Initial and identified values of the parameters of a structure.
 
     Attributes
     ----------

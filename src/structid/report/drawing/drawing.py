@@ -59,7 +59,7 @@ class _Frame:
     radius: float
 
     def direction(self, dof: Dof) -> FloatArray:
-        """Where the positive sense of `dof` points on paper, not of unit length."""
+        """Direction on paper of the positive sense of `dof`, not of unit length."""
         return self.axes[dof.axis % 3]
 
 
@@ -200,7 +200,7 @@ def _place_key(element: Spring | Dashpot | Friction, index: int) -> object:
 
 @dataclass(frozen=True, eq=False)
 class _Around:
-    """What a connector has to keep clear of.
+    """Obstacles that a drawn connector has to keep clear of.
 
     Beams and bars between each pair of nodes, connectors that share a place (see `_place_key`), nodes that elements
     join, and the radius of what is drawn at each node.

@@ -14,7 +14,7 @@ from structid.core.dof import DIRECTIONS, Dof
 from structid.core.quantities import likeness, number
 from structid.dynamics import Modes
 from structid.fem import Structure
-from structid.fem.places import AimedSensor
+from structid.fem.measuring_points import AimedSensor
 from structid.fem.supports import RigidLink
 from structid.report.drawing import palette
 from structid.report.drawing.faces import cell_edges, is_cells
@@ -131,7 +131,7 @@ def _in_place(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
     return _Scene(labels, rest, _lines(structure, place), shift, used, rows, at, along, diagonal)
 
 
-def _lines(structure: Structure, place: dict[int, int]) -> IntArray:
+def _lines(structure: Structure, row_of: dict[int, int]) -> IntArray:
     """Edges of the elements as a chain of node rows (-1 lifts the pen); single nodes if edges are too many."""
     edges: dict[tuple[int, int], None] = {}
     for element in structure.elements:
@@ -141,18 +141,18 @@ def _lines(structure: Structure, place: dict[int, int]) -> IntArray:
         if isinstance(tie, RigidLink):
             edges.update(dict.fromkeys((tie.main, node) for node in tie.dependents))
     if not edges or len(edges) > _MOST_LINES:
-        step = -(-len(place) // _MOST_NODES)
-        return np.array([entry for i in range(0, len(place), step) for entry in (i, -1)])
+        step = -(-len(row_of) // _MOST_NODES)
+        return np.array([entry for i in range(0, len(row_of), step) for entry in (i, -1)])
     chain: list[int] = []
     for first, second in edges:
-        if first in place and second in place:
-            one, other = place[first], place[second]
+        if first in row_of and second in row_of:
+            one, other = row_of[first], row_of[second]
             chain += [other] if chain and chain[-1] == one else [*([-1] if chain else []), one, other]
     return np.array(chain)
 
 
 def _spans(nodes: IntArray) -> list[tuple[int, int]]:
-    """From node to node of elements with two."""
+    """Pairs of nodes that elements of two nodes join; `nodes` (n_elements, n) has -1 where there is none."""
     rows = [row[row >= 0].tolist() for row in np.atleast_2d(nodes)]
     return [pair for row in rows if len(row) == 2 for pair in pairwise(row)]
 
@@ -243,7 +243,7 @@ def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, .
 
 
 def _name(part: ModesCorrelation, i: int) -> str:
-    """Both frequencies and the MAC."""
+    """Name of the pair of measured mode `i`: both frequencies and the MAC."""
     k = int(part.pairing.number[i])
     own, like = number(float(part.measured.frequency[i]), 4), number(float(part.model.frequency[k]), 4)
     return f"mode {i + 1}: {own} Hz beside {like} Hz, MAC {likeness(float(part.pairing.mac[i, k]), 2)}"

@@ -102,6 +102,6 @@ def _region(marks: Sequence[Mark], shade: Shading) -> FloatArray:
 
 
 def _words(marks: Sequence[Mark], shade: Shading | None) -> tuple[str, ...]:
-    """What became of each element."""
+    """Text for each mark: its label and the change of its element."""
     changes = ((mark, shade.changes.get((mark.element, mark.index)) if shade else None) for mark in marks)
     return tuple(f"{mark.label}: {change.text}" if change else mark.label for mark, change in changes)

@@ -309,7 +309,7 @@ class _Swatch:
             self._path("M4,10 L10,2 M10,10 L16,2 M16,10 L22,2", "", Pen(palette.INK, 1.0))
 
     def heat_map(self, trace: HeatMap) -> None:
-        """Its bar of colours explains it."""
+        """Draw no swatch: the colour bar explains a heat map."""
 
     def texts(self, trace: Texts) -> None:
         """Words explain themselves."""

@@ -28,7 +28,7 @@ Limits = tuple[float, float]
 
 
 class Canvas(Protocol):
-    """What a renderer can draw."""
+    """A renderer: one method for each kind of trace."""
 
     def curve(self, trace: Curve) -> None: ...
     def area(self, trace: Area) -> None: ...
@@ -101,7 +101,7 @@ class Curve:
     right: bool = False
 
     def draw(self, canvas: Canvas) -> None:
-        """As a curve."""
+        """Draw the trace as a curve."""
         canvas.curve(self)
 
     def at(self, phase: float | None = None) -> tuple[FloatArray, ...]:
@@ -126,7 +126,7 @@ class Area:
     hatched: bool = False
 
     def draw(self, canvas: Canvas) -> None:
-        """As an area."""
+        """Draw the trace as a filled area."""
         canvas.area(self)
 
 
@@ -155,7 +155,7 @@ class HeatMap:
     label: str = ""
 
     def draw(self, canvas: Canvas) -> None:
-        """As a heat map."""
+        """Draw the trace as a heat map."""
         canvas.heat_map(self)
 
 
@@ -172,13 +172,13 @@ class Texts:
     label: str = ""
 
     def draw(self, canvas: Canvas) -> None:
-        """As words."""
+        """Draw the trace as texts at points."""
         canvas.texts(self)
 
 
 @dataclass(frozen=True)
 class ColourScale:
-    """From values to the colours of a scale of `palette.SCALES`, with the bar beside the panel.
+    """A colour scale of `palette.SCALES` over a range of values, with a bar beside the panel.
 
     Without `ticks` the renderer chooses them; `is_exceeded` tells that some values lie beyond the ends `low` and `high`.
     """
@@ -214,7 +214,7 @@ class Axis:
 
     @property
     def title(self) -> str:
-        """What is written beside the axis: the unit in brackets, powers raised."""
+        """Title of the axis with its unit in brackets and raised powers."""
         unit = self.unit if self.unit == "1" else unit_text(self.unit)
         return f"{unit_text(self.label)} ({unit})" if unit else unit_text(self.label)
 
@@ -266,7 +266,7 @@ class Panel:
 
     @property
     def traces(self) -> Iterator[Trace]:
-        """All of them, from the first strip to the last."""
+        """Traces of all strips, from the first strip to the last."""
         return (trace for strip in self.strips for trace in strip.traces)
 
 
@@ -307,7 +307,7 @@ class Figure:
         return tuple(trace for label, trace in found.items() if label)
 
     def strip(self, number: int) -> Figure:
-        """The same figure with one strip of each panel."""
+        """Copy of the figure with only strip `number` of each panel."""
         return replace(self, panels=tuple(replace(panel, strips=(panel.strips[number],)) for panel in self.panels))
 
 
@@ -364,7 +364,7 @@ def rows_axis(names: Sequence[str]) -> Axis:
 
 
 def rows_size(count: int) -> tuple[float, float]:
-    """Of a panel with so many rows."""
+    """Width and height in pixels of a panel with `count` rows."""
     return 1050.0, 130.0 + (25.0 if count <= 40 else 18.0) * count
 
 

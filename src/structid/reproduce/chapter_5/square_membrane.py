@@ -89,13 +89,13 @@ def membrane_record(
 
 
 def identified(record: TimeRecord | list[TimeRecord], form: Form = "as_printed") -> StationaryValues:
-    """From velocities and accelerations, samples 1..N-1."""
+    """Stationary values identified from velocities and accelerations, samples 1..N-1."""
     rule: Rule | None = "interior" if form == "as_printed" else None
     return stationary_values(record, "velocity-acceleration", form, rule)
 
 
 def under_reading(start_node: int = START_NODE) -> StationaryValues:
-    """With the eigenvalues of Table 5.2 taken for frequencies in rad/s."""
+    """Values of Table 5.2 under the reading that its eigenvalues are frequencies in rad/s."""
     return identified(membrane_record(membrane_eigenvalues(), start_node))
 
 

@@ -1,4 +1,4 @@
-"""What a long run has done so far, in a folder beside its results: written by renaming, so that it is whole at any instant.
+"""Checkpoint of a long run in a folder beside its results: written by renaming, so that it is whole at any instant.
 
 The folder holds ``run.json`` (what it belongs to), ``done-*.npz`` (finished searches and tasks), ``search.npz`` (the
 running search after its last iteration) and, after an interruption, ``so_far.json`` (the values reached, to read).
@@ -39,7 +39,7 @@ class Owner(TypedDict):
 
 
 def checkpoint_folder(results: Path) -> Path:
-    """Where the checkpoint of a run stands whose results go to the folder `results`."""
+    """Folder of the checkpoint of a run whose results go to the folder `results`."""
     return results.parent / f"{results.name}.checkpoint"
 
 
@@ -98,11 +98,11 @@ class Checkpoint:
 
     @property
     def n_found(self) -> int:
-        """How many searches and tasks are finished."""
+        """Number of finished searches and tasks."""
         return len(self.entries)
 
     def state_of(self, name: str) -> State | None:
-        """Where the search `name` was when the run before ended; None where it had not begun or was finished."""
+        """State of the search `name` when the previous run ended; None where it had not begun or was finished."""
         return self._search[1] if self._search is not None and self._search[0] == name else None
 
     def finished(self, name: str, result: object) -> None:
@@ -195,7 +195,7 @@ def _part(folder: Path, number: int) -> Path:
     return folder / f"done-{number:05d}.npz"
 
 
-def _require_same_run(folder: Path, own: Owner, owner: Plain) -> None:
+def _require_same_run(folder: Path, this_run: Owner, owner: Plain) -> None:
     """Raise `FileError` if the checkpoint is of another run, and name what differs."""
     anew = f"put it back, or {_ANEW}"
     if not isinstance(owner, dict) or owner.get("layout") != _LAYOUT:
@@ -203,10 +203,10 @@ def _require_same_run(folder: Path, own: Owner, owner: Plain) -> None:
     inputs, versions = owner.get("inputs"), owner.get("versions")
     if not isinstance(inputs, dict) or not isinstance(versions, dict):
         raise FileError(f"{folder / _RUN}: is not {_WHOLE} (no inputs and versions); {_ANEW}")
-    for name in sorted({*inputs, *own["inputs"]}):
-        if inputs.get(name) != own["inputs"].get(name):
+    for name in sorted({*inputs, *this_run["inputs"]}):
+        if inputs.get(name) != this_run["inputs"].get(name):
             raise FileError(f"{folder}: {name} has changed since this checkpoint was written; {anew}")
-    for name, version in own["versions"].items():
+    for name, version in this_run["versions"].items():
         if versions.get(name) != version:
             raise FileError(
                 f"{folder}: was written with {name} {versions.get(name)}, this is {version}, whose digits may"

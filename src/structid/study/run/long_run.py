@@ -40,7 +40,7 @@ _STRETCHES_A_WORKER = 2
 
 @dataclass
 class Reached:
-    """Where the running search is: what an interruption tells."""
+    """State of the running search, for the report of an interruption."""
 
     search: str = ""
     iteration: int = 0
@@ -51,13 +51,13 @@ class Reached:
 
     @property
     def words(self) -> str:
-        """Where the run is: the tasks in work, or the search."""
+        """Words on the state of the run: the tasks in work, or the search."""
         if self.tasks:
             return self.tasks
         return f"{self.search}, iteration {self.iteration}, sum of squares {self.cost:.5g}"
 
     def take(self, name: str, problem: Problem, minimum: Minimum) -> None:
-        """Where a search has ended, now or before an interruption."""
+        """Take over the end of a search, now or before an interruption."""
         self.search, self.iteration, self.cost = name, len(minimum.costs) - 1, float(minimum.costs[-1])
         self.problem, self.theta = problem, minimum.theta
 
@@ -109,29 +109,17 @@ class LongRun:
         return self.workers.n_workers
 
     def minimize(
-        self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None
-    ) -> Minimum:
-        """Minimum of a problem as `structid.inversion.minimize` gives it, from where the checkpoint is."""
-        return self._search("", problem, method, theta, progress)
-
-    def keeper(self, problem: Problem) -> Keeper:
-        """The sink for the state of a search that runs in this process; the previous search counts as finished."""
-        checkpoint = self.checkpoint
-        if self._keeper is not None and self._keeper.latest is not None and checkpoint is not None:
-            checkpoint.finished(self._keeper.name, dict(self._keeper.latest()))
-        self._searches[""] += 1
-        self._keeper = _Keeper(f"search {self._searches['']}", problem, self.reached, checkpoint)
-        return self._keeper
-
-    def _search(
         self,
-        scope: str,
         problem: Problem,
         method: Method,
         theta: FloatArray | None = None,
         progress: Progress | None = None,
+        scope: str = "",
     ) -> Minimum:
-        """Minimum of `problem` by `method`, taken from the checkpoint if that has it; `scope` is the task it belongs to."""
+        """Minimum of a problem as `structid.inversion.minimize` gives it, from where the checkpoint is.
+
+        The workers evaluate the lines of a large problem; within a task, whose name `scope` is, this process does.
+        """
         self._searches[scope] += 1
         name = f"{scope}search {self._searches[scope]}"
         spread_problem = problem if scope else spread(problem, self.workers)
@@ -146,6 +134,15 @@ class LongRun:
         self.reached.take(name, problem, minimum)
         checkpoint.finished(name, stored_minimum(minimum))
         return minimum
+
+    def keeper(self, problem: Problem) -> Keeper:
+        """The sink for the state of a search that runs in this process; the previous search counts as finished."""
+        checkpoint = self.checkpoint
+        if self._keeper is not None and self._keeper.latest is not None and checkpoint is not None:
+            checkpoint.finished(self._keeper.name, dict(self._keeper.latest()))
+        self._searches[""] += 1
+        self._keeper = _Keeper(f"search {self._searches['']}", problem, self.reached, checkpoint)
+        return self._keeper
 
     def map(
         self,
@@ -165,7 +162,7 @@ class LongRun:
         missing = {number: item for number, item in enumerate(items) if number not in results}
 
         def tools(number: int) -> Tools:
-            return Tools(partial(self._search, f"{names[number]}, "), progress)
+            return Tools(partial(self.minimize, scope=f"{names[number]}, "), progress)
 
         self._tell(name, len(results), len(items))
         if missing:

@@ -50,7 +50,7 @@ Stretch = tuple[int, int, int]
 
 @dataclass(frozen=True, eq=False)
 class MotionOptions:
-    """How `structid motion` goes through the record.
+    """Options of how `structid motion` works through the record.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a study needs before it is run: from its sizes, a few lines that are measured, and a search that is tried."""
+"""Resources of a study before it is run: from its sizes, the measured time of a few lines, and a tried search."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _GROUP = Path("/sys/fs/cgroup")
 
 @dataclass(frozen=True)
 class Sizes:
-    """How large a study is.
+    """Sizes of a study.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class Needs:
 
 @dataclass(frozen=True)
 class Duration:
-    """How long a run of `structid identify` takes, s of wall time on this machine as it is now.
+    """Duration of a run of `structid identify`, s of wall time on this machine as it is now.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class Duration:
 
     @property
     def most(self) -> float:
-        """With a search for causes, where none is known to be needed or not."""
+        """Duration with a search for causes, where it is not known whether one is needed."""
         return self.around + self.search + self.causes
 
 

@@ -138,7 +138,10 @@ def cut_study(study: Study, count: int) -> Study:
 def _make_study(root: Section, files: InputFiles, before: Sequence[SetupSource] = ()) -> Study:
     """The study of a root section; set-ups of `before` are reused where their tables are unchanged."""
     if "record" not in root.table:
-        raise root.error("the section [record] is missing; add it")
+        raise root.error(
+            'the section [record] is missing; add it with the file of the test, `path = "record.csv"`, or plan a test first'
+            " with `structid plan`"
+        )
     setups = read_setups(root, files, before)
     options = read_method(root.section("method"))
     terms = read_regularization(root, setups[0].structure, setups[0].parameters)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+from structid.core.display import plural
 from structid.study.templates.template import NO_RECORD, Template, asked, node_lines, number, unknown
 
 _SUPPORTS = {
@@ -14,15 +15,20 @@ _SUPPORTS = {
     "free": ("free", ()),
 }
 _EDGES = ("one", "all", "none")
+#: Length over radius of gyration of a member whose section is not asked for.
+_SLENDERNESS = 80.0
 
 
 def _pairs(first: int, count: int) -> str:
     return ", ".join(f"[{k}, {k + 1}]" for k in range(first, first + count))
 
 
-def _beams(name: str, nodes: str, mass: float, bending: float, loss_factor: float, is_stiff: bool = False) -> str:
-    """A ``[[structure.beam]]`` table; one `is_stiff` against stretch has an axial stiffness too."""
-    axial = f"axial_stiffness = {number(100 * bending)}  # N, hardly gives way\n" if is_stiff else ""
+def _beams(name: str, nodes: str, mass: float, bending: float, loss_factor: float, length: float | None = None) -> str:
+    """A ``[[structure.beam]]`` table; members of a frame, `length` m long, have an axial stiffness too."""
+    axial = ""
+    if length is not None:
+        stiffness = float(f"{bending * (_SLENDERNESS / length) ** 2:.3g}")
+        axial = f"axial_stiffness = {number(stiffness)}  # N, E A of a section of slenderness {_SLENDERNESS:g}; write its own\n"
     return f"""
 [[structure.beam]]
 name = "{name}"
@@ -85,7 +91,7 @@ class BridgeTemplate(Template):
             for k in range(self.spans)
         )
         unknowns = "".join(unknown("bending_stiffness", f"span {k + 1}") for k in range(self.spans))
-        return f"""title = "Bridge of {self.spans} spans"
+        return f"""title = "Bridge of {plural(self.spans, "span")}"
 
 [structure]
 fixed = [{piers}]  # abutments and piers
@@ -122,21 +128,21 @@ class FrameTemplate(Template):
                 self.column_mass,
                 self.column_bending_stiffness,
                 0.02,
-                is_stiff=True,
+                self.height,
             )
             for f in floors
             if f
         )
         girders = ", ".join(f"[{10 * f + 1}, {10 * f + 3}], [{10 * f + 3}, {10 * f + 2}]" for f in floors if f)
         unknowns = "".join(unknown("bending_stiffness", f"columns {f}") for f in floors if f)
-        floor = _beams("girders", girders, self.girder_mass, self.girder_bending_stiffness, 0.02, is_stiff=True)
+        floor = _beams("girders", girders, self.girder_mass, self.girder_bending_stiffness, 0.02, self.width)
         unknowns += unknown("bending_stiffness", "girders")
-        return f"""title = "Frame of {self.storeys} storeys"
+        return f"""title = "Frame of {plural(self.storeys, "storey")}"
 
 [structure]
 active = ["X", "Y", "RZ"]
 fixed = ["1", "2"]  # feet of the columns
-subdivide = 2
+subdivide = 4  # "auto", once there is a record, cuts until the mesh moves no value
 
 [structure.nodes]  # m; floor f has the nodes f1 (left), f2 (right) and f3 (middle)
 {node_lines(places)}
@@ -159,7 +165,7 @@ class ShearBuildingTemplate(Template):
         floors = ", ".join(str(k) for k in range(1, self.storeys + 1))
         lower = ", ".join(f'"{k}X"' for k in range(self.storeys))
         upper = ", ".join(f'"{k}X"' for k in range(1, self.storeys + 1))
-        return f"""title = "Shear building of {self.storeys} storeys"
+        return f"""title = "Shear building of {plural(self.storeys, "storey")}"
 
 [structure]
 active = ["X"]

@@ -103,7 +103,7 @@ class Looking(Alone):
         progress: StageProgress | None = None,
         first: int = 0,
     ) -> list[Any]:
-        """As `Work.map`, except for runs of a solver."""
+        """Run `task` over `items` as `Work.map` does, but never start a solver."""
         if isinstance(shared, Solver):
             raise InputError(
                 f"[structure.solver] names a program that has yet to run {len(items)} times ({shared.command}), and looking at a"

@@ -119,7 +119,7 @@ def _rotation_beyond_mean(corners: FloatArray, area: FloatArray) -> FloatArray:
 
 
 def _side(corners: FloatArray, k: int) -> FloatArray:
-    """From corner k to the next, (n_cells, 2)."""
+    """Vectors from corner `k` to the next corner, (n_cells, 2)."""
     return corners[:, (k + 1) % 3] - corners[:, k]
 
 

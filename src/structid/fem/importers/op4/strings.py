@@ -20,7 +20,7 @@ Layout = Literal["bigmat", "sparse", "dense"]
 
 @dataclass(frozen=True)
 class Op4Options:
-    """How an OUTPUT4 file is written.
+    """Format of an OUTPUT4 file.
 
     Attributes
     ----------

@@ -60,7 +60,7 @@ class DeckNumber:
 
 @dataclass(frozen=True, eq=False)
 class _Source:
-    """A deck with what the study says of it.
+    """A deck, its mesh and the element sets of the study on it.
 
     Attributes
     ----------
