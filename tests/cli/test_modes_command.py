@@ -176,6 +176,25 @@ def test_a_steady_tone_is_not_called_a_mode_without_a_remark(place, seed, left_o
     assert others == rows
 
 
+@pytest.mark.parametrize("asked", ["auto", "9.0,7.0"])
+def test_tones_are_taken_off_on_request_and_told(place, asked):
+    record = ambient()
+    size = 3 * record.values.std()
+    tone = size * np.sin(2 * np.pi * 9.0 * record.time)[:, None] * [1.0, 0.6, -0.8]
+    write_record("tone.npz", replace(record, values=record.values + tone))
+    done = invoke("tone.npz", "--method", "ssi_cov", "--remove-tones", asked)
+    assert done.exit_code == 0
+    data = json.loads((place / "tone_modes" / "modes.json").read_text())
+    (removed,) = data["tones_removed"]
+    assert removed["frequency_hz"] == pytest.approx(9.0, abs=1e-4)
+    np.testing.assert_allclose(removed["amplitude"], size * np.array([1.0, 0.6, 0.8]), rtol=0.01)
+    np.testing.assert_allclose(data["frequency_hz"], FREQUENCY, rtol=0.01)
+    assert "tone at 9 Hz taken off" in data["preparation"][1]
+    assert "tone taken off (Hz)" in done.stdout
+    assert "tone taken off (Hz)" in (place / "tone_modes" / "report.html").read_text()
+    assert ("no tone stands out at 7 Hz" in done.stdout) == (asked != "auto")
+
+
 def test_no_stable_mode_ends_with_code_1(place):
     done = invoke("tower.npz", "--band", 0.02, 0.3, "--rate", 25, *FAST)
     assert done.exit_code == 1
@@ -224,6 +243,9 @@ def _constant(record):
         (["force.npz"], "forces only"),
         (["broken.npz"], "is not a whole NPZ archive"),
         (["frf.npz", "--rate", "5"], "`rate` is for time histories"),
+        (["frf.npz", "--remove-tones", "auto"], "`remove_tones` is for time histories"),
+        (["tower.npz", "--remove-tones", "all"], "`remove_tones` must be numbers with commas, as in 1.9,2.4, or auto"),
+        (["tower.npz", "--remove-tones", "-4"], "`remove_tones` must be greater than 0 Hz"),
         (["frf.npz", "--method", "ssi_cov"], "needs time records"),
         (["frf.npz", "--band", "20", "30"], "no frequency line is left"),
     ],

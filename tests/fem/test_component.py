@@ -28,7 +28,7 @@ from structid import (
     parameters,
 )
 from structid.dynamics.normal_modes import modes
-from structid.fem.places import AimedSensor
+from structid.fem.measuring_points import AimedSensor
 from structid.forward import FrfProblem
 from structid.forward.frf.response import response
 from structid.identification.fits.truncation import frf_truncation, modes_truncation

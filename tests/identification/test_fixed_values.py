@@ -136,6 +136,50 @@ def test_an_identified_model_has_the_covariance_of_its_answer_with_what_is_of_se
     np.testing.assert_allclose(np.linalg.norm(factor[n:], axis=1), estimate.fixed.tolerance[:-1], rtol=1e-12)
 
 
+@pytest.mark.parametrize("size", [0.0, 1.0])
+def test_a_matrix_free_search_carries_them_as_one_with_a_jacobian(size):
+    """With `size` tolerances of error in every fixed value, which must not count as model error."""
+    values, gain = drawn(np.random.default_rng(0), 0.01 * size)
+    structure, record = chain(), measured(values, gain, np.random.default_rng(1))
+    dense, free = (
+        sid.identify(
+            structure,
+            sid.parameters(structure, SOUGHT),
+            record,
+            sid.IdentifyOptions(tolerances=TOLERANCES, matrix_free=is_free),
+        ).estimate
+        for is_free in (False, True)
+    )
+    assert not free.uncertainty.has_matrix
+    assert free.covariance_basis == dense.covariance_basis == "noise"
+    np.testing.assert_allclose(
+        free.fixed.slope, dense.fixed.slope, rtol=2e-3, atol=2e-3 * np.abs(dense.fixed.slope).max()
+    )
+    np.testing.assert_allclose(free.fixed.asked, dense.fixed.asked, atol=0.02)
+    tolerances_alone = np.linalg.norm(free.fixed.changes, axis=1)
+    np.testing.assert_allclose(free.std, np.hypot(free.std_noise, tolerances_alone), rtol=1e-9)
+    np.testing.assert_allclose(free.uncertainty.draws.std(axis=0), free.std, rtol=0.4)
+    both = np.array([[1.0, -1.0, 0.0]])
+    drawn_std, true_std = (np.sqrt(found.uncertainty.variance(both)) for found in (free, dense))
+    np.testing.assert_allclose(drawn_std, true_std, rtol=0.3)
+
+
+def test_products_without_a_jacobian_have_the_errors_of_channels():
+    setup = setups(np.random.default_rng(0))["log"]
+    unknowns = [sid.ChannelUnknown("gain", "1X"), sid.ChannelUnknown("delay", "3X")]
+    for residual in ("output", "log", "pole_free"):
+        problem = replace(setup, channel_unknowns=unknowns).prepared(sid.IdentifyOptions(residual=residual)).problem
+        theta = problem.theta_start + 0.01 * np.random.default_rng(1).standard_normal(len(problem.names))
+        dense = problem.linearize(theta)
+        u, v = (np.random.default_rng(2).standard_normal(n) for n in dense.jacobian.shape)
+        for stored in (0.0, 1e9):
+            at = problem.linearize_operator(theta, stored)
+            np.testing.assert_allclose(at.residual, dense.residual, rtol=1e-9)
+            np.testing.assert_allclose(at.product(v), dense.jacobian @ v, rtol=1e-8, atol=1e-8)
+            np.testing.assert_allclose(at.transposed(u), dense.jacobian.T @ u, rtol=1e-8, atol=1e-6)
+            np.testing.assert_allclose(at.squares, (dense.jacobian**2).sum(axis=0), rtol=1e-9)
+
+
 def test_what_is_exact_widens_nothing():
     structure, record = chain(), measured((MASS, SPRING, DASHPOT), 1.0, np.random.default_rng(3))
     found = sid.identify(structure, sid.parameters(structure, SOUGHT), record, sid.IdentifyOptions(tolerances=EXACT))

@@ -1,4 +1,4 @@
-"""What the commands of `structid` share: exit codes, errors as one message, arguments that return, results folders."""
+"""Parts that the commands of `structid` share: exit codes, errors as one message, arguments, results folders."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ def _about(structure: Structure, dof: Dof) -> list[Dof]:
     for label in sorted(distance, key=lambda one: distance[one])[: 2 * MOST_NEIGHBOURS]:
         with suppress(InputError):
             other = Dof(label, dof.direction)
-            structure.require_places([other])
+            structure.require_dofs([other])
             found.append(other)
     return found[:MOST_NEIGHBOURS]
 

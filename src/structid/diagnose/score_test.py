@@ -19,7 +19,7 @@ from structid.diagnose.search_budget import METER, iteration_effort, screening_e
 from structid.diagnose.thresholds import FINELY_SCREENED
 from structid.diagnose.tolerance_directions import damped_basis, fixed_columns, tolerance_directions
 from structid.forward import FrfProblem, RecordProblem
-from structid.identification.joint_problem import tolerances_of
+from structid.forward.fixed_values import tolerances_of
 from structid.inversion import JointProblem
 from structid.inversion.search.within_tolerances import FixedValues
 

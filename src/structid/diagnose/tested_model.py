@@ -9,7 +9,7 @@ from typing import Any
 from structid.core.dof import renamed
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.fem.places import AimedSensor
+from structid.fem.measuring_points import AimedSensor
 from structid.forward import ChannelUnknown
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.modal import ModalSetup

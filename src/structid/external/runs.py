@@ -97,8 +97,8 @@ class Solver:
         }
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
 
-    def place(self, values: Mapping[str, float]) -> Path:
-        """Folder of a run."""
+    def run_folder(self, values: Mapping[str, float]) -> Path:
+        """Folder of the run with the given parameter values."""
         return self.folder / self.key(values)
 
 
@@ -185,7 +185,7 @@ def needed_runs(solver: Solver, points: Sequence[Mapping[str, float]], work: Wor
 
 def run_once(solver: Solver, values: Mapping[str, float], tools: Tools) -> str:
     """Run the solver at `values` (by name), again after a failure; returns "" on success, else the reason of the failure."""
-    words, folder = "", solver.place(values)
+    words, folder = "", solver.run_folder(values)
     require_confirmed(solver.command, solver.confirmation)
     for _ in range(solver.retries + 1):
         if _is_done(folder):  # made by another process meanwhile
@@ -198,9 +198,9 @@ def run_once(solver: Solver, values: Mapping[str, float], tools: Tools) -> str:
     return f"the solver failed{times} at {values_text}: {words}"
 
 
-def _is_done(place: Path) -> bool:
-    """True if the run whose folder this is has ended whole."""
-    return (place / _DONE).is_file()
+def _is_done(folder: Path) -> bool:
+    """True if the run in `folder` has ended and is complete."""
+    return (folder / _DONE).is_file()
 
 
 def _try_run(solver: Solver, values: Mapping[str, float], folder: Path) -> str:

@@ -1,4 +1,4 @@
-"""What the runs of a solver gave: a model of it, and what it is made of."""
+"""Model of the results of a solver, with the runs that it is made of."""
 
 from __future__ import annotations
 

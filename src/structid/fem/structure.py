@@ -409,7 +409,7 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def _patterns(self) -> dict[str, Pattern]:
-        """Where the entries of element matrices go, by kind of matrix; for small models, whose matrices are made many times."""
+        """Sparsity pattern of each kind of matrix; for small models, whose matrices are assembled many times."""
         return {}
 
     def selection(self, dofs: Iterable[Dof]) -> sparse.csc_array:
@@ -422,11 +422,11 @@ class Structure(Shown, StructurePlots):
         """
         return selection(self.numbering, self.nodes, dofs)
 
-    def require_places(self, dofs: Iterable[Dof], inputs: bool = False) -> None:
+    def require_dofs(self, dofs: Iterable[Dof], inputs: bool = False) -> None:
         """Raise `InputError` where sensors, or `inputs`, would be at no degree of freedom that is free; inputs may drive bases."""
-        places = tuple(dofs)
-        if not (inputs and self.driven(places)):
-            self.selection(places)
+        wanted = tuple(dofs)
+        if not (inputs and self.driven(wanted)):
+            self.selection(wanted)
 
     def mass_of(self, values: FloatArray | None = None, direction: str | None = None) -> float:
         """Mass that takes part in rigid motion along `direction`, kg: r' M r on all degrees of freedom.

@@ -237,18 +237,18 @@ def _require_stiff_direction(
     joint: str, text: str, dof: Dof, nodes: IntArray, directions: Sequence[str], active: Sequence[str]
 ) -> None:
     """Raise `InputError` if the element has no stiffness at the degree of freedom `dof` that the joint releases."""
-    place = dof.place
+    name = dof.place
     if dof.node not in nodes:
         raise InputError(
             f"joint {joint!r}: node {dof.node} is none of {text}, which runs from {nodes[0]} to {nodes[1]}"
         )
     if dof.direction not in active:
         raise InputError(
-            f"joint {joint!r}: {place} is held, as the structure moves in {' '.join(active)} only; take one of these"
+            f"joint {joint!r}: {name} is held, as the structure moves in {' '.join(active)} only; take one of these"
             " directions, or add it to `active`"
         )
     if dof.direction not in directions:
         raise InputError(
-            f"joint {joint!r}: {text} has no stiffness in {place}, so that nothing would hold the joint's spring; it has"
+            f"joint {joint!r}: {text} has no stiffness in {name}, so that nothing would hold the joint's spring; it has"
             f" some in {' '.join(directions) or 'no direction'}"
         )

@@ -34,7 +34,7 @@ _START_SECONDS = 120.0
 
 
 class ReaderError(Exception):
-    """What a reader raised in the child: `kind` is the name of the exception."""
+    """Exception of a reader in the child process: `kind` is its class name."""
 
     def __init__(self, kind: str, words: str) -> None:
         super().__init__(words or kind)
@@ -50,7 +50,7 @@ class _LostError(Exception):
 
 
 class _Answer(NamedTuple):
-    """What the child gave: a tree with numbers in place of its arrays, and these; or what it raised."""
+    """Answer of the child process: a tree with numbers in place of its arrays, and the arrays; or its exception."""
 
     tree: Plain = None
     arrays: tuple[np.ndarray, ...] = ()

@@ -47,6 +47,18 @@ def with_fixed_values(
     return problem.with_channels(_with_gain(problem, problem.measured_responses, gain, record))
 
 
+def tolerances_of(freed: Sequence[RecordProblem]) -> dict[str, float]:
+    """Tolerances of the fixed values among the unknowns of `freed` problems, by the names of these unknowns."""
+    held = [
+        (part.names, part.free_prior[1].tolist())
+        for problem in freed
+        for part in problem.parts
+        if part.free_prior is not None
+    ]
+    pairs = [pair for names, deviations in held for pair in zip(names, deviations, strict=True)]
+    return {name: float(std) for name, std in pairs if name.startswith(FIXED)}
+
+
 def append_fixed_factors(parameters: Parameters, fixed: tuple[FixedProperty, ...]) -> Parameters:
     """The parameters followed by a factor on each fixed property."""
     columns = relative_sensitivities(parameters.offset, fixed)

@@ -341,7 +341,7 @@ def _weighted_mean(
 
 
 def _unsure_scatter(n_setups: IntArray) -> FloatArray:
-    """What the variance by scatter between set-ups is multiplied by, so that 1.96 deviations are the 95 % interval.
+    """Factor on the variance of scatter between set-ups, so that 1.96 deviations are the 95 % interval.
 
     The scatter of k set-ups has k - 1 degrees of freedom: the square of Student's 97.5 % point over the normal one. Over 20,000
     simulated quantities of 2, 3, 5 and 11 set-ups, with scatter of 0 to 10 deviations, intervals hold 86 to 97 %.

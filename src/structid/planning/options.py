@@ -55,7 +55,7 @@ def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) ->
     for name, dofs in (("sensors", sensors), ("loads", loads)):
         if not dofs:
             raise InputError(f"`{name}` must name at least one place; the structure has no free translation")
-        structure.require_places(dofs, name == "loads")
+        structure.require_dofs(dofs, name == "loads")
     n_sensors = _checked_count("sensors", options.n_sensors, len(installed_sensors) or _DEFAULT_SENSORS, len(sensors))
     n_loads = _checked_count("loads", options.n_loads, len(installed_loads) or 1, len(loads))
     if n_loads > 1 and any(isinstance(element, Friction) for element in structure.elements):
@@ -93,8 +93,8 @@ def wanted_parameters(unknown: Parameters, wanted: Sequence[str]) -> np.ndarray:
 
 def positions(wanted: Iterable[Dof], among: Sequence[Dof]) -> tuple[int, ...]:
     """Indices in `among` of each of `wanted`, whatever its sense."""
-    place = {dof.unsigned: i for i, dof in enumerate(among)}
-    return tuple(place[dof.unsigned] for dof in wanted)
+    index_of = {dof.unsigned: i for i, dof in enumerate(among)}
+    return tuple(index_of[dof.unsigned] for dof in wanted)
 
 
 def _require_increasing(frequency: np.ndarray) -> None:

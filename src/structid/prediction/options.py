@@ -1,4 +1,4 @@
-"""What is predicted, sensed and exported, as the flags of the commands say it."""
+"""Options of `structid predict`, `sense` and `export`, as their flags state them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ N_DRAWS = 400
 
 @dataclass(frozen=True)
 class PredictOptions:
-    """What is predicted.
+    """Options of `structid predict`.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class PredictOptions:
 
 @dataclass(frozen=True)
 class SenseOptions:
-    """What is told from a record.
+    """Options of `structid sense`.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ class SenseOptions:
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """What is exported.
+    """Options of `structid export`.
 
     Parameters
     ----------

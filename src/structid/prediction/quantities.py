@@ -1,4 +1,4 @@
-"""What can be predicted: FRFs, histories, spectra and modes of a structure, as functions of its parameters."""
+"""Quantities that can be predicted: FRFs, histories, spectra and modes, as functions of the parameters."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Quantity(Protocol):
 
     @property
     def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
-        """What each axis of the result stands for, in order."""
+        """Meaning of each axis of the result, in order."""
         ...
 
     @property
@@ -146,7 +146,7 @@ class Frf:
     def row_evaluator(
         self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]
     ) -> tuple[OutputMap, Evaluator]:
-        """What is read, and FRFs of its rows (a von Mises stress has three) as a function of physical parameters."""
+        """The outputs, and the FRFs of their rows (a von Mises stress has three) as a function of physical parameters."""
         bases = structure.driven([each for each in self.inputs if isinstance(each, Dof)])
         if bases and self.kind != "transmissibility":
             raise InputError(

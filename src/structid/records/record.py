@@ -1,4 +1,4 @@
-"""What was measured: frequency response functions and time histories, in SI units, with their noise."""
+"""Records: frequency response functions and time histories, in SI units, with their noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `structid modes` prints, the words and tables that its page shows, and the page, with shapes that move."""
+"""Report of `structid modes`: words and tables for the terminal, and its page with moving shapes."""
 
 from __future__ import annotations
 
@@ -37,6 +37,8 @@ _HEADER = (
     "cluster (Hz)", "remarks",
 )  # fmt: skip
 _LEFT_OUT_HEADER = ("left out (Hz)", "damping ratio (%)", "poles", "probability", "reason")
+_TONES_HEADER = ("tone taken off (Hz)", "kurtosis (tone 1.5, mode 3)", "most of a channel's variance (%)", "of channel",
+                 "its amplitude")  # fmt: skip
 _ALIKE, _COMPLEX, _TONE = 0.95, 0.7, 2.0
 
 
@@ -45,9 +47,8 @@ def modes_text(result: ModesResult) -> list[RenderableType]:
     parts: list[RenderableType] = [Text(f"{result.title}: {plural(result.modes.n_modes, 'mode')}", style="bold")]
     parts += [Text(words, style="yellow") for words in first_warnings(result.warnings)]
     parts += [Text(fact) for fact in (record_words(result), *result.steps, method_words(result))]
-    left_out = left_out_table(result)
-    tables = [printed(mode_table(result))] if left_out is None else [printed(mode_table(result)), printed(left_out)]
-    return [*parts, *tables, Text(scale_sentence(result))]
+    tables = (mode_table(result), left_out_table(result), tones_table(result))
+    return [*parts, *(printed(table) for table in tables if table is not None), Text(scale_sentence(result))]
 
 
 def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
@@ -83,6 +84,23 @@ def left_out_table(result: ModesResult) -> Table | None:
         for part in result.identification.left_out
     )
     return Table(_LEFT_OUT_HEADER, rows, (0, 1, 2, 3)) if rows else None
+
+
+def tones_table(result: ModesResult) -> Table | None:
+    """Table of tones that were taken off before modes were looked for; None where there are none."""
+    rows = []
+    for tone in result.tones:
+        most = int(tone.variance_fraction.argmax())
+        rows.append(
+            (
+                tone.place,
+                f"{tone.kurtosis:.2f}",
+                exact(float(f"{100 * tone.variance_fraction[most]:.3g}")),
+                str(tone.channels[most]),
+                f"{exact(float(f'{tone.amplitude[most]:.3g}'))} {tone.units[most]}",
+            )
+        )
+    return Table(_TONES_HEADER, tuple(rows), (1, 2, 4)) if rows else None
 
 
 def _probability_words(probability: float) -> str:
@@ -282,6 +300,7 @@ def modes_page(result: ModesResult) -> Page:
         "steps": result.steps,
         "modes": mode_table(result),
         "left_out": left_out_table(result),
+        "tones": tones_table(result),
         "provenance": provenance_table(asdict(result.provenance)),
     }
     return Page(

@@ -161,23 +161,23 @@ def element_sets(group: ParameterGroup) -> tuple[tuple[str, ...], ...]:
 
 
 def _varies(numbers: np.ndarray, first: IntArray) -> np.ndarray:
-    """Whether `numbers`, one an entry, differ among the entries of each parameter, which begin at `first`, (n_params,)."""
+    """True for each parameter (n_params,) whose entries, which begin at `first`, have different `numbers`."""
     if not len(first):
         return np.zeros(0, dtype=bool)
     return np.asarray(np.maximum.reduceat(numbers, first) > np.minimum.reduceat(numbers, first))
 
 
 def label_of(unknown: Unknown) -> str:
-    """What stands for all parameters of a declaration in the brackets of a name."""
+    """Label of all parameters of a declaration, in the brackets of a name."""
     texts = (unknown.elements,) if isinstance(unknown.elements, str) else unknown.elements
     return unknown.name or ", ".join(texts)
 
 
-def _chosen(table: Sequence[Entry], places: IntArray) -> tuple[Entry, ...]:
-    """`table` at `places`."""
+def _chosen(table: Sequence[Entry], positions: IntArray) -> tuple[Entry, ...]:
+    """`table` at `positions`."""
     if len(table) == 1:
-        return (table[0],) * len(places)
-    return tuple([table[i] for i in places.tolist()])
+        return (table[0],) * len(positions)
+    return tuple([table[i] for i in positions.tolist()])
 
 
 def parameter_group(structure: Structure, unknown: Unknown) -> ParameterGroup:

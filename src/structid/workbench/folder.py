@@ -412,7 +412,7 @@ def read_json(path: Path, follow: bool = True) -> Any:
 
 
 def parse_json(content: bytes | str) -> Any:
-    """What a JSON text holds, None for numbers that are not finite; None where it is no JSON."""
+    """Value of a JSON text, with None for numbers that are not finite; None if the text is no JSON."""
     try:
         return json.loads(content, parse_constant=lambda _: None, parse_float=_finite)
     except (ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""What the page asks for: each address, answered from files, runs and worker processes."""
+"""Handlers of the page's addresses, answered from files, runs and worker processes."""
 
 from __future__ import annotations
 
@@ -90,9 +90,9 @@ class Workbench:
         """The address under which a page of results is seen."""
         return f"/view/{self.access.view_key(page)}/{quote(page)}"
 
-    async def worked(self, name: str, given: dict[str, Any], version: str = "") -> Response:
+    async def worked(self, name: str, arguments: dict[str, Any], version: str = "") -> Response:
         """The answer of a worker."""
-        return _answered(await self.workers(name, given, version))
+        return _answered(await self.workers(name, arguments, version))
 
 
 class Json(JSONResponse):

@@ -185,6 +185,6 @@ def _interrupted(run: LongRun, kept: Checkpoint, again: str) -> str:
 
 
 def _resumed(study: Path, flags: Sequence[str], **options: object) -> str:
-    """How to go on: the words of the command again, those options that were given."""
+    """Command line that resumes the run: the words of the command with the options that were given."""
     given = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
     return f"go on with: {shlex.join(['structid', 'identify', str(study), *given, *flags, '--resume'])}"

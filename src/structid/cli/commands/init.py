@@ -60,11 +60,11 @@ def _given(pairs: list[str]) -> dict[str, str]:
     return found
 
 
-def _asked(kind: type[Template], known: set[str]) -> dict[str, str]:
-    """Values by name that the user types for the numbers of a template, without the `known` ones."""
+def _asked(kind: type[Template], answered: set[str]) -> dict[str, str]:
+    """Values by name that the user types for the numbers of a template, without the `answered` ones."""
     found = {}
     for one in asked_of(kind):
-        if one.name not in known:
+        if one.name not in answered:
             unit = f", {one.unit}" if one.unit else ""
             found[one.name] = typer.prompt(
                 f"{one.name} ({one.words}{unit})", default=str(one.default), value_proc=partial(_checked, one)
@@ -72,10 +72,10 @@ def _asked(kind: type[Template], known: set[str]) -> dict[str, str]:
     return found
 
 
-def _checked(one: Asked, text: str) -> str:
+def _checked(question: Asked, text: str) -> str:
     """The text as it is; raises the error after which typer asks again where it is no value."""
     try:
-        asked_value(one, text)
+        asked_value(question, text)
     except InputError as error:
         raise typer.BadParameter(str(error)) from error
     return text

@@ -79,16 +79,16 @@ def _told(done: int, whole: int) -> None:
     typer.echo(f"\r{done} of {whole} samples", nl=False, err=True)
 
 
-def motion_lines(found: MotionResult) -> list[str]:
+def motion_lines(result: MotionResult) -> list[str]:
     """The lines to print: size, identified parameters, message, wall times and memory."""
-    solution, structure = found.solution, found.study.structure
+    solution, structure = result.solution, result.study.structure
     lines = [
         f"{structure.n_dofs} degrees of freedom, {len(solution.values)} parameters, {solution.n_samples} samples"
-        f" ({found.record_bytes / 1e6:.0f} MB on disk)",
+        f" ({result.record_bytes / 1e6:.0f} MB on disk)",
         f"{int(solution.identified.sum())} of {len(solution.values)} parameters identified",
-        f"{solution.message}, in {found.where}" if found.where != "this process" else solution.message,
-        "wall time: " + ", ".join(f"{name} {seconds:.1f} s" for name, seconds in found.seconds.items()),
+        f"{solution.message}, in {result.where}" if result.where != "this process" else solution.message,
+        "wall time: " + ", ".join(f"{name} {seconds:.1f} s" for name, seconds in result.seconds.items()),
     ]
-    if found.peak_memory:
-        lines.append(f"peak memory: {found.peak_memory / 1e6:.0f} MB")
+    if result.peak_memory:
+        lines.append(f"peak memory: {result.peak_memory / 1e6:.0f} MB")
     return lines

@@ -16,7 +16,8 @@ from structid.core.display import join_words
 from structid.core.errors import InputError, SingularModelError
 from structid.core.json_types import Plain, plain_table
 from structid.forward import RecordProblem
-from structid.identification.joint_problem import fixed_values, joint_problem, tolerances_of
+from structid.forward.fixed_values import tolerances_of
+from structid.identification.joint_problem import fixed_values, joint_problem
 from structid.inversion import Estimate, Problem, Status
 from structid.inversion.comparison.comparison import Comparison, compare_jointly, compare_states
 from structid.inversion.comparison.multiple_tests import Correction, require_levels

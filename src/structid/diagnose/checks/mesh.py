@@ -1,4 +1,4 @@
-"""How far off the frequencies of a model are by the size of its elements: held against refined ones."""
+"""Error of a model's frequencies by the size of its elements, from a comparison with a refined mesh."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from structid.core.dof import DIRECTIONS, Dof
 from structid.fem import Structure
 from structid.fem.elements import ElementSet
 from structid.fem.elements.element import declarations
-from structid.fem.places import MeshPoint
+from structid.fem.measuring_points import MeshPoint
 from structid.fem.structure import MOST_PIECES
 
 #: Nodes of a child by the corners of its parent that each lies in the middle of.

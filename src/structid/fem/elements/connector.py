@@ -32,9 +32,9 @@ Ends: TypeAlias = Annotated[Given[Dofs, tuple[Dof, ...]], "degree of freedom or 
 OtherEnds: TypeAlias = Annotated[Given[Dofs | None, tuple[Dof, ...] | None], "the same, optional"]
 
 
-def dofs_stored(name: str, given: Dofs) -> tuple[Dof, ...]:
-    """Every degree of freedom in `given`."""
-    return parse_dofs([given] if isinstance(given, str | Dof) else given)
+def dofs_stored(name: str, dofs: Dofs) -> tuple[Dof, ...]:
+    """Every degree of freedom in `dofs`."""
+    return parse_dofs([dofs] if isinstance(dofs, str | Dof) else dofs)
 
 
 @element

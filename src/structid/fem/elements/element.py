@@ -1,4 +1,4 @@
-"""What an element type declares, and what a set of elements tells the structure: one matrix an element for each property."""
+"""Element types and sets: what a type declares, and one matrix an element for each property."""
 
 from __future__ import annotations
 

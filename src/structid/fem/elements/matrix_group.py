@@ -36,8 +36,8 @@ Matrix: TypeAlias = Annotated[
 _KINDS: dict[str, Kind] = {"mass": "mass", "stiffness": "stiffness", "damping": "viscous_damping"}
 
 
-def _sparse(name: str, given: AnyMatrix) -> sparse.csc_array:
-    return sparse.csc_array(given, dtype=np.float64)
+def _sparse(name: str, matrix: AnyMatrix) -> sparse.csc_array:
+    return sparse.csc_array(matrix, dtype=np.float64)
 
 
 class GroupMatrices(TypedDict, total=False):

@@ -84,10 +84,10 @@ def _of(entries: _Entries, keep: np.ndarray) -> _Entries:
     return _Entries(*(column[keep] for column in entries))
 
 
-def _read_headers(lines: BulkLines, at: IntArray, names: np.ndarray) -> dict[str, _Header]:
-    """The header of each DMIG matrix by its name; `at` are the header lines, `names` their matrices."""
+def _read_headers(lines: BulkLines, line_indices: IntArray, names: np.ndarray) -> dict[str, _Header]:
+    """The header of each DMIG matrix by its name; `line_indices` are the header lines, `names` their matrices."""
     headers: dict[str, _Header] = {}
-    for line, name in zip(at.tolist(), names.tolist(), strict=True):
+    for line, name in zip(line_indices.tolist(), names.tolist(), strict=True):
         where = f"{lines.path}, line {lines.number[line]}"
         if name in headers:
             raise FileError(

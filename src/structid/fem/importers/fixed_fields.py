@@ -39,7 +39,7 @@ def chunks(n: int) -> Iterator[slice]:
 
 
 def is_blank(fields: Bytes) -> NDArray[np.bool_]:
-    """Whether each field holds nothing but blanks, tabs and line ends, (n,)."""
+    """True for each field that holds only blanks, tabs and line ends, (n,)."""
     return np.asarray((fields <= _BLANK).all(axis=1))
 
 

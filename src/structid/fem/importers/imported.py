@@ -1,4 +1,4 @@
-"""What a matrix file gives: named sparse matrices with the node and component of each row."""
+"""Imported matrices: named sparse matrices with the node and component of each row."""
 
 from __future__ import annotations
 

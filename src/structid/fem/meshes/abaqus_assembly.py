@@ -20,7 +20,7 @@ _NUMBER = re.compile(r"-?\d+")
 
 @dataclass(eq=False)
 class Scope:
-    """What a flat file, a part, an instance or the assembly itself has read so far.
+    """Data read so far of a flat file, a part, an instance or the assembly itself.
 
     Attributes
     ----------

@@ -170,10 +170,10 @@ class Mesh:
         chosen = ~np.isin(self.labels, list(self.carriers))
         if among is not None:
             chosen &= np.isin(self.labels, self.carried_by(np.array(list(among), dtype=np.int64)))
-        place = np.flatnonzero(chosen)
-        distance = np.linalg.norm(self.positions[place] - np.asarray(position, dtype=np.float64), axis=1)
+        rows = np.flatnonzero(chosen)
+        distance = np.linalg.norm(self.positions[rows] - np.asarray(position, dtype=np.float64), axis=1)
         best = int(np.argmin(distance))
-        label = int(self.labels[place[best]])
+        label = int(self.labels[rows[best]])
         return label, float(distance[best]), self.size_at(label)
 
     def size_at(self, label: int) -> float:
@@ -187,9 +187,9 @@ class Mesh:
                 longest = max(longest, float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max()))
         return longest
 
-    def _raise_missing(self, group: str, known: Iterable[str], word: str) -> None:
-        """Raise `InputError` for a group that is not among `known`, and name the nearest; `word` is the kind of group."""
-        names = list(known)
+    def _raise_missing(self, group: str, present: Iterable[str], word: str) -> None:
+        """Raise `InputError` for a group that is not among `present`, and name the nearest; `word` is the kind of group."""
+        names = list(present)
         close = difflib.get_close_matches(group, names, 1, 0.0)
         have = (
             f"the nearest is {close[0]!r}; it has {', '.join(names)}"

@@ -139,7 +139,7 @@ class OffsetReader:
         return vector @ np.array([x, np.cross(z, x), z])
 
     def _with_grids(self, block: CellBlock, rows: IntArray) -> IntArray:
-        """Those of `rows` whose nodes are all there; others are refused with the mesh."""
+        """The `rows` whose nodes all exist; others are refused with the mesh."""
         known = np.isin(block.nodes[rows], list(self._positions)).all(axis=1) if len(rows) else np.zeros(0, bool)
         return rows[known]
 
@@ -183,9 +183,9 @@ def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]
 def properties_aside(cards: Mapping[str, Cards]) -> list[DeckPart]:
     """Non-structural mass of properties, and beams whose neutral axis is off their shear centre."""
     counts: dict[str, int] = {}
-    for name, place in _NON_STRUCTURAL.items():
-        if name in cards and not cards[name].is_blank(place).all():
-            counts[name] = int((cards[name].reals(place) != 0).sum())
+    for name, field in _NON_STRUCTURAL.items():
+        if name in cards and not cards[name].is_blank(field).all():
+            counts[name] = int((cards[name].reals(field) != 0).sum())
     shifted = 0
     for name, mass_of in _BEAM_MASSES.items():
         for row in range(len(cards[name]) if name in cards else 0):

@@ -199,7 +199,7 @@ Reader = Callable[[Sequence[str]], Item]
 
 
 def _readers(deck: _Deck) -> dict[str, Reader]:
-    """What reads one card of each name."""
+    """Reader of one card, by the name of the card."""
     tables = {name: _property_fields(deck, name, width) for name, width in (("PELAS", 4), ("PDAMP", 2), ("PMASS", 2))}
     bushes = {"CBUSH": _read_pbush(deck), "CBUSH1D": _read_pbush1d(deck), "CVISC": _read_pvisc(deck)}
     return {
@@ -368,14 +368,14 @@ def _read_bush(deck: _Deck, name: str, values: Values, row: Sequence[str]) -> It
 
 
 def _bush_weights(
-    deck: _Deck, first: int, second: int, axis: FloatArray, is_rotation: bool, share: float
+    deck: _Deck, first: int, second: int, axis: FloatArray, is_rotation: bool, fraction: float
 ) -> dict[tuple[int, str], float]:
     """Weights, by (node, direction), of the displacement of the second end less the first along `axis` at the spring.
 
-    The spring is at the fraction `share` of the way from the first to the second node.
+    The spring is at the fraction `fraction` of the way from the first to the second node.
     """
     weights = weights_along(first, axis, is_rotation, -1.0)
-    ends = [(first, -1.0, share), (second, 1.0, share - 1.0)] if second else [(first, -1.0, 0.0)]
+    ends = [(first, -1.0, fraction), (second, 1.0, fraction - 1.0)] if second else [(first, -1.0, 0.0)]
     if second:
         weights |= weights_along(second, axis, is_rotation)
     if is_rotation or not second:

@@ -45,7 +45,7 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
 def _groups_at(
     data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool
 ) -> list[tuple[ModelState, GroupData, IntArray]]:
-    """For each group of measured modes: model state scaled to it, the group, and indices of its model modes."""
+    """Triples of each group of measured modes: the model state scaled to it, the group, and indices of its model modes."""
     state = model.state(physical)
     pairs = dict(zip(data.measured.tolist(), pairing(data, state, in_order).tolist(), strict=True))
     found = []

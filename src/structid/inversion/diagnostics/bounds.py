@@ -50,7 +50,7 @@ class AtBound:
 
     @property
     def gain_per_std(self) -> float:
-        """By how much chi-square would be lower with a bound that is wider by one `std`, to second order."""
+        """Decrease of chi-square if the bound were wider by one `std`, to second order."""
         push = self.multiplier * self.std
         return 2 * push - 1 if push > 1 else push**2
 

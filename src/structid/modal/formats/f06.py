@@ -59,7 +59,7 @@ _FORMS = {"(REAL/IMAGINARY)": False, "(MAGNITUDE/PHASE)": True}
 
 @dataclass
 class _Vector:
-    """What the pages of one vector hold."""
+    """Values on the pages of one vector."""
 
     mode: int
     cycles: str | None
@@ -74,7 +74,7 @@ class _Vector:
 
 @dataclass
 class _Page:
-    """What stands above a table: run and eigenvalue."""
+    """Heading of a table: run and eigenvalue."""
 
     subcase: int | None = None
     superelement: int | None = None

@@ -306,7 +306,7 @@ def _orders(data: Outputs, rows: int, given: Sequence[int] | None) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class PickedPoles:
-    """What stands for each mode, by frequency.
+    """The pole that was chosen for each mode, sorted by frequency.
 
     Attributes
     ----------

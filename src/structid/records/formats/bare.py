@@ -86,6 +86,10 @@ def read_bare(
     record = time_from_array(path, load(name), options)
     n_points = shapes[name][0][0] if shapes[name][0] else 0
     note = require_agreement(path, name, n_points, statements or {}, options)
+    if shapes[name][1].kind in "iu":
+        note = "; ".join(
+            filter(None, (note, f"whole numbers ({shapes[name][1]}), taken as they are in the unit given"))
+        )
     return replace(record, source=f"{record.source}; {note}") if note else record
 
 

@@ -1,4 +1,4 @@
-"""Where the nodes of a test are and how lines join them, from universal files and CSV tables."""
+"""Geometry of a test: node positions and the lines that join them, from universal files and CSV tables."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _read_universal_file(path: Path) -> Geometry:
 
 def _trace_line(path: Path, block: Block) -> tuple[int, ...]:
     """The node labels of a trace line, dataset 82."""
-    where, lines = f"{path}: dataset {block.place} (82)", block.lines
+    where, lines = f"{path}: dataset {block.ordinal} (82)", block.lines
     try:
         count = integers(lines[0], (10, 10, 10))[1]
         nodes = [int(line[column : column + 10]) for line in lines[2:] for column in range(0, len(line.rstrip()), 10)]

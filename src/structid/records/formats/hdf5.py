@@ -52,8 +52,8 @@ def _with_stated_units(
 ) -> tuple[ReadOptions, str]:
     """Options with the units that attributes of the arrays state, and words on them; what was given must agree."""
     stated: dict[str, tuple[str, ...]] = {}
-    for place, value in attributes.items():
-        dataset, _, key = place.rpartition("@")
+    for address, value in attributes.items():
+        dataset, _, key = address.rpartition("@")
         if key.lower() in ("unit", "units", "unit_string") and isinstance(value, tuple):
             stated.setdefault(dataset, value)
     numeric = [name for name, (_, dtype) in shapes.items() if dtype.kind in "fciu"]
@@ -80,12 +80,12 @@ def _with_stated_units(
     return replace(options, **changes), ", ".join(words)
 
 
-def _agree(key: str, given: str | tuple[str, ...], stated: tuple[str, ...]) -> bool:
-    """True if the units `given` by an option are the units `stated` by a file, one for all or one for each channel."""
+def _agree(key: str, option: str | tuple[str, ...], stated: tuple[str, ...]) -> bool:
+    """True if the units `option` by an option are the units `stated` by a file, one for all or one for each channel."""
     parse: Callable[[str], object] = {"unit": parse_frf_unit, "units": parse_unit, "axis_unit": parse_frequency_unit}[
         key
     ]
-    texts = (given,) if isinstance(given, str) else given
+    texts = (option,) if isinstance(option, str) else option
     count = max(len(texts), len(stated))
     if len(texts) not in (1, count) or len(stated) not in (1, count):
         return False

@@ -32,8 +32,8 @@ def selected(path: Path, record: FrfRecord | TimeRecord, options: ReadOptions) -
     return _select_frf(path, record, options) if isinstance(record, FrfRecord) else _select_time(path, record, options)
 
 
-def _contradiction(path: Path, name: str, given: object, found: object) -> InputError:
-    return InputError(f"{path}: says {name} {found}, but `{name}` {given} was given; leave the option out", name)
+def _contradiction(path: Path, name: str, option: object, in_file: object) -> InputError:
+    return InputError(f"{path}: says {name} {in_file}, but `{name}` {option} was given; leave the option out", name)
 
 
 def positions(path: Path, name: str, texts: tuple[str, ...], present: tuple[Dof, ...]) -> list[int]:

@@ -23,6 +23,7 @@ from structid.records.quality.linear_phase import (
 from structid.records.quality.sample_faults import filled, spikes
 from structid.records.quality.signal_checks import lost_samples, signal_checks
 from structid.records.record import TimeRecord
+from structid.records.transforms.tones import Tone, remove_tones
 
 Repair = Literal["report", "replace", "none"]
 _LEAST = 16  # samples that must be left
@@ -30,7 +31,7 @@ _LEAST = 16  # samples that must be left
 
 @dataclass(frozen=True)
 class Preparation:
-    """What is done to a time record before modes or parameters are looked for; the default looks and takes off means.
+    """Preparation of a time record before modes or parameters are identified; by default checks, and means removed.
 
     Parameters
     ----------
@@ -51,6 +52,8 @@ class Preparation:
         Samples of the longest drop-out that is replaced; longer ones stay and are named.
     edges : {"drop", "keep"}
         Samples within half a filter of either end, which hold the motion cut off there as if it were 0.
+    remove_tones : sequence of float or "auto", optional
+        Tones of machines that are taken off all motions (`remove_tones`): Hz, or those that stand out.
 
     Raises
     ------
@@ -67,6 +70,7 @@ class Preparation:
     dropouts: Repair = "report"
     longest_gap: int = 10
     edges: Literal["drop", "keep"] = "drop"
+    remove_tones: Sequence[float] | Literal["auto"] | None = None
 
     def __post_init__(self) -> None:
         """Check the fields."""
@@ -100,15 +104,18 @@ class Prepared:
         What was done, in order, in words with numbers.
     findings : tuple of Finding
         What was wrong with the record as given (after `interval` and `channels`), and what the filters do.
+    tones : tuple of Tone
+        What `remove_tones` took off.
     """
 
     record: TimeRecord
     steps: tuple[str, ...]
     findings: tuple[Finding, ...]
+    tones: tuple[Tone, ...] = ()
 
 
 def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepared:
-    """`record` cut, repaired, detrended, decimated and filtered, in this order.
+    """`record` cut, repaired, detrended, decimated, freed of tones and filtered, in this order.
 
     Parameters
     ----------
@@ -158,8 +165,9 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
     steps += repairs
     result = _remove_trend(result, wanted.detrend, steps)
     result = _decimate(result, wanted, steps)
+    result, tones = _remove_tones(result, wanted, steps, found)
     result = _filter_band(result, wanted, steps, found)
-    return Prepared(result, tuple(steps), tuple(found))
+    return Prepared(result, tuple(steps), tuple(found), tones)
 
 
 def _require_rate(record: TimeRecord, wanted: Preparation) -> None:
@@ -290,6 +298,25 @@ def _decimate(record: TimeRecord, wanted: Preparation, steps: list[str]) -> Time
     variance = None if record.variance is None else record.variance * gain
     start = record.start + dropped / new_rate
     return replace(record, values=values, sampling_rate=new_rate, start=start, variance=variance)
+
+
+def _remove_tones(
+    record: TimeRecord, wanted: Preparation, steps: list[str], findings: list[Finding]
+) -> tuple[TimeRecord, tuple[Tone, ...]]:
+    """`record` without tones, and these; steps are appended to `steps`, and a finding for each tone that is not there."""
+    if wanted.remove_tones is None:
+        return record, ()
+    asked = wanted.remove_tones
+    if not isinstance(asked, str) and wanted.sampling_rate is not None:
+        beyond = [f for f in asked if f >= record.sampling_rate / 2]
+        steps += [f"the tone at {f:g} Hz lies above half the sampling rate after decimation" for f in beyond]
+        asked = [f for f in asked if f < record.sampling_rate / 2]
+    result = remove_tones(record, asked)
+    steps += [tone.words for tone in result.tones]
+    if not result.tones and isinstance(asked, str):
+        steps.append("no tone stands out: none is taken off")
+    findings += [Finding("tone", words, "warning") for words in result.absent]
+    return result.record, result.tones
 
 
 def _filter_band(record: TimeRecord, wanted: Preparation, steps: list[str], findings: list[Finding]) -> TimeRecord:

@@ -149,7 +149,7 @@ def _are_supports(record: TimeRecord, inputs: tuple[Dof, ...]) -> bool:
 def _loads_and_sensors(
     record: TimeRecord, inputs: tuple[Dof, ...], outputs: tuple[Dof, ...]
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
-    """Those given, or by their quantities: forces are loads, motions are sensors."""
+    """Loads and sensors as given, or by their quantities: forces are loads, motions are sensors."""
     pairs = list(zip(record.channels, record.quantities, strict=True))
     forces, supports = ([dof for dof, own in pairs if own == name] for name in ("force", "support_acceleration"))
     loads = inputs or tuple(forces or supports)

@@ -118,10 +118,10 @@ def _placed(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry)
     return Scene(rest, motion, labels, _equal_axes(rest, motion, used), measured, still, tuple(notes))
 
 
-def _equal_axes(rest: FloatArray, motion: ComplexArray, used: list[int]) -> tuple[plot.Axis, ...]:
+def _equal_axes(positions: FloatArray, motion: ComplexArray, used: list[int]) -> tuple[plot.Axis, ...]:
     """Axes with equal margins (m) that hold every mode at every phase."""
     reach = np.abs(motion).max(axis=0)
-    low, high = (rest - reach).min(axis=0), (rest + reach).max(axis=0)
+    low, high = (positions - reach).min(axis=0), (positions + reach).max(axis=0)
     pad = 0.04 * float(np.max(high - low))
     ends = zip((low - pad).tolist(), (high + pad).tolist(), strict=True)
     return tuple(plot.Axis(DIRECTIONS[j], "m", limits) for j, limits in zip(used, ends, strict=True))

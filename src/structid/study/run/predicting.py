@@ -334,15 +334,15 @@ def _sizes_at(name: str, text: str, parts: tuple[str, str]) -> tuple[tuple[float
     return (first, second), parse_dof(dof)
 
 
-def prediction_summary(found: StudyPrediction) -> dict[str, Entry]:
+def prediction_summary(prediction: StudyPrediction) -> dict[str, Entry]:
     """The content of prediction.json."""
-    modes = parts_of(found.modes)
+    modes = parts_of(prediction.modes)
     return {
-        "title": found.title,
-        "results": found.folder.as_posix(),
-        "changes": list(found.changes),
-        "bands": found.words,
-        "warnings": [found.doubt] if found.doubt else [],
+        "title": prediction.title,
+        "results": prediction.folder.as_posix(),
+        "changes": list(prediction.changes),
+        "bands": prediction.words,
+        "warnings": [prediction.doubt] if prediction.doubt else [],
         "level": 0.95,
         "modes": [
             {
@@ -351,18 +351,18 @@ def prediction_summary(found: StudyPrediction) -> dict[str, Entry]:
             }
             for k in range(len(next(iter(modes.values())).values))
         ],
-        **({"loads": found.loads} if found.loads else {}),
-        **({} if found.damper is None else {"tuned_damper": _damper_entry(found.damper)}),
-        **({} if found.maxima is None else {"maxima": _of_outputs(parts_of(found.maxima))}),
+        **({"loads": prediction.loads} if prediction.loads else {}),
+        **({} if prediction.damper is None else {"tuned_damper": _damper_entry(prediction.damper)}),
+        **({} if prediction.maxima is None else {"maxima": _of_outputs(parts_of(prediction.maxima))}),
         **(
             {}
-            if found.root_mean_square is None
-            else {"root_mean_square": _of_outputs(parts_of(found.root_mean_square))}
+            if prediction.root_mean_square is None
+            else {"root_mean_square": _of_outputs(parts_of(prediction.root_mean_square))}
         ),
         **(
             {}
-            if found.largest is None
-            else {"largest": _of_outputs(parts_of(found.largest)), "duration_s": found.duration}
+            if prediction.largest is None
+            else {"largest": _of_outputs(parts_of(prediction.largest)), "duration_s": prediction.duration}
         ),
     }
 
@@ -387,7 +387,7 @@ def _damper_entry(damper: TunedDamper) -> dict[str, Entry]:
 
 
 def _of_outputs(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
-    """Each output of a quantity without an axis of time, by each of the predictions, with its distribution."""
+    """Distributions of each output of a quantity without a time axis, by each of the predictions."""
     quantity = next(iter(parts.values())).quantity
     return [
         {
@@ -406,11 +406,11 @@ def _quantiles(part: Prediction, index: int) -> dict[str, Entry]:
     return {f"{p:g}": float(np.quantile(part.draws[:, index].real, p)) for p in QUANTILES}
 
 
-def parts_of(found: Prediction | PredictedChange) -> dict[str, Prediction]:
+def parts_of(prediction: Prediction | PredictedChange) -> dict[str, Prediction]:
     """The predictions by their names in files: ``value``, or ``before``, ``after`` and ``difference``."""
-    if isinstance(found, PredictedChange):
-        return {"before": found.before, "after": found.after, "difference": found.difference}
-    return {"value": found}
+    if isinstance(prediction, PredictedChange):
+        return {"before": prediction.before, "after": prediction.after, "difference": prediction.difference}
+    return {"value": prediction}
 
 
 def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, Entry]:
@@ -418,9 +418,9 @@ def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, Entry]:
     return {"value": float(np.real(part.values[index])), "std": float(part.std[index]), "interval_95": ends}
 
 
-def prediction_csv(found: Prediction | PredictedChange) -> str:
+def prediction_csv(prediction: Prediction | PredictedChange) -> str:
     """A table of one quantity: its axis, then value and ends of the band of every channel; FRFs as real and imaginary part too."""
-    parts = parts_of(found)
+    parts = parts_of(prediction)
     first = next(iter(parts.values()))
     axis, *channels = first.quantity.axes.items()
     outputs, units = channels[0][1], first.quantity.units

@@ -53,12 +53,12 @@ def blocks_of(text: str) -> list[Block]:
     return blocks
 
 
-def _begins_line(text: str, at: int) -> bool:
-    return not text[text.rfind("\n", 0, at) + 1 : at].strip()
+def _begins_line(text: str, offset: int) -> bool:
+    return not text[text.rfind("\n", 0, offset) + 1 : offset].strip()
 
 
-def _after_line(text: str, at: int) -> int:
-    end = text.find("\n", at)
+def _after_line(text: str, offset: int) -> int:
+    end = text.find("\n", offset)
     return len(text) if end < 0 else end + 1
 
 
@@ -266,24 +266,24 @@ def _set_spread(text: str, path: KeyPath, value: str) -> str:
     return text
 
 
-def _changed_inline(text: str, place: Place, rest: KeyPath, value: str | None) -> str:
-    """TOML text with the entry at `rest` inside an inline table or list set, or removed if `value` is None."""
-    whole: Any = tomlkit.value(text[place.value : place.end])
+def _changed_inline(text: str, span: Place, keys: KeyPath, value: str | None) -> str:
+    """TOML text with the entry at `keys` inside an inline table or list set, or removed if `value` is None."""
+    whole: Any = tomlkit.value(text[span.value : span.end])
     try:
         held = whole
-        for part in rest[:-1]:
+        for part in keys[:-1]:
             held = held[part]
         if value is None:
-            del held[rest[-1]]
+            del held[keys[-1]]
         else:
-            held[rest[-1]] = tomlkit.value(value)
+            held[keys[-1]] = tomlkit.value(value)
     except (LookupError, TypeError):
         raise InputError(
-            f"{_words(rest)}: is not in {text[place.value : place.end]!r} and cannot be put there; edit the study file"
+            f"{_words(keys)}: is not in {text[span.value : span.end]!r} and cannot be put there; edit the study file"
         ) from None
     if isinstance(whole, Array) and not len(whole):
-        return text[: place.start] + text[place.line_end :]
-    return text[: place.value] + whole.as_string() + text[place.end :]
+        return text[: span.start] + text[span.line_end :]
+    return text[: span.value] + whole.as_string() + text[span.end :]
 
 
 def _removed(text: str, path: KeyPath) -> str:
@@ -359,25 +359,25 @@ def _inserted_block(text: str, blocks: Sequence[Block], path: KeyPath, entry: st
     return _inserted_text(text, len(text), entry)
 
 
-def _inserted_line(text: str, at: int, line: str) -> str:
-    before = text[:at]
-    return before + ("" if not before or before.endswith("\n") else "\n") + line + text[at:]
+def _inserted_line(text: str, offset: int, line: str) -> str:
+    before = text[:offset]
+    return before + ("" if not before or before.endswith("\n") else "\n") + line + text[offset:]
 
 
-def _inserted_text(text: str, at: int, entry: str) -> str:
+def _inserted_text(text: str, offset: int, entry: str) -> str:
     """A table with a blank line before it."""
-    before = text[:at].rstrip("\n")
-    return before + ("\n\n" if before else "") + entry + text[at:]
+    before = text[:offset].rstrip("\n")
+    return before + ("\n\n" if before else "") + entry + text[offset:]
 
 
-def _above_comments(text: str, at: int) -> int:
-    """Index in `text` where the comment lines directly above position `at` begin."""
-    while at > 0:
-        start = text.rfind("\n", 0, at - 1) + 1
-        if not text[start:at].startswith("#"):
+def _above_comments(text: str, offset: int) -> int:
+    """Index in `text` where the comment lines directly above position `offset` begin."""
+    while offset > 0:
+        start = text.rfind("\n", 0, offset - 1) + 1
+        if not text[start:offset].startswith("#"):
             break
-        at = start
-    return at
+        offset = start
+    return offset
 
 
 def _name(path: KeyPath) -> str:

@@ -1,4 +1,4 @@
-"""What a key of a study file may hold: in words, as JSON Schema, and what is made of it."""
+"""Kinds of values of the keys of a study file: in words, as JSON Schema, and as Python values."""
 
 from __future__ import annotations
 

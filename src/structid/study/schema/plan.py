@@ -14,7 +14,7 @@ from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dofs, renamed
 from structid.core.errors import SingularModelError
 from structid.fem import Structure
-from structid.fem.places import AimedSensor
+from structid.fem.measuring_points import AimedSensor
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import used_lines
@@ -179,7 +179,7 @@ def _read_options(
     for key in ("sensors", "installed_sensors", *_LOADS):
         with section.located(key):
             values[key] = _in_structure(parse_dofs(as_list(values.get(key, []))), aimed, key in _LOADS)
-            structure.require_places(values[key], key in _LOADS)
+            structure.require_dofs(values[key], key in _LOADS)
     if structure.driven([dof for key in _LOADS for dof in values[key]]):
         values.setdefault("kind", "transmissibility")
     if record is not None:
@@ -201,7 +201,7 @@ def _in_structure(dofs: tuple[Dof, ...], aimed: Mapping[str, str], are_loads: bo
 
 def _candidate_lines(
     section: Section,
-    given: Given,
+    values: Given,
     structure: Structure,
     unknown: Parameters,
     record: FrfRecord | None,
@@ -209,10 +209,10 @@ def _candidate_lines(
 ) -> tuple[tuple[float, ...], tuple[str, ...]]:
     """Candidate frequencies in Hz and notes: as given, those of the record, or spread over the band of the model's modes.
 
-    The keys that it uses are removed from `given`.
+    The keys that it uses are removed from `values`.
     """
-    band, spacing = given.pop("band", None), given.pop("spacing", "linear")
-    axis, count = given.pop("frequency", None), given.pop("n_lines", None)
+    band, spacing = values.pop("band", None), values.pop("spacing", "linear")
+    axis, count = values.pop("frequency", None), values.pop("n_lines", None)
     if axis is not None:
         if band is not None or count is not None:
             raise section.error("gives lines both by `frequency` and by `band` or `n_lines`; keep one of them")

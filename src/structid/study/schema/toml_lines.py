@@ -1,4 +1,4 @@
-"""Where each key of a TOML text stands, which `tomllib` does not tell."""
+"""Line of each key of a TOML text, which `tomllib` does not give."""
 
 from __future__ import annotations
 

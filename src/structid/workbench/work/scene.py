@@ -16,8 +16,8 @@ from structid.core.json_types import Entry
 from structid.diagnose.checks.loose_parts import PlacedFinding, structure_findings
 from structid.fem import Dashpot, Friction, Joint, PointMass, RotaryInertia, Solid, Spring, Structure
 from structid.fem.elements import ElementSet
+from structid.fem.measuring_points import AimedSensor, MeshPoint
 from structid.fem.meshes import read_mesh
-from structid.fem.places import AimedSensor, MeshPoint
 from structid.fem.supports import RigidLink
 from structid.report.drawing.faces import AREA_CORNERS, SOLID_CORNERS, SOLID_FACES, is_cells
 from structid.study.schema.kinds import as_list

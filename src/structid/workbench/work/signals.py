@@ -1,4 +1,4 @@
-"""What records look like: facts, long time histories as the least and greatest of stretches, and responses over lines."""
+"""Views of records: facts, long time histories as minimum and maximum of chunks, and responses over lines."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ def _sampled_stretches(record: ChunkedRecord, begin: int, end: int) -> tuple[Flo
 
 
 def overview_path(path: Path, options: ReadOptions, kept: Path) -> Path:
-    """Where the overview of a record stands: by its place, size and time of change."""
+    """Path of the overview of a record, named by the record's path, size and time of change."""
     stamp = path.stat()
     told = f"{path}|{stamp.st_size}|{stamp.st_mtime_ns}|{options}"
     return kept / f"{hashlib.sha256(told.encode()).hexdigest()[:32]}.npy"
@@ -247,7 +247,7 @@ def responses(record: FrfRecord, outputs: list[str]) -> dict[str, Entry]:
     }
 
 
-def options_of(given: dict[str, Any]) -> ReadOptions:
+def options_of(posted: dict[str, Any]) -> ReadOptions:
     """Reading options for a file from a mapping, such as the page or a ``[record]`` section gives.
 
     Raises
@@ -256,7 +256,7 @@ def options_of(given: dict[str, Any]) -> ReadOptions:
         If an option is unknown or of the wrong kind.
     """
     known = set(ReadOptions.__dataclass_fields__)
-    chosen = {name: value for name, value in given.items() if name in known and value not in ("", None)}
+    chosen = {name: value for name, value in posted.items() if name in known and value not in ("", None)}
     try:
         if isinstance(chosen.get("csv"), dict):
             chosen["csv"] = CsvLayout(**chosen["csv"])

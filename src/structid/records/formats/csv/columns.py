@@ -53,6 +53,8 @@ _PAIR = re.compile(
     r"(\s*[\[(](?P<own>[^\[\]]*)[\])])?",
     re.IGNORECASE,
 )
+#: A day in s, and the latest time that is believed: a clock that counts from 1970 in ms is 1.8e12.
+_DAY, _LATEST = 86400.0, 1e11
 #: What may stand before a pair of degrees of freedom: the estimator of an FRF.
 _ESTIMATOR = re.compile(r"(?:H[12v]?|FRF|TF)[\s:_]+", re.IGNORECASE)
 _PART_WORD = re.compile(
@@ -144,7 +146,7 @@ def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
     texts = table.column(axis)
     if as_date(texts[0]) is not None:
         time, scale = _seconds(table, axis, [as_date(text) for text in texts]), 1.0
-        texts = [text[11:].partition("+")[0].rstrip("Z").rpartition(":")[2] for text in texts]
+        texts = [text[11 * (":" not in text[:3]) :].partition("+")[0].rstrip("Z").rpartition(":")[2] for text in texts]
     else:
         where = f"{table.path}: line {table.header_line}, column {axis + 1} ({table.names[axis]!r})"
         scale = scale_of_times(where, table.names[axis], table.units[axis], options)
@@ -156,6 +158,11 @@ def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
                 " repair or remove the line"
             )
     time = time * scale
+    if abs(time[0]) > _LATEST:
+        raise FileError(
+            f"{table.path}: line {table.first_line}, column {axis + 1} ({table.names[axis]}) is {texts[0]}, which would be"
+            f" {abs(time[0]) / _DAY / 365.25:,.0f} years; correct the unit of the times"
+        )
     even = sampling_rate(table.path, time, texts, scale, table.first_line, axis + 1, options.resample != "")
     if even is None:
         return _Clock(0.0, 0.0, "", time)
@@ -196,7 +203,7 @@ def last_digits(texts: Sequence[str]) -> FloatArray:
 
 
 def _seconds(table: Table, axis: int, dates: Sequence[datetime | None]) -> FloatArray:
-    """Dates as seconds after the first one, (n_rows,)."""
+    """Dates or times of a clock as seconds after the first one, (n_rows,); a clock goes on after midnight."""
     first = dates[0]
     seconds = np.empty(len(dates))
     for i, date in enumerate(dates):
@@ -206,6 +213,9 @@ def _seconds(table: Table, axis: int, dates: Sequence[datetime | None]) -> Float
                 " above; repair or remove the line"
             )
         seconds[i] = (date - first).total_seconds()
+    if first is not None and first.year == 1:
+        midnights = np.diff(seconds, prepend=0.0) < -_DAY / 2
+        seconds += _DAY * np.cumsum(midnights)
     return seconds
 
 
@@ -272,7 +282,7 @@ def time_header(record: TimeRecord) -> tuple[list[str], list[FloatArray]]:
 
 
 class _Head(NamedTuple):
-    """What the header of a column says, or the user in its place."""
+    """Content of a column's header, or the user's words in its place."""
 
     output: str
     input: str

@@ -166,7 +166,7 @@ def _functions_by_pair(path: Path, functions: Sequence[Function], options: ReadO
             elif node_and_direction[1] == 0 and wanted[name]:  # a scalar that is not asked for
                 break
             else:
-                sides.append(dof_of(path, node_and_direction, role, function.place))
+                sides.append(dof_of(path, node_and_direction, role, function.ordinal))
         if len(sides) < 2:
             continue
         pair = (sides[0], sides[1])
@@ -174,8 +174,8 @@ def _functions_by_pair(path: Path, functions: Sequence[Function], options: ReadO
             continue
         if pair in by_pair:
             raise FileError(
-                f"{path}: has the FRF of {pair[0]}/{pair[1]} twice, as functions {by_pair[pair].place} and {function.place}; keep"
-                " one of them, or choose functions by their numbers with `columns`"
+                f"{path}: has the FRF of {pair[0]}/{pair[1]} twice, as functions {by_pair[pair].ordinal} and {function.ordinal};"
+                " keep one of them, or choose functions by their numbers with `columns`"
             )
         by_pair[pair] = function
     return by_pair
@@ -197,13 +197,13 @@ def _make_response(
     values = function.values
     if not np.iscomplexobj(values) or _is_padded_magnitude(values):
         raise FileError(
-            f"{path}: function {function.place}, the FRF of {pair[0]}/{pair[1]}, holds real numbers only: a magnitude without its"
+            f"{path}: function {function.ordinal}, the FRF of {pair[0]}/{pair[1]}, holds real numbers only: a magnitude without its"
             " phase, or one part of a response, which tells no motion; export complex values (real and imaginary part)"
         )
     kind, factor = _frf_scale(path, function, pair, factors, options)
     if function.kind == _TRANSMISSIBILITY and kind != "transmissibility":
         raise FileError(
-            f"{path}: function {function.place}, of {pair[0]}/{pair[1]}, is a transmissibility by its function type and {kind} by"
+            f"{path}: function {function.ordinal}, of {pair[0]}/{pair[1]}, is a transmissibility by its function type and {kind} by"
             f" its units; correct one of them, or say the unit: {option_words(unit=None)}"
         )
     return _Response(kind, function.axis * to_hertz, np.asarray(values, np.complex128) * factor)
@@ -257,7 +257,7 @@ def _scale_by_sides(
 
 
 def _split(kind: FrfKind, above: Characteristics, below: Characteristics) -> tuple[Characteristics, Characteristics]:
-    """Both sides where the numerator's label is of the whole FRF, of this kind: without labels, types by its kind."""
+    """Both sides of an FRF whose numerator label describes the whole FRF of this kind; types by kind without labels."""
     types = {"receptance": 8, "mobility": 11, "accelerance": 12, "transmissibility": 12}
     load = 12 if kind == "transmissibility" else 13
     return (
@@ -303,7 +303,7 @@ def _stack_coherence(
             axis = function.axis * to_hertz
             _require_axis(path, f"the coherence of {pair[0]}/{pair[1]}", axis, frequency)
             if np.iscomplexobj(function.values) and function.values.imag.any():
-                raise FileError(f"{path}: function {function.place}, a coherence, is complex; export it again")
+                raise FileError(f"{path}: function {function.ordinal}, a coherence, is complex; export it again")
             of_pair[pair] = function.values.real.astype(float)
     if any((output, load) not in of_pair for output in outputs for load in inputs):
         return None

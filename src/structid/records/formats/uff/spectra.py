@@ -70,7 +70,7 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
             or np.abs(function.axis * to_hertz - frequency).max() > 1e-6 * frequency[-1]
         ):
             raise FileError(
-                f"{path}: function {function.place} has other frequencies than the first; export all with one setting"
+                f"{path}: function {function.ordinal} has other frequencies than the first; export all with one setting"
             )
     is_density = _densities(path, functions)
     quantities, values = scaled_matrix(path, by_pair, channels, references, factors, options, _values)
@@ -111,10 +111,10 @@ def read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: st
         raise InputError(f"{path}: `{other}` is not about {words.split(' (')[0]}; leave it out", other)
     blocks = read_blocks(path)
     tables = [block for block in blocks if block.number == 58]
-    every = [read_function(path, block, place) for place, block in enumerate(tables, 1)]
+    every = [read_function(path, block, ordinal) for ordinal, block in enumerate(tables, 1)]
     functions = [function for function in every if function.kind in kinds]
     if options.columns:
-        numbers = [function.place for function in functions]
+        numbers = [function.ordinal for function in functions]
         names = [f"function {number}" for number in numbers]
         functions = [functions[row] for row in chosen(path, options.columns, names, numbers)]
     if not functions:
@@ -135,11 +135,11 @@ def read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: st
             continue
         if pair in by_pair:
             raise FileError(
-                f"{path}: has the spectrum of {pair[0]} and {pair[1]} twice, as functions {by_pair[pair].place} and"
-                f" {function.place}; keep one of them"
+                f"{path}: has the spectrum of {pair[0]} and {pair[1]} twice, as functions {by_pair[pair].ordinal} and"
+                f" {function.ordinal}; keep one of them"
             )
         by_pair[pair] = function
-    windows = qualifier_words(path, blocks, {function.place for function in by_pair.values()})
+    windows = qualifier_words(path, blocks, {function.ordinal for function in by_pair.values()})
     return Pairs(blocks, by_pair, None if options.units else read_unit_factors(path, blocks), windows)
 
 
@@ -163,10 +163,10 @@ def along_global_axes(
 
 def _pair(path: Path, function: Function) -> tuple[Dof, Dof]:
     """Response and reference; an autospectrum may leave the reference out."""
-    response = dof_of(path, function.response, "response", function.place)
+    response = dof_of(path, function.response, "response", function.ordinal)
     if function.reference[1] == 0 and function.kind not in _CROSS:
         return response, response
-    return response, dof_of(path, function.reference, "reference", function.place)
+    return response, dof_of(path, function.reference, "reference", function.ordinal)
 
 
 def complete_references(
@@ -278,13 +278,13 @@ def _values(path: Path, function: Function, pair: tuple[Dof, Dof], is_reverse: b
         size = float(np.abs(values).max())
         if size == 0 or (values.real < -_ROUNDED * size).any() or np.abs(values.imag).max() > _ROUNDED * size:
             raise FileError(
-                f"{path}: function {function.place}, the autospectrum of {response}, is not positive throughout; export it again"
+                f"{path}: function {function.ordinal}, the autospectrum of {response}, is not positive throughout; export it again"
             )
         return values.real.astype(np.complex128)
     if not np.iscomplexobj(function.values) or not values.imag.any():
         raise FileError(
-            f"{path}: function {function.place}, the cross-spectrum of {response} and {reference}, holds real numbers only, without"
-            " the phase that tells a mode shape; export complex values"
+            f"{path}: function {function.ordinal}, the cross-spectrum of {response} and {reference}, holds real numbers only,"
+            " without the phase that tells a mode shape; export complex values"
         )
     return values.conj() if is_reverse else values
 
@@ -294,7 +294,7 @@ def _sides(path: Path, function: Function) -> tuple[str, str]:
     below = function.denominator
     if below.number in QUANTITIES and below.number not in UNKNOWN:
         raise FileError(
-            f"{path}: function {function.place} is one with a motion or force below it: a ratio, perhaps; say the unit"
+            f"{path}: function {function.ordinal} is one with a motion or force below it: a ratio, perhaps; say the unit"
             f" of the motion: {option_words(units='g')}"
         )
     label = " ".join(function.ordinate.label.split())
@@ -309,7 +309,7 @@ def _sides(path: Path, function: Function) -> tuple[str, str]:
         if is_read_by(left, parse_unit) and is_read_by(right, parse_unit):
             return left, right
     raise FileError(
-        f"{path}: function {function.place} has unit {label!r}, no square or product of motions as g^2/Hz or"
+        f"{path}: function {function.ordinal} has unit {label!r}, no square or product of motions as g^2/Hz or"
         f" (m/s^2)^2 is; say the unit of the motion where the values are squares of it: {option_words(units='g')}"
     )
 

@@ -99,9 +99,9 @@ def _choose_functions(
             )
         return times, channels, True
     if not options.channels:
-        return times, tuple(dof_of(path, f.response, "response", f.place) for f in times), False
+        return times, tuple(dof_of(path, f.response, "response", f.ordinal) for f in times), False
     whole_dofs = [f for f in times if f.response[1] != 0]
-    present = tuple(dof_of(path, f.response, "response", f.place) for f in whole_dofs)
+    present = tuple(dof_of(path, f.response, "response", f.ordinal) for f in whole_dofs)
     wanted = [present[i] for i in positions(path, "channels", options.channels, present)]
     pairs = [
         (f, dof) for name in dict.fromkeys(wanted) for f, dof in zip(whole_dofs, present, strict=True) if dof == name
@@ -118,8 +118,8 @@ def _require_distinct(
         other = seen.setdefault((dof, quantity), function)
         if other is not function:
             raise FileError(
-                f"{path}: functions {other.place} and {function.place} are both the {quantity} at {dof}; choose functions by their"
-                " numbers with `columns`, and say by `channels` what they are"
+                f"{path}: functions {other.ordinal} and {function.ordinal} are both the {quantity} at {dof}; choose functions by"
+                " their numbers with `columns`, and say by `channels` what they are"
             )
 
 

@@ -133,9 +133,11 @@ def _with_initial_responses(fit: RecordFit, before: RecordProblem) -> RecordFit:
     return replace(fit, used=used, judged=judged)
 
 
-def found_values(solved: Solved, found: Identification) -> dict[str, float]:
+def found_values(solved: Solved, identification: Identification) -> dict[str, float]:
     """Value of each parameter of the deck at the answer, by name, from the problem of the first record."""
-    return deck_values(solved, found.problems[0], found.estimate.names, found.estimate.values)
+    return deck_values(
+        solved, identification.problems[0], identification.estimate.names, identification.estimate.values
+    )
 
 
 def with_solver(result: StudyResult, work: Work = ALONE) -> StudyResult:

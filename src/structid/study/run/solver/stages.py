@@ -86,8 +86,8 @@ def within(solved: Solved, name: str, value: float) -> float:
     return float(np.clip(value, max(low, at - far), min(high, at + far)))
 
 
-def tables(study: Study, at: Mapping[str, float | None], step: float | None = None) -> Tables:
-    """The study's tables with finite differences about other values (`at`), or the nominal ones where that is None.
+def tables(study: Study, values: Mapping[str, float | None], step: float | None = None) -> Tables:
+    """The study's tables with finite differences about other values (`values`), or the nominal ones where that is None.
 
     With `step`, the differences begin with it, as a part of each value; else as the file says.
     """
@@ -96,7 +96,7 @@ def tables(study: Study, at: Mapping[str, float | None], step: float | None = No
     own_steps = {entry["name"]: entry["step"] for entry in stated if "step" in entry}
     for entry in edited["structure"]["solver"]["parameter"]:
         name = entry["name"]
-        changes = {"at": at[name], "step": step if step is not None and at[name] else own_steps.get(name)}
+        changes = {"at": values[name], "step": step if step is not None and values[name] else own_steps.get(name)}
         for key, value in changes.items():
             entry.pop(key, None)
             if value is not None:
@@ -105,15 +105,15 @@ def tables(study: Study, at: Mapping[str, float | None], step: float | None = No
 
 
 def about(
-    study: Study, at: Mapping[str, float], known: Mapping[str, float], work: Work, step: float | None = None
+    study: Study, values: Mapping[str, float], identified: Mapping[str, float], work: Work, step: float | None = None
 ) -> Study:
-    """The study with finite differences about `at`, and searches that start at the `known` values of parameters.
+    """The study with finite differences about `values`, and searches that start at the `identified` values of parameters.
 
     See `tables` for `step`.
     """
-    edited = edited_study(study, tables(study, at, step), work)
+    edited = edited_study(study, tables(study, values, step), work)
     pairs = zip(study.setups, edited.setups, strict=True)
-    setups = (replace(after, parameters=begun_at(before.parameters, known)) for before, after in pairs)
+    setups = (replace(after, parameters=begun_at(before.parameters, identified)) for before, after in pairs)
     return replace(edited, setups=tuple(setups))
 
 

@@ -11,6 +11,7 @@ from structid.core.display import join_words
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.units import FORCES, LENGTHS
 from structid.fem.elements import ElementSet
+from structid.fem.measuring_points import MeshPoint, mesh_points
 from structid.fem.meshes import (
     Mesh,
     choose_parts,
@@ -19,7 +20,6 @@ from structid.fem.meshes import (
     require_sound,
     unassigned,
 )
-from structid.fem.places import MeshPoint, mesh_points
 from structid.fem.supports import MiddleNode, RigidLink, Tie
 from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, TEXT, as_list, choice, either, flat
 from structid.study.schema.root import InputFiles
@@ -99,7 +99,7 @@ def _mesh_section(section: Section) -> Section | None:
 
 @dataclass(frozen=True, eq=False)
 class TakenParts:
-    """What a study takes of a deck beside its cells, and what it leaves.
+    """Parts of a deck beside its cells that a study takes, and those that it leaves.
 
     Attributes
     ----------

@@ -372,14 +372,14 @@ def _read_nodes(
     return nodes
 
 
-def _check_beside_mesh(inner: Section, own: Positions, mesh: Mesh) -> Positions:
-    """`own`, the nodes of the study, after a check that they fit beside those of a mesh."""
-    for label, position in own.items():
+def _check_beside_mesh(inner: Section, positions: Positions, mesh: Mesh) -> Positions:
+    """`positions`, the nodes of the study, after a check that they fit beside those of a mesh."""
+    for label, position in positions.items():
         if label in mesh.nodes:
             raise inner.error(f"is a node of {mesh.source} already; take another number", str(label))
         if len(position) != 3:
             raise inner.error(f"must have 3 coordinates like the mesh, got {len(position)}", str(label))
-    return own
+    return positions
 
 
 def _elements(section: Section, nodes: Positions, mesh: Mesh | None) -> Elements:

@@ -105,7 +105,7 @@ def _channels(record: TimeRecord, quantities: tuple[str, ...]) -> tuple[Dof, ...
 
 @dataclass(frozen=True, eq=False)
 class TimeSource:
-    """How the time record of a study is fitted, and how noisy its channels are.
+    """Options of the fit of a study's time record, and the noise of its channels.
 
     Attributes
     ----------
@@ -149,12 +149,12 @@ class TimeSource:
         return record
 
 
-def _each(name: str, given: tuple[float, ...], record: TimeRecord) -> FloatArray:
-    """One value for each channel from the list `given`: one for all, or one each; 0 if it is empty."""
+def _each(name: str, numbers: tuple[float, ...], record: TimeRecord) -> FloatArray:
+    """Value of each channel, (n_channels,), from `numbers`: one for all, or one each; 0 if it is empty."""
     count = len(record.channels)
-    if len(given) not in (0, 1, count):
-        raise InputError(f"`{name}` must be one number or {count}, one for each channel, got {len(given)}")
-    values = np.broadcast_to(np.asarray(given or (0.0,), dtype=np.float64), (count,))
+    if len(numbers) not in (0, 1, count):
+        raise InputError(f"`{name}` must be one number or {count}, one for each channel, got {len(numbers)}")
+    values = np.broadcast_to(np.asarray(numbers or (0.0,), dtype=np.float64), (count,))
     if (values < 0).any():
         i = int(np.argmax(values < 0))
         raise InputError(f"`{name}` must not be negative, got {values[i]:g} for channel {i + 1} ({record.channels[i]})")

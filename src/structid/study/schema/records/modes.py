@@ -92,7 +92,7 @@ MODES = (
 
 @dataclass(frozen=True, eq=False)
 class ModesSource:
-    """Where the modes of a study are, and how they are fitted.
+    """Source of the modes of a study, and options of their fit.
 
     Attributes
     ----------
