@@ -37,12 +37,12 @@ from structid.fem import SpaceBeam as SpaceBeam
 from structid.fem import Spring as Spring
 from structid.fem import Structure as Structure
 from structid.fem import from_matrices as from_matrices
+from structid.fem.measuring_points import AimedSensor as AimedSensor
+from structid.fem.measuring_points import MeshPoint as MeshPoint
+from structid.fem.measuring_points import mesh_points as mesh_points
+from structid.fem.measuring_points import nearest_nodes as nearest_nodes
 from structid.fem.meshes import Mesh as Mesh
 from structid.fem.meshes import read_mesh as read_mesh
-from structid.fem.places import AimedSensor as AimedSensor
-from structid.fem.places import MeshPoint as MeshPoint
-from structid.fem.places import mesh_points as mesh_points
-from structid.fem.places import nearest_nodes as nearest_nodes
 from structid.forward import ChannelUnknown as ChannelUnknown
 from structid.forward import FrfProblem as FrfProblem
 from structid.forward import ModalProblem as ModalProblem

@@ -28,14 +28,14 @@ def lazy(
     """
     stub = ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8"))
     imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
-    places = {alias.name: str(node.module) for node in imports for alias in node.names}
-    names = sorted(places)
+    module_of = {alias.name: str(node.module) for node in imports for alias in node.names}
+    names = sorted(module_of)
 
     def load(name: str) -> Any:
-        if name in places:
-            found = getattr(import_module(places[name]), name)
-            setattr(sys.modules[package], name, found)
-            return found
+        if name in module_of:
+            value = getattr(import_module(module_of[name]), name)
+            setattr(sys.modules[package], name, value)
+            return value
         if not name.startswith("_") and find_spec(f"{package}.{name}") is not None:
             return import_module(f"{package}.{name}")
         if name in gone:

@@ -22,7 +22,7 @@ def draw(picture: str, *arguments: Any) -> Figure:
 
 
 class IdentificationPlots:
-    """What can be drawn of an identification.
+    """Plots of an identification.
 
     Each gives a Matplotlib figure (``.savefig("frf.png")``; notebooks show it) and draws on `axes` where these are given:
     one, or a sequence with one for each panel.
@@ -91,7 +91,7 @@ class IdentificationPlots:
 
 
 class StructurePlots:
-    """What can be drawn of a structure."""
+    """Plots of a structure."""
 
     def plot_structure(self, axes: Axes | None = None) -> Figure:
         """Elements, supports, masses and springs."""
@@ -99,7 +99,7 @@ class StructurePlots:
 
 
 class ModesPlots:
-    """What can be drawn of measured modes."""
+    """Plots of measured modes."""
 
     def plot_stabilization(self, axes: Axes | None = None) -> Figure:
         """Poles over model order, and the modes that were taken.

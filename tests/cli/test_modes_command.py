@@ -45,6 +45,7 @@ def test_no_option_is_needed(place):
     assert lines[0] == "tower.npz: 3 modes"
     assert lines[-1].endswith("report.html")
     assert "no masses or stiffnesses" in lines[-2]
+    assert len(re.findall(r"0\.99\d ± 0\.\d+|1\.000 ± [\d.e-]+", done.stdout)) == 3  # collinearity of each mode
     folder = place / "tower_modes"
     assert {p.name for p in folder.iterdir()} == {"modes.json", "modes.csv", "modes.uff", "report.html"}
     data = json.loads((folder / "modes.json").read_text())
@@ -176,6 +177,25 @@ def test_a_steady_tone_is_not_called_a_mode_without_a_remark(place, seed, left_o
     assert others == rows
 
 
+@pytest.mark.parametrize("asked", ["auto", "9.0,7.0"])
+def test_tones_are_taken_off_on_request_and_told(place, asked):
+    record = ambient()
+    size = 3 * record.values.std()
+    tone = size * np.sin(2 * np.pi * 9.0 * record.time)[:, None] * [1.0, 0.6, -0.8]
+    write_record("tone.npz", replace(record, values=record.values + tone))
+    done = invoke("tone.npz", "--method", "ssi_cov", "--remove-tones", asked)
+    assert done.exit_code == 0
+    data = json.loads((place / "tone_modes" / "modes.json").read_text())
+    (removed,) = data["tones_removed"]
+    assert removed["frequency_hz"] == pytest.approx(9.0, abs=1e-4)
+    np.testing.assert_allclose(removed["amplitude"], size * np.array([1.0, 0.6, 0.8]), rtol=0.01)
+    np.testing.assert_allclose(data["frequency_hz"], FREQUENCY, rtol=0.01)
+    assert "tone at 9 Hz taken off" in data["preparation"][1]
+    assert "tone taken off (Hz)" in done.stdout
+    assert "tone taken off (Hz)" in (place / "tone_modes" / "report.html").read_text()
+    assert ("no tone stands out at 7 Hz" in done.stdout) == (asked != "auto")
+
+
 def test_no_stable_mode_ends_with_code_1(place):
     done = invoke("tower.npz", "--band", 0.02, 0.3, "--rate", 25, *FAST)
     assert done.exit_code == 1
@@ -193,6 +213,18 @@ def test_geometry_comes_from_a_table_or_the_file_itself(place):
     assert record_geometry(Path("tower.uff"), record, None) == geometry
     assert record_geometry(Path("tower.npz"), record, None) is None
     assert record_geometry(Path("tower.uff"), record, Path("nodes.csv")) == geometry
+
+
+@pytest.mark.parametrize(
+    "unit", ["", "   164\n         1SI                           1\n 1.0 1.0 1.0\n 273.15\n    -1\n    -1\n"]
+)
+def test_positions_without_a_unit_of_length_are_told(place, unit):
+    rows = "".join(f"{n:10d}{0:10d}{0:10d}{1:10d}{0:13.5e}{0:13.5e}{z:13.5e}\n" for n, z in ((1, 1), (2, 2), (3, 3.5)))
+    Path("nodes.uff").write_text(f"    -1\n{unit}    15\n{rows}    -1\n")
+    done = invoke("tower.npz", *FAST, "--geometry", "nodes.uff", "--orders", "10,12")
+    assert done.exit_code == 0, done.output
+    assert ("no unit of length" in done.stdout) != bool(unit)
+    assert ("no unit of length" in (place / "tower_modes" / "modes.json").read_text()) != bool(unit)
 
 
 def _constant(record):
@@ -224,6 +256,9 @@ def _constant(record):
         (["force.npz"], "forces only"),
         (["broken.npz"], "is not a whole NPZ archive"),
         (["frf.npz", "--rate", "5"], "`rate` is for time histories"),
+        (["frf.npz", "--remove-tones", "auto"], "`remove_tones` is for time histories"),
+        (["tower.npz", "--remove-tones", "all"], "`remove_tones` must be numbers with commas, as in 1.9,2.4, or auto"),
+        (["tower.npz", "--remove-tones", "-4"], "`remove_tones` must be greater than 0 Hz"),
         (["frf.npz", "--method", "ssi_cov"], "needs time records"),
         (["frf.npz", "--band", "20", "30"], "no frequency line is left"),
     ],

@@ -115,6 +115,25 @@ def test_export_writes_state_equations_and_matrices(results, tmp_path):
     found = {item.name: item.matrix for item in read_matrices(matrices).values()}
     assert found["MAA"].shape == found["KAA"].shape
     assert (tmp_path / "chain.dofs.txt").read_text().splitlines()[0] == "1 1"
+    for rest, words in (
+        (["--sampling-rate", 50], "more than twice the highest frequency"),
+        (["--error", "two"], "as 1% or 0.01, got 'two'"),
+    ):
+        done = invoke(
+            "export",
+            results,
+            "--state-space",
+            tmp_path / "no.mat",
+            "--sensors",
+            "2X",
+            "--loads",
+            "1X",
+            "--band",
+            1,
+            30,
+            *rest,
+        )
+        assert (done.exit_code, words in done.stderr) == (2, True), done.stderr
     done = invoke("export", results, "--matrices", matrices)
     assert (done.exit_code, "exists already" in done.stderr) == (2, True)
     done = invoke("export", results)
@@ -217,9 +236,12 @@ def test_sense_writes_motion_and_forces(results, tmp_path):
         "sense", results, tmp_path / "record.h5", "--wanted", "2X", "--unknown", "2X", "--out", tmp_path / "t"
     )
     assert (done.exit_code, "`correlation_time` must be given" in done.stderr) == (2, True)
+    done = invoke("sense", results, tmp_path / "record.h5", "--wanted", "2X", "--out", tmp_path / "t")
+    assert (done.exit_code, "holds no force and none is named as unknown" in done.stderr) == (2, True)
 
 
-def test_predict_under_a_pulse_and_under_noise(results, tmp_path):
+def test_predict_under_a_pulse_and_under_noise(results, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # files are named as seen from the folder of the call
     done = invoke(
         "predict", results, "--sensors", "2X", "--half-sine", "5,0.05@3X", "--duration", 2, "--sampling-rate", 200, "--draws", 60,
         "--modes", 2, "--lines", 10, "--motion", "displacement", "--out", tmp_path / "a",
@@ -234,7 +256,7 @@ def test_predict_under_a_pulse_and_under_noise(results, tmp_path):
     assert quantiles[0] < largest["value"]["value"] < quantiles[-1]
     (tmp_path / "wind.csv").write_text("Hz,N^2/Hz\n0.5,2.0\n12,1.0\n", encoding="utf-8")
     done = invoke(
-        "predict", results, "--sensors", "2X", "--noise", f"{tmp_path}/wind.csv@3X", "--duration", 60, "--draws", 60, "--modes", 2,
+        "predict", results, "--sensors", "2X", "--noise", "wind.csv@3X", "--duration", 60, "--draws", 60, "--modes", 2,
         "--lines", 400, "--sampling-rate", 50, "--out", tmp_path / "b",
     )  # fmt: skip
     assert (done.exit_code, done.stderr) == (0, "")

@@ -28,7 +28,7 @@ FACTORS = [
 @pytest.mark.parametrize("change", [1.0, 1.3])
 def test_the_slope_of_a_factor_is_its_difference(factor, change):
     values = change * NOMINAL
-    for number, place in enumerate(factor.places):
+    for number, place in enumerate(factor.value_indices):
         step = np.zeros(4)
         step[place] = 1e-6
         difference = (factor.of(values + step) - factor.of(values - step)) / 2e-6

@@ -87,7 +87,7 @@ SLOPES = {
 def test_slopes_are_differences_of_the_matrix(structure):
     part, values = structure.contributions[-1], structure.values
     largest = np.abs(part.weights(values)).max()
-    for number, place in enumerate(part.places):
+    for number, place in enumerate(part.value_indices):
         index = int(np.asarray(place).ravel()[0])
         step = 1e-4 * max(abs(values[index]), 0.0) or 1e-6
         move = step * np.eye(len(values))[index]

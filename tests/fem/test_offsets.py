@@ -10,8 +10,8 @@ from structid import Structure
 from structid.core.dof import DIRECTIONS
 from structid.core.errors import InputError
 from structid.fem import Shell, SpaceBeam
+from structid.fem.measuring_points import mesh_points
 from structid.fem.meshes import read_mesh, require_sound
-from structid.fem.places import mesh_points
 from structid.study.schema.study import load_study
 
 FILES = Path(__file__).parent / "field_files"

@@ -7,7 +7,7 @@ import pytest
 
 import structid as sid
 from structid.core.dof import parse_dof
-from structid.fem.places import together, with_joint_forces
+from structid.fem.measuring_points import together, with_joint_forces
 from structid.forward import ResponseCache
 from structid.identification.options import IdentifyOptions
 from structid.records import TimeRecord

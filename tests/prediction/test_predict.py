@@ -38,6 +38,18 @@ def make_oscillator(std=0.02, mass_std=0.0):
     return identified_model(structure, parameters, parameters.start, np.array([[(8e3 * std) ** 2]]), fixed, changes)
 
 
+def test_modes_are_followed_by_their_energy_where_a_mass_is_taken_out():
+    """Rotations of short waves are large numbers, displacements of long ones small: the mass matrix makes them comparable."""
+    beam = sid.Beam("mast", [[i, i + 1] for i in range(8)], mass=6.0, bending_stiffness=2000.0)
+    sets = [beam, sid.PointMass("sign", [8], mass=2.0), sid.Spring("foot", "0RZ", stiffness=4e4)]
+    structure = sid.Structure({i: 0.5 * i for i in range(9)}, sets, fixed=["0Y"])
+    parameters = sid.parameters(structure, [sid.Unknown("bending_stiffness", "mast")])
+    model = identified_model(structure, parameters, parameters.start, np.zeros((1, 1)))
+    told = sid.predict_change(model, sid.NaturalModes(8), [sid.Remove("sign")], n_draws=50)
+    ratio = told.after.values[:, 0] / told.before.values[:, 0]
+    assert ((ratio > 1.0) & (ratio < 1.2)).all(), ratio
+
+
 def test_band_of_a_frequency_is_half_that_of_the_stiffness():
     found = sid.predict(make_oscillator(0.02), sid.NaturalModes(1), n_draws=1000)
     f = np.sqrt(8e3 / 2.0) / (2 * np.pi)

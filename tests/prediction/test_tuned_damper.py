@@ -34,6 +34,19 @@ def test_an_uncertain_structure_takes_more_damping_and_gains_over_the_nominal_da
     assert "best over the uncertainty" in str(found)
 
 
+def test_the_mode_that_is_tuned_to_may_be_far_below_the_others():
+    """A soft mode at a thousandth of the highest frequency is no rigid motion."""
+    beam = sid.Beam("mast", [[i, i + 1] for i in range(8)], mass=6.0, bending_stiffness=2000.0)
+    structure = sid.Structure(
+        {i: 0.5 * i for i in range(9)}, [beam, sid.Spring("foot", "0RZ", stiffness=1e3)], fixed=["0Y"]
+    )
+    parameters = sid.parameters(structure, [sid.Unknown("bending_stiffness", "mast")])
+    model = identified_model(structure, parameters, parameters.start, np.zeros((1, 1)))
+    [lowest] = sid.predict(model, sid.NaturalModes(1), n_draws=50).values[:, 0]
+    low, high = sid.tune_damper(model, "8Y", 1.0, n_draws=50).band
+    assert low < lowest < high
+
+
 def test_the_coupled_damper_is_that_of_a_structure_with_it():
     """Receptances with a damper coupled to them equal those of a structure that has its mass, spring and dashpot."""
     model, mass = make_mass(0.0), 0.3

@@ -99,9 +99,32 @@ def test_times_of_a_table_in_ms(tmp_path, head):
     options = ReadOptions(channels="1X,1Y", time_column=head)
     assert read_record(path, options).sampling_rate == pytest.approx(200, rel=1e-9)
     path.write_text(text.replace("Time ms", "Time", 1))
-    with pytest.raises(InputError, match="does not say the unit of its times; give `axis_unit = s`"):
+    with pytest.raises(InputError, match=r"does not say the unit of its times; give `axis_unit`.*: s, ms"):
         read_record(path, ReadOptions(channels="1X,1Y"))
     assert read_record(path, ReadOptions(channels="1X,1Y", axis_unit="ms")).sampling_rate == pytest.approx(200)
+
+
+def test_times_that_count_milliseconds_from_1970_are_not_read_as_seconds(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("Time,1X [g]\n" + "".join(f"{1764237600000 + 4 * k},{k % 3}\n" for k in range(9)))
+    with pytest.raises(FileError, match=r"line 2, column 1 \(Time\) is 1764237600000, which would be 55,905 years"):
+        read_record(path, ReadOptions(axis_unit="s", time_column=1))
+    assert read_record(path, ReadOptions(axis_unit="ms", time_column=1)).sampling_rate == pytest.approx(250, rel=1e-5)
+
+
+def test_times_of_a_clock_go_on_after_midnight(tmp_path):
+    path = tmp_path / "a.csv"
+    clock = ["23:59:59.50", "23:59:59.75", "00:00:00.00", "00:00:00.25", "0:00:00.50", "0:00:00.75"]
+    path.write_text("Time;1X [g]\n" + "".join(f"{t};{k % 3},5\n" for k, t in enumerate(clock)))
+    record = read_record(path)
+    assert record.sampling_rate == pytest.approx(4)
+    assert record.values[:, 0] == pytest.approx(9.80665 * (np.arange(6) % 3 + 0.5))
+    path.write_text(path.read_text().replace("23:59:59.75", "22:59:59.75"))
+    with pytest.raises(FileError, match="line 3"):
+        read_record(path)
+    path.write_text("Zeit;1X [g]\n" + "".join(f"27.11.2026 10:00:{k:02d};{k}\n" for k in range(9)))
+    with pytest.raises(FileError, match=r"times such as '27.11.2026 10:00:00' are not understood; write them in s"):
+        read_record(path)
 
 
 def run(*words):

@@ -187,10 +187,27 @@ def test_attributes_of_the_array_and_the_file_are_not_contradicted_in_silence(tm
         read_record(stored(tmp_path / "b.h5", wf_increment=0.02), ReadOptions(**given, units="g"))
     with pytest.raises(InputError, match=r"stored scaled: test/acc@scale_factor is 0.001"):
         read_record(stored(tmp_path / "c.h5", scale_factor=0.001), ReadOptions(**given, units="g"))
+    for name, neutral in (("gain", 1.0), ("Calibration_Factor", 1.0), ("offset", 0.0)):
+        with pytest.raises(InputError, match=f"stored scaled: test/acc@{name} is 0.25"):
+            read_record(stored(tmp_path / "d.h5", **{name: 0.25}), ReadOptions(**given, units="g"))
+        read_record(stored(tmp_path / "d.h5", **{name: neutral}), ReadOptions(**given, units="g"))
+    sensed = stored(tmp_path / "e.h5", sensitivity=[0.1, 0.2])
+    with pytest.raises(InputError, match=r"acc@sensitivity is 0.1, 0.2; say what its samples are.*V at 100 mV/g"):
+        read_record(sensed, ReadOptions(**given, quantities="acceleration"))
+    assert (
+        "sensitivity is 0.1, 0.2, which is not applied" in read_record(sensed, ReadOptions(**given, units="g")).source
+    )
     with h5py.File(path, "a") as file:
         file.attrs["Sampling rate"] = 50.0
     with pytest.raises(InputError, match=r"@Sampling rate says 50 samples"):
         read_record(path, ReadOptions(**given))
+
+
+def test_whole_numbers_and_gains_beside_an_array_are_said(tmp_path):
+    path = save(tmp_path / "a.mat", {"y": np.arange(40, dtype=np.int16).reshape(20, 2) % 7, "gain": 2.0})
+    source = read_record(path, ReadOptions(array="y", sampling_rate=100.0, channels="1X,2X", units="g")).source
+    assert "gain is 2, which is not applied" in source
+    assert "whole numbers (int16)" in source
 
 
 def test_units_beside_frequency_responses_are_not_contradicted_in_silence(tmp_path):

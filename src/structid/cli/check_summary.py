@@ -1,4 +1,4 @@
-"""What `structid check` prints: record, sensors, modes, rank and predicted accuracy, in facts and tables."""
+"""Output of `structid check`: record, sensors, modes, rank and predicted accuracy, in facts and tables."""
 
 from __future__ import annotations
 

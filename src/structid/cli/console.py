@@ -1,4 +1,4 @@
-"""What `structid identify` prints: verdict, values, what to do; and with `--verbose` all the statistics."""
+"""Output of `structid identify`: verdict, values, what to do; and with `--verbose` all the statistics."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _details(view: ResultsView) -> list[RenderableType]:
         *groups(found.estimate.identifiability),
         *_causes(view),
         *_spreads(view),
-        *_pairs(found),
+        *_mode_and_ratio_tables(found),
         *_modes(found),
     ]
 
@@ -137,27 +137,27 @@ def _spreads(view: ResultsView) -> list[RenderableType]:
     return [table]
 
 
-def _modes(found: Identification) -> list[RenderableType]:
+def _modes(identification: Identification) -> list[RenderableType]:
     """Tables of the modes of the identified model and of the resonances of the first record."""
     shown: list[RenderableType] = []
-    if len(found.modes.frequency):
+    if len(identification.modes.frequency):
         table = new_table("mode", "frequency Hz", "damping ratio")
-        pairs = zip(found.modes.frequency.tolist(), found.modes.damping_ratio.tolist(), strict=True)
+        pairs = zip(identification.modes.frequency.tolist(), identification.modes.damping_ratio.tolist(), strict=True)
         for i, (frequency, ratio) in enumerate(pairs, 1):
             table.add_row(str(i), number(frequency, 5), percent(ratio, 3, signed=False))
         shown.append(table)
-    if found.resonances:
+    if identification.resonances:
         table = new_table("resonance measured Hz", "fitted model Hz")
-        for peak in found.resonances:
+        for peak in identification.resonances:
             table.add_row(number(peak.measured, 5), number(peak.predicted, 5))
         shown.append(table)
     return shown
 
 
-def _pairs(found: Identification) -> list[RenderableType]:
+def _mode_and_ratio_tables(identification: Identification) -> list[RenderableType]:
     """Tables of measured modes beside those of the model, and of the ratios where the scale is free."""
     shown: list[RenderableType] = []
-    for fit in found.modal_fits:
+    for fit in identification.modal_fits:
         table = new_table("measured mode", "Hz", "fitted model Hz", "MAC", "initial model Hz", "initial MAC")
         for i, mode in enumerate(fit.problem.data.measured.tolist()):
             table.add_row(
@@ -169,18 +169,18 @@ def _pairs(found: Identification) -> list[RenderableType]:
                 number(float(fit.initial.mac[i]), 3),
             )
         shown.append(table)
-    if found.mass.ratios is not None:
+    if identification.mass.ratios is not None:
         table = new_table("ratio", "value", "95 % interval")
         rows = zip(
-            found.mass.ratios.names,
-            found.mass.ratios.values,
-            found.mass.ratios.std,
-            found.mass.ratios.ends.tolist(),
+            identification.mass.ratios.names,
+            identification.mass.ratios.values,
+            identification.mass.ratios.std,
+            identification.mass.ratios.ends.tolist(),
             strict=True,
         )
         for name, value, std, ends in rows:
             table.add_row(
-                f"{name} / {found.mass.ratios.reference}", with_std(float(value), float(std)), span_text(*ends)
+                f"{name} / {identification.mass.ratios.reference}", with_std(float(value), float(std)), span_text(*ends)
             )
         shown.append(table)
     return shown

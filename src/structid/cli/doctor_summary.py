@@ -1,4 +1,4 @@
-"""What `structid doctor` prints: what is installed, and what a study will need."""
+"""Output of `structid doctor`: the installation, and what a study will need."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from structid.study.run.doctor import OPTIONAL, Installation
 from structid.study.run.resources import Duration, Needs, gigabytes
 
 
-def installed_lines(found: Installation) -> list[str]:
+def installed_lines(installation: Installation) -> list[str]:
     """Lines on versions, packages, factorizers, threads and memory of the installation."""
-    required = ", ".join(f"{name} {version}" for name, version in found.required.items())
-    has = ", ".join(f"{name} {version}" for name, version in found.optional.items() if version)
-    lacks = [f"{name}: {OPTIONAL[name]}" for name, version in found.optional.items() if not version]
-    free = f"{gigabytes(found.free_bytes)} free"
+    required = ", ".join(f"{name} {version}" for name, version in installation.required.items())
+    has = ", ".join(f"{name} {version}" for name, version in installation.optional.items() if version)
+    lacks = [f"{name}: {OPTIONAL[name]}" for name, version in installation.optional.items() if not version]
+    free = f"{gigabytes(installation.free_bytes)} free"
     return [
-        f"structid {found.structid}, Python {found.python}, {found.system}",
+        f"structid {installation.structid}, Python {installation.python}, {installation.system}",
         f"packages: {required}",
         f"optional packages: {has or 'none'}",
         *(f"not installed: {line}" for line in lacks),
-        f"factorizers: {', '.join(found.factorizers)}; the first is used",
-        f"threads: {found.processors} processors; {'; '.join(found.blas)}",
+        f"factorizers: {', '.join(installation.factorizers)}; the first is used",
+        f"threads: {installation.processors} processors; {'; '.join(installation.blas)}",
         f"memory: {free}",
     ]
 

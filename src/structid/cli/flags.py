@@ -79,9 +79,9 @@ def _inner(kind: object) -> type | None:
     return next((part for part in alternatives(kind) if isinstance(part, type) and is_dataclass(part)), None)
 
 
-def _made(options: type[T], told: Mapping[str, object]) -> T:
+def _made(options: type[T], values: Mapping[str, object]) -> T:
     """A dataclass of options from its flags; flags that begin with a field's name make the dataclass of that field."""
-    kinds, own = get_type_hints(options), dict(told)
+    kinds, own = get_type_hints(options), dict(values)
     for field in inspect.signature(options).parameters:
         inner, prefix = _inner(kinds[field]), f"{field}_"
         if inner is not None:

@@ -1,4 +1,4 @@
-"""How the command line prints: rich text and tables on standard output."""
+"""Printing on the command line: rich text and tables on standard output."""
 
 from __future__ import annotations
 
@@ -37,6 +37,6 @@ def new_table(*columns: str) -> Table:
     return table
 
 
-def groups(found: Identifiability) -> list[RenderableType]:
+def groups(identifiability: Identifiability) -> list[RenderableType]:
     """The groups of parameters that the data see together, the worst determined ones, in words."""
-    return [Text(group.words) for group in found.groups[:_MOST_GROUPS]]
+    return [Text(group.words) for group in identifiability.groups[:_MOST_GROUPS]]

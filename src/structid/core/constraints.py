@@ -1,4 +1,4 @@
-"""What fields and arguments are declared to hold: limits and choices in their annotations, words in docstrings."""
+"""Declared constraints of fields and arguments: limits and choices in annotations, words in docstrings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What Python and notebooks show of an object: a line and a short table instead of all its arrays."""
+"""Display of objects in Python and notebooks: a line and a short table instead of all arrays."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ def as_dof(text: str) -> Dof | None:
 
 
 def parse_dofs(texts: Iterable[str | Dof]) -> tuple[Dof, ...]:
-    """Each text of `texts` as a `Dof`, in order; a text by itself is one."""
+    """Degrees of freedom named by `texts`, in order; a single text is a list of one."""
     return tuple(parse_dof(text) for text in ([texts] if isinstance(texts, str) else texts))
 
 

@@ -1,4 +1,4 @@
-"""What structid raises: every error a user can cause names the place and the remedy."""
+"""Exceptions of structid: every error that a user can cause names the place and the remedy."""
 
 from __future__ import annotations
 

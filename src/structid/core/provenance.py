@@ -1,4 +1,4 @@
-"""What an answer was made from: versions, digests of the input files, and settings."""
+"""Provenance of an answer: versions, digests of the input files, and settings."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def scaled_misfit(squares: float, n_rows: int) -> float:
 
 
 def rows_of(problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[tuple[RecordProblem, FloatArray]]:
-    """Each problem with its part of the whitened data rows (n_rows,) of all problems."""
+    """Pairs of a problem and its part of the whitened data rows (n_rows,) of all problems."""
     first = 0
     for problem in problems:
         yield problem, residual[first : first + problem.n_data]

@@ -26,7 +26,7 @@ from structid.diagnose.study_tables import (
 )
 from structid.diagnose.tested_model import ModelDraft
 from structid.fem import ELEMENT_TYPES, Base, Constraint, RigidLink
-from structid.fem.places import AimedSensor, unit_direction
+from structid.fem.measuring_points import AimedSensor, unit_direction
 from structid.forward import ChannelUnknown
 from structid.identification.setups.modal import ModalSetup, chosen_modes
 from structid.identification.setups.time import TimeSetup

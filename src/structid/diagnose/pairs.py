@@ -1,4 +1,4 @@
-"""Of two faults each alone may lower the misfit little: beside which change a second one promises most."""
+"""Pairs of changes: two faults of which each alone lowers the misfit little, found from the most promising first change."""
 
 from __future__ import annotations
 

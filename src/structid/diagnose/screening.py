@@ -1,4 +1,4 @@
-"""What is refitted: of hundreds of changes those that lower the misfit of a linear look most."""
+"""Selection of the changes to refit: of hundreds, those that lower the linearized misfit most."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _frfs(stage: JointProblem) -> tuple[FrfProblem, ...]:
 
 
 class Shortlist(NamedTuple):
-    """What came of the looks.
+    """Result of screening.
 
     `rows` are the best candidates of every point and the best of each kind, each once, the most telling first; `at_fit`
     those of them that promise most at the fit, and channels with faults of their own; `in_turn` are those that are

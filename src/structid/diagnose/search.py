@@ -375,7 +375,7 @@ def _beside(first: Fitted, work: Work, which: str, budget: SearchBudget) -> Expl
 
 
 def _first_alike(rows: Sequence[Screened]) -> list[int]:
-    """For each change the position of the first one with the same screening result, mostly its own."""
+    """Index, for each change, of the first change with the same screening result, mostly its own."""
     seen = [(one.candidate.place[0], f"{one.strength:.9e}", f"{one.left:.9e}") for one in rows]
     return [seen.index(key) for key in seen]
 

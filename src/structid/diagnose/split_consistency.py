@@ -20,7 +20,8 @@ from structid.diagnose.thresholds import (
     PARTS_RISK,
 )
 from structid.forward import FrfProblem, RecordProblem
-from structid.identification.joint_problem import joint_problem, tolerances_of
+from structid.forward.fixed_values import tolerances_of
+from structid.identification.joint_problem import joint_problem
 from structid.inversion import LevenbergMarquardt, Problem, Search
 from structid.inversion.estimate import estimate
 from structid.inversion.search.within_tolerances import FixedValues

@@ -149,12 +149,12 @@ class Cause:
 
     @property
     def line(self) -> str:
-        """What is said of it in a list of causes."""
+        """Line for this cause in a list of causes."""
         return f"beside the first, {self.words}" if self.is_second else self.words
 
     @property
     def moves(self) -> float:
-        """How far it moves the value that it moves most, in standard deviations of the answer."""
+        """Largest shift of a parameter by this cause, in standard deviations of the answer."""
         return self.moved[0].distance if self.moved else 0.0
 
 
@@ -196,7 +196,7 @@ class Diagnosis(Shown):
 
     @property
     def named(self) -> tuple[Cause, ...]:
-        """What is shown: the causes, or in their place what lowers the misfit most."""
+        """Changes to show: the causes, or, without causes, those that lower the misfit most."""
         return self.causes or self.suggestions
 
 
@@ -594,7 +594,7 @@ def _untested(identification: Identification) -> Judgement:
 
 
 def _open_combinations(identification: Identification) -> str:
-    """How many combinations of parameters the data determine, in brackets; "" where these are all."""
+    """Words in brackets on how many combinations of parameters the data determine; "" if all are determined."""
     rank, n_free = identification.estimate.identifiability.rank, identification.estimate.identifiability.n_free
     return f" (the data determine {rank} of {n_free} combinations)" if rank < n_free else ""
 

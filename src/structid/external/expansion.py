@@ -1,4 +1,4 @@
-"""How numbers that a solver gives depend on its parameters: polynomials of low order, found and verified at further points."""
+"""Low-order polynomials of a solver's results in its parameters, fitted and verified at further points."""
 
 from __future__ import annotations
 
@@ -186,8 +186,8 @@ class _Table:
         change = np.abs(self.row(point) - self.row({})) / self.size
         return float((np.abs(self.row(point) - predicted) / self.size).max()), float(change.max())
 
-    def agrees(self, found: Mapping[Powers, FloatArray], point: dict[str, float]) -> bool:
-        missed, change = self.relative_errors(found, point)
+    def agrees(self, coefficients: Mapping[Powers, FloatArray], point: dict[str, float]) -> bool:
+        missed, change = self.relative_errors(coefficients, point)
         return missed <= _AGREE + _AGREE_OF_CHANGE * change
 
 
@@ -206,9 +206,9 @@ def _lowest_order(table: _Table, axis: _Axis) -> int:
     )
 
 
-def _along(one: _Axis, rows: Sequence[FloatArray]) -> dict[Powers, FloatArray]:
+def _along(axis: _Axis, rows: Sequence[FloatArray]) -> dict[Powers, FloatArray]:
     """Coefficients of u, u^2, ... by their powers."""
-    return {((one.name, k),): row for k, row in enumerate(rows, 1)}
+    return {((axis.name, k),): row for k, row in enumerate(rows, 1)}
 
 
 def _fit_powers(table: _Table, axis: _Axis, order: int) -> list[FloatArray]:
@@ -220,12 +220,12 @@ def _fit_powers(table: _Table, axis: _Axis, order: int) -> list[FloatArray]:
     return list(np.linalg.solve(u[:, None] ** np.arange(1, order + 1), changes))
 
 
-def _require_effect(table: _Table, one: _Axis, rows: Sequence[FloatArray]) -> None:
+def _require_effect(table: _Table, axis: _Axis, rows: Sequence[FloatArray]) -> None:
     if not any(row.any() for row in rows):
-        low, high = table.values({}), table.values({one.name: 1.0})
+        low, high = table.values({}), table.values({axis.name: 1.0})
         raise InputError(
-            f"parameter {one.name!r} has no effect: nothing that the solver gives changes between {low[one.name]:g} and"
-            f" {high[one.name]:g}; look for the mark in a part of the deck that is not used, or take the parameter out"
+            f"parameter {axis.name!r} has no effect: nothing that the solver gives changes between {low[axis.name]:g} and"
+            f" {high[axis.name]:g}; look for the mark in a part of the deck that is not used, or take the parameter out"
         )
 
 

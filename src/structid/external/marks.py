@@ -13,7 +13,7 @@ from typing import Annotated, Protocol
 
 from structid.core.constraints import Count, Limits
 from structid.core.errors import InputError
-from structid.external.blocks import ROW, Card, Keyword, called, cards_in, keywords_in
+from structid.external.blocks import ROW, Card, Keyword, cards_in, keywords_in, parse_keyword_line
 
 _NUMBER = re.compile(r"([-+]?(?:\d+(?:\.\d*)?|\.\d+))(?:[EDed]([-+]?\d+)|([-+]\d+))?")
 _MOST_NAMED = 8
@@ -148,14 +148,18 @@ class KeywordEntry:
                 above[block.name] = block
                 if not block.is_called(self.keyword, with_options=False):
                     continue
-                parent = None if self.of is None else above.get(called(self.of)[0])
+                parent = None if self.of is None else above.get(parse_keyword_line(self.of)[0])
                 same_name.append(block)
                 if block.is_called(self.keyword) and (
                     self.of is None or (parent is not None and parent.is_called(self.of))
                 ):
                     matching.append(block)
         if not matching:
-            others = f"; {called(self.keyword)[0]} stands in {_lines_of(same_name)}" if same_name else f"; {_LISTED}"
+            others = (
+                f"; {parse_keyword_line(self.keyword)[0]} stands in {_lines_of(same_name)}"
+                if same_name
+                else f"; {_LISTED}"
+            )
             raise InputError(f"{', '.join(texts)}: there is no {self.words}{others}")
         if len(matching) > 1:
             raise InputError(
@@ -180,14 +184,14 @@ class KeywordEntry:
         return DeckPosition(block.file, line, start, start + len(whole.strip()), None, value)
 
 
-def with_marks(texts: Mapping[str, str], places: Sequence[tuple[str, DeckPosition]]) -> dict[str, str]:
+def with_marks(texts: Mapping[str, str], positions: Sequence[tuple[str, DeckPosition]]) -> dict[str, str]:
     """The files of a deck with ``{{name}}`` in place of the numbers at the given positions.
 
     Parameters
     ----------
     texts : mapping of str to str
         Text by name of the file.
-    places : sequence of (str, DeckPosition)
+    positions : sequence of (str, DeckPosition)
         Name of a parameter and where it stands, each as often as there are places.
 
     Raises
@@ -196,7 +200,7 @@ def with_marks(texts: Mapping[str, str], places: Sequence[tuple[str, DeckPositio
         If two of them are the same number.
     """
     made, names = dict(texts), dict[tuple[str, int], str]()
-    for name, position in sorted(places, key=lambda pair: (pair[1].file, pair[1].start), reverse=True):
+    for name, position in sorted(positions, key=lambda pair: (pair[1].file, pair[1].start), reverse=True):
         other = names.setdefault((position.file, position.start), name)
         if made[position.file][position.start :].startswith("{{"):
             raise InputError(
@@ -207,10 +211,10 @@ def with_marks(texts: Mapping[str, str], places: Sequence[tuple[str, DeckPositio
     return made
 
 
-def value_at(name: str, places: Sequence[DeckPosition]) -> float:
+def value_at(name: str, positions: Sequence[DeckPosition]) -> float:
     """The value that a deck holds for the parameter `name`; raises `InputError` if its positions hold different ones."""
-    first = places[0]
-    for position in places:
+    first = positions[0]
+    for position in positions:
         if not math.isclose(first.value, position.value, rel_tol=1e-6):
             raise InputError(
                 f"{position.file}, line {position.line}: {name!r} is {position.value:g} here and {first.value:g} in {first.file},"
@@ -233,5 +237,5 @@ def _parse_number(where: str, text: str) -> float:
     return float(f"{match[1]}e{match[2] or match[3] or 0}")
 
 
-def _lines_of(found: Sequence[Card] | Sequence[Keyword]) -> str:
-    return ", ".join(f"{one.file} line {one.line}" for one in found[:_MOST_NAMED])
+def _lines_of(cards: Sequence[Card] | Sequence[Keyword]) -> str:
+    return ", ".join(f"{one.file} line {one.line}" for one in cards[:_MOST_NAMED])

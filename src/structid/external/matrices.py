@@ -123,46 +123,46 @@ def _describe_matrices(polynomials: Expansion, pattern: _Pattern, counts: RunCou
 
 @dataclass(frozen=True, eq=False)
 class _Pattern:
-    """Where the matrices of the runs so far have entries: solvers leave out those that cancel, one run here, another there.
+    """Union of the sparsity patterns of the runs so far: solvers leave out entries that cancel, in each run others.
 
     Attributes
     ----------
-    own : mapping of str to int array
+    codes_by_kind : mapping of str to int array
         Codes of node and component of each kind of matrix, sorted.
     codes : (n_dofs,) int array
         Of all kinds.
-    places : (n_entries,) int array
+    entries : (n_entries,) int array
         (Number of the kind times n_dofs plus column) times n_dofs plus row; what a further run adds is at the end.
     """
 
-    own: Mapping[str, np.ndarray] = field(default_factory=dict)
+    codes_by_kind: Mapping[str, np.ndarray] = field(default_factory=dict)
     codes: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    places: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    entries: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def with_run(self, table: Mapping[str, ImportedMatrix], words: str) -> _Pattern:
         """The pattern extended by the entries of one run; `words` describe the run in the error for other degrees of freedom."""
         codes_of_run = {key: np.sort(codes_of(item.dofs)) for key, item in table.items() if item.dofs is not None}
-        first = self.own or codes_of_run
+        first = self.codes_by_kind or codes_of_run
         for key, codes in codes_of_run.items():
             if not np.array_equal(codes, first[key]):
                 raise InputError(
                     f"the {key} of the run at {words} has {len(codes)} rows, that of the first run {len(first[key])}, or others;"
                     " keep mesh and supports as they are, and mark numbers that change neither"
                 )
-        pattern = replace(self, own=first, codes=np.unique(np.concatenate(list(first.values()))))
-        new = np.setdiff1d(pattern._entries(table)[0], self.places)
-        return replace(pattern, places=np.concatenate([self.places, new]))
+        pattern = replace(self, codes_by_kind=first, codes=np.unique(np.concatenate(list(first.values()))))
+        new = np.setdiff1d(pattern._entries_of(table)[0], self.entries)
+        return replace(pattern, entries=np.concatenate([self.entries, new]))
 
     def rows(self, tables: Sequence[Mapping[str, ImportedMatrix]]) -> tuple[FloatArray, FloatArray]:
         """Matrix entries of each run, (n_runs, n_entries), and the size relative to which each is judged, (n_entries,)."""
-        values = np.zeros((len(tables), len(self.places)))
-        order = np.argsort(self.places)
+        values = np.zeros((len(tables), len(self.entries)))
+        order = np.argsort(self.entries)
         for row, table in zip(values, tables, strict=True):
-            places, data = self._entries(table)
-            row[order[np.searchsorted(self.places, places, sorter=order)]] = data
-        kind, column, row_of = self._at()
+            entries, data = self._entries_of(table)
+            row[order[np.searchsorted(self.entries, entries, sorter=order)]] = data
+        kind, column, row_of = self._rows_and_columns()
         on_diagonal = row_of == column
-        diagonal = np.zeros((len(self.own), len(self.codes)))
+        diagonal = np.zeros((len(self.codes_by_kind), len(self.codes)))
         diagonal[kind[on_diagonal], column[on_diagonal]] = np.abs(values[:, on_diagonal]).max(axis=0)
         largest = diagonal.max(axis=1, initial=1e-300)
         return values, np.sqrt(diagonal[kind, row_of] * diagonal[kind, column]) + 1e-12 * largest[kind]
@@ -170,28 +170,28 @@ class _Pattern:
     def matrices(self, row: FloatArray) -> dict[str, sparse.csc_array]:
         """Symmetric matrices by name from one row of entries, (n_entries,)."""
         matrices, n = {}, len(self.codes)
-        kind, column, row_of = self._at()
-        for number, key in enumerate(self.own):
+        kind, column, row_of = self._rows_and_columns()
+        for number, key in enumerate(self.codes_by_kind):
             chosen = (kind == number) & (row != 0)
             matrix = sparse.coo_array((row[chosen], (row_of[chosen], column[chosen])), (n, n)).tocsc()
             matrices[key] = sparse.csc_array((matrix + matrix.T) / 2)
         return matrices
 
-    def _at(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Number of the kind, column and row of each place."""
-        rest, row = np.divmod(self.places, len(self.codes))
-        kind, column = np.divmod(rest, len(self.codes))
+    def _rows_and_columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Number of the kind, column and row of each entry."""
+        remainder, row = np.divmod(self.entries, len(self.codes))
+        kind, column = np.divmod(remainder, len(self.codes))
         return kind, column, row
 
-    def _entries(self, table: Mapping[str, ImportedMatrix]) -> tuple[np.ndarray, FloatArray]:
+    def _entries_of(self, table: Mapping[str, ImportedMatrix]) -> tuple[np.ndarray, FloatArray]:
         """Codes of the positions and values of all matrix entries of one run, (n,) each."""
-        places, values = [], []
-        for number, key in enumerate(self.own):
+        found_entries, values = [], []
+        for number, key in enumerate(self.codes_by_kind):
             item = table[key]
             assert item.dofs is not None
             index = np.searchsorted(self.codes, codes_of(item.dofs))
             entries = item.matrix.tocoo()
             n = len(self.codes)
-            places.append((number * n + index[entries.col].astype(np.int64)) * n + index[entries.row])
+            found_entries.append((number * n + index[entries.col].astype(np.int64)) * n + index[entries.row])
             values.append(entries.data)
-        return np.concatenate(places), np.concatenate(values)
+        return np.concatenate(found_entries), np.concatenate(values)

@@ -1,4 +1,4 @@
-"""What a solver gives in the folder of a run, and what makes it whole."""
+"""Outputs of a solver in the folder of a run, and checks that they are complete."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ _STALE_SECONDS = 7 * 24 * 3600.0
 
 
 class RunFailedError(InputError):
-    """A solver gave no usable result, each time that it was tried."""
+    """A solver gave no usable result in any of its tries."""
 
 
 class Outputs(Protocol):
@@ -83,11 +83,11 @@ class Solver:
 
     @property
     def arguments(self) -> list[str]:
-        """The command as the system takes it."""
+        """The command as a list of arguments for the operating system."""
         return command_words(self.command, self.deck.main, self.study)
 
     def key(self, values: Mapping[str, float]) -> str:
-        """Name of a run: what it depends on, as SHA-256."""
+        """Name of a run: SHA-256 of all that its result depends on."""
         parts = {
             "layout": _LAYOUT,
             "command": self.command,
@@ -97,8 +97,8 @@ class Solver:
         }
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
 
-    def place(self, values: Mapping[str, float]) -> Path:
-        """Folder of a run."""
+    def run_folder(self, values: Mapping[str, float]) -> Path:
+        """Folder of the run with the given parameter values."""
         return self.folder / self.key(values)
 
 
@@ -185,7 +185,7 @@ def needed_runs(solver: Solver, points: Sequence[Mapping[str, float]], work: Wor
 
 def run_once(solver: Solver, values: Mapping[str, float], tools: Tools) -> str:
     """Run the solver at `values` (by name), again after a failure; returns "" on success, else the reason of the failure."""
-    words, folder = "", solver.place(values)
+    words, folder = "", solver.run_folder(values)
     require_confirmed(solver.command, solver.confirmation)
     for _ in range(solver.retries + 1):
         if _is_done(folder):  # made by another process meanwhile
@@ -198,9 +198,9 @@ def run_once(solver: Solver, values: Mapping[str, float], tools: Tools) -> str:
     return f"the solver failed{times} at {values_text}: {words}"
 
 
-def _is_done(place: Path) -> bool:
-    """True if the run whose folder this is has ended whole."""
-    return (place / _DONE).is_file()
+def _is_done(folder: Path) -> bool:
+    """True if the run in `folder` has ended and is complete."""
+    return (folder / _DONE).is_file()
 
 
 def _try_run(solver: Solver, values: Mapping[str, float], folder: Path) -> str:

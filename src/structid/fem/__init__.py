@@ -1,4 +1,4 @@
-"""What a structure is: nodes, elements, supports; it gives element matrices, never data."""
+"""Structures: nodes, elements and supports; they give element matrices, never data."""
 
 from structid.fem.component import Component
 from structid.fem.elements import (

@@ -17,7 +17,7 @@ from structid.dynamics.factorization import SingularMatrixError, factorizer
 from structid.dynamics.normal_modes import modes
 from structid.fem.elements import MatrixGroup
 from structid.fem.elements.element import ElementMatrixTerm, Power, Term, dof_code, dof_of_code, joined_codes
-from structid.fem.matrices.contribution import MATRIX_KINDS, Property, weighed
+from structid.fem.matrices.contribution import MATRIX_KINDS, Property, weigh_properties
 from structid.fem.numbering import Numbering, free_blocks
 from structid.fem.supports import Equations, Following
 
@@ -139,7 +139,7 @@ def reductions(
     components: Sequence[Component],
     terms: Mapping[str, tuple[Term, ...]],
     equations: Equations,
-    held: frozenset[int],
+    constrained: frozenset[int],
     kept: IntArray,
 ) -> tuple[Reduction, ...]:
     """The reduction of each of `components` to its interface and a few modes.
@@ -151,7 +151,7 @@ def reductions(
         Properties of all element sets, by the name of the set.
     equations : mapping
         Dependent codes with the codes and weights that they follow.
-    held : frozenset of int
+    constrained : frozenset of int
         Codes at zero.
     kept : (n,) int array
         Codes that belong to no component alone, whatever else is there.
@@ -184,7 +184,7 @@ def reductions(
         own = joined_codes([codes[name] for name in one.elements])
         others = [codes[name] for name in terms if name not in one.elements]
         joined = joined_codes([tied, _interface_codes(one, own, equations), *others])
-        found.append(_reduce_component(one, {name: terms[name] for name in one.elements}, own, joined, held))
+        found.append(_reduce_component(one, {name: terms[name] for name in one.elements}, own, joined, constrained))
     return tuple(found)
 
 
@@ -207,13 +207,13 @@ def _reduce_component(
     terms: Mapping[str, tuple[Term, ...]],
     codes: IntArray,
     joined: IntArray,
-    held: frozenset[int],
+    constrained: frozenset[int],
 ) -> Reduction:
-    """A component reduced to its interface and modes; `codes` are its degrees of freedom, `joined` those to keep, `held`
+    """A component reduced to its interface and modes; `codes` are its degrees of freedom, `joined` those to keep, `constrained`
     the constrained ones.
     """
     matrices = _nominal_matrices(component, terms, codes)
-    kept, free = np.isin(codes, joined), ~np.isin(codes, list(held))
+    kept, free = np.isin(codes, joined), ~np.isin(codes, list(constrained))
     border, inside = np.flatnonzero(kept & free), np.flatnonzero(~kept & free)
     if not kept.any():
         raise InputError(
@@ -271,7 +271,7 @@ def _nominal_matrices(
     values = np.concatenate([item.term.values for item in properties])
     numbering = Numbering(codes, sparse.eye_array(len(codes), format="csr"), tuple(codes.tolist()))
     matrices = dict.fromkeys(MATRIX_KINDS, sparse.csc_array((len(codes), len(codes))))
-    for part in weighed(properties, partial(free_blocks, numbering), {}):
+    for part in weigh_properties(properties, partial(free_blocks, numbering), {}):
         matrices[part.matrix_kind] = matrices[part.matrix_kind] + part.blocks.assemble(part.weights(values))
     return matrices
 

@@ -257,17 +257,17 @@ def joined_receptance(components: Sequence[MeasuredComponent], frequency: FloatA
     return joined
 
 
-def _read_between(axis: FloatArray, values: ComplexArray, at: FloatArray) -> ComplexArray:
+def _read_between(axis: FloatArray, values: ComplexArray, frequency: FloatArray) -> ComplexArray:
     """`values` (n_axis, n, n) at other places of the axis, by the cubic through the four next to each."""
-    near, weights = _cubic_weights(axis, at)
+    near, weights = _cubic_weights(axis, frequency)
     found: ComplexArray = np.einsum("lk,lkij->lij", weights, values[near])
     return found
 
 
-def _cubic_weights(axis: FloatArray, at: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Indices of the four lines next to each of `at`, and the weights of the cubic through them (Lagrange), (n_at, 4) each."""
-    near = np.clip(np.searchsorted(axis, at) - 2, 0, len(axis) - 4)[:, None] + np.arange(4)
+def _cubic_weights(axis: FloatArray, frequency: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Indices of the four lines next to each `frequency`, and weights of the cubic through them (Lagrange), (n_frequency, 4)."""
+    near = np.clip(np.searchsorted(axis, frequency) - 2, 0, len(axis) - 4)[:, None] + np.arange(4)
     nodes, weights = axis[near], np.ones(near.shape)
     for k, j in ((k, j) for k in range(4) for j in range(4) if j != k):
-        weights[:, k] *= (at - nodes[:, j]) / (nodes[:, k] - nodes[:, j])
+        weights[:, k] *= (frequency - nodes[:, j]) / (nodes[:, k] - nodes[:, j])
     return near, weights

@@ -107,12 +107,12 @@ class ModalDamping(Factor):
     columns: IntArray
 
     @cached_property
-    def places(self) -> tuple[IntArray, ...]:
-        """See `Factor.places`; every value stands by itself."""
+    def value_indices(self) -> tuple[IntArray, ...]:
+        """Indices of the values that the damping depends on, each broadcast over all entries; see `Factor.value_indices`."""
         return tuple(np.broadcast_to(value, self.rows.shape) for value in self._values)
 
     def of(self, values: FloatArray) -> FloatArray:
-        """See `Factor.of`; N s/m, N m s and so on."""
+        """Damping entries (n_entries,) at property `values`, N s/m, N m s and so on; see `Factor.of`."""
         found: FloatArray = self.at(values).matrix[self.rows, self.columns]
         return found
 
@@ -120,9 +120,9 @@ class ModalDamping(Factor):
         """See `Factor.touched`."""
         return np.full(self.rows.shape, changing[self._values].any())
 
-    def slope(self, values: FloatArray, place: int) -> FloatArray:
+    def slope(self, values: FloatArray, number: int) -> FloatArray:
         """See `Factor.slope`."""
-        alone = sparse.csr_array(([1.0], ([self._values[place]], [0])), (self.n_values, 1))
+        alone = sparse.csr_array(([1.0], ([self._values[number]], [0])), (self.n_values, 1))
         return self.change(values, alone).toarray()[:, 0]
 
     def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
@@ -185,7 +185,7 @@ class ModalDamping(Factor):
     def _values(self) -> IntArray:
         """Indices of the values of masses and stiffnesses among all values."""
         every = np.arange(self.n_values)
-        return np.unique(np.concatenate([every[place] for part in self.parts for place in part.places]))
+        return np.unique(np.concatenate([every[index] for part in self.parts for index in part.value_indices]))
 
     @cached_property
     def _known(self) -> dict[bytes, ModalState]:
@@ -193,14 +193,14 @@ class ModalDamping(Factor):
         return {}
 
 
-def modal_damping(parts: Sequence[Contribution], place: int, n_values: int, n_dofs: int) -> Contribution:
+def modal_damping(parts: Sequence[Contribution], ratio_index: int, n_values: int, n_dofs: int) -> Contribution:
     """Viscous damping with one ratio in all modes, as a contribution with one element for each entry of the full matrix.
 
     Parameters
     ----------
     parts : sequence of Contribution
         All others of the structure.
-    place : int
+    ratio_index : int
         Index of the damping ratio among the property values of the structure.
     n_values, n_dofs : int
 
@@ -216,13 +216,13 @@ def modal_damping(parts: Sequence[Contribution], place: int, n_values: int, n_do
         )
     rows, columns = np.triu_indices(n_dofs)
     damping = ModalDamping(own, n_values, locked(rows, np.int64), locked(columns, np.int64))
-    if n_dofs > _MOST_DOFS or len(rows) * len(damping.places) > _MOST_SLOPES:
+    if n_dofs > _MOST_DOFS or len(rows) * len(damping.value_indices) > _MOST_SLOPES:
         raise InputError(
             f"modal damping has a full matrix, up to {_MOST_DOFS} degrees of freedom and {_MOST_SLOPES:.0e} entries times"
-            f" values, and the structure has {n_dofs} and {len(rows) * len(damping.places):.1e}; reduce parts of it to"
+            f" values, and the structure has {n_dofs} and {len(rows) * len(damping.value_indices):.1e}; reduce parts of it to"
             " components, or use loss factors of twice the damping ratio"
         )
     local = np.where((rows == columns)[:, None, None], [[1.0, 0.0], [0.0, 0.0]], [[0.0, 1.0], [1.0, 0.0]])
     dofs = np.stack([rows, np.where(rows == columns, -1, columns)], axis=1)
-    value = np.broadcast_to(np.int64(place), rows.shape)
+    value = np.broadcast_to(np.int64(ratio_index), rows.shape)
     return Contribution("damping", Blocks(dofs, local, n_dofs), value, scale=damping)

@@ -61,7 +61,7 @@ class NodePosition:
 
 @dataclass(frozen=True, eq=False)
 class LengthDependence:
-    """How the lengths of the elements of a set depend on the variable positions of nodes.
+    """Dependence of the lengths of a set's elements on the variable positions of nodes.
 
     Attributes
     ----------
@@ -159,16 +159,16 @@ def split_by_length_power(
     positions : mapping of int to position
     """
     scales = [2.0**k for k in _POWERS]
-    made = [terms_of({label: scale * place for label, place in positions.items()}) for scale in scales]
+    made = [terms_of({label: scale * position for label, position in positions.items()}) for scale in scales]
     nominal = made[scales.index(1.0)]
     if any(matrix_term.shear is not None for term in nominal for matrix_term in term.matrix_terms):
         raise InputError(f"beams of {name!r} shear, so that no end of theirs can be in `sliding`; leave the shear out")
     split: dict[int, list[ElementMatrixTerm]] = {}
     for number, term in enumerate(nominal):
-        for place, matrix_term in enumerate(term.matrix_terms):
+        for position, matrix_term in enumerate(term.matrix_terms):
             if id(matrix_term) not in split:
                 split[id(matrix_term)] = _split_by_power(
-                    matrix_term, np.array([terms[number].matrix_terms[place].local for terms in made])
+                    matrix_term, np.array([terms[number].matrix_terms[position].local for terms in made])
                 )
     return tuple(
         replace(term, matrix_terms=[part for matrix_term in term.matrix_terms for part in split[id(matrix_term)]])
@@ -187,7 +187,7 @@ def _split_by_power(matrix_term: ElementMatrixTerm, local: FloatArray) -> list[E
 
 
 def _power_weights() -> FloatArray:
-    """Weights that turn matrices at all scales into parts by powers: the inverse of 2^(k p), exact, then rounded."""
+    """Weights that split a matrix, given at lengths scaled by 2^k, into its parts by powers p of length: the inverse of 2^(k p)."""
     n = len(_POWERS)
     rows = [[*(Fraction(2) ** (k * p) for p in _POWERS), *(Fraction(int(k == j)) for j in _POWERS)] for k in _POWERS]
     for i in range(n):
@@ -204,19 +204,22 @@ _WEIGHTS = _power_weights()
 
 
 def length_dependence(
-    element: ElementSet, position_of_node: Mapping[int, NodePosition], positions: Positions, places: Mapping[str, int]
+    element: ElementSet,
+    position_of_node: Mapping[int, NodePosition],
+    positions: Positions,
+    index_of_value: Mapping[str, int],
 ) -> LengthDependence:
-    """The change of lengths of a set with positions of nodes; `places` maps the name of each to the index of its value."""
+    """The change of lengths of a set with positions of nodes; `index_of_value` maps the name of each to the index of its value."""
     ends = np.array([[positions[int(n)] for n in row] for row in element.nodes])
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     moving_ends = [end for end in (0, 1) if np.isin(element.nodes[:, end], list(position_of_node)).any()]
-    value_index = np.full((len(moving_ends), len(lengths)), next(iter(places.values())))
+    value_index = np.full((len(moving_ends), len(lengths)), next(iter(index_of_value.values())))
     slope, nominal = np.zeros(value_index.shape), np.zeros(value_index.shape)
     for k, end in enumerate(moving_ends):
         for e, node in enumerate(element.nodes[:, end].tolist()):
             if node in position_of_node:
                 node_position = position_of_node[node]
                 away = ends[e, end] - ends[e, 1 - end]
-                value_index[k, e], nominal[k, e] = places[node_position.name], node_position.position
+                value_index[k, e], nominal[k, e] = index_of_value[node_position.name], node_position.position
                 slope[k, e] = np.sign(away @ node_position.direction)
     return LengthDependence(lengths, tuple(value_index), tuple(slope), tuple(nominal))

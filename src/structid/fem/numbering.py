@@ -44,13 +44,13 @@ class Numbering:
         return self.codes[np.diff(self.matrix.indptr) > 0]
 
     def directions(self, node: int) -> list[str]:
-        """In which elements or ties use a node, held or not."""
+        """Directions in which elements or ties use a node, constrained or not."""
         first, last = np.searchsorted(self.codes, [6 * node, 6 * node + 6])
         return [dof_of_code(code).direction for code in self.codes[first:last].tolist()]
 
 
 def numbering(
-    codes: Sequence[int], held: frozenset[int], equations: Equations, following: Sequence[Following] = ()
+    codes: Sequence[int], constrained: frozenset[int], equations: Equations, following: Sequence[Following] = ()
 ) -> Numbering:
     """The numbering of free degrees of freedom, and the sparse map from them to all others.
 
@@ -58,7 +58,7 @@ def numbering(
     ----------
     codes : sequence of int
         All codes in order, n_all of them.
-    held : frozenset of int
+    constrained : frozenset of int
         Codes at zero.
     equations : mapping
         Dependent codes with what they depend on; a dependent may depend on another dependent.
@@ -70,14 +70,14 @@ def numbering(
     InputError
         If one is fixed and depends on others too, or constraints run in a circle.
     """
-    for code in held & equations.keys():
+    for code in constrained & equations.keys():
         raise InputError(
             f"{dof_of_code(code)} is fixed and also depends on others; fix the degrees of freedom it follows"
         )
     _require_no_circle(equations)
     known = np.array(codes, dtype=np.int64)
     dependent = np.isin(known, [*equations, *(code for one in following for code in one.dependents.tolist())])
-    free = np.flatnonzero(~dependent & ~np.isin(known, list(held)))
+    free = np.flatnonzero(~dependent & ~np.isin(known, list(constrained)))
     follow = _dependence_matrix(known, equations, following)
     part = sparse.csr_array((np.ones(len(free)), (free, np.arange(len(free)))), (len(known), len(free)))
     matrix = part
@@ -87,8 +87,8 @@ def numbering(
     return Numbering(known, sparse.csr_array(matrix), tuple(known[free].tolist()))
 
 
-def _dependence_matrix(known: IntArray, equations: Equations, following: Sequence[Following]) -> sparse.csr_array:
-    """Sparse matrix of direct dependences between the codes `known`: row = sum of entries times columns, (n_all, n_all)."""
+def _dependence_matrix(codes: IntArray, equations: Equations, following: Sequence[Following]) -> sparse.csr_array:
+    """Sparse matrix of direct dependences between the codes `codes`: row = sum of entries times columns, (n_all, n_all)."""
     entries = [(code, other, value) for code, others in equations.items() for other, value in others.items()]
     tables = [np.array([entry[:2] for entry in entries], dtype=np.int64).reshape(-1, 2)]
     values: list[FloatArray] = [np.array([entry[2] for entry in entries], dtype=np.float64)]
@@ -97,8 +97,8 @@ def _dependence_matrix(known: IntArray, equations: Equations, following: Sequenc
             np.stack([a.ravel() for a in np.meshgrid(group.dependents, group.masters, indexing="ij")], axis=1)
         )
         values.append(group.matrix.ravel())
-    rows, columns = np.searchsorted(known, np.concatenate(tables)).T
-    return sparse.coo_array((np.concatenate(values), (rows, columns)), (len(known), len(known))).tocsr()
+    rows, columns = np.searchsorted(codes, np.concatenate(tables)).T
+    return sparse.coo_array((np.concatenate(values), (rows, columns)), (len(codes), len(codes))).tocsr()
 
 
 def _require_no_circle(equations: Equations) -> None:
@@ -192,11 +192,11 @@ def _tied_blocks(position: IntArray, local: FloatArray, matrix: sparse.csr_array
         np.append(matrix.indptr[:-1], 0)[position].ravel() - np.cumsum(n_masters) + n_masters, n_masters
     )
     element = line // n_local
-    pairs, place = np.unique(element * n_free + matrix.indices[entry], return_inverse=True)
+    pairs, column = np.unique(element * n_free + matrix.indices[entry], return_inverse=True)
     owner = pairs // n_free
     begin, size = np.searchsorted(owner, np.arange(n_elements)), int(np.bincount(owner, minlength=1).max())
     ties = np.zeros((n_elements, n_local, size))
-    np.add.at(ties, (element, line % n_local, place - begin[element]), matrix.data[entry])
+    np.add.at(ties, (element, line % n_local, column - begin[element]), matrix.data[entry])
     dofs = -np.ones((n_elements, size), dtype=np.int64)
     dofs[owner, np.arange(len(pairs)) - begin[owner]] = pairs % n_free
     return Blocks(dofs, np.swapaxes(ties, 1, 2) @ local @ ties, n_free)

@@ -1,4 +1,4 @@
-"""What holds a structure or ties its degrees of freedom: supports, rigid links and multi-point constraints."""
+"""Constraints of a structure: supports, rigid links and multi-point constraints."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Tie(Protocol):
     def name(self) -> str: ...
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-        """For each dependent code, the codes it depends on with their coefficients."""
+        """Codes and coefficients that each dependent code depends on."""
         ...
 
 

@@ -25,7 +25,7 @@ from structid.core.errors import FileError
 from structid.core.isolation import import_paths, kill_child, python_arguments, start_child
 from structid.core.json_types import Plain
 from structid.files.worker import __file__ as _SCRIPT
-from structid.files.worker import filled
+from structid.files.worker import fill_tree
 
 T = TypeVar("T")
 
@@ -34,7 +34,7 @@ _START_SECONDS = 120.0
 
 
 class ReaderError(Exception):
-    """What a reader raised in the child: `kind` is the name of the exception."""
+    """Exception of a reader in the child process: `kind` is its class name."""
 
     def __init__(self, kind: str, words: str) -> None:
         super().__init__(words or kind)
@@ -50,7 +50,7 @@ class _LostError(Exception):
 
 
 class _Answer(NamedTuple):
-    """What the child gave: a tree with numbers in place of its arrays, and these; or what it raised."""
+    """Answer of the child process: a tree with numbers in place of its arrays, and the arrays; or its exception."""
 
     tree: Plain = None
     arrays: tuple[np.ndarray, ...] = ()
@@ -145,7 +145,7 @@ def read_in_child(path: Path, reader: str, seconds: float | None = None, **optio
         if answer.error is not None:
             end()  # damage may have left it in a state that the next file should not meet
             raise answer.error
-    return filled(answer.tree, answer.arrays.__getitem__)
+    return fill_tree(answer.tree, answer.arrays.__getitem__)
 
 
 def _ask_child(path: Path, request: Mapping[str, Plain], seconds: float) -> _Answer:

@@ -78,8 +78,8 @@ def texts_of(field: Field) -> tuple[str, ...]:
     return (field,) if isinstance(field, str) else tuple(map(str, field))
 
 
-def _fields(found: Mapping[str, Field | list[str]]) -> dict[str, Field]:
-    return {name: tuple(field) if isinstance(field, list) else field for name, field in found.items()}
+def _fields(fields: Mapping[str, Field | list[str]]) -> dict[str, Field]:
+    return {name: tuple(field) if isinstance(field, list) else field for name, field in fields.items()}
 
 
 @contextmanager

@@ -19,7 +19,7 @@ _MOST_PACKED, _PACKED = 100_000_000, 500
 
 
 class Header(NamedTuple):
-    """What an NPY file says of its array, and the byte where its values begin."""
+    """Header of an NPY file: type and shape of the array, and the byte where its values begin."""
 
     shape: tuple[int, ...]
     fortran: bool

@@ -278,7 +278,7 @@ def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: spar
     n_slopes, first = 0, 0
     for member, item in enumerate(members):
         own, used = slice(first, first + item.blocks.n_elements), []
-        for k, place in enumerate(item.places):
+        for k, place in enumerate(item.value_indices):
             if not changes[place].any():
                 continue
             while len(values) <= k:

@@ -14,7 +14,7 @@ from structid.forward.channel_unknowns import ChannelUnknown, channel_errors
 from structid.forward.record_problem import RecordProblem
 from structid.inversion.fixed_values import FIXED
 from structid.unknowns import Parameters
-from structid.unknowns.named_unknowns import N, NamedUnknowns, joined
+from structid.unknowns.named_unknowns import N, NamedUnknowns, join_unknowns
 from structid.unknowns.priors import no_priors
 from structid.unknowns.tolerances import FixedProperty, Tolerances, fixed_properties, relative_sensitivities
 from structid.unknowns.transforms import Transform, Transforms
@@ -45,6 +45,18 @@ def with_fixed_values(
     if gain == 0 or problem.measured_responses is None:
         return problem
     return problem.with_channels(_with_gain(problem, problem.measured_responses, gain, record))
+
+
+def tolerances_of(freed: Sequence[RecordProblem]) -> dict[str, float]:
+    """Tolerances of the fixed values among the unknowns of `freed` problems, by the names of these unknowns."""
+    held = [
+        (part.names, part.free_prior[1].tolist())
+        for problem in freed
+        for part in problem.parts
+        if part.free_prior is not None
+    ]
+    pairs = [pair for names, deviations in held for pair in zip(names, deviations, strict=True)]
+    return {name: float(std) for name, std in pairs if name.startswith(FIXED)}
 
 
 def append_fixed_factors(parameters: Parameters, fixed: tuple[FixedProperty, ...]) -> Parameters:
@@ -88,5 +100,5 @@ def _unit_factors(names: Sequence[str], kinds: Sequence[str], tolerances: Sequen
 
 def _append_unknowns(first: N, second: NamedUnknowns) -> N:
     """A copy of `first` with the unknowns of `second` appended; all its other fields stay."""
-    both = joined(first, second)
+    both = join_unknowns(first, second)
     return replace(first, **{item.name: getattr(both, item.name) for item in fields(NamedUnknowns)})

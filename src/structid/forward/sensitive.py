@@ -34,9 +34,7 @@ def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
             " are; fit spectra or output error, or FRFs, or take viscous elements in its place"
         )
     changing = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != structure.values)
-    factors = np.zeros(len(changing), dtype=bool)
-    for place in (place for part in structure.contributions if part.scale for place in part.scale.places):
-        factors[place] = True
+    factors = nonlinear_values(structure)
     for item in structure.properties:
         if (factors[item.values] & changing[item.values]).any():
             remedy = _REMEDIES.get(item.term.kind, "leave the shear out")
@@ -44,6 +42,14 @@ def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
                 f"{item.label} must be known here, where equations of motion are linear in the parameters; {remedy}, or"
                 f" identify the {item.term.property.replace('_', ' ')} from FRFs, spectra or output error"
             )
+
+
+def nonlinear_values(structure: Structure) -> np.ndarray:
+    """True for property values that enter matrices non-linearly, (n_values,) bool."""
+    factors = np.zeros(len(structure.values), dtype=bool)
+    for index in (index for part in structure.contributions if part.scale for index in part.scale.value_indices):
+        factors[index] = True
+    return factors
 
 
 def require_matrices_in_time(structure: Structure, unknown: Parameters) -> None:
@@ -122,9 +128,9 @@ def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[
     counts, marks = np.diff(unknown.design.tocsr().indptr), np.zeros(len(unknown.offset), dtype=bool)
     for member in (member for group in sensitive for member in group.members):
         item = structure.contributions[member]
-        for place in item.places[1:]:
-            marks[place] = True
-            if counts[place].any():
+        for index in item.value_indices[1:]:
+            marks[index] = True
+            if counts[index].any():
                 marks[item.value] = True
     return np.flatnonzero(marks)
 

@@ -1,4 +1,4 @@
-"""What is worth a warning in a record, and what a model must have, before anything is estimated."""
+"""Checks of records (warnings) and of models (errors) before anything is estimated."""
 
 from __future__ import annotations
 

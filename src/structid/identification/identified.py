@@ -84,7 +84,7 @@ class MassEstimate:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Identification(Shown, IdentificationPlots):
-    """An estimate with what it was made from and what it predicts.
+    """An estimate with the data that it was made from and its predictions.
 
     Properties that concern one record are those of the first.
 
@@ -205,7 +205,7 @@ class Identification(Shown, IdentificationPlots):
         fixed = self.estimate.fixed
         if fixed is not None:
             return f"± includes {fixed.words}"
-        can_tell = self.target is not None and self.estimate.uncertainty.has_matrix
+        can_tell = self.estimate.uncertainty.has_matrix
         return "± takes what the model holds as exact" + (
             "" if can_tell else ": this search does not tell what it changes"
         )

@@ -200,9 +200,16 @@ def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem])
 
 
 def _own(problem: RecordProblem, found: Estimate) -> Own:
-    """Free variables, values and initial values of the problem's own parameters in the estimate."""
+    """Free variables, values and initial values of the problem's own parameters in the estimate.
+
+    A linear fit knows no free variables: values out of their range, as it may give them, have those of their start.
+    """
     place = indices_of(found.names, problem.names)
-    return Own(found.theta[place], found.values[place], found.initial[place])
+    values, theta = found.values[place], found.theta[place]
+    if found.parameters.slope is None:
+        start, ranges = problem.physical(problem.theta_start), problem.unknowns.transforms
+        theta = ranges.free(np.where((values > ranges.lower) & (values < ranges.upper), values, start))
+    return Own(theta, values, found.initial[place])
 
 
 def total_mass(

@@ -10,12 +10,11 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError
 from structid.forward import RecordProblem
-from structid.forward.fixed_values import with_fixed_values
+from structid.forward.fixed_values import tolerances_of, with_fixed_values
 from structid.forward.scatter import ScatterProblem, scatter_problems
 from structid.identification.setups.setup import AnySetup, titles
 from structid.identification.varying import varying
 from structid.inversion import JointProblem, Problem
-from structid.inversion.fixed_values import FIXED
 from structid.inversion.problem import ContinuationPath, Schedule
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.unknowns.named_unknowns import N, NamedUnknowns
@@ -38,11 +37,11 @@ def joint_schedules(problems: Sequence[RecordProblem]) -> Sequence[Schedule]:
     if len(parts) == 1:
         return problems[0].schedules()
     schedules = [part.schedules() if isinstance(part, RecordProblem) else () for part in parts]
-    joined = []
+    join_unknowns = []
     for number in range(max(map(len, schedules))):
         chosen = [every[min(number, len(every) - 1)] if every else () for every in schedules]
-        joined.append(tuple(_joint_stage(parts, chosen, k) for k in range(max(map(len, chosen)))))
-    return tuple(joined)
+        join_unknowns.append(tuple(_joint_stage(parts, chosen, k) for k in range(max(map(len, chosen)))))
+    return tuple(join_unknowns)
 
 
 def joint_paths(problems: Sequence[RecordProblem]) -> Sequence[ContinuationPath]:
@@ -161,15 +160,6 @@ def freed_problems(
         with_fixed_values(problem, tolerances, setup.calibration if is_free else 0.0, title)
         for setup, title, problem, is_free in named
     )
-
-
-def tolerances_of(freed: Sequence[RecordProblem]) -> dict[str, float]:
-    """Tolerances of the fixed values among the unknowns of `freed` problems, by the names of these unknowns."""
-    held = [
-        (part.names, part.free_prior[1].tolist()) for one in freed for part in one.parts if part.free_prior is not None
-    ]
-    pairs = [pair for names, deviations in held for pair in zip(names, deviations, strict=True)]
-    return {name: float(std) for name, std in pairs if name.startswith(FIXED)}
 
 
 def fixed_values(freed: Sequence[RecordProblem]) -> FixedValues | None:

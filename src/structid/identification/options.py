@@ -1,4 +1,4 @@
-"""How an identification is done."""
+"""Options of an identification."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ def square_variance(averages: FloatArray) -> FloatArray:
 
 
 def score_factor(averages: FloatArray) -> FloatArray:
-    """By how much the covariance of weighted sums of such errors is above what the weights say: n / (n - 3).
+    """Factor n / (n - 3) by which the covariance of weighted sums of such errors exceeds what the weights say.
 
     Sums J'r of whitened rows have the covariance E(1/g^2) / E(1/g) J'J for estimates g of a variance of 1; 1 where there
     are too few averages to tell.

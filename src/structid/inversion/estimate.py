@@ -572,8 +572,10 @@ def estimate(
         )
     searched, chosen, search = sample or problem, method or LevenbergMarquardt(), search or Search()
 
-    fixed = None if chosen.is_matrix_free else fixed
+    if fixed is not None and chosen.is_matrix_free:
+        fixed = replace(fixed, is_matrix_free=True)
     sampled = fixed.on_sample() if fixed is not None and sample is not None else fixed
+    sampled = None if chosen.is_matrix_free else sampled  # it searches from one start alone
 
     refits: dict[Minimum, FitWithinTolerances] = {}
     accepted: list[tuple[Minimum, FloatArray]] = []
@@ -619,7 +621,7 @@ def estimate(
     columns, within = None, None
     if fixed is not None:
         within = refits.get(best)
-        if within is None and chosen.misfits(problem, best, _DOUBTFUL):
+        if within is None and chosen.misfits(problem, best, misfit_probability if chosen.is_matrix_free else _DOUBTFUL):
             within = fixed.refit(problem.names, best.theta)
         columns = fixed.sensitivities_at(problem.names, best.theta, within)
     uncertainty = chosen.uncertainty(problem, best, misfit_probability, search.seed, columns)

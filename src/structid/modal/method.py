@@ -1,4 +1,4 @@
-"""What a method of modal identification is told, and all that it found on the way to the modes."""
+"""Input and result of a method of modal identification, with all that it found on the way to the modes."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ class ModalIdentification:
 
     @property
     def probability(self) -> FloatArray:
-        """That each mode is one, from its cluster, (n_modes,); NaN where there is none (`mode_probability`)."""
+        """Probability that each mode is physical, from its cluster, (n_modes,); NaN where there is none (`mode_probability`)."""
         if len(self.clusters) != self.modes.n_modes:
             return np.full(self.modes.n_modes, np.nan)
         return np.array([cluster.probability for cluster in self.clusters])

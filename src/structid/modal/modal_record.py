@@ -1,4 +1,4 @@
-"""What a modal identification hands on: frequencies, damping ratios and mode shapes at sensors."""
+"""Modal records: frequencies, damping ratios and mode shapes at sensors."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a test would tell before it is run, and the sensors, loads and lines that tell most."""
+"""Test planning: predicted accuracy of a test before it is run, and its most informative sensors, loads and lines."""

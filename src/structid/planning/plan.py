@@ -1,4 +1,4 @@
-"""What a test would tell before it is run: predicted accuracy, and the sensors, loads and lines that tell most."""
+"""Plan of a test before it is run: predicted accuracy, and the most informative sensors, loads and lines."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from structid.inversion.diagnostics.design import (
 )
 from structid.inversion.diagnostics.identifiability import identifiability
 from structid.inversion.fixed_values import tolerance_words
-from structid.planning.options import positions, resolved, wanted_parameters
+from structid.planning.options import positions, resolve_options, wanted_parameters
 from structid.planning.planned import Enough, Plan, PlannedTest, PlanOptions
 from structid.records import FrfRecord
 from structid.records.record import FrfKind
@@ -48,7 +48,7 @@ _ROUNDING = 1e-9
 
 
 def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances | None = None) -> Plan:
-    """The most informative sensors, loads and lines of a test, with the predicted accuracy of each parameter.
+    """Choose the most informative sensors, loads and lines of a test, with the predicted accuracy of each parameter.
 
     The information of a test is the sum over its lines, sensors and loads of what each value tells of the relative
     parameters (Udwadia 1994); sets are chosen by greedy addition and exchange (Fedorov 1972), sensors and loads in
@@ -89,7 +89,7 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
     >>> str(found.chosen.loads[0]), found.determined
     ('2Y+', True)
     """
-    options = resolved(structure, unknown, options)
+    options = resolve_options(structure, unknown, options)
     require_sound_model(structure, unknown.values(unknown.start), float(min(options.frequency)))
     ground = _ground(structure, unknown, options, tolerances or Tolerances())
     sensors, loads = _best_sensors_and_loads(ground)
@@ -164,17 +164,17 @@ class _Ground:
         return np.vstack([ignorance(self.pairs.shape[-1]), self.prior])
 
     def rows(self, sensors: tuple[int, ...] | range, loads: tuple[int, ...] | range) -> FloatArray:
-        """What these sensors and loads tell at all lines."""
+        """Sensitivity rows of the given sensors and loads at all lines."""
         n_params = self.pairs.shape[-1]
         return information_root(self.pairs[np.ix_(list(sensors), list(loads))].reshape(-1, n_params))
 
     def by_sensor(self, loads: tuple[int, ...]) -> FloatArray:
-        """What each sensor tells under these loads, (n_sensors, n_rows, n_params)."""
+        """Sensitivity rows of each sensor under the given loads, (n_sensors, n_rows, n_params)."""
         n_sensors, _, _, n_params = self.pairs.shape
         return information_root(self.pairs[:, list(loads)].reshape(n_sensors, -1, n_params))
 
     def by_load(self, sensors: tuple[int, ...] | range) -> FloatArray:
-        """What each load tells to these sensors, (n_loads, n_rows, n_params)."""
+        """Sensitivity rows of each load at the given sensors, (n_loads, n_rows, n_params)."""
         _, n_loads, _, n_params = self.pairs.shape
         rows = np.swapaxes(self.pairs[list(sensors)], 0, 1).reshape(n_loads, -1, n_params)
         return information_root(rows)
@@ -211,7 +211,7 @@ def _best_sensors_and_loads(ground: _Ground) -> tuple[tuple[int, ...], tuple[int
         others = greedy(by_load, np.vstack([known, by_load[load]]), min(count, len(by_load)), *criterion)
         starts.append((load, *[i for i in others if i != load][: count - 1]))
     found = {_exchange_until_stable(ground, start) for start in dict.fromkeys(starts)}
-    return max(sorted(found), key=lambda places: merit(np.vstack([known, ground.rows(*places)]), *criterion))
+    return max(sorted(found), key=lambda pair: merit(np.vstack([known, ground.rows(*pair)]), *criterion))
 
 
 def _exchange_until_stable(ground: _Ground, loads: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -386,7 +386,7 @@ class Candidates:
         return np.where(start > 0, start, 1.0)
 
 
-def pair_roots(given: Candidates) -> tuple[FloatArray, FloatArray]:
+def pair_roots(candidates: Candidates) -> tuple[FloatArray, FloatArray]:
     """Triangular R with R'R the information of one sensor under one load over all lines, and J'J_h of it with fixed values.
 
     They are (n_sensors, n_loads, n_params, n_params) and (n_sensors, n_loads, n_params, n_held).
@@ -397,16 +397,16 @@ def pair_roots(given: Candidates) -> tuple[FloatArray, FloatArray]:
     InputError
         If there are so many pairs that their triangles do not fit in memory.
     """
-    n_params, n_held = given.parameters.n_params, len(given.tolerance)
-    size = 8 * len(given.sensors) * len(given.loads) * n_params * (n_params + n_held)
+    n_params, n_held = candidates.parameters.n_params, len(candidates.tolerance)
+    size = 8 * len(candidates.sensors) * len(candidates.loads) * n_params * (n_params + n_held)
     if size > _LARGEST_BYTES:
         raise InputError(
-            f"{len(given.sensors)} sensors times {len(given.loads)} loads with {n_params} parameters are too many"
+            f"{len(candidates.sensors)} sensors times {len(candidates.loads)} loads with {n_params} parameters are too many"
             f" candidates ({size / 1e9:.1f} GB); name fewer in `sensors` and `loads`"
         )
-    roots = np.zeros((len(given.sensors), len(given.loads), n_params, n_params))
-    cross = np.zeros((len(given.sensors), len(given.loads), n_params, n_held))
-    for loads, _, rows in _row_chunks(given, range(len(given.sensors)), range(len(given.loads))):
+    roots = np.zeros((len(candidates.sensors), len(candidates.loads), n_params, n_params))
+    cross = np.zeros((len(candidates.sensors), len(candidates.loads), n_params, n_held))
+    for loads, _, rows in _row_chunks(candidates, range(len(candidates.sensors)), range(len(candidates.loads))):
         n_lines = rows.shape[0]
         by_pair = np.moveaxis(rows, 0, 2).reshape(*rows.shape[1:3], n_lines * 2, n_params + n_held)
         stacked = np.concatenate([roots[:, loads], by_pair[..., :n_params]], axis=2)
@@ -415,14 +415,16 @@ def pair_roots(given: Candidates) -> tuple[FloatArray, FloatArray]:
     return roots, cross
 
 
-def line_roots(given: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+def line_roots(
+    candidates: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...]
+) -> tuple[FloatArray, FloatArray]:
     """R with R'R the information of each line from the given sensors and loads (indices), and J'J_h of it with fixed values.
 
     They are (n_lines, n_rows, n_params) and (n_lines, n_params, n_held).
     """
-    n_params, n_lines = given.parameters.n_params, len(given.frequency)
+    n_params, n_lines = candidates.parameters.n_params, len(candidates.frequency)
     parts: dict[int, list[FloatArray]] = {}
-    for _, lines, rows in _row_chunks(given, sensors, loads):
+    for _, lines, rows in _row_chunks(candidates, sensors, loads):
         parts.setdefault(lines.start, []).append(rows.reshape(rows.shape[0], -1, rows.shape[-1]))
     whole = [np.concatenate(blocks, axis=1) for _, blocks in sorted(parts.items())]
     roots = [information_root(rows[..., :n_params]) for rows in whole]
@@ -431,14 +433,14 @@ def line_roots(given: Candidates, sensors: tuple[int, ...], loads: tuple[int, ..
 
 
 def _row_chunks(
-    given: Candidates, sensors: range | tuple[int, ...], loads: range | tuple[int, ...]
+    candidates: Candidates, sensors: range | tuple[int, ...], loads: range | tuple[int, ...]
 ) -> Iterator[tuple[slice, slice, FloatArray]]:
     """Chunks of whitened sensitivities: slice of `loads`, slice of lines, rows (n_lines, n_sensors, n_loads, 2, n_columns).
 
     Columns are those of the parameters, then of the fixed values.
     """
-    n_params, n_dofs = given.parameters.n_params + len(given.tolerance), given.structure.n_dofs
-    has_friction = any(isinstance(element, Friction) for element in given.structure.elements)
+    n_params, n_dofs = candidates.parameters.n_params + len(candidates.tolerance), candidates.structure.n_dofs
+    has_friction = any(isinstance(element, Friction) for element in candidates.structure.elements)
     per_load = 16 * len(sensors) * n_params
     group = 1 if has_friction else max(1, _CHUNK_BYTES // max(per_load, 1))
     for first_load in range(0, len(loads), group):
@@ -446,43 +448,45 @@ def _row_chunks(
         chosen = tuple(loads)[part]
         per_line = max(per_load * len(chosen), 16 * n_dofs * (len(sensors) + len(chosen)))
         step = max(1, _CHUNK_BYTES // max(per_line, 1))
-        for first in range(0, len(given.frequency), step):
-            lines = slice(first, min(first + step, len(given.frequency)))
-            yield part, lines, _whitened_sensitivities(given, tuple(sensors), chosen, lines)
+        for first in range(0, len(candidates.frequency), step):
+            lines = slice(first, min(first + step, len(candidates.frequency)))
+            yield part, lines, _whitened_sensitivities(candidates, tuple(sensors), chosen, lines)
 
 
 def _whitened_sensitivities(
-    given: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...], lines: slice
+    candidates: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...], lines: slice
 ) -> FloatArray:
     """Derivatives of the FRFs by relative changes, divided by the noise, (n_lines, n_sensors, n_loads, 2, n_columns).
 
     The last axis has the parameters, the fixed properties and the common gain, where it has a tolerance.
     The fourth axis has the real and the imaginary part; `sensors` and `loads` are indices of candidates.
     """
-    frequency = given.frequency[lines]
+    frequency = candidates.frequency[lines]
     record = FrfRecord(
         frequency,
         np.zeros((len(frequency), len(sensors), len(loads)), dtype=np.complex128),
-        tuple(given.sensors[s] for s in sensors),
-        tuple(given.loads[i] for i in loads),
-        given.kind,
+        tuple(candidates.sensors[s] for s in sensors),
+        tuple(candidates.loads[i] for i in loads),
+        candidates.kind,
     )
-    parameters = append_fixed_factors(given.parameters, given.held) if given.held else given.parameters
-    values, derivative = response(given.structure, parameters, record).derivatives_at(parameters.start)
-    std = _noise_deviation(given, values)
+    parameters = (
+        append_fixed_factors(candidates.parameters, candidates.held) if candidates.held else candidates.parameters
+    )
+    values, derivative = response(candidates.structure, parameters, record).derivatives_at(parameters.start)
+    std = _noise_deviation(candidates, values)
     # a value that nothing moves, at rest on the path of every load, has no noise either and tells nothing
     weight = np.divide(1.0, std, out=np.zeros_like(std), where=std > 0)
-    scaled = derivative * np.concatenate([given.scale, np.ones(len(given.held))])
-    if given.calibration > 0:
+    scaled = derivative * np.concatenate([candidates.scale, np.ones(len(candidates.held))])
+    if candidates.calibration > 0:
         scaled = np.concatenate([scaled, values[..., None]], axis=-1)
     rows = scaled * weight[..., None]
     return np.stack([rows.real, rows.imag], axis=3)
 
 
-def _noise_deviation(given: Candidates, values: ComplexArray) -> FloatArray:
+def _noise_deviation(candidates: Candidates, values: ComplexArray) -> FloatArray:
     """Standard deviation of the real (and of the imaginary) part of each FRF value, as `values` (n_lines, n_sensors, n_loads)."""
     size = np.abs(values)
     rounding = _ROUNDING * size.max(axis=(1, 2), keepdims=True)
-    noise = np.hypot(given.relative_noise * size, given.absolute_noise)
+    noise = np.hypot(candidates.relative_noise * size, candidates.absolute_noise)
     is_rounding = size < rounding
     return np.where(is_rounding, np.maximum(noise, size.max(axis=(1, 2), keepdims=True)), noise) / np.sqrt(2)

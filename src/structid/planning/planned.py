@@ -19,7 +19,7 @@ from structid.unknowns import Parameters
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What a planned test may use.
+    """Options of a planned test: candidate sensors and loads, lines and noise.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class PlannedTest:
 
 @dataclass(frozen=True, eq=False)
 class Enough:
-    """What it takes to reach a wanted accuracy, by greedy choice.
+    """Smallest test, by greedy choice, that reaches a wanted accuracy.
 
     Attributes
     ----------
@@ -153,7 +153,7 @@ class Enough:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlannedTests:
-    """What was chosen, and what it is held against.
+    """The chosen test and the tests that it is compared with.
 
     Attributes
     ----------

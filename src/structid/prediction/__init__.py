@@ -1,1 +1,1 @@
-"""What an identified model says of motion that was not measured, with bands, and of a structure that is changed."""
+"""Predictions of an identified model with bands: motion that was not measured, and structures that are changed."""

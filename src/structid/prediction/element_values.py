@@ -1,4 +1,4 @@
-"""What became of the elements of an identified model: value, change, deviation and significance of each property."""
+"""Table of the elements of an identified model: value, change, deviation and significance of each property."""
 
 from __future__ import annotations
 

@@ -169,7 +169,7 @@ def identified_model(
     )
 
 
-def model_of(found: Identification) -> IdentifiedModel:
+def model_of(identification: Identification) -> IdentifiedModel:
     """The `IdentifiedModel` of an identification.
 
     Raises
@@ -177,7 +177,7 @@ def model_of(found: Identification) -> IdentifiedModel:
     NoAnswerError
         If the data do not determine a parameter, or a matrix-free search gave no covariance matrix.
     """
-    estimate, index = found.estimate, found.own_index
+    estimate, index = identification.estimate, identification.own_index
     if not estimate.uncertainty.has_matrix:
         raise NoAnswerError(
             "a matrix-free search gives no covariance matrix to predict with; group the unknowns, so that a dense search is used"
@@ -188,13 +188,13 @@ def model_of(found: Identification) -> IdentifiedModel:
         tolerances = dict(zip(influence.change_names, influence.change_tolerances, strict=True))
         changes = influence.changes[index]
     return identified_model(
-        found.structure,
-        found.parameters,
+        identification.structure,
+        identification.parameters,
         estimate.values[index],
         estimate.covariance_of_data[np.ix_(index, index)],
         tolerances,
         changes,
-        found.assumption,
+        identification.assumption,
     )
 
 

@@ -1,4 +1,4 @@
-"""What a model misses of measured responses beyond their noise, as an error of responses that were not measured."""
+"""Model error of predicted responses, from the misfit of measured ones beyond their noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is predicted, sensed and exported, as the flags of the commands say it."""
+"""Options of `structid predict`, `sense` and `export`, as their flags state them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ N_DRAWS = 400
 
 @dataclass(frozen=True)
 class PredictOptions:
-    """What is predicted.
+    """Options of `structid predict`.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class PredictOptions:
     kind : str
         Of the FRFs: receptance, mobility or accelerance; transmissibility where supports move.
     band : tuple of float, optional
-        Lowest and highest frequency, Hz; the fitted band by default.
+        Lowest and highest frequency, Hz; the fitted band by default, that of the study or of its FRFs.
     lines : int
         Number of frequencies.
     history : Path, optional
@@ -103,7 +103,7 @@ class PredictOptions:
 
 @dataclass(frozen=True)
 class SenseOptions:
-    """What is told from a record.
+    """Options of `structid sense`.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class SenseOptions:
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """What is exported.
+    """Options of `structid export`.
 
     Parameters
     ----------
@@ -160,8 +160,8 @@ class ExportOptions:
         Of the outputs: displacement, velocity or acceleration.
     order : int, optional
         Number of states; the fewest that keep to `error` by default.
-    error : float
-        Largest error of FRFs in the band, in parts of the largest.
+    error : str
+        Largest error of FRFs in the band, in parts of the largest: `1%` or `0.01`.
     sampling_rate : float, optional
         Equations from sample to sample; continuous time by default.
     draws : int
@@ -174,9 +174,23 @@ class ExportOptions:
     band: tuple[float, float] | None = None
     motion: str = "acceleration"
     order: int | None = None
-    error: Annotated[float, Limits(above=0)] = 0.01
+    error: str = "1%"
     sampling_rate: float | None = None
     draws: Annotated[int, Limits(least=0)] = 0
 
     def __post_init__(self) -> None:
+        """Raise `InputError` for an option out of its limits, or an error that is no part of 1."""
         require_declared(self)
+        _ = self.largest_error
+
+    @property
+    def largest_error(self) -> float:
+        """`error` as a number: 0.01 of ``1%``."""
+        text = self.error.strip()
+        try:
+            part = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+        except ValueError:
+            part = float("nan")
+        if not 0 < part < 1:
+            raise InputError(f"`error` must be a part of 1, as 1% or 0.01, got {self.error!r}", "error")
+        return part

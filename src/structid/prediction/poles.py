@@ -88,7 +88,7 @@ def reduce_structure(structure: Structure, values: FloatArray, basis: FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """Where a structure is driven and read: columns over its degrees of freedom.
+    """Inputs and outputs of a structure: columns over its degrees of freedom.
 
     Attributes
     ----------

@@ -245,7 +245,7 @@ def _base_of(quantity: Quantity) -> Quantity:
 
 
 def _derive(quantity: Quantity, drawn: _Drawn) -> _Drawn:
-    """What follows from a base quantity, of the identified and of the random models."""
+    """A derived quantity from its base quantity, for the identified model and for the random models."""
     if not isinstance(quantity, DerivedQuantity):
         return drawn
     nominal, draws = drawn

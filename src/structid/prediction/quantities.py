@@ -1,4 +1,4 @@
-"""What can be predicted: FRFs, histories, spectra and modes of a structure, as functions of its parameters."""
+"""Quantities that can be predicted: FRFs, histories, spectra and modes, as functions of the parameters."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
+from scipy import sparse
 from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment
 
@@ -46,7 +47,7 @@ class Quantity(Protocol):
 
     @property
     def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
-        """What each axis of the result stands for, in order."""
+        """Meaning of each axis of the result, in order."""
         ...
 
     @property
@@ -145,7 +146,7 @@ class Frf:
     def row_evaluator(
         self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]
     ) -> tuple[OutputMap, Evaluator]:
-        """What is read, and FRFs of its rows (a von Mises stress has three) as a function of physical parameters."""
+        """The outputs, and the FRFs of their rows (a von Mises stress has three) as a function of physical parameters."""
         bases = structure.driven([each for each in self.inputs if isinstance(each, Dof)])
         if bases and self.kind != "transmissibility":
             raise InputError(
@@ -526,10 +527,14 @@ class Extremes(DerivedQuantity):
 
 @dataclass(frozen=True, eq=False)
 class ReferenceModes:
-    """Mode shapes (n_dofs, n_modes) at degrees of freedom, by which modes of another structure are told."""
+    """Mode shapes (n_dofs, n_modes) at degrees of freedom, by which modes of another structure are told.
+
+    `mass` (n_dofs, n_dofs) weighs what they have in common, so that displacements and rotations count by their energy.
+    """
 
     dofs: tuple[Dof, ...]
     mode_shapes: FloatArray
+    mass: sparse.csc_array
 
     def order_in(self, structure: Structure, others: FloatArray) -> IntArray:
         """Columns of the mode shapes `others` of a structure that are most like these modes together, (n_modes,)."""
@@ -537,8 +542,10 @@ class ReferenceModes:
         shared = [(row, index[dof]) for row, dof in enumerate(self.dofs) if dof in index]
         own, their = np.array(shared, dtype=np.int64).reshape(-1, 2).T
         first, second = self.mode_shapes[own], others[their]
-        sizes = np.outer((first**2).sum(axis=0), (second**2).sum(axis=0))  # 0 of a mode in which nothing shared moves
-        alike = np.divide((first.T @ second) ** 2, sizes, out=np.zeros(sizes.shape), where=sizes > 0)
+        mass = sparse.csc_array(self.mass)[own, :][:, own]
+        energy, energy_of_others = (np.einsum("ij,ij->j", each, mass @ each) for each in (first, second))
+        sizes = np.outer(energy, energy_of_others)  # 0 of a mode in which nothing shared moves
+        alike = np.divide((first.T @ (mass @ second)) ** 2, sizes, out=np.zeros(sizes.shape), where=sizes > 0)
         return np.asarray(linear_sum_assignment(-alike)[1])
 
 
@@ -609,7 +616,7 @@ def comparable_modes(
         )
     shapes = structure_modes(*before, quantity.n_modes).mode_shapes
     n_modes = min(shapes.shape[1], structure_modes(*after, quantity.n_modes).mode_shapes.shape[1])
-    reference = ReferenceModes(before[0].dofs, shapes[:, :n_modes])
+    reference = ReferenceModes(before[0].dofs, shapes[:, :n_modes], before[0].matrix("mass", before[1]))
     return NaturalModes(n_modes), NaturalModes(n_modes, reference)
 
 
@@ -622,7 +629,7 @@ def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> M
 
 
 def _is_linear(structure: Structure) -> bool:
-    """True if the matrices of a structure are all there is of it."""
+    """True if the matrices describe the structure completely, without friction or measured components."""
     return structure.has_modes and not any(isinstance(element, Friction) for element in structure.elements)
 
 

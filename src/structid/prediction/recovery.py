@@ -312,10 +312,10 @@ def output_unit(output: Output) -> str:
     return "" if isinstance(output, Dof) else output.unit
 
 
-def _numbers(text: str, rest: str) -> dict[str, float]:
-    """The numbers behind the place of an output, such as y=0.05, by name."""
+def _numbers(text: str, numbers_text: str) -> dict[str, float]:
+    """Numbers in `numbers_text`, such as y=0.05, by name; `text`, the whole output, is for errors."""
     numbers: dict[str, float] = {}
-    for key, value in _PAIR.findall(rest):
+    for key, value in _PAIR.findall(numbers_text):
         try:
             numbers[key] = float(value)
         except ValueError as error:
@@ -364,7 +364,7 @@ class OutputMap:
         return tuple(sorted(set(self.derivative.tolist())))
 
     def rows(self, values: FloatArray) -> sparse.csc_array:
-        """What the rows read of each derivative in `orders`, one after another, (n_dofs, n_orders n_rows)."""
+        """Weights of the rows for each derivative in `orders`, one after another, (n_dofs, n_orders n_rows)."""
         weights = np.array([weight(values) for weight in self.weights])
         terms, group = np.arange(len(weights)), np.searchsorted(self.orders, self.derivative)
         shape = len(terms), len(self.orders) * self.n_rows

@@ -20,8 +20,8 @@ from structid.prediction.quantities import Frf, structure_modes
 
 #: The default band reaches this part of a mode's frequency to each side of it, and has so many lines.
 _AROUND, _LINES = 0.35, 1200
-#: Modes among which that mode is chosen.
-_MODES = 20
+#: Modes among which that mode is chosen; below this part of the highest of their frequencies they are rigid motions.
+_MODES, _RIGID = 20, 3e-5
 #: Largest ratio of the damper's frequency to that where the search starts, either way, and largest damping ratio.
 _FARTHEST, _MOST_DAMPED = 2.0, 1.0
 
@@ -148,11 +148,11 @@ def tune_damper(
         return np.asarray(np.abs(receptance[..., rows, columns]).max(axis=(-3, -2, -1)))
 
     def nominal_peak(frequency: float, ratio: float) -> float:
-        return float(peaks(_coupled(receptances[0], frf.frequency, mass, frequency, ratio)))
+        return float(peaks(_couple_damper(receptances[0], frf.frequency, mass, frequency, ratio)))
 
     def peak_below(frequency: float, ratio: float) -> float:
         """The peak below which `quantile` of the random models stay."""
-        with_damper = _coupled(receptances[1:], frf.frequency, mass, frequency, ratio)
+        with_damper = _couple_damper(receptances[1:], frf.frequency, mass, frequency, ratio)
         return float(np.quantile(peaks(with_damper), quantile))
 
     mass_ratio = mass / effective
@@ -183,7 +183,7 @@ def _dominant_mode(model: IdentifiedModel, dof: Dof, band: tuple[float, float] |
         shapes = structure_modes(structure, model.values, n_modes)
     motion = structure.selection([dof]).T @ shapes.mode_shapes
     omega = 2 * np.pi * shapes.frequency
-    elastic = (omega > 1e-3 * omega.max(initial=0.0)) & (shapes.frequency >= low) & (shapes.frequency <= high)
+    elastic = (omega > _RIGID * omega.max(initial=0.0)) & (shapes.frequency >= low) & (shapes.frequency <= high)
     flexible = np.where(elastic, motion[0] ** 2 / np.where(elastic, omega, 1.0) ** 2, 0.0)
     if not flexible.max(initial=0.0) > 0:
         within = "" if band is None else f" between {low:g} and {high:g} Hz"
@@ -194,7 +194,9 @@ def _dominant_mode(model: IdentifiedModel, dof: Dof, band: tuple[float, float] |
     return float(shapes.frequency[k]), float(1 / motion[0, k] ** 2)
 
 
-def _coupled(receptance: ComplexArray, frequency: FloatArray, mass: float, tuned: float, ratio: float) -> ComplexArray:
+def _couple_damper(
+    receptance: ComplexArray, frequency: FloatArray, mass: float, tuned: float, ratio: float
+) -> ComplexArray:
     """Receptances (..., n_lines, n_outputs, n_inputs) with a damper at the first output and input: H - H_od z H_di / (1 + z H_dd).
 
     z = -w^2 m (k + i w c) / (k + i w c - w^2 m) is the force that moves the foot of the damper, per displacement.

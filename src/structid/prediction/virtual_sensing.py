@@ -113,12 +113,12 @@ class SensedMotion(Shown):
         """A table with the size and the standard deviation of each output and force, and checks of left-out sensors."""
         rows = [
             (
-                str(dof),
+                name,
                 format_number(float(np.sqrt(np.mean(value**2))), 3),
                 format_number(float(np.sqrt(np.mean(std**2))), 2),
             )
-            for dof, value, std in zip(
-                (*self.outputs, *self.force_dofs),
+            for name, value, std in zip(
+                (*map(str, self.outputs), *(f"force at {dof}" for dof in self.force_dofs)),
                 (*self.values.T, *self.forces.T),
                 (*self.std.T, *self.force_std.T),
                 strict=True,
@@ -203,6 +203,11 @@ def sense(
         raise InputError(
             f"{len(forces)} unknown forces cannot be told by {len(channels.sensors)} sensors; name fewer, or use more sensors"
         )
+    if not forces and not channels.loads:
+        raise InputError(
+            "the record holds no force and none is named as unknown, so that nothing would move the model; name where forces act"
+            " with `unknown`"
+        )
     structure = model.structure
     structure.require_modes("motion at other places")
     read = output_map(structure, wanted, MOTION_DERIVATIVES[motion])
@@ -284,7 +289,7 @@ def _unseen_words(forces: Sequence[Dof], covariance: FloatArray, std: float) -> 
 
 @dataclass(frozen=True, eq=False)
 class _Channels:
-    """What a record holds: known forces, sensors that are used, and sensors that are left out.
+    """Channels of a record by role: known forces, sensors that are used, sensors that are left out.
 
     Attributes
     ----------
@@ -308,11 +313,13 @@ class _Channels:
     left_variance: FloatArray
 
     @classmethod
-    def of_record(cls, record: TimeRecord, left: tuple[Dof, ...]) -> _Channels:
-        """Forces and sensors of a record, without the sensors in `left`, which are only compared."""
+    def of_record(cls, record: TimeRecord, left_out: tuple[Dof, ...]) -> _Channels:
+        """Forces and sensors of a record, without the sensors in `left_out`, which are only compared."""
         quantities = record.quantities
         pushed = [
-            str(dof) for dof, what in zip(record.channels, quantities, strict=True) if what == "force" and dof in left
+            str(dof)
+            for dof, what in zip(record.channels, quantities, strict=True)
+            if what == "force" and dof in left_out
         ]
         if pushed:
             raise InputError(
@@ -321,7 +328,7 @@ class _Channels:
         other = [str(quantity) for quantity in quantities if quantity not in (*MOTION_DERIVATIVES, "force")]
         if other:
             raise InputError(f"the record holds {other[0]}; motion at other places takes forces and motions alone")
-        missing = [str(dof) for dof in left if dof not in record.channels]
+        missing = [str(dof) for dof in left_out if dof not in record.channels]
         if missing:
             raise InputError(f"`leave_out` names {missing[0]}, which the record does not have")
         variance = record.variance
@@ -329,8 +336,8 @@ class _Channels:
             variance = (_NOISE * record.values.std(axis=0)) ** 2
         rows = range(len(record.channels))
         loads = [i for i in rows if quantities[i] == "force"]
-        used = [i for i in rows if quantities[i] != "force" and record.channels[i] not in left]
-        out = [i for i in rows if quantities[i] != "force" and record.channels[i] in left]
+        used = [i for i in rows if quantities[i] != "force" and record.channels[i] not in left_out]
+        out = [i for i in rows if quantities[i] != "force" and record.channels[i] in left_out]
         if not used:
             raise InputError(
                 "the record has no motion to sense from; use one with displacements, velocities or accelerations"
@@ -488,7 +495,7 @@ class _Smoother:
 
     @property
     def _measured(self) -> FloatArray:
-        """What the sensors that are used read, in standard deviations of their noise."""
+        """Readings of the used sensors in standard deviations of their noise, (n_times, n_used)."""
         return self.channels.measured / np.sqrt(self.channels.variance)
 
     def _log_likelihood(self, reduced: ReducedMatrices, std: float) -> float:
@@ -615,15 +622,15 @@ def _variance_towards_end(wanted: FloatArray, back: FloatArray, excess: FloatArr
 
 
 def _readings(
-    outputs: FloatArray, orders: IntArray, acceleration: FloatArray, known: FloatArray
+    outputs: FloatArray, orders: IntArray, acceleration: FloatArray, forces: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Matrices of outputs over states (n_outputs, n_states) and over known forces (n_outputs, n_known).
 
     `outputs` (n_outputs, n_modes) read modal displacements, or their derivatives of `orders` (n_outputs,).
     """
     n = outputs.shape[1]
-    rows, direct = np.zeros((len(orders), acceleration.shape[1])), np.zeros((len(orders), known.shape[1]))
+    rows, direct = np.zeros((len(orders), acceleration.shape[1])), np.zeros((len(orders), forces.shape[1]))
     for order in (0, 1):
         rows[orders == order, order * n : (order + 1) * n] = outputs[orders == order]
-    rows[orders == 2], direct[orders == 2] = outputs[orders == 2] @ acceleration, outputs[orders == 2] @ known
+    rows[orders == 2], direct[orders == 2] = outputs[orders == 2] @ acceleration, outputs[orders == 2] @ forces
     return rows, direct

@@ -1,4 +1,4 @@
-"""What was measured, and how it is read, written and turned into frequency response functions."""
+"""Records of measurements: reading, writing and transforms to frequency response functions."""
 
 from structid.lazy import lazy
 

@@ -28,3 +28,6 @@ from structid.records.transforms.finite_spectra import finite_spectra as finite_
 from structid.records.transforms.half_plane import right_half_plane as right_half_plane
 from structid.records.transforms.spectra import effective_averages as effective_averages
 from structid.records.transforms.spectra import frf_from_time as frf_from_time
+from structid.records.transforms.tones import Tone as Tone
+from structid.records.transforms.tones import TonesRemoved as TonesRemoved
+from structid.records.transforms.tones import remove_tones as remove_tones

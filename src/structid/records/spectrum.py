@@ -49,7 +49,7 @@ def checked_channels(
 
 
 def channel_words(channels: tuple[Dof, ...], references: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> str:
-    """How many channels and references there are, with the units of the motions."""
+    """Words on the numbers of channels and references, with the units of the motions."""
     units = ", ".join(dict.fromkeys(QUANTITY_UNITS[quantity][0] for quantity in quantities))
     return f"{plural(len(channels), 'channel')} ({units}) and {plural(len(references), 'reference')}"
 

@@ -68,7 +68,7 @@ def facts(result: ComparisonResult) -> list[str]:
 
 
 def comparison_text(result: ComparisonResult) -> list[RenderableType]:
-    """What the terminal shows: warnings, the result in a sentence, how it was made, and the table."""
+    """Text for the terminal: warnings, the result in a sentence, how it was made, and the table."""
     warnings = [Text(words, style="yellow") for words in first_warnings(result.warnings)]
     first, *rest = facts(result)
     return [

@@ -124,9 +124,9 @@ def frac_table(part: ResponsesCorrelation) -> Table:
     return Table(("Output", "Input", "FRAC"), rows, (2,))
 
 
-def channels_table(found: StudyCorrelation) -> Table:
+def channels_table(correlation: StudyCorrelation) -> Table:
     """Table of the degrees of freedom of the model that each sensor and load sees."""
-    rows = tuple((one.channel, one.role, one.seen) for one in found.channels)
+    rows = tuple((one.channel, one.role, one.seen) for one in correlation.channels)
     return Table(("Channel", "Role", "Sees"), rows)
 
 
@@ -156,26 +156,30 @@ def frac_words(part: ResponsesCorrelation) -> str:
     )
 
 
-def at_words(found: StudyCorrelation) -> str:
+def at_words(correlation: StudyCorrelation) -> str:
     """At which values the model stands."""
-    return "Model at the start values of the study" if found.at is None else f"Model as identified in {found.at.name}"
+    return (
+        "Model at the start values of the study"
+        if correlation.at is None
+        else f"Model as identified in {correlation.at.name}"
+    )
 
 
-def correlation_text(found: StudyCorrelation) -> list[RenderableType]:
+def correlation_text(correlation: StudyCorrelation) -> list[RenderableType]:
     """Correlation of model and test as lines and tables for the terminal."""
-    parts: list[RenderableType] = [Text(found.study.title, style="bold"), Text(at_words(found))]
-    parts += [Text(words, style="yellow") for words in first_warnings(found.warnings)]
-    for part in found.modes:
-        parts += [Text(_named(part.name, summary_words(part)), style="bold"), printed(modes_table(part))]
+    parts: list[RenderableType] = [Text(correlation.study.title, style="bold"), Text(at_words(correlation))]
+    parts += [Text(words, style="yellow") for words in first_warnings(correlation.warnings)]
+    for part in correlation.modes:
+        parts += [Text(_name_prefix(part.name, summary_words(part)), style="bold"), printed(modes_table(part))]
         parts += [Text(f"{label}: {words}") for label, words in orthogonality_facts(part)]
-    for response in found.responses:
-        parts += [Text(_named(response.name, frac_words(response)), style="bold"), printed(frac_table(response))]
+    for response in correlation.responses:
+        parts += [Text(_name_prefix(response.name, frac_words(response)), style="bold"), printed(frac_table(response))]
         table = resonances_table(response)
         parts += [] if table is None else [Text("Resonances"), printed(table)]
     return parts
 
 
-def _named(name: str, words: str) -> str:
+def _name_prefix(name: str, words: str) -> str:
     return f"{name}: {words}" if name else words
 
 
@@ -191,7 +195,7 @@ def modes_part(parts: Sequence[ModesCorrelation], key: str) -> tuple[Figures, di
         "key": key,
         "is_modal": True,
         "title": part.name,
-        "words": [_told(word, summary_words(one), len(parts)) for word, one in zip(words, parts, strict=True)],
+        "words": [_count_phrase(word, summary_words(one), len(parts)) for word, one in zip(words, parts, strict=True)],
         "warnings": part.warnings,
         "table": modes_table(part),
         "surplus": surplus_table(part),
@@ -210,21 +214,21 @@ def responses_part(parts: Sequence[ResponsesCorrelation], key: str) -> tuple[Fig
         "key": key,
         "is_modal": False,
         "title": part.name,
-        "words": [_told(word, frac_words(one), len(parts)) for word, one in zip(words, parts, strict=True)],
+        "words": [_count_phrase(word, frac_words(one), len(parts)) for word, one in zip(words, parts, strict=True)],
         "warnings": part.warnings,
         "resonances": resonances_table(part),
     }
     return {name: figure for name, figure in drawn.items() if figure is not None}, told
 
 
-def _told(word: str, words: str, count: int) -> str:
+def _count_phrase(word: str, words: str, count: int) -> str:
     inside = words if words[:2].isupper() else words[0].lower() + words[1:]
     return f"{words}." if count == 1 else f"{word.capitalize()} model: {inside}."
 
 
-def side_by_side_chapter(found: Identification) -> tuple[Figures, list[dict[str, object]]]:
+def side_by_side_chapter(identification: Identification) -> tuple[Figures, list[dict[str, object]]]:
     """Figures and words that compare each record with the initial and the identified model."""
-    modal, responses = before_and_after(found)
+    modal, responses = before_and_after(identification)
     figures, parts = _chapter(modal, responses, "correlation_{}_modes", "correlation_{}_responses")
     if len(parts) == 1:
         parts[0]["title"] = ""
@@ -243,17 +247,17 @@ def _chapter(
     return {name: figure for drawn, _ in made for name, figure in drawn.items()}, [told for _, told in made]
 
 
-def correlation_page(found: StudyCorrelation) -> Page:
+def correlation_page(correlation: StudyCorrelation) -> Page:
     """Report page of a correlation of model and test, with its figures."""
-    modal, responses = [[one] for one in found.modes], [[one] for one in found.responses]
+    modal, responses = [[one] for one in correlation.modes], [[one] for one in correlation.responses]
     figures, parts = _chapter(modal, responses, "modes_{}", "responses_{}")
     words = {
-        "title": found.study.title,
-        "at": at_words(found),
-        "is_paired": found.is_paired,
-        "warnings": found.warnings,
+        "title": correlation.study.title,
+        "at": at_words(correlation),
+        "is_paired": correlation.is_paired,
+        "warnings": correlation.warnings,
         "parts": parts,
-        "channels": channels_table(found),
-        "provenance": provenance_table(asdict(found.provenance)),
+        "channels": channels_table(correlation),
+        "provenance": provenance_table(asdict(correlation.provenance)),
     }
     return Page(CORRELATION_PAGE, "correlation.html.j2", figures, words)

@@ -1,4 +1,4 @@
-"""What `structid modes` prints, the words and tables that its page shows, and the page, with shapes that move."""
+"""Report of `structid modes`: words and tables for the terminal, and its page with moving shapes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rich.text import Text
 from structid.core.display import as_sentence, first_warnings, plural
 from structid.core.quantities import exact, percent, value_words, with_std
 from structid.modal.merging import Merging
-from structid.modal.poles.poles import modal_phase_deviation
+from structid.modal.shape_uncertainty import collinearity_with_std, phase_deviation_with_std
 from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult, dies_out
 from structid.modal.tracking import ModeTracks
 from structid.records import FrfRecord
@@ -37,6 +37,8 @@ _HEADER = (
     "cluster (Hz)", "remarks",
 )  # fmt: skip
 _LEFT_OUT_HEADER = ("left out (Hz)", "damping ratio (%)", "poles", "probability", "reason")
+_TONES_HEADER = ("tone taken off (Hz)", "kurtosis (tone 1.5, mode 3)", "most of a channel's variance (%)", "of channel",
+                 "its amplitude")  # fmt: skip
 _ALIKE, _COMPLEX, _TONE = 0.95, 0.7, 2.0
 
 
@@ -45,9 +47,8 @@ def modes_text(result: ModesResult) -> list[RenderableType]:
     parts: list[RenderableType] = [Text(f"{result.title}: {plural(result.modes.n_modes, 'mode')}", style="bold")]
     parts += [Text(words, style="yellow") for words in first_warnings(result.warnings)]
     parts += [Text(fact) for fact in (record_words(result), *result.steps, method_words(result))]
-    left_out = left_out_table(result)
-    tables = [printed(mode_table(result))] if left_out is None else [printed(mode_table(result)), printed(left_out)]
-    return [*parts, *tables, Text(scale_sentence(result))]
+    tables = (mode_table(result), left_out_table(result), tones_table(result))
+    return [*parts, *(printed(table) for table in tables if table is not None), Text(scale_sentence(result))]
 
 
 def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
@@ -83,6 +84,23 @@ def left_out_table(result: ModesResult) -> Table | None:
         for part in result.identification.left_out
     )
     return Table(_LEFT_OUT_HEADER, rows, (0, 1, 2, 3)) if rows else None
+
+
+def tones_table(result: ModesResult) -> Table | None:
+    """Table of tones that were taken off before modes were looked for; None where there are none."""
+    rows = []
+    for tone in result.tones:
+        most = int(tone.variance_fraction.argmax())
+        rows.append(
+            (
+                tone.place,
+                f"{tone.kurtosis:.2f}",
+                exact(float(f"{100 * tone.variance_fraction[most]:.3g}")),
+                str(tone.channels[most]),
+                f"{exact(float(f'{tone.amplitude[most]:.3g}'))} {tone.units[most]}",
+            )
+        )
+    return Table(_TONES_HEADER, tuple(rows), (1, 2, 4)) if rows else None
 
 
 def _probability_words(probability: float) -> str:
@@ -145,8 +163,8 @@ def mode_table(result: ModesResult) -> Table:
     """Table of identified modes with standard deviations, shape complexity and poles; doubtful ones marked."""
     modes, std, n = result.modes, result.std, result.modes.n_modes
     clusters = result.identification.clusters
-    collinearity, notes, probability = mpc(result), remarks(result), result.identification.probability
-    deviation = modal_phase_deviation(modes.mode_shapes.astype(complex))
+    notes, probability = remarks(result), result.identification.probability
+    collinearity, deviation = collinearity_with_std(modes), phase_deviation_with_std(modes)
     rows: list[tuple[str, ...]] = []
     for k in range(n):
         count, spread = "", ""
@@ -158,8 +176,8 @@ def mode_table(result: ModesResult) -> Table:
                 str(k + 1),
                 value_words(modes.frequency[k], std[k]),
                 value_words(100 * modes.damping_ratio[k], 100 * std[n + k]),
-                f"{collinearity[k]:.3f}",
-                f"{deviation[k]:.1f}",
+                f"{collinearity.value[k]:.3f}{_spread_words(collinearity.std[k])}",
+                f"{deviation.value[k]:.1f}{_spread_words(deviation.std[k])}",
                 _probability_words(probability[k]),
                 count,
                 spread,
@@ -169,6 +187,10 @@ def mode_table(result: ModesResult) -> Table:
     return Table(
         _HEADER, tuple(rows), tuple(range(len(_HEADER) - 1)), tuple("doubtful" if row[-1] else "" for row in rows)
     )
+
+
+def _spread_words(std: float) -> str:
+    return f" ± {std:.1g}" if np.isfinite(std) else ""
 
 
 def remarks(result: ModesResult) -> list[list[str]]:
@@ -282,6 +304,7 @@ def modes_page(result: ModesResult) -> Page:
         "steps": result.steps,
         "modes": mode_table(result),
         "left_out": left_out_table(result),
+        "tones": tones_table(result),
         "provenance": provenance_table(asdict(result.provenance)),
     }
     return Page(

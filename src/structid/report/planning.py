@@ -1,4 +1,4 @@
-"""What a plan shows: words and tables for the terminal, and its page."""
+"""Report of a plan: words and tables for the terminal, and its page."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from structid.core.dof import Dof
 from structid.inversion.diagnostics.collinearity import percent_text
 from structid.planning.planned import Plan
 from structid.records.record import FRF_UNITS
-from structid.report.figures.plan import compared, plan_figures
+from structid.report.figures.plan import compared_tests, plan_figures
 from structid.report.page import Page
 from structid.report.tables import Table, printed
 from structid.study.results.plan import PLAN_PAGE
@@ -31,68 +31,67 @@ _HEADER = (
 )
 
 
-def plan_text(found: Plan, title: str, notes: tuple[str, ...]) -> list[RenderableType]:
+def plan_text(plan: Plan, title: str, notes: tuple[str, ...]) -> list[RenderableType]:
     """Terminal text of a test plan: options, compared tests, next sensor, sufficient tests, correlated parameters."""
     parts: list[RenderableType] = [Text(title, style="bold"), *(Text(f"note: {note}") for note in notes)]
-    parts.append(Text(options_text(found)))
-    parts.append(printed(test_table(found)))
+    parts.append(Text(options_text(plan)))
+    parts.append(printed(test_table(plan)))
     parts += [
-        Text(line)
-        for line in (*assumption_lines(found), *choice_lines(found), *enough_lines(found), *next_lines(found))
+        Text(line) for line in (*assumption_lines(plan), *choice_lines(plan), *enough_lines(plan), *next_lines(plan))
     ]
-    parts.append(printed(parameter_table(found)))
-    parts += [Text(f"the chosen test determines {d.words}") for d in found.identifiability.directions]
-    groups = found.identifiability.groups
+    parts.append(printed(parameter_table(plan)))
+    parts += [Text(f"the chosen test determines {d.words}") for d in plan.identifiability.directions]
+    groups = plan.identifiability.groups
     parts += [Text(f"in the chosen test {group.words}") for group in groups[:_MOST_GROUPS]]
     if len(groups) > _MOST_GROUPS:
         parts.append(Text(f"and {len(groups) - _MOST_GROUPS} more groups, in plan.json"))
     return parts
 
 
-def options_text(found: Plan) -> str:
+def options_text(plan: Plan) -> str:
     """Sentence on the candidates and assumptions of a test plan."""
-    options = found.options
+    options = plan.options
     frequency = options.frequency
     interest = f", for {', '.join(options.of_interest)}" if options.of_interest else ""
     return (
         f"candidates: {plural(len(options.sensors), 'sensor')}, {plural(len(options.loads), 'load')},"
         f" {plural(len(frequency), 'line')} from"
-        f" {frequency[0]:.4g} to {frequency[-1]:.4g} Hz, {options.kind}, noise {_noise_words(found)};"
+        f" {frequency[0]:.4g} to {frequency[-1]:.4g} Hz, {options.kind}, noise {_noise_words(plan)};"
         f" {options.criterion.upper()}-optimal{interest}; standard deviations are predicted at the initial values, relative"
         " to them"
     )
 
 
-def _noise_words(found: Plan) -> str:
+def _noise_words(plan: Plan) -> str:
     """Words on the noise that a test plan assumes."""
-    options = found.options
+    options = plan.options
     noise = [f"{100 * options.relative_noise:.3g} % of each value"] if options.relative_noise else []
     noise += [f"{options.absolute_noise:.3g} {FRF_UNITS[options.kind]}"] if options.absolute_noise else []
     return " and ".join(noise)
 
 
-def assumption_lines(found: Plan) -> list[str]:
-    """What the deviations of the table rest on: tolerances, and a model without damping."""
+def assumption_lines(plan: Plan) -> list[str]:
+    """Lines on the assumptions behind the deviations of the table: tolerances, and a model without damping."""
     lines = (
         [
-            f"std are of noise alone; the last column is the worst with {found.assumption} as well, which neither more lines"
+            f"std are of noise alone; the last column is the worst with {plan.assumption} as well, which neither more lines"
             " nor more averages lessen"
         ]
-        if found.assumption
+        if plan.assumption
         else []
     )
-    if not found.is_undamped:
+    if not plan.is_undamped:
         return lines
     return [
         *lines,
-        f"these std rest on noise of {_noise_words(found)} and on a model without any damping, whose resonances are endlessly high:"
+        f"these std rest on noise of {_noise_words(plan)} and on a model without any damping, whose resonances are endlessly high:"
         " a real structure will tell far less; give the model damping, such as `damping_ratio = 0.01` in [structure]",
     ]
 
 
-def test_table(found: Plan) -> Table:
+def test_table(plan: Plan) -> Table:
     """The tests side by side."""
-    total = len(found.parameters.names)
+    total = len(plan.parameters.names)
     rows = tuple(
         (
             test.label,
@@ -101,52 +100,52 @@ def test_table(found: Plan) -> Table:
             str(len(test.frequency)),
             f"{test.n_determined} of {total}",
             percent_text(test.worst_std),
-            found.parameters.names[test.worst],
+            plan.parameters.names[test.worst],
             percent_text(test.rms_std),
             percent_text(test.worst_with_tolerances),
         )
-        for test in found.tests
+        for test in plan.tests
     )
     return Table(_HEADER, rows, (1, 2, 3, 4, 5, 7, 8))
 
 
-def parameter_table(found: Plan) -> Table:
+def parameter_table(plan: Plan) -> Table:
     """Table of the predicted relative standard deviation of each parameter in every compared test."""
-    tests = compared(found)
+    tests = compared_tests(plan)
     header = ("parameter", "unit", "initial", *(f"std, {test.label}" for test in tests))
     rows = []
-    for i, name in enumerate(found.parameters.names):
-        mark = "" if found.chosen.of_interest[i] else " (nuisance)"
+    for i, name in enumerate(plan.parameters.names):
+        mark = "" if plan.chosen.of_interest[i] else " (nuisance)"
         shown = (percent_text(math.inf if math.isnan(test.std[i]) else float(test.std[i])) for test in tests)
-        rows.append((name + mark, found.parameters.units[i], f"{found.parameters.start[i]:.5g}", *shown))
+        rows.append((name + mark, plan.parameters.units[i], f"{plan.parameters.start[i]:.5g}", *shown))
     return Table(header, tuple(rows), tuple(range(2, len(header))))
 
 
-def choice_lines(found: Plan) -> list[str]:
+def choice_lines(plan: Plan) -> list[str]:
     """Lines of text on the chosen sensors, loads and frequency lines, most informative first."""
     lines = [
-        f"chosen sensors: {places(found.chosen.sensors)}; loads: {places(found.chosen.loads)}",
-        *([] if found.kammer is None else [f"effective independence would take: {places(found.kammer.sensors)}"]),
+        f"chosen sensors: {places(plan.chosen.sensors)}; loads: {places(plan.chosen.loads)}",
+        *([] if plan.kammer is None else [f"effective independence would take: {places(plan.kammer.sensors)}"]),
     ]
-    if found.frequencies is not None:
-        shown = [f"{f:.5g}" for f in found.frequencies.frequency[:_MOST_LINES]]
+    if plan.frequencies is not None:
+        shown = [f"{f:.5g}" for f in plan.frequencies.frequency[:_MOST_LINES]]
         more = (
-            f" and {len(found.frequencies.frequency) - len(shown)} more"
-            if len(shown) < len(found.frequencies.frequency)
+            f" and {len(plan.frequencies.frequency) - len(shown)} more"
+            if len(shown) < len(plan.frequencies.frequency)
             else ""
         )
         lines.append(f"chosen lines, Hz: {', '.join(shown)}{more}")
     return lines
 
 
-def enough_lines(found: Plan) -> list[str]:
+def enough_lines(plan: Plan) -> list[str]:
     """Lines of text on how many sensors, lines and averages reach the wanted accuracy."""
-    enough = found.enough
+    enough = plan.enough
     if enough is None:
         return []
     wanted = percent_text(enough.target)
     if enough.sensors is None:
-        most = percent_text(found.everything.worst_std)
+        most = percent_text(plan.everything.worst_std)
         first = f"all sensors at the chosen loads do not reach {wanted} (all candidates: {most})"
     else:
         first = f"{plural(len(enough.sensors.sensors), 'sensor')} at all lines reach {wanted}: {places(enough.sensors.sensors)}"
@@ -159,12 +158,12 @@ def enough_lines(found: Plan) -> list[str]:
     return [first, second]
 
 
-def next_lines(found: Plan) -> list[str]:
+def next_lines(plan: Plan) -> list[str]:
     """Lines of text on the best sensors to add next, and the gain by each."""
-    if not found.next_sensors:
+    if not plan.next_sensors:
         return []
-    base = found.installed or found.chosen
-    told = ", ".join(f"{test.sensors[-1]} ({percent_text(test.worst_std)})" for test in found.next_sensors[:3])
+    base = plan.installed or plan.chosen
+    told = ", ".join(f"{test.sensors[-1]} ({percent_text(test.worst_std)})" for test in plan.next_sensors[:3])
     return [
         f"the next best sensor beside the {base.label} ones (worst std {percent_text(base.worst_std)}), with the worst std it"
         f" would leave: {told}"
@@ -176,20 +175,20 @@ def places(dofs: tuple[Dof, ...]) -> str:
     return join_words(dofs, _MOST_PLACES)
 
 
-def plan_page(found: Plan, title: str = "", notes: tuple[str, ...] = ()) -> Page:
+def plan_page(plan: Plan, title: str = "", notes: tuple[str, ...] = ()) -> Page:
     """The page and its figures."""
     words = {
         "title": title or "Structure",
-        "determined": found.determined,
-        "chosen_determines": found.chosen.determined,
-        "options": options_text(found),
-        "lines": [*assumption_lines(found), *choice_lines(found), *enough_lines(found), *next_lines(found)],
+        "determined": plan.determined,
+        "chosen_determines": plan.chosen.determined,
+        "options": options_text(plan),
+        "lines": [*assumption_lines(plan), *choice_lines(plan), *enough_lines(plan), *next_lines(plan)],
         "remarks": [
             *notes,
-            *(f"the chosen test determines {d.words}" for d in found.identifiability.directions),
-            *(f"in the chosen test {group.words}" for group in found.identifiability.groups),
+            *(f"the chosen test determines {d.words}" for d in plan.identifiability.directions),
+            *(f"in the chosen test {group.words}" for group in plan.identifiability.groups),
         ],
-        "tests": test_table(found),
-        "parameters": parameter_table(found),
+        "tests": test_table(plan),
+        "parameters": parameter_table(plan),
     }
-    return Page(PLAN_PAGE, "plan.html.j2", plan_figures(found), words)
+    return Page(PLAN_PAGE, "plan.html.j2", plan_figures(plan), words)

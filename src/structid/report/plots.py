@@ -29,29 +29,29 @@ from structid.report.rendering.png import plotted
 Where = Axes | Sequence[Axes] | None
 
 
-def parameters(found: Identification, axes: Where) -> Picture:
-    return plotted(parameters_figure(found), axes)
+def parameters(identification: Identification, axes: Where) -> Picture:
+    return plotted(parameters_figure(identification), axes)
 
 
-def correlation(found: Identification, axes: Where) -> Picture:
-    return plotted(correlation_figure(found), axes)
+def correlation(identification: Identification, axes: Where) -> Picture:
+    return plotted(correlation_figure(identification), axes)
 
 
-def convergence(found: Identification, axes: Where) -> Picture:
-    return plotted(convergence_figure(found), axes)
+def convergence(identification: Identification, axes: Where) -> Picture:
+    return plotted(convergence_figure(identification), axes)
 
 
-def modes(found: Identification, axes: Where) -> Picture:
+def modes(identification: Identification, axes: Where) -> Picture:
     """Picture of natural frequencies and damping ratios before and after identification, drawn on `axes` if given."""
-    rows = mode_rows(found)
+    rows = mode_rows(identification)
     if not len(rows.frequency):
         raise InputError("a solver gave the FRFs of this model alone, so that its modes are not known")
-    return plotted(modes_figure(rows, band_used(found.fits[:1], found.modal_fits)), axes)
+    return plotted(modes_figure(rows, band_used(identification.fits[:1], identification.modal_fits)), axes)
 
 
-def model_shapes(found: Identification, mode: int, axes: Where) -> Picture:
+def model_shapes(identification: Identification, mode: int, axes: Where) -> Picture:
     """Picture of the identified model's shape of `mode` (from 1; 0 for several), drawn on `axes` if given."""
-    whole = model_shapes_figure(found.structure, found.modes)
+    whole = model_shapes_figure(identification.structure, identification.modes)
     if whole is None:
         raise InputError("the model has no modes with shapes in space; `plot_frequencies` shows its frequencies")
     if not 0 <= mode <= len(whole.panels):
@@ -63,18 +63,18 @@ def model_shapes(found: Identification, mode: int, axes: Where) -> Picture:
     return plotted(alone, axes)
 
 
-def changes(found: Identification, axes: Where) -> Picture:
-    drawn = structure_picture(found.structure, found.sensors, found.loads)
-    return plotted(structure_figure(drawn, shadings(found)), axes)
+def changes(identification: Identification, axes: Where) -> Picture:
+    drawn = structure_picture(identification.structure, identification.sensors, identification.loads)
+    return plotted(structure_figure(drawn, shadings(identification)), axes)
 
 
 def structure(shown: Structure, axes: Where) -> Picture:
     return plotted(structure_figure(structure_picture(shown, (), ())), axes)
 
 
-def frf(found: Identification, sensor: str, load: str, record: int, axes: Where) -> Picture:
+def frf(identification: Identification, sensor: str, load: str, record: int, axes: Where) -> Picture:
     """Picture of a measured FRF with the models' at one sensor and load; the worst fitted one if neither is named."""
-    fit = _fit(found, record)
+    fit = _fit(identification, record)
     outputs, inputs = fit.measured.outputs, fit.measured.inputs
     if sensor or load:
         places = []
@@ -91,17 +91,17 @@ def frf(found: Identification, sensor: str, load: str, record: int, axes: Where)
     return plotted(replace(whole, panels=(whole.panels[channel],), choice=None), axes)
 
 
-def residuals(found: Identification, record: int, axes: Where) -> Picture:
-    return plotted(residual_map_figure(_fit(found, record)), axes)
+def residuals(identification: Identification, record: int, axes: Where) -> Picture:
+    return plotted(residual_map_figure(_fit(identification, record)), axes)
 
 
-def stabilization(found: ModesResult, axes: Where) -> Picture:
-    return plotted(_drawable(stabilization_figure(found)), axes)
+def stabilization(result: ModesResult, axes: Where) -> Picture:
+    return plotted(_drawable(stabilization_figure(result)), axes)
 
 
-def shape(found: ModesResult, mode: int, axes: Where) -> Picture:
+def shape(result: ModesResult, mode: int, axes: Where) -> Picture:
     """Picture of the shape of `mode` (from 1) of a modal survey, drawn on `axes` if given."""
-    whole = shapes_figure(found)
+    whole = shapes_figure(result)
     if not 1 <= mode <= len(whole.panels):
         raise InputError(f"`mode` must be between 1 and {len(whole.panels)}, got {mode}")
     panel = whole.panels[mode - 1]
@@ -109,13 +109,13 @@ def shape(found: ModesResult, mode: int, axes: Where) -> Picture:
     return plotted(alone, axes)
 
 
-def _fit(found: Identification, record: int) -> RecordFit:
-    if not 0 <= record < len(found.fits):
+def _fit(identification: Identification, record: int) -> RecordFit:
+    if not 0 <= record < len(identification.fits):
         raise InputError(
-            f"`record` must be one of the {len(found.fits)} records of responses, counted from 0, got {record};"
+            f"`record` must be one of the {len(identification.fits)} records of responses, counted from 0, got {record};"
             " records of modes have none"
         )
-    return found.fits[record]
+    return identification.fits[record]
 
 
 def _drawable(figure: Figure | None) -> Figure:

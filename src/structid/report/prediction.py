@@ -19,34 +19,34 @@ from structid.study.run.predicting import PREDICTION_PAGE, StudyPrediction, part
 _ROUNDING = 1e-7
 
 
-def modes_table(found: Prediction | PredictedChange) -> Table:
+def modes_table(prediction: Prediction | PredictedChange) -> Table:
     """Table of predicted natural frequencies and damping ratios, before and after changes if there are any."""
-    parts = parts_of(found)
+    parts = parts_of(prediction)
     header: tuple[str, ...]
-    if isinstance(found, PredictedChange):
+    if isinstance(prediction, PredictedChange):
         header = ("Mode", "Before (Hz)", "After (Hz)", "Change (Hz)", "Damping before", "Damping after")
     else:
         header = ("Mode", "Frequency (Hz)", "95 % interval", "Damping ratio", "95 % interval")
     rows = []
     for k in range(len(next(iter(parts.values())).values)):
         cells = [str(k + 1)]
-        if isinstance(found, PredictedChange):
-            cells += [_value(part, (k, 0), float(found.before.values[k, 0])) for part in parts.values()]
+        if isinstance(prediction, PredictedChange):
+            cells += [_value(part, (k, 0), float(prediction.before.values[k, 0])) for part in parts.values()]
             cells += [_percent(part, (k, 1)) for name, part in parts.items() if name != "difference"]
         else:
             cells += [
-                _value(found, (k, 0)),
-                _interval(found, (k, 0)),
-                _percent(found, (k, 1)),
-                _interval(found, (k, 1), 100),
+                _value(prediction, (k, 0)),
+                _interval(prediction, (k, 0)),
+                _percent(prediction, (k, 1)),
+                _interval(prediction, (k, 1), 100),
             ]
         rows.append(tuple(cells))
     return Table(header, tuple(rows), tuple(range(len(header))))
 
 
-def outputs_table(found: Prediction | PredictedChange, title: str = "Largest") -> Table:
+def outputs_table(prediction: Prediction | PredictedChange, title: str = "Largest") -> Table:
     """Table of a quantity with one value an output, such as the largest predicted motion of each sensor."""
-    parts = parts_of(found)
+    parts = parts_of(prediction)
     first = next(iter(parts.values()))
     names = {"value": title}
     header = ["Sensor", "Unit"]
@@ -79,21 +79,21 @@ def _interval(part: Prediction, index: tuple[int, ...], factor: float = 1.0) -> 
     return f"{number(low)} to {number(high)}{' %' if factor == 100 else ''}"
 
 
-def heading(found: StudyPrediction) -> str:
+def heading(prediction: StudyPrediction) -> str:
     """Heading in one line: the predicted quantities, the folder, loads and changes."""
-    kinds = (("FRFs", found.frf), ("history", found.history), ("spectra", found.spectrum))
+    kinds = (("FRFs", prediction.frf), ("history", prediction.history), ("spectra", prediction.spectrum))
     what = [name for name, part in kinds if part is not None]
-    words = f"{' and '.join([*what, 'modes'])} predicted from {found.folder}"
-    words += f", {found.loads}" if found.loads else ""
-    return f"{words}; {', '.join(found.changes)}" if found.changes else words
+    words = f"{' and '.join([*what, 'modes'])} predicted from {prediction.folder}"
+    words += f", {prediction.loads}" if prediction.loads else ""
+    return f"{words}; {', '.join(prediction.changes)}" if prediction.changes else words
 
 
-def width_words(found: StudyPrediction) -> str:
+def width_words(prediction: StudyPrediction) -> str:
     """Sentence on the median half-width of the predicted FRFs' 95 % bands; "" if no FRF is predicted."""
-    if found.frf is None:
+    if prediction.frf is None:
         return ""
     words = []
-    for name, part in parts_of(found.frf).items():
+    for name, part in parts_of(prediction.frf).items():
         if name != "difference":
             size = np.abs(part.values)
             half = np.divide(part.high - part.low, 2 * size, out=np.zeros(size.shape), where=size > 0)
@@ -107,49 +107,49 @@ def damper_table(damper: TunedDamper) -> Table:
     return Table(tuple(shown.header), tuple(map(tuple, shown.rows)), tuple(range(1, len(shown.header))))
 
 
-def _tables(found: StudyPrediction) -> dict[str, Table | None]:
+def _tables(prediction: StudyPrediction) -> dict[str, Table | None]:
     """Tables with one row an output, by their names in the page; None of what was not predicted."""
     titles = {
-        "maxima": (found.maxima, "Largest"),
-        "root_mean_square": (found.root_mean_square, "Root mean square"),
-        "largest": (found.largest, f"Largest in {found.duration or 0:g} s, on the mean"),
+        "maxima": (prediction.maxima, "Largest"),
+        "root_mean_square": (prediction.root_mean_square, "Root mean square"),
+        "largest": (prediction.largest, f"Largest in {prediction.duration or 0:g} s, on the mean"),
     }
     return {name: None if part is None else outputs_table(part, title) for name, (part, title) in titles.items()}
 
 
-def prediction_text(found: StudyPrediction) -> list[RenderableType]:
+def prediction_text(prediction: StudyPrediction) -> list[RenderableType]:
     """Terminal text of a prediction: natural modes, largest motions, and what the bands include."""
-    parts: list[RenderableType] = [Text(heading(found), style="bold"), printed(modes_table(found.modes))]
-    if found.damper is not None:
-        parts += [Text(found.damper.overview().words), printed(damper_table(found.damper))]
-    parts += [printed(table) for table in _tables(found).values() if table is not None]
-    parts += [Text(words) for words in (width_words(found), found.words) if words]
-    if found.doubt:
-        parts.append(Text(f"note: {found.doubt}"))
+    parts: list[RenderableType] = [Text(heading(prediction), style="bold"), printed(modes_table(prediction.modes))]
+    if prediction.damper is not None:
+        parts += [Text(prediction.damper.overview().words), printed(damper_table(prediction.damper))]
+    parts += [printed(table) for table in _tables(prediction).values() if table is not None]
+    parts += [Text(words) for words in (width_words(prediction), prediction.words) if words]
+    if prediction.doubt:
+        parts.append(Text(f"note: {prediction.doubt}"))
     return parts
 
 
-def prediction_page(found: StudyPrediction) -> Page:
+def prediction_page(prediction: StudyPrediction) -> Page:
     """Report page of a prediction, with its figures."""
     figures = {}
-    if found.frf is not None:
-        figures["prediction_frf"] = frf_figure(found.frf)
-    if found.history is not None:
-        figures["prediction_history"] = history_figure(found.history)
-    if found.spectrum is not None:
-        figures["prediction_spectrum"] = spectrum_figure(found.spectrum)
+    if prediction.frf is not None:
+        figures["prediction_frf"] = frf_figure(prediction.frf)
+    if prediction.history is not None:
+        figures["prediction_history"] = history_figure(prediction.history)
+    if prediction.spectrum is not None:
+        figures["prediction_spectrum"] = spectrum_figure(prediction.spectrum)
     words = {
-        "title": found.title or "Structure",
-        "heading": heading(found),
-        "changes": found.changes,
-        "bands": found.words,
-        "doubt": found.doubt,
-        "width": width_words(found),
-        "modes": modes_table(found.modes),
-        **_tables(found),
-        "loads": found.loads,
-        "damper": None if found.damper is None else damper_table(found.damper),
-        "damper_words": "" if found.damper is None else found.damper.overview().words,
-        "n_draws": plural(next(iter(parts_of(found.modes).values())).n_draws, "model"),
+        "title": prediction.title or "Structure",
+        "heading": heading(prediction),
+        "changes": prediction.changes,
+        "bands": prediction.words,
+        "doubt": prediction.doubt,
+        "width": width_words(prediction),
+        "modes": modes_table(prediction.modes),
+        **_tables(prediction),
+        "loads": prediction.loads,
+        "damper": None if prediction.damper is None else damper_table(prediction.damper),
+        "damper_words": "" if prediction.damper is None else prediction.damper.overview().words,
+        "n_draws": plural(next(iter(parts_of(prediction.modes).values())).n_draws, "model"),
     }
     return Page(PREDICTION_PAGE, "prediction.html.j2", figures, words)

@@ -177,7 +177,7 @@ def _is_whole(values: FloatArray) -> bool:
 
 @dataclass(frozen=True)
 class _Digits:
-    """How a column is printed: with so many decimals, or so many significant digits where they are too many."""
+    """Number format of a column: decimals, or significant digits where the decimals would be too many."""
 
     decimals: int
     significant: int

@@ -10,14 +10,14 @@ from structid.prediction.virtual_sensing import SensedMotion
 from structid.report.tables import Table, printed
 
 
-def sensing_text(found: SensedMotion) -> list[RenderableType]:
+def sensing_text(sensed: SensedMotion) -> list[RenderableType]:
     """Terminal text on sensors to add or leave out: heading, table and remarks."""
-    shown = found.overview()
+    shown = sensed.overview()
     parts: list[RenderableType] = [Text(shown.words.partition(";")[0], style="bold")]
     parts.append(printed(Table(tuple(shown.header), tuple(map(tuple, shown.rows)), (1, 2))))
-    for dof, z in found.checks:
+    for dof, z in sensed.checks:
         good = z < 2
         verdict = "as it should be" if good else "more than it should be: the model or the forces are wrong there"
         parts.append(Text(f"{dof}, left out: error {number(z, 2)} times its stated deviation, {verdict}"))
-    parts += [Text(f"note: {words}") for words in found.words]
+    parts += [Text(f"note: {words}") for words in sensed.words]
     return parts

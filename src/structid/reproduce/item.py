@@ -13,7 +13,7 @@ from structid.core.arrays import FloatArray, locked, require_shape
 
 
 class Verdict(Enum):
-    """How a printed table or figure stands; the value is what files and pages show."""
+    """Verdict on a printed table or figure; the value is what files and pages show."""
 
     AGREES = "agrees to the printed digits"
     MISPRINT = "misprint, with the correction"

@@ -1,4 +1,4 @@
-"""How alike two sets of mode shapes or response functions are, and which belong together: pure functions of arrays."""
+"""Similarity and pairing of two sets of mode shapes or response functions: pure functions of arrays."""
 
 from structid.similarity.pairing import Pairing as Pairing
 from structid.similarity.pairing import pair_modes as pair_modes

@@ -1,4 +1,4 @@
-"""How alike two sets of response functions are: FRAC and FDAC."""
+"""Similarity of two sets of response functions: FRAC and FDAC."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How alike two sets of mode shapes are: MAC, COMAC, ECOMAC, orthogonality and angles between their spans."""
+"""Similarity of two sets of mode shapes: MAC, COMAC, ECOMAC, orthogonality and angles between their spans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is unknown: names, units, groups of elements, transforms, bounds and priors."""
+"""Unknown parameters: names, units, groups of elements, transforms, bounds and priors."""
 
 from structid.unknowns.named_unknowns import NamedUnknowns
 from structid.unknowns.parameters import Parameters, Scatter, own_values, parameters, with_scatter

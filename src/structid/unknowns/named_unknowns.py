@@ -79,7 +79,7 @@ class NamedUnknowns:
         return self.transforms.bounds
 
     def sizes(self, physical: FloatArray) -> FloatArray:
-        """What the standard deviation of each is held against, (n_params,); at 0, of those alone that may vanish."""
+        """Scales (n_params,) with which standard deviations are compared; 0 but for unknowns that may vanish."""
         return np.maximum(np.abs(physical), self.scale)
 
     @property
@@ -132,14 +132,14 @@ class NamedUnknowns:
         return replace(self, priors=Priors(mean, std, priors.lognormal))
 
 
-def begun_at(unknowns: N, known: Mapping[str, float]) -> N:
-    """Copy that starts at the `known` values of its names, where these lie in their range."""
-    start = np.array([known.get(name, own) for name, own in zip(unknowns.names, unknowns.start, strict=True)])
+def begun_at(unknowns: N, values: Mapping[str, float]) -> N:
+    """Copy that starts at the `values` values of its names, where these lie in their range."""
+    start = np.array([values.get(name, own) for name, own in zip(unknowns.names, unknowns.start, strict=True)])
     inside = (start > unknowns.transforms.lower) & (start < unknowns.transforms.upper)
     return unknowns.started_at(np.where(inside, start, unknowns.start))
 
 
-def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
+def join_unknowns(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
     """The unknowns of `first` followed by those of `second`, as one set."""
 
     def both(one: FloatArray, other: FloatArray) -> FloatArray:

@@ -141,19 +141,19 @@ class ParameterGroup:
     @property
     def kinds(self) -> tuple[str, ...]:
         """Physical kind of each parameter, such as ``mass``."""
-        return _chosen([item.term.kind for item in self.properties], self.item[self.first])
+        return _select_entries([item.term.kind for item in self.properties], self.item[self.first])
 
     @property
     def units(self) -> tuple[str, ...]:
         units = [item.term.unit for item in self.properties]
-        return _chosen([*units, "1"], np.where(self.is_factor, len(units), self.item[self.first]))
+        return _select_entries([*units, "1"], np.where(self.is_factor, len(units), self.item[self.first]))
 
 
 def element_sets(group: ParameterGroup) -> tuple[tuple[str, ...], ...]:
     """Names of the element sets that each parameter of the group acts on, one tuple a parameter."""
     sets = [item.element for item in group.properties]
     number = np.array([sets.index(name) for name in sets])[group.item]
-    names_of = list(_chosen([(name,) for name in sets], number[group.first]))
+    names_of = list(_select_entries([(name,) for name in sets], number[group.first]))
     for k in np.flatnonzero(_varies(number, group.first)).tolist():
         numbers = number[group.owner == k].tolist()
         names_of[k] = tuple(dict.fromkeys(sets[i] for i in numbers))
@@ -161,23 +161,23 @@ def element_sets(group: ParameterGroup) -> tuple[tuple[str, ...], ...]:
 
 
 def _varies(numbers: np.ndarray, first: IntArray) -> np.ndarray:
-    """Whether `numbers`, one an entry, differ among the entries of each parameter, which begin at `first`, (n_params,)."""
+    """True for each parameter (n_params,) whose entries, which begin at `first`, have different `numbers`."""
     if not len(first):
         return np.zeros(0, dtype=bool)
     return np.asarray(np.maximum.reduceat(numbers, first) > np.minimum.reduceat(numbers, first))
 
 
 def label_of(unknown: Unknown) -> str:
-    """What stands for all parameters of a declaration in the brackets of a name."""
+    """Label of all parameters of a declaration, in the brackets of a name."""
     texts = (unknown.elements,) if isinstance(unknown.elements, str) else unknown.elements
     return unknown.name or ", ".join(texts)
 
 
-def _chosen(table: Sequence[Entry], places: IntArray) -> tuple[Entry, ...]:
-    """`table` at `places`."""
+def _select_entries(table: Sequence[Entry], positions: IntArray) -> tuple[Entry, ...]:
+    """`table` at `positions`."""
     if len(table) == 1:
-        return (table[0],) * len(places)
-    return tuple([table[i] for i in places.tolist()])
+        return (table[0],) * len(positions)
+    return tuple([table[i] for i in positions.tolist()])
 
 
 def parameter_group(structure: Structure, unknown: Unknown) -> ParameterGroup:

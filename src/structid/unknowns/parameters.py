@@ -1,4 +1,4 @@
-"""What is unknown: named parameters in physical units, mapped to the property values of a structure."""
+"""Parameters: named unknowns in physical units, mapped to the property values of a structure."""
 
 from __future__ import annotations
 
@@ -130,10 +130,10 @@ class Parameters(Shown, NamedUnknowns):
         return replace(self, couplings=(*self.couplings, *couplings))
 
 
-def _sizes(one: ParameterGroup) -> FloatArray:
-    """What the deviations of parameters that may vanish are held against then, as they may be well known at that; else 0."""
-    part = 1.0 if one.limits[0] < 0 else _ABSENT * (_transform(one) == "log") * np.isin(one.kinds, MAY_VANISH)
-    return np.abs(one.start) * part
+def _sizes(group: ParameterGroup) -> FloatArray:
+    """Scales with which deviations of parameters that may vanish are compared; 0 for the others."""
+    part = 1.0 if group.limits[0] < 0 else _ABSENT * (_transform(group) == "log") * np.isin(group.kinds, MAY_VANISH)
+    return np.abs(group.start) * part
 
 
 def parameters(structure: Structure, unknowns: Unknown | Iterable[Unknown]) -> Parameters:
@@ -192,7 +192,7 @@ def parameters(structure: Structure, unknowns: Unknown | Iterable[Unknown]) -> P
     return made.started_at(made.start)
 
 
-def redeclared(known: Parameters, structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
+def redeclared(current: Parameters, structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
     """The parameters of other declarations or of a changed structure; names that stay begin where they did, and stay coupled.
 
     Raises
@@ -200,15 +200,15 @@ def redeclared(known: Parameters, structure: Structure, unknowns: Iterable[Unkno
     InputError
         As `parameters` does, or if a parameter that is coupled is gone.
     """
-    made = begun_at(parameters(structure, unknowns), dict(zip(known.names, known.start.tolist(), strict=True)))
-    if not known.couplings:
+    made = begun_at(parameters(structure, unknowns), dict(zip(current.names, current.start.tolist(), strict=True)))
+    if not current.couplings:
         return made
-    used = np.logical_or.reduce([coupling.used for coupling in known.couplings])
-    gone = [name for name, is_used in zip(known.names, used, strict=True) if is_used and name not in made.names]
+    used = np.logical_or.reduce([coupling.used for coupling in current.couplings])
+    gone = [name for name, is_used in zip(current.names, used, strict=True) if is_used and name not in made.names]
     if gone:
         raise InputError(f"{gone[0]} is coupled to other parameters and must stay; leave the coupling out")
-    index = np.array([made.names.index(name) if name in made.names else 0 for name in known.names])
-    return replace(made, couplings=tuple(coupling.at(index, made.n_params) for coupling in known.couplings))
+    index = np.array([made.names.index(name) if name in made.names else 0 for name in current.names])
+    return replace(made, couplings=tuple(coupling.at(index, made.n_params) for coupling in current.couplings))
 
 
 def _require_tolerances_of_fixed(structure: Structure, design: sparse.csc_array) -> None:
@@ -299,10 +299,10 @@ def _resolve_tie(
         target = group.unknown.tied_to
 
 
-def _transform(one: ParameterGroup) -> Transform:
-    if one.is_bounded:
+def _transform(group: ParameterGroup) -> Transform:
+    if group.is_bounded:
         return "interval"
-    return "log" if one.limits[0] >= 0 else "linear"
+    return "log" if group.limits[0] >= 0 else "linear"
 
 
 def _joined(parts: Iterable[tuple[Entry, ...]]) -> tuple[Entry, ...]:

@@ -1,4 +1,4 @@
-"""What holds many parameters where the data do not: smoothness over neighbours, and sparsity of what changed."""
+"""Regularization of many parameters: smoothness over neighbours, and sparsity of changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known beforehand, as whitened rows: of one parameter, or of combinations of several."""
+"""Prior knowledge as whitened rows: of one parameter, or of combinations of several."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ class Coupling:
 def joint_prior(
     name: str,
     names: tuple[str, ...],
-    known: tuple[str, ...],
+    own_names: tuple[str, ...],
     mean: FloatArray,
     covariance: FloatArray,
     logarithmic: bool = False,
@@ -213,7 +213,7 @@ def joint_prior(
         Name of the prior in reports.
     names : tuple of str
         All parameters, in order.
-    known : tuple of str
+    own_names : tuple of str
         Names of the parameters that the prior is about.
     mean, covariance : (n_known,), (n_known, n_known) float arrays
         Physical units.
@@ -225,10 +225,10 @@ def joint_prior(
     InputError
         If a name is no parameter, or the covariance is not finite and positive definite.
     """
-    missing = [label for label in known if label not in names]
+    missing = [label for label in own_names if label not in names]
     if missing:
         raise InputError(f"`known` must name parameters, got {missing[0]!r}; they are {', '.join(names)}")
-    require_shape("covariance", covariance, (len(known), len(known)))
+    require_shape("covariance", covariance, (len(own_names), len(own_names)))
     require_finite("covariance", covariance, "a parameter that was not determined cannot be carried; leave it out")
     if logarithmic:
         if not (mean > 0).all():
@@ -244,8 +244,8 @@ def joint_prior(
             f"`covariance` of {name} must be positive definite, got one that is not; carry fewer parameters"
         )
     whitener = np.linalg.solve(factor, np.diag(1 / std))
-    matrix = np.zeros((len(known), len(names)))
-    matrix[:, [names.index(label) for label in known]] = whitener
+    matrix = np.zeros((len(own_names), len(names)))
+    matrix[:, [names.index(label) for label in own_names]] = whitener
     return Coupling(name, matrix, whitener @ mean, logarithmic)
 
 

@@ -1,4 +1,4 @@
-"""How well the values are known that a model holds: what intervals and verdicts allow them to be wrong by."""
+"""Tolerances of the fixed values of a model: the errors that intervals and verdicts allow for."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _DAMPINGS = (*DAMPING, "friction")
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How well the values are known that a model holds, as standard deviations in parts of each value.
+    """Tolerances of the fixed values of a model, as standard deviations in parts of each value.
 
     They are those of all element sets and records that state no `tolerance` or `calibration` of their own. All elements of a set
     err together in a property, as those of one drawing do; properties and sets err independently.

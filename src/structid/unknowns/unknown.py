@@ -93,12 +93,12 @@ def field_functions(field: Field, middles: FloatArray) -> tuple[sparse.csc_array
     return sparse.csc_array(columns[:, seen]), names
 
 
-def _splines(at: FloatArray, intervals: int, degree: int) -> sparse.csr_array:
-    """B-splines on equal intervals of [0, 1] at `at`, (n, intervals + degree)."""
+def _splines(positions: FloatArray, intervals: int, degree: int) -> sparse.csr_array:
+    """B-splines on equal intervals of [0, 1] at `positions`, (n, intervals + degree)."""
     from scipy.interpolate import BSpline
 
     knots = np.concatenate([np.zeros(degree), np.linspace(0.0, 1.0, intervals + 1), np.ones(degree)])
-    return sparse.csr_array(BSpline.design_matrix(np.clip(at, 0.0, 1.0), knots, degree))
+    return sparse.csr_array(BSpline.design_matrix(np.clip(positions, 0.0, 1.0), knots, degree))
 
 
 @dataclass(frozen=True)

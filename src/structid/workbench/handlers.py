@@ -1,4 +1,4 @@
-"""What the page asks for: each address, answered from files, runs and worker processes."""
+"""Handlers of the page's addresses, answered from files, runs and worker processes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 
 from structid._version import __version__
 from structid.core.errors import FileError, InputError
-from structid.files import atomic_write, claimed, read_start
+from structid.files import atomic_write, claim_path, read_start
 from structid.study.schema.edits import edited
 from structid.study.templates import TEMPLATES, asked_of
 from structid.workbench.folder import EXPORTS, ChangedError, OpenFolder, digest, read_json, typed_folder, upload_name
@@ -90,9 +90,9 @@ class Workbench:
         """The address under which a page of results is seen."""
         return f"/view/{self.access.view_key(page)}/{quote(page)}"
 
-    async def worked(self, name: str, given: dict[str, Any], version: str = "") -> Response:
+    async def worked(self, name: str, arguments: dict[str, Any], version: str = "") -> Response:
         """The answer of a worker."""
-        return _answered(await self.workers(name, given, version))
+        return _answered(await self.workers(name, arguments, version))
 
 
 class Json(JSONResponse):
@@ -306,7 +306,7 @@ async def _upload(bench: Workbench, request: Request) -> Response:
     taken = 0
     _arriving.add(path)
     try:
-        with claimed(path), atomic_write(path, is_new=not is_replaced) as temporary, temporary.open("wb") as stream:
+        with claim_path(path), atomic_write(path, is_new=not is_replaced) as temporary, temporary.open("wb") as stream:
             try:
                 async for chunk in request.stream():
                     taken += len(chunk)

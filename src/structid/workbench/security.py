@@ -65,13 +65,13 @@ class Access:
         """Key that opens a page of results and nothing else: such a page knows its own address."""
         return hmac.new(self.token.encode(), path.encode(), hashlib.sha256).hexdigest()[:40]
 
-    def is_token(self, given: str) -> bool:
-        """True if `given` is the token; as long for a wrong one as for the right one."""
-        return hmac.compare_digest(given.encode(), self.token.encode())
+    def is_token(self, token: str) -> bool:
+        """True if `token` is the token; as long for a wrong one as for the right one."""
+        return hmac.compare_digest(token.encode(), self.token.encode())
 
-    def is_view_key(self, given: str, path: str) -> bool:
-        """True if `given` is the key of the page of results at `path`."""
-        return hmac.compare_digest(given.encode(), self.view_key(path).encode())
+    def is_view_key(self, key: str, path: str) -> bool:
+        """True if `key` is the key of the page of results at `path`."""
+        return hmac.compare_digest(key.encode(), self.view_key(path).encode())
 
 
 class Guard:
@@ -119,7 +119,7 @@ class Guard:
             return
         inner = "/view/" + rest if is_view else "/" + rest
         given = {**scope, "path": inner, "raw_path": inner.encode(), "opened": let_in[0]}
-        await self.app(given, _limited(receive, most), told)
+        await self.app(given, _limit_body(receive, most), told)
 
 
 def _refusal(scope: Scope, port: int) -> tuple[int, str] | None:
@@ -155,7 +155,7 @@ def _is_loopback(client: tuple[str, int] | None) -> bool:
         return False
 
 
-def _limited(receive: Receive, most: int) -> Receive:
+def _limit_body(receive: Receive, most: int) -> Receive:
     """Receiver that ends a request whose body has more than `most` bytes or arrives too slowly."""
     taken, is_whole = 0, False
 

@@ -1,4 +1,4 @@
-"""What the workbench keeps for a user outside all folders: recent folders, confirmed commands, places in the queue of runs."""
+"""State that the workbench keeps for a user outside all folders: recent folders, confirmed commands, queue of runs."""
 
 from __future__ import annotations
 

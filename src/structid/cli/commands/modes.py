@@ -91,7 +91,7 @@ def modes(
 
 
 def _track(
-    given: list[Path],
+    results: list[Path],
     options: ModesOptions,
     read: ReadOptions,
     geometry: Path | None,
@@ -110,12 +110,12 @@ def _track(
     from structid.study.results.folder import staged_folder
     from structid.study.results.modes import write_tracks
 
-    paths = [path for place in given for path in (_files_of(place) if place.is_dir() else [place])]
+    paths = [path for place in results for path in (_files_of(place) if place.is_dir() else [place])]
     modes = [
         read_modes(path) if holds_modes(path) else modes_of_file(path, options, read, geometry).modes for path in paths
     ]
     tracks = track_modes(modes, file_names(paths))
-    folder, name = out if out is not None else beside_call(f"{given[0].stem}_tracks"), "tracks.json"
+    folder, name = out if out is not None else beside_call(f"{results[0].stem}_tracks"), "tracks.json"
     with staged_folder(folder, MODES_PAGE) as staged:
         write_tracks(tracks, staged)
         if report:
@@ -154,4 +154,6 @@ def _merge(
     with staged_folder(folder, MODES_PAGE) as staged:
         write_merged(merging.modes, staged, places)
     show(merged_text(names, merging))
+    if places is not None and places.unit_words:
+        say(places.unit_words)
     say(folder / "modes.json")

@@ -50,7 +50,7 @@ def motion(
       structid motion bridge.toml --threads 2 --checkpoint bridge.npz
       structid motion bridge.toml --workers 4 --checkpoint bridge.npz
     """
-    from structid.files import claimed  # the help needs none of these
+    from structid.files import claim_path  # the help needs none of these
     from structid.inversion.regression.local_reduction import Engine, Kernels
     from structid.study.results.folder import staged_folder
     from structid.study.run.motion import MOTION_SUMMARY, MOTION_TABLE, MotionOptions, motion_of_study, write_motion
@@ -58,7 +58,7 @@ def motion(
     work = Kernels(cast(Engine, engine), threads)
     options = MotionOptions(work, chunk, checkpoint, workers, scheduler)
     try:
-        with claimed(checkpoint) if checkpoint is not None else nullcontext():
+        with claim_path(checkpoint) if checkpoint is not None else nullcontext():
             found = motion_of_study(study, options, _told)
     except KeyboardInterrupt:
         kept = f"; {checkpoint} holds what is done, the same command goes on from it" if checkpoint else ""
@@ -79,16 +79,16 @@ def _told(done: int, whole: int) -> None:
     typer.echo(f"\r{done} of {whole} samples", nl=False, err=True)
 
 
-def motion_lines(found: MotionResult) -> list[str]:
+def motion_lines(result: MotionResult) -> list[str]:
     """The lines to print: size, identified parameters, message, wall times and memory."""
-    solution, structure = found.solution, found.study.structure
+    solution, structure = result.solution, result.study.structure
     lines = [
         f"{structure.n_dofs} degrees of freedom, {len(solution.values)} parameters, {solution.n_samples} samples"
-        f" ({found.record_bytes / 1e6:.0f} MB on disk)",
+        f" ({result.record_bytes / 1e6:.0f} MB on disk)",
         f"{int(solution.identified.sum())} of {len(solution.values)} parameters identified",
-        f"{solution.message}, in {found.where}" if found.where != "this process" else solution.message,
-        "wall time: " + ", ".join(f"{name} {seconds:.1f} s" for name, seconds in found.seconds.items()),
+        f"{solution.message}, in {result.where}" if result.where != "this process" else solution.message,
+        "wall time: " + ", ".join(f"{name} {seconds:.1f} s" for name, seconds in result.seconds.items()),
     ]
-    if found.peak_memory:
-        lines.append(f"peak memory: {found.peak_memory / 1e6:.0f} MB")
+    if result.peak_memory:
+        lines.append(f"peak memory: {result.peak_memory / 1e6:.0f} MB")
     return lines

@@ -99,34 +99,36 @@ def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None
 
 
 def _compare_modes(
-    name: str, setup: AnySetup, source: ModesSource, known: Mapping[str, float], options: CorrelateOptions
+    name: str, setup: AnySetup, source: ModesSource, values_of_study: Mapping[str, float], options: CorrelateOptions
 ) -> ModesCorrelation:
     unknown = setup.parameters
-    values = unknown.values(values_at(unknown.names, unknown.start, known))
+    values = unknown.values(values_at(unknown.names, unknown.start, values_of_study))
     return correlated_modes(setup.structure, values, source.load(), options, source.settings, name)
 
 
-def _compare_responses(name: str, setup: AnySetup, study: Study, known: Mapping[str, float]) -> ResponsesCorrelation:
-    """Measured and modelled FRFs of one record; `known` has parameter values that replace start values, by name."""
+def _compare_responses(
+    name: str, setup: AnySetup, study: Study, values_of_study: Mapping[str, float]
+) -> ResponsesCorrelation:
+    """Measured and modelled FRFs of one record; `values_of_study` has parameter values that replace start values, by name."""
     problem = setup.prepared(study.options).problem
-    values = values_at(problem.names, problem.unknowns.start, known)
+    values = values_at(problem.names, problem.unknowns.start, values_of_study)
     fit = setup.response_fit(name, problem, Own(problem.theta_start, values, values), study.options)
     if fit is None:
         raise InputError("the record has neither modes nor responses to hold against the model")
     return correlated_responses(fit.evaluation, fit.evaluation_predicted, name)
 
 
-def values_at(names: tuple[str, ...], start: FloatArray, known: Mapping[str, float]) -> FloatArray:
-    """`start` with the values that are known.
+def values_at(names: tuple[str, ...], start: FloatArray, values: Mapping[str, float]) -> FloatArray:
+    """Start values, replaced by `values` of the same names.
 
     Raises
     ------
     InputError
         If values are known, and none of them is of these names.
     """
-    if known and not any(name in known for name in names):
+    if values and not any(name in values for name in names):
         raise InputError("the results folder holds none of the study's parameters; give the folder of this study's run")
-    return np.array([known.get(name, own) for name, own in zip(names, start.tolist(), strict=True)])
+    return np.array([values.get(name, own) for name, own in zip(names, start.tolist(), strict=True)])
 
 
 def before_and_after(
@@ -158,16 +160,16 @@ def _fitted_modes(fit: ModalFit, physical: FloatArray) -> ModesCorrelation:
     return correlated_modes(problem.structure, values, fit.measured, DEFAULT, problem.settings, fit.name)
 
 
-def correlation_summary(found: StudyCorrelation) -> dict[str, Entry]:
+def correlation_summary(correlation: StudyCorrelation) -> dict[str, Entry]:
     """The content of correlation.json, before what is not finite becomes null. Modes count from 1."""
     return {
-        "title": found.study.title,
-        "at": "start values" if found.at is None else found.at.name,
-        "modal_records": [_modes_summary(part) for part in found.modes],
-        "response_records": [_responses_summary(part) for part in found.responses],
-        "channels": [asdict(channel) for channel in found.channels],
-        "warnings": found.warnings,
-        "provenance": asdict(found.provenance),
+        "title": correlation.study.title,
+        "at": "start values" if correlation.at is None else correlation.at.name,
+        "modal_records": [_modes_summary(part) for part in correlation.modes],
+        "response_records": [_responses_summary(part) for part in correlation.responses],
+        "channels": [asdict(channel) for channel in correlation.channels],
+        "warnings": correlation.warnings,
+        "provenance": asdict(correlation.provenance),
     }
 
 

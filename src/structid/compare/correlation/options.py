@@ -1,4 +1,4 @@
-"""How a measurement and a model are held side by side."""
+"""Options of the correlation of a measurement and a model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Method: TypeAlias = Literal["serep", "dynamic"]
 
 @dataclass(frozen=True)
 class CorrelateOptions:
-    """How a measurement and a model are held side by side. Every field is a flag of the command.
+    """Options of `structid correlate`. Every field is a flag of the command.
 
     Parameters
     ----------

@@ -16,7 +16,8 @@ from structid.core.display import join_words
 from structid.core.errors import InputError, SingularModelError
 from structid.core.json_types import Plain, plain_table
 from structid.forward import RecordProblem
-from structid.identification.joint_problem import fixed_values, joint_problem, tolerances_of
+from structid.forward.fixed_values import tolerances_of
+from structid.identification.joint_problem import fixed_values, joint_problem
 from structid.inversion import Estimate, Problem, Status
 from structid.inversion.comparison.comparison import Comparison, compare_jointly, compare_states
 from structid.inversion.comparison.multiple_tests import Correction, require_levels
@@ -44,7 +45,7 @@ class _Settings(TypedDict):
 
 @dataclass(frozen=True, eq=False)
 class ComparisonResult:
-    """A comparison with what it was made from.
+    """A comparison of two states with the states it was made from.
 
     Attributes
     ----------
@@ -135,7 +136,7 @@ def compare(
         return ComparisonResult(comparison, first, second, "carried", _warnings(comparison, first, second), test)
     second = _run_study(_from_baseline(study, first, ()), progress)
     joint = states_problem(_restart_problem(first), _restart_problem(second, first), names)
-    fixed = _fixed_in_both(_freed(first), _freed(second), names)
+    fixed = _fixed_in_both(_problems_with_free_values(first), _problems_with_free_values(second), names)
     both = _joint_estimate(joint, fixed)
     comparison = compare_jointly(both, names, **settings)
     cost = squared(residual_at(joint, both.theta) if fixed is None else fixed.refit(both.names, both.theta).at.residual)
@@ -178,7 +179,7 @@ def _unchanged_test(
     return UnchangedTest(names, cost, separate_cost, freedom, len(names) + n_fixed, differing)
 
 
-def _freed(state: State) -> tuple[RecordProblem, ...]:
+def _problems_with_free_values(state: State) -> tuple[RecordProblem, ...]:
     """The problems of a state that was run with what its model holds among the unknowns."""
     return () if state.result is None else state.result.identification.freed
 

@@ -1,4 +1,4 @@
-"""How two states are compared, as the flags of the command say it."""
+"""Options of the comparison of two states, as the flags of the command state them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from structid.core.errors import InputError
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """How two states are compared. Every field is a flag of the command; a list may be one text with commas.
+    """Options of `structid compare`. Every field is a flag of the command; a list may be one text with commas.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class CompareOptions:
             object.__setattr__(self, "unchanged", split_commas(self.unchanged))
 
 
-def least_part(given: float | str) -> float:
+def least_part(value: float | str) -> float:
     """A least change of interest as a part, from a number or a text such as ``1 %``.
 
     Raises
@@ -49,11 +49,11 @@ def least_part(given: float | str) -> float:
     InputError
         If it is no number of at least 0 and below 1.
     """
-    text = str(given).strip()
+    text = str(value).strip()
     try:
         part = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
     except ValueError:
         part = float("nan")
     if not 0 <= part < 1:
-        raise InputError(f"`least` must be at least 0 and below 1, got {given!r}; 0.01 and 1% are one per cent")
+        raise InputError(f"`least` must be at least 0 and below 1, got {value!r}; 0.01 and 1% are one per cent")
     return part

@@ -1,4 +1,4 @@
-"""Each sensor has a mass that the model lacks, as accelerometers that weigh something."""
+"""Cause: sensors have a mass that the model lacks, as accelerometers that weigh something."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MOST_WAYS, _SHOWN = 60, 3
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SensorMass(Candidate):
-    """The same mass at the node of every sensor, of each record at its own.
+    """Equal mass at the node of every sensor, in each record at its own sensors.
 
     Attributes
     ----------

@@ -42,7 +42,7 @@ _ACCELERATIONS = ("accelerance", "transmissibility")
 
 
 class ChannelWarnings(NamedTuple):
-    """What does not look right in the channels of a record: of all of them or of loads, of sensors, and of pairs of places.
+    """Warnings on the channels of a record: on all or on loads, on sensors, and on pairs of degrees of freedom.
 
     Those of sensors, also that of a support that drives, are false where the model comes to explain the record as it is.
     """

@@ -1,4 +1,4 @@
-"""Each record beside its initial model."""
+"""Comparison of each record with its initial model."""
 
 from __future__ import annotations
 

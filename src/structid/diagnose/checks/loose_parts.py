@@ -1,4 +1,4 @@
-"""What is doubtful about a structure before a fit, with the nodes and elements that it is about."""
+"""Doubts about a structure before a fit, with the nodes and elements concerned."""
 
 from __future__ import annotations
 

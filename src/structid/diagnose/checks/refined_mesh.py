@@ -13,7 +13,7 @@ from structid.core.dof import DIRECTIONS, Dof
 from structid.fem import Structure
 from structid.fem.elements import ElementSet
 from structid.fem.elements.element import declarations
-from structid.fem.places import MeshPoint
+from structid.fem.measuring_points import MeshPoint
 from structid.fem.structure import MOST_PIECES
 
 #: Nodes of a child by the corners of its parent that each lies in the middle of.
@@ -125,7 +125,7 @@ def obstacle(structure: Structure) -> str | None:
 def refined(structure: Structure, values: FloatArray, times: int, most: int) -> Refined | None:
     """`structure` with elements 1/`times` as long; None where it then has more than `most` degrees of freedom.
 
-    A node amid supported ones of a side at the rim is supported as they are.
+    A new node between supported ones on a side at the rim is supported as they are.
 
     Parameters
     ----------

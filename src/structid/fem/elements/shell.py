@@ -63,7 +63,7 @@ class Facets:
         return (linked.reshape(*maps.shape[:-1], 2 * n, 3) @ self.axes[0]).reshape(maps.shape)
 
     def _links(self) -> FloatArray:
-        """From motion at the nodes to motion of the corners in the plane below them, (n_cells, 6 n, 6 n)."""
+        """Maps from motion at the nodes to motion of the corners in the facet plane, (n_cells, 6 n, 6 n)."""
         n_cells, n = self.height.shape
         links = np.tile(np.eye(6 * n), (n_cells, 1, 1))
         for k in range(n):
@@ -141,7 +141,7 @@ class Shell(ThinSet):
         default=0.1,
     )
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """Element matrices of density and Young's modulus, for stretching and bending; see `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 3)
         elasticity = plane_elasticity(self.poisson, strain=False)
@@ -187,27 +187,33 @@ def _turned_strains(axes: FloatArray) -> FloatArray:
 
 
 def _stretching(
-    name: str, nodes: IntArray, at: FloatArray, cell: str, elasticity: FloatArray, poisson: float, linear_strains: float
+    name: str,
+    nodes: IntArray,
+    points: FloatArray,
+    cell: str,
+    elasticity: FloatArray,
+    poisson: float,
+    linear_strains: float,
 ) -> FloatArray:
-    flat = facets(name, nodes, at)
+    flat = facets(name, nodes, points)
     return flat.in_space(
         _on_all_coordinates(drilling_stiffness(flat.corners, elasticity, poisson, linear_strains), (0, 1, 5))
     )
 
 
-def _bending(name: str, nodes: IntArray, at: FloatArray, cell: str, elasticity: FloatArray) -> FloatArray:
-    flat = facets(name, nodes, at)
+def _bending(name: str, nodes: IntArray, points: FloatArray, cell: str, elasticity: FloatArray) -> FloatArray:
+    flat = facets(name, nodes, points)
     return flat.in_space(_on_all_coordinates(bending_stiffness(name, nodes, flat.corners, cell, elasticity), (2, 3, 4)))
 
 
-def _mass(name: str, nodes: IntArray, at: FloatArray, cell: str) -> FloatArray:
-    flat = facets(name, nodes, at)
+def _mass(name: str, nodes: IntArray, points: FloatArray, cell: str) -> FloatArray:
+    flat = facets(name, nodes, points)
     across = _on_all_coordinates(plate_mass(name, nodes, flat.corners, cell), (2, 3, 4))
     return flat.in_space(across + _on_all_coordinates(unit_mass(name, nodes, flat.corners, cell), (0, 1)))
 
 
-def _rotary_inertia(name: str, nodes: IntArray, at: FloatArray, cell: str) -> FloatArray:
-    linear = unit_mass(name, nodes, facets(name, nodes, at).corners, cell)[:, ::2, ::2]
+def _rotary_inertia(name: str, nodes: IntArray, points: FloatArray, cell: str) -> FloatArray:
+    linear = unit_mass(name, nodes, facets(name, nodes, points).corners, cell)[:, ::2, ::2]
     return np.einsum("eij,kl->eikjl", linear / 12, np.eye(3)).reshape(len(nodes), 3 * nodes.shape[1], -1)
 
 

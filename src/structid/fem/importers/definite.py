@@ -1,4 +1,4 @@
-"""Whether a symmetric matrix is positive semidefinite, as mass and stiffness must be; told from its factors."""
+"""Check that a symmetric matrix is positive semidefinite, as mass and stiffness must be, by its factors."""
 
 from __future__ import annotations
 

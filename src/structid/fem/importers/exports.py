@@ -66,8 +66,8 @@ def total_mass(mass: Any, dofs: Sequence[str | Dof], direction: str = "X") -> fl
     return float(rigid @ (mass @ rigid))
 
 
-def require_total_mass(found: float, declared: float, left_aside: str = "") -> None:
-    """Raise `InputError` if the mass `found` in the matrices differs from the `declared` one; the message names the factor.
+def require_total_mass(total: float, declared: float, left_aside: str = "") -> None:
+    """Raise `InputError` if the mass `total` in the matrices differs from the `declared` one; the message names the factor.
 
     Parameters
     ----------
@@ -78,12 +78,12 @@ def require_total_mass(found: float, declared: float, left_aside: str = "") -> N
     """
     if not declared > 0:
         raise InputError(f"`total_mass` must be greater than 0, got {declared}")
-    if found <= 0:
+    if total <= 0:
         raise InputError(
-            f"the total mass of the matrices is {found:.6g}, the declared one {declared:.6g} kg; the mass matrix is "
+            f"the total mass of the matrices is {total:.6g}, the declared one {declared:.6g} kg; the mass matrix is "
             "missing, or its rows are not the degrees of freedom named"
         )
-    ratio = found / declared
+    ratio = total / declared
     if abs(ratio - 1) <= _MASS_ERROR:
         return
     likely = [words for factor, words in _RATIOS if abs(ratio / factor - 1) <= _MASS_ERROR]
@@ -91,7 +91,7 @@ def require_total_mass(found: float, declared: float, left_aside: str = "") -> N
         "mass at degrees of freedom held in the export is not in the matrix; else check units, densities and numbering"
     ))  # fmt: skip
     raise InputError(
-        f"the total mass of the matrices is {found:.6g} kg, the declared one {declared:.6g} kg: a factor of {ratio:.6g}; "
+        f"the total mass of the matrices is {total:.6g} kg, the declared one {declared:.6g} kg: a factor of {ratio:.6g}; "
         f"{cause}"
     )
 

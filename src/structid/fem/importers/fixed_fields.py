@@ -39,7 +39,7 @@ def chunks(n: int) -> Iterator[slice]:
 
 
 def is_blank(fields: Bytes) -> NDArray[np.bool_]:
-    """Whether each field holds nothing but blanks, tabs and line ends, (n,)."""
+    """True for each field that holds only blanks, tabs and line ends, (n,)."""
     return np.asarray((fields <= _BLANK).all(axis=1))
 
 
@@ -81,7 +81,7 @@ def real_numbers(fields: Bytes) -> FloatArray:
 
 
 def as_real(word: bytes) -> float:
-    """The real number of one field; a `FieldError` where it is none."""
+    """Real number in one field; raises `FieldError` if it holds none."""
     fields = np.frombuffer(word.strip().ljust(1), dtype=np.uint8)[None, :]
     return float(real_numbers(fields)[0])
 

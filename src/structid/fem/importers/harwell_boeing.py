@@ -18,7 +18,7 @@ from scipy import sparse
 
 from structid.core.errors import FileError
 from structid.fem.importers.fixed_fields import FieldError, chunks, fields_at, real_numbers, whole_numbers
-from structid.fem.importers.imported import ImportedMatrix, completed
+from structid.fem.importers.imported import ImportedMatrix, complete_triangles
 
 _FORM = re.compile(rb"\(?\s*(?:\d+P\s*,?\s*)?(\d*)\s*([IEDFG])\s*(\d+)", re.IGNORECASE)
 #: Letters of a line of forms that are looked at; it has 80.
@@ -73,28 +73,28 @@ def _parse_matrix(path: Path, lines: list[bytes]) -> ImportedMatrix:
         return ImportedMatrix(name, matrix)
     if kind[1:2] != b"S":
         raise FileError(f"{path}: is skew or Hermitian, as no mass, damping or stiffness is")
-    return ImportedMatrix(name, completed(matrix.tocoo(), name))
+    return ImportedMatrix(name, complete_triangles(matrix.tocoo(), name))
 
 
 def _read_block(
     path: Path,
     lines: list[bytes],
-    at: int,
+    first: int,
     form: tuple[bytes, ...],
     count: int,
     convert: Callable[[np.ndarray], np.ndarray],
 ) -> tuple[np.ndarray, int]:
-    """`count` numbers from line index `at` on in the Fortran format `form`, and the index of the line behind them."""
+    """`count` numbers from line index `first` on in the Fortran format `form`, and the index of the line behind them."""
     per_line, width = int(form[0] or b"1"), int(form[2])
-    stop = at + -(-count // per_line)
+    stop = first + -(-count // per_line)
     if stop > len(lines):
         raise ValueError("there are fewer lines than it says")
-    words = b" ".join(lines[at:stop]).split()
+    words = b" ".join(lines[first:stop]).split()
     if len(words) == count:  # blanks between all of them: widths need not be as the format says
         width = max(map(len, words), default=1)
         text = b"".join(word.ljust(width) for word in words)
     else:
-        text = b"".join(line[: per_line * width].ljust(per_line * width) for line in lines[at:stop])
+        text = b"".join(line[: per_line * width].ljust(per_line * width) for line in lines[first:stop])
     buffer = np.frombuffer(text, dtype=np.uint8)
     start = np.arange(count, dtype=np.int64) * width
     parts = []
@@ -105,6 +105,6 @@ def _read_block(
         try:
             parts.append(convert(fields))
         except FieldError as error:
-            line = at + (piece.start + error.index) // per_line + 1
+            line = first + (piece.start + error.index) // per_line + 1
             raise FileError(f"{path}, line {line}: must hold numbers, got {error.text!r}; {_REMEDY}") from None
     return np.concatenate(parts) if parts else np.zeros(0, np.int64), stop

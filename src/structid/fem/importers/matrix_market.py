@@ -26,7 +26,7 @@ _MIRRORS = {"general": 0, "symmetric": 1, "skew-symmetric": -1, "hermitian": 1}
 
 
 class _WordTable(NamedTuple):
-    """Where the words of the lines with content begin and end, (n_lines, n_words) each, and the numbers of the lines."""
+    """Start and end of the words of the lines with content, (n_lines, n_words) each, and the numbers of the lines."""
 
     path: Path
     buffer: Bytes
@@ -111,9 +111,9 @@ def _read_banner(path: Path, line: bytes) -> tuple[str, str, str]:
     return words[2], words[3], words[4]
 
 
-def _read_lines(path: Path, rest: bytes, n_sizes: int, per_line: int) -> tuple[list[int], _WordTable]:
+def _read_lines(path: Path, body: bytes, n_sizes: int, per_line: int) -> tuple[list[int], _WordTable]:
     """The sizes, and a table of the words in the lines behind them; comments and blank lines are passed over."""
-    buffer = np.frombuffer(rest.replace(b"\r", b" ") + b"\n", dtype=np.uint8)
+    buffer = np.frombuffer(body.replace(b"\r", b" ") + b"\n", dtype=np.uint8)
     word = buffer > ord(" ")
     start = np.flatnonzero(word & ~np.concatenate([[False], word[:-1]]))
     end = np.flatnonzero(word & ~np.concatenate([word[1:], [False]])) + 1
@@ -131,7 +131,7 @@ def _read_lines(path: Path, rest: bytes, n_sizes: int, per_line: int) -> tuple[l
     wrong = count != wanted
     if wrong.any():
         bad = int(np.argmax(wrong))
-        shown = rest.split(b"\n")[numbers[bad]].decode("latin-1").strip()[:60]
+        shown = body.split(b"\n")[numbers[bad]].decode("latin-1").strip()[:60]
         raise FileError(f"{path}, line {numbers[bad] + 2}: must have {wanted[bad]} numbers, got {shown!r}; {_REMEDY}")
     head = _WordTable(path, buffer, start[None, :n_sizes], end[None, :n_sizes], numbers[:1] + 2)
     sizes = [int(head.whole(k)[0]) for k in range(n_sizes)]

@@ -1,4 +1,4 @@
-"""What the rows of a matrix stand for, from a file: names, Nastran sets, Ansys mappings, or node and component."""
+"""Meaning of the rows of a matrix, from a file: names, Nastran sets, Ansys mappings, or node and component."""
 
 from __future__ import annotations
 

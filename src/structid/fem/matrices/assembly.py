@@ -86,18 +86,18 @@ def _union_pattern(n: int, families: Collection[ElementMatrices]) -> sparse.csr_
     for blocks in families:
         if not isinstance(blocks, Blocks):
             row, column, _, _ = blocks.entries()
-            total = total + _marked(column, row, n)
+            total = total + _boolean_pattern(column, row, n)
         elif blocks.dofs.tobytes() not in full:
             row, column, _ = blocks.stored(slice(None))
-            total = total + _marked(column, row, n)
+            total = total + _boolean_pattern(column, row, n)
     total.sort_indices()
     return total
 
 
-def _marked(row: IntArray, column: IntArray, n: int) -> sparse.csr_array:
+def _boolean_pattern(row: IntArray, column: IntArray, n: int) -> sparse.csr_array:
     kind = index_kind(max(n, len(row)))
-    place = row.astype(kind, copy=False), column.astype(kind, copy=False)
-    return sparse.coo_array((np.ones(len(row), dtype=np.bool_), place), (n, n)).tocsr()
+    positions = row.astype(kind, copy=False), column.astype(kind, copy=False)
+    return sparse.coo_array((np.ones(len(row), dtype=np.bool_), positions), (n, n)).tocsr()
 
 
 def _element_pattern(dofs: IntArray, n: int) -> sparse.csr_array:
@@ -110,23 +110,23 @@ def _element_pattern(dofs: IntArray, n: int) -> sparse.csr_array:
     return sparse.csr_array(incidence.T.tocsr() @ incidence)
 
 
-def _weight_map(blocks: ElementMatrices, places: sparse.csr_array) -> sparse.csc_array:
+def _weight_map(blocks: ElementMatrices, numbered: sparse.csr_array) -> sparse.csc_array:
     """Sparse map from element weights to the entries of the pattern, (n_entries, n_elements).
 
     It shares the array `local` of the blocks where none of its entries is left out.
     """
-    n_entries, n_elements = len(places.indices), blocks.n_elements
+    n_entries, n_elements = len(numbered.indices), blocks.n_elements
     if not isinstance(blocks, Blocks):
         row, column, element, value = blocks.entries()
         return sparse.coo_array(
-            (value, (_entry_indices(places, row, column), element)), (n_entries, n_elements)
+            (value, (_entry_indices(numbered, row, column), element)), (n_entries, n_elements)
         ).tocsc()
     entry_indices, counts, values = [], [], []
     step = max(1, _CHUNK_ENTRIES // max(1, blocks.dofs.shape[1] ** 2))
     for first in range(0, n_elements, step):
         chosen = slice(first, first + step)
         row, column, is_stored = blocks.stored(chosen)
-        entry_indices.append(_entry_indices(places, row, column))
+        entry_indices.append(_entry_indices(numbered, row, column))
         counts.append(is_stored.sum(axis=(1, 2)))
         values.append(None if is_stored.all() else blocks.local[chosen][is_stored])
     indptr = np.concatenate([[0], np.cumsum(np.concatenate([[], *counts]))])
@@ -141,10 +141,10 @@ def _weight_map(blocks: ElementMatrices, places: sparse.csr_array) -> sparse.csc
     return sparse.csc_array((data, indices, indptr.astype(kind)), (n_entries, n_elements))
 
 
-def _entry_indices(places: sparse.csr_array, row: IntArray, column: IntArray) -> IntArray:
-    """Indices of entries (row, column) in the pattern, whose columns are the rows of `places`, which counts from 1."""
-    kind = places.indices.dtype
+def _entry_indices(numbered: sparse.csr_array, row: IntArray, column: IntArray) -> IntArray:
+    """Indices of entries (row, column) in the pattern, whose columns are the rows of `numbered`, which counts from 1."""
+    kind = numbered.indices.dtype
     if not len(row):
         return np.zeros(0, dtype=kind)
-    indices: IntArray = np.asarray(places[column.astype(kind, copy=False), row.astype(kind, copy=False)]).ravel() - 1
+    indices: IntArray = np.asarray(numbered[column.astype(kind, copy=False), row.astype(kind, copy=False)]).ravel() - 1
     return indices

@@ -134,7 +134,7 @@ class Pattern:
 
     indices: IntArray
     starts: IntArray
-    place: IntArray  # in the sum, of each entry
+    entry: IntArray  # index of each element entry in the sum
     element: IntArray
     value: FloatArray
 
@@ -153,7 +153,7 @@ class Pattern:
         return total.reshape(size, size)
 
     def _data(self, weights: np.ndarray) -> FloatArray:
-        return np.asarray(np.bincount(self.place, self.value * weights[self.element], len(self.indices)), np.float64)
+        return np.asarray(np.bincount(self.entry, self.value * weights[self.element], len(self.indices)), np.float64)
 
     @cached_property
     def _flat(self) -> IntArray:

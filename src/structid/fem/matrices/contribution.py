@@ -41,15 +41,15 @@ class Property:
         return f"{self.term.property}[{self.element}]"
 
 
-#: Where values stand among those of the structure, one an element.
-Place: TypeAlias = slice | IntArray
+#: Indices of values among the property values of the structure, one an element.
+ValueIndex: TypeAlias = slice | IntArray
 
 
 class Factor(Protocol):
     """Factor on the weights of element matrices that is not linear in the values."""
 
     @property
-    def places(self) -> tuple[Place, ...]:
+    def value_indices(self) -> tuple[ValueIndex, ...]:
         """Indices, among the values of the structure, of the values that the scale depends on; one an element."""
         ...
 
@@ -57,19 +57,19 @@ class Factor(Protocol):
         """The factors, (n_elements,)."""
         ...
 
-    def slope(self, values: FloatArray, place: int) -> FloatArray:
-        """Derivatives of the factors with respect to the values at one of `places`, (n_elements,)."""
+    def slope(self, values: FloatArray, number: int) -> FloatArray:
+        """Derivatives of the factors with respect to the values at `value_indices[number]`, (n_elements,)."""
         ...
 
     def touched(self, changing: np.ndarray) -> np.ndarray:
         """True for each factor that changes with the values marked in `changing` (n_values,), (n_elements,)."""
-        mask: np.ndarray = np.any([changing[place] for place in self.places], axis=0)
+        mask: np.ndarray = np.any([changing[index] for index in self.value_indices], axis=0)
         return mask
 
     def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
         """Derivatives of the factors with respect to parameters that change values by `design`, (n_elements, n_params)."""
-        slopes = ((place, self.slope(values, number)) for number, place in enumerate(self.places))
-        return sum_of(design[place].multiply(slope[:, None]) for place, slope in slopes)
+        slopes = ((index, self.slope(values, number)) for number, index in enumerate(self.value_indices))
+        return sum_of(design[index].multiply(slope[:, None]) for index, slope in slopes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +94,8 @@ class ShearFactor(Factor):
     power: int = 1
 
     @property
-    def places(self) -> tuple[slice, ...]:
-        """See `Factor.places`."""
+    def value_indices(self) -> tuple[slice, ...]:
+        """See `Factor.value_indices`."""
         return (self.bending, self.shear)
 
     def of(self, values: FloatArray) -> FloatArray:
@@ -105,14 +105,14 @@ class ShearFactor(Factor):
         ) ** self.power
         return shares
 
-    def slope(self, values: FloatArray, place: int) -> FloatArray:
-        """Derivative of the factor by the bending (`place` 0) or the shear stiffness (`place` 1) of each element; see
+    def slope(self, values: FloatArray, number: int) -> FloatArray:
+        """Derivative of the factor by the bending (`number` 0) or the shear stiffness (`number` 1) of each element; see
         `Factor.slope`.
         """
         bending, shear = values[self.bending], values[self.shear]
         total = shear + self.ratio * bending
         common = self.ratio / total**2 / self.nominal * self.power * (shear / total / self.nominal) ** (self.power - 1)
-        return common * (-shear, bending)[place]
+        return common * (-shear, bending)[number]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +134,8 @@ class Monomial(Factor):
     exponents: tuple[int, ...]
 
     @property
-    def places(self) -> tuple[slice, ...]:
-        """See `Factor.places`."""
+    def value_indices(self) -> tuple[slice, ...]:
+        """See `Factor.value_indices`."""
         return self.at
 
     def of(self, values: FloatArray) -> FloatArray:
@@ -143,19 +143,19 @@ class Monomial(Factor):
         first, *others = self._powers(values)
         return math.prod(others, start=first)
 
-    def slope(self, values: FloatArray, place: int) -> FloatArray:
-        """Derivative of the product by the value with index `place`, (n_elements,); see `Factor.slope`."""
+    def slope(self, values: FloatArray, number: int) -> FloatArray:
+        """Derivative of the product by the value with index `number`, (n_elements,); see `Factor.slope`."""
         powers = self._powers(values)
-        rows, reference, exponent = self._parts[place]
+        rows, reference, exponent = self._parts[number]
         slope = exponent * (values[rows] / reference) ** (exponent - 1) / reference
-        return math.prod((*powers[:place], *powers[place + 1 :]), start=slope)
+        return math.prod((*powers[:number], *powers[number + 1 :]), start=slope)
 
     @property
     def _parts(self) -> list[tuple[slice, FloatArray | float, int]]:
         return list(zip(self.at, self.references, self.exponents, strict=True))
 
     def _powers(self, values: FloatArray) -> list[FloatArray]:
-        return [(values[place] / reference) ** exponent for place, reference, exponent in self._parts]
+        return [(values[index] / reference) ** exponent for index, reference, exponent in self._parts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,8 +173,8 @@ class LengthFactor(Factor):
     power: int
 
     @property
-    def places(self) -> tuple[Place, ...]:
-        """See `Factor.places`."""
+    def value_indices(self) -> tuple[ValueIndex, ...]:
+        """See `Factor.value_indices`."""
         return self.length_dependence.at
 
     def of(self, values: FloatArray) -> FloatArray:
@@ -182,10 +182,10 @@ class LengthFactor(Factor):
         powers: FloatArray = self.length_dependence.ratio(values) ** self.power
         return powers
 
-    def slope(self, values: FloatArray, place: int) -> FloatArray:
+    def slope(self, values: FloatArray, number: int) -> FloatArray:
         """See `Factor.slope`, 1/m."""
         steep = self.power * self.length_dependence.ratio(values) ** (self.power - 1) / self.length_dependence.lengths
-        return steep * self.length_dependence.slopes[place]
+        return steep * self.length_dependence.slopes[number]
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +203,7 @@ class Contribution:
 
     matrix_kind: str
     blocks: ElementMatrices
-    value: Place
+    value: ValueIndex
     factor: slice | None = None
     scale: Factor | None = None
 
@@ -218,10 +218,10 @@ class Contribution:
         return self.factor is not None or self.scale is not None
 
     @property
-    def places(self) -> tuple[Place, ...]:
+    def value_indices(self) -> tuple[ValueIndex, ...]:
         """Indices of the values that make up the weights."""
-        factor: tuple[Place, ...] = () if self.factor is None else (self.factor,)
-        return (self.value, *factor, *(() if self.scale is None else self.scale.places))
+        factor: tuple[ValueIndex, ...] = () if self.factor is None else (self.factor,)
+        return (self.value, *factor, *(() if self.scale is None else self.scale.value_indices))
 
     def weights(self, values: FloatArray) -> FloatArray:
         """Weight of each element matrix at the property `values`, (n_elements,)."""
@@ -232,8 +232,8 @@ class Contribution:
 
     def touched(self, changing: np.ndarray) -> np.ndarray:
         """True for each element whose weight changes with the values marked in `changing` (n_values,), (n_elements,)."""
-        places = (self.value,) if self.factor is None else (self.value, self.factor)
-        mask: np.ndarray = np.any([changing[place] for place in places], axis=0)
+        value_indices = (self.value,) if self.factor is None else (self.value, self.factor)
+        mask: np.ndarray = np.any([changing[index] for index in value_indices], axis=0)
         return mask if self.scale is None else mask | self.scale.touched(changing)
 
     def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
@@ -248,14 +248,14 @@ class Contribution:
             parts.append(self.scale.change(values, design).multiply((value * factor)[:, None]))
         return sum_of(parts)
 
-    def slope(self, values: FloatArray, place: int) -> FloatArray:
-        """Derivative of the weights by the values at one of `places` (its index), (n_elements,)."""
+    def slope(self, values: FloatArray, number: int) -> FloatArray:
+        """Derivative of the weights by the values at one of `value_indices` (its index), (n_elements,)."""
         factor = 1.0 if self.factor is None else values[self.factor]
         value, before = values[self.value], 1 if self.factor is None else 2
-        if self.scale is not None and place >= before:
-            return value * factor * self.scale.slope(values, place - before)
+        if self.scale is not None and number >= before:
+            return value * factor * self.scale.slope(values, number - before)
         scale = 1.0 if self.scale is None else self.scale.of(values)
-        return np.full(value.shape, factor * scale) if place == 0 else value * scale
+        return np.full(value.shape, factor * scale) if number == 0 else value * scale
 
 
 def sum_of(matrices: Iterable[sparse.sparray]) -> sparse.csr_array:
@@ -264,7 +264,7 @@ def sum_of(matrices: Iterable[sparse.sparray]) -> sparse.csr_array:
     return sparse.csr_array(sum(others, first))
 
 
-def weighed(
+def weigh_properties(
     properties: Sequence[Property],
     blocks_of: Callable[[ElementMatrixTerm], ElementMatrices],
     length_dependences: Mapping[str, LengthDependence],
@@ -327,7 +327,7 @@ def rigid_mass(
             gradient[item.values] += unit * factor
             total += float(unit * factor @ values[item.values])
             if scale is not None:
-                for number, rows_of in enumerate(scale.places):
+                for number, rows_of in enumerate(scale.value_indices):
                     rows = np.arange(len(values))[rows_of]
                     np.add.at(gradient, rows, unit * values[item.values] * scale.slope(values, number))
         if gradient.any():

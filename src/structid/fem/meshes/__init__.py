@@ -13,10 +13,10 @@ from structid.fem.meshes.mesh import (
     CELL_DIMENSIONS,
     CellBlock,
     Mesh,
+    describe_unassigned_cells,
     duplicate_nodes,
     orphan_nodes,
     require_sound,
-    unassigned,
 )
 from structid.files import damage_told, require_readable
 from structid.lazy import FormatModule
@@ -38,11 +38,11 @@ __all__ = [
     "Mesh",
     "choose_parts",
     "describe_left_aside",
+    "describe_unassigned_cells",
     "duplicate_nodes",
     "orphan_nodes",
     "read_mesh",
     "require_sound",
-    "unassigned",
 ]
 
 
@@ -70,17 +70,17 @@ def read_mesh(path: str | Path, length_unit: str = "m", force_unit: str = "N") -
     FileError
         If the file is not of these kinds, is damaged, or is VTK and meshio is not installed.
     """
-    place = require_readable(path)
-    reader = next((module for module in FORMATS if place.suffix.lower() in module.SUFFIXES), None)
+    readable = require_readable(path)
+    reader = next((module for module in FORMATS if readable.suffix.lower() in module.SUFFIXES), None)
     if reader is None:
         known = " ".join(suffix for module in FORMATS for suffix in module.SUFFIXES)
-        raise FileError(f"{place}: the suffix of a mesh must be one of {known}; export it as one of these")
+        raise FileError(f"{readable}: the suffix of a mesh must be one of {known}; export it as one of these")
     if length_unit not in LENGTHS:
         raise InputError(f"`length_unit` must be one of {' '.join(LENGTHS)}, got {length_unit!r}")
     if force_unit not in FORCES:
         raise InputError(f"`force_unit` must be one of {' '.join(FORCES)}, got {force_unit!r}")
-    with damage_told(place, "a whole mesh", "export it again"):
-        mesh: Mesh = reader.read(place, DeckUnits(LENGTHS[length_unit], FORCES[force_unit]))
+    with damage_told(readable, "a whole mesh", "export it again"):
+        mesh: Mesh = reader.read(readable, DeckUnits(LENGTHS[length_unit], FORCES[force_unit]))
     if not (np.abs(mesh.positions) < _FARTHEST).all():
-        raise FileError(f"{place}: coordinates must be finite, and below {_FARTHEST:g} m; export it again")
+        raise FileError(f"{readable}: coordinates must be finite, and below {_FARTHEST:g} m; export it again")
     return mesh

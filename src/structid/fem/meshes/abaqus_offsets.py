@@ -95,7 +95,7 @@ class SectionOffsets:
         """Shells whose nodes are on a surface so many thicknesses above their middle."""
         part, thickness = _share(block.options["OFFSET"]), self._length * _thickness(block)
         corners = [self._corners(index, rows) for index, rows in chosen]
-        normals = [unit_normals(places) for places in corners]
+        normals = [unit_normals(positions) for positions in corners]
         at_node: dict[int, list[FloatArray]] = {}
         for (index, rows), own in zip(chosen, normals, strict=True):
             for cell, normal in zip(self._blocks[index].nodes[rows].tolist(), own, strict=True):

@@ -104,7 +104,7 @@ class Surfaces:
         raise ValueError(f"there is no surface {name!r}")
 
     def _members(self, scope: Scope, word: str) -> Iterable[tuple[Scope, int]]:
-        """Elements of a set, or the one of a label, with the scope whose number it is."""
+        """Elements of a set, or the one with a label, each with the scope that its label belongs to."""
         owner, dot, bare = word.strip('"').rpartition(".")
         holder = self._assembly.scope(owner) if dot else scope
         if bare.isdigit():
@@ -155,8 +155,8 @@ def nodal_areas(surface: Surface, positions: Callable[[int], FloatArray]) -> dic
         if len(face) > 4:
             raise ValueError("its faces are quadratic, whose nodes have no areas of their own")
         shape = CELLS[_FACETS[len(face)]]
-        places = np.array([positions(node) for node in face])
-        tangents = shape.slopes(shape.mass_points) @ places
+        points = np.array([positions(node) for node in face])
+        tangents = shape.slopes(shape.mass_points) @ points
         sizes = np.linalg.norm(np.cross(tangents[:, 0], tangents[:, 1]), axis=1)
         for node, area in zip(face, (shape.mass_weights * sizes) @ shape.values(shape.mass_points), strict=True):
             areas[node] = areas.get(node, 0.0) + float(area)
@@ -237,7 +237,7 @@ def _on_face(shape: CellShape, local: FloatArray, tangents: FloatArray) -> Float
 def mean_side(faces: Sequence[FloatArray]) -> float:
     """Mean length of the sides of faces by their corners."""
     lengths = []
-    for places in faces:
-        corners = places[: {3: 3, 6: 3, 4: 4, 8: 4}[len(places)]]
+    for positions in faces:
+        corners = positions[: {3: 3, 6: 3, 4: 4, 8: 4}[len(positions)]]
         lengths += np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).tolist()
     return float(np.mean(lengths))

@@ -52,7 +52,7 @@ class BulkText:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader of the deck should know of it."""
+        """Notes for the user on how the deck was read."""
         return () if self.has_end else (_NO_END,)
 
     def count_cards(self) -> Counter[str]:
@@ -192,35 +192,35 @@ class Cards:
     def n_fields(self) -> int:
         return int(self.fields.shape[1])
 
-    def integers(self, place: int) -> IntArray:
+    def integers(self, field: int) -> IntArray:
         """The whole numbers in one field; 0 where blank."""
-        return self._convert_field(place, whole_numbers, "a whole number").astype(np.int64)
+        return self._convert_field(field, whole_numbers, "a whole number").astype(np.int64)
 
-    def reals(self, place: int) -> FloatArray:
+    def reals(self, field: int) -> FloatArray:
         """The real numbers in one field; 0 where blank."""
-        return self._convert_field(place, real_numbers, "a real number")
+        return self._convert_field(field, real_numbers, "a real number")
 
-    def is_blank(self, place: int) -> np.ndarray:
-        return np.ones(len(self), dtype=bool) if place >= self.fields.shape[1] else is_blank(self.fields[:, place])
+    def is_blank(self, field: int) -> np.ndarray:
+        return np.ones(len(self), dtype=bool) if field >= self.fields.shape[1] else is_blank(self.fields[:, field])
 
-    def words(self, place: int) -> list[str]:
+    def words(self, number: int) -> list[str]:
         """The text of one field; blank behind the last."""
-        if place >= self.n_fields:
+        if number >= self.n_fields:
             return [""] * len(self)
-        return [bytes(field).decode("latin-1").strip() for field in self.fields[:, place]]
+        return [bytes(field).decode("latin-1").strip() for field in self.fields[:, number]]
 
     def row_words(self, row: int) -> list[str]:
         """The text of all fields of one card."""
         return [bytes(field).decode("latin-1").strip() for field in self.fields[row]]
 
-    def _convert_field(self, place: int, convert: Callable[[np.ndarray], np.ndarray], wanted: str) -> np.ndarray:
-        """Numbers in the field with index `place` of all cards, by `convert`; zeros if no card has it. `wanted` is for errors."""
-        if place >= self.fields.shape[1]:
+    def _convert_field(self, field: int, convert: Callable[[np.ndarray], np.ndarray], wanted: str) -> np.ndarray:
+        """Numbers in the field with index `field` of all cards, by `convert`; zeros if no card has it. `wanted` is for errors."""
+        if field >= self.fields.shape[1]:
             return np.zeros(len(self))
         try:
-            return convert(self.fields[:, place])
+            return convert(self.fields[:, field])
         except FieldError as error:
-            raise self.lines.error(int(self.first[error.index]), f"field {place + 2}", error.text, wanted) from None
+            raise self.lines.error(int(self.first[error.index]), f"field {field + 2}", error.text, wanted) from None
 
 
 def cards_of(text: BulkText, names: tuple[str, ...]) -> dict[str, Cards]:

@@ -51,7 +51,7 @@ _HEAD = re.compile(rb"\$MeshFormat\s+([\d.]+)\s+([01])\s+(\d+)\s*?\n")
 
 @dataclass(eq=False)
 class _Content:
-    """What has been read so far: cells by type with the physical groups that each is in."""
+    """Contents read so far: cells by type with the physical groups that each is in."""
 
     names: dict[tuple[int, int], str] = field(default_factory=dict)
     physical: dict[tuple[int, int], list[int]] = field(default_factory=dict)
@@ -98,7 +98,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
             in_text = not is_binary or name == b"PhysicalNames"
             numbers: Numbers = Ascii(data, section.end(), stop) if in_text else Binary(data, section.end(), swapped)
             take(content, numbers)
-            if not data[numbers.place :].lstrip().startswith(b"$End" + name):
+            if not data[numbers.offset :].lstrip().startswith(b"$End" + name):
                 raise FileError(f"{path}: ${name.decode()} has more or fewer numbers than it says; {_AGAIN}")
     except FileError:
         raise
@@ -107,9 +107,9 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     return _make_mesh(path, content, units.length)
 
 
-def _is_swapped(data: bytes, at: int) -> bool:
+def _is_swapped(data: bytes, offset: int) -> bool:
     """True if the number one behind the header of a binary file is in the other byte order."""
-    marker = data[at : at + 4]
+    marker = data[offset : offset + 4]
     if marker not in (b"\x01\0\0\0", b"\0\0\0\x01"):
         raise ValueError("the number one is missing behind $MeshFormat")
     return (np.frombuffer(marker, "<i4")[0] == 1) != (sys.byteorder == "little")

@@ -18,12 +18,12 @@ _GROUP = re.compile(rb'\s*(?:(\d+)[ \t]+)?(\d+)[ \t]+"([^"]*)"[^\r\n]*')
 
 
 class Numbers(Protocol):
-    """What text and bytes have in common.
+    """Reader of numbers from a Gmsh file, the part that text and binary files share.
 
     `integers` are whole numbers of 4 bytes, `sizes` those of 8, `counts` stand in text even in binary files.
     """
 
-    place: int
+    offset: int
 
     def integers(self, count: int) -> IntArray: ...
 
@@ -49,12 +49,12 @@ class Numbers(Protocol):
 
 
 class Ascii:
-    """Numbers in the text from `place` to `stop`."""
+    """Numbers in the text from `offset` to `stop`."""
 
-    def __init__(self, data: bytes, place: int, stop: int) -> None:
-        """Numbers in the text `data` from byte `place` to byte `stop`."""
-        self.place, self.stop = place, stop
-        self._text = data[place:stop]
+    def __init__(self, data: bytes, offset: int, stop: int) -> None:
+        """Numbers in the text `data` from byte `offset` to byte `stop`."""
+        self.offset, self.stop = offset, stop
+        self._text = data[offset:stop]
         self._words: np.ndarray | None = None
         self._at = 0
 
@@ -67,7 +67,7 @@ class Ascii:
             raise ValueError("a section ends too soon")
         self._at += count
         if self._at == len(self._words):
-            self.place = self.stop
+            self.offset = self.stop
         return part
 
     def integers(self, count: int) -> IntArray:
@@ -87,15 +87,15 @@ class Ascii:
         head = re.match(rb"\s*(\d+)", self._text)
         if head is None:
             raise ValueError("the names of physical groups begin with no count")
-        place = head.end()
+        offset = head.end()
         groups: list[tuple[int | None, int, str]] = []
         for _ in range(int(head[1])):
-            match = _GROUP.match(self._text, place)
+            match = _GROUP.match(self._text, offset)
             if match is None:
                 raise ValueError("a physical group has no number, or no name in quotation marks")
-            place = match.end()
+            offset = match.end()
             groups.append((int(match[1]) if match[1] else None, int(match[2]), match[3].decode("utf-8", "replace")))
-        self.place += place
+        self.offset += offset
         return groups
 
     def old_nodes(self, count: int) -> tuple[IntArray, FloatArray]:
@@ -118,7 +118,7 @@ class Ascii:
             elements.append((kind, tags, begin + 3 + n_tags, stop))
             begin = stop
         if begin == len(numbers):
-            self.place = self.stop
+            self.offset = self.stop
         first = 0
         for last in range(1, len(elements) + 1):
             if last == len(elements) or elements[last][0] != elements[first][0]:
@@ -129,19 +129,19 @@ class Ascii:
 
 
 class Binary:
-    """Numbers in the bytes from `place`; `swapped` where they are in the other byte order."""
+    """Numbers in the bytes from `offset`; `swapped` where they are in the other byte order."""
 
-    def __init__(self, data: bytes, place: int, swapped: bool) -> None:
-        self.place = place
+    def __init__(self, data: bytes, offset: int, swapped: bool) -> None:
+        self.offset = offset
         self._data = data
         self._order = ">" if swapped == (sys.byteorder == "little") else "<"
 
     def _next(self, form: np.dtype, count: int) -> np.ndarray:
         """The next `count` numbers of the type `form`; `ValueError` if the file has fewer."""
-        if count < 0 or self.place + count * form.itemsize > len(self._data):
+        if count < 0 or self.offset + count * form.itemsize > len(self._data):
             raise ValueError("a section ends too soon")
-        part = np.frombuffer(self._data, form, count, self.place)
-        self.place += count * form.itemsize
+        part = np.frombuffer(self._data, form, count, self.offset)
+        self.offset += count * form.itemsize
         return part
 
     def integers(self, count: int) -> IntArray:
@@ -152,9 +152,9 @@ class Binary:
 
     def counts(self, count: int) -> IntArray:
         """The next `count` whole numbers, which stand on a line of text."""
-        stop = self._data.index(b"\n", self.place)
-        words = np.array(self._data[self.place : stop].split()[:count]).astype(np.int64)
-        self.place = stop + 1
+        stop = self._data.index(b"\n", self.offset)
+        words = np.array(self._data[self.offset : stop].split()[:count]).astype(np.int64)
+        self.offset = stop + 1
         return words
 
     def reals(self, count: int) -> FloatArray:

@@ -70,7 +70,7 @@ class OffsetReader:
         return parts
 
     def _plates(self, name: str, index: int, block: CellBlock, properties: IntArray) -> list[DeckPart]:
-        """Plates off their grid points along their normals, by ZOFFS and by Z0 of their laminate."""
+        """Offsets of plates along their normals by ZOFFS and Z0 of their laminate; `name` of the card, `index` of the block."""
         cards = self._cards[name]
         middles = [self._middles.get(number, (0.0, "")) for number in properties.tolist()]
         obstacles = np.array([why for _, why in middles])
@@ -139,13 +139,13 @@ class OffsetReader:
         return vector @ np.array([x, np.cross(z, x), z])
 
     def _with_grids(self, block: CellBlock, rows: IntArray) -> IntArray:
-        """Those of `rows` whose nodes are all there; others are refused with the mesh."""
+        """The `rows` whose nodes all exist; others are refused with the mesh."""
         known = np.isin(block.nodes[rows], list(self._positions)).all(axis=1) if len(rows) else np.zeros(0, bool)
         return rows[known]
 
 
 def _rows_of_block(cards: Cards, block: CellBlock) -> IntArray:
-    """Cards of a quadratic plate that a block holds: those with, or those without middle nodes."""
+    """Row indices of the cards of a quadratic plate in `block`: those with, or those without mid-side nodes."""
     corners = 3 if "triangle" in block.kind else 4
     first = 2 + corners
     middles = np.stack([cards.integers(first + k) for k in range(corners)], axis=1)
@@ -183,9 +183,9 @@ def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]
 def properties_aside(cards: Mapping[str, Cards]) -> list[DeckPart]:
     """Non-structural mass of properties, and beams whose neutral axis is off their shear centre."""
     counts: dict[str, int] = {}
-    for name, place in _NON_STRUCTURAL.items():
-        if name in cards and not cards[name].is_blank(place).all():
-            counts[name] = int((cards[name].reals(place) != 0).sum())
+    for name, field in _NON_STRUCTURAL.items():
+        if name in cards and not cards[name].is_blank(field).all():
+            counts[name] = int((cards[name].reals(field) != 0).sum())
     shifted = 0
     for name, mass_of in _BEAM_MASSES.items():
         for row in range(len(cards[name]) if name in cards else 0):

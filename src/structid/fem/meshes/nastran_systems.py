@@ -49,7 +49,7 @@ class BulkSystems:
         grids = cards["GRID"]
         self._path = path
         self.labels: IntArray = grids.integers(0)
-        self._coordinates = np.stack([grids.reals(place) for place in (2, 3, 4)], axis=1)
+        self._coordinates = np.stack([grids.reals(field) for field in (2, 3, 4)], axis=1)
         self._definition = _grid_systems(cards, _CP)
         self.displacement: IntArray = _grid_systems(cards, _CD)
         #: Whether grid points are held by fields of their own (PS).
@@ -121,11 +121,11 @@ class BulkSystems:
         return axes
 
 
-def _grid_systems(cards: dict[str, Cards], place: int) -> IntArray:
-    """Number of the coordinate system in the field `place` of each grid point, (n_grids,), or that of GRDSET where blank."""
-    numbers = cards["GRID"].integers(place)
+def _grid_systems(cards: dict[str, Cards], field: int) -> IntArray:
+    """Number of the coordinate system in the field `field` of each grid point, (n_grids,), or that of GRDSET where blank."""
+    numbers = cards["GRID"].integers(field)
     if "GRDSET" in cards:
-        numbers = np.where(cards["GRID"].is_blank(place), cards["GRDSET"].integers(place)[0], numbers)
+        numbers = np.where(cards["GRID"].is_blank(field), cards["GRDSET"].integers(field)[0], numbers)
     return numbers
 
 

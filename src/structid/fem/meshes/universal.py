@@ -49,7 +49,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     groups, node_groups = {}, {}
     for block in blocks:
         if block.number in _GROUPS:
-            for name, chosen, members in _read_groups(f"{path}: dataset {block.place} ({block.number})", block.lines):
+            for name, chosen, members in _read_groups(f"{path}: dataset {block.ordinal} ({block.number})", block.lines):
                 if chosen:
                     groups[name] = tuple(np.flatnonzero(np.isin(labels_of_block, chosen)) for labels_of_block in labels)
                 if members:

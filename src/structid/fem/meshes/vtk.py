@@ -31,7 +31,7 @@ class _Cells(Protocol):
 
 
 class _Grid(Protocol):
-    """What is used of a mesh of meshio."""
+    """The attributes of a mesh of meshio that are used here."""
 
     points: AnyArray
     cells: Sequence[_Cells]
@@ -126,8 +126,8 @@ def _cell_groups(grid: _Grid) -> dict[str, tuple[IntArray, ...]]:
     return groups
 
 
-def _add_numbers(found: dict[str, tuple[IntArray, ...]], given: _Grid, array: str) -> None:
+def _add_numbers(groups: dict[str, tuple[IntArray, ...]], grid: _Grid, array: str) -> None:
     """Groups from one number a cell; names that are known already stay as they are."""
-    parts = [np.asarray(part) for part in given.cell_data[array]]
+    parts = [np.asarray(part) for part in grid.cell_data[array]]
     for tag in np.unique(np.concatenate(parts)).tolist():
-        found.setdefault(f"{array}={tag}", tuple(np.flatnonzero(numbers == tag) for numbers in parts))
+        groups.setdefault(f"{array}={tag}", tuple(np.flatnonzero(numbers == tag) for numbers in parts))

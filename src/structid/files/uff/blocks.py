@@ -23,7 +23,7 @@ class Block:
 
     Attributes
     ----------
-    place : int
+    ordinal : int
         Its number in the file, from 1.
     number : int
         Its kind, such as 58.
@@ -35,7 +35,7 @@ class Block:
         Of a binary dataset 58: where its values begin in `content`; 0 of a text.
     """
 
-    place: int
+    ordinal: int
     number: int
     head: str
     content: bytes
@@ -90,17 +90,17 @@ def dataset_lines(path: Path, wanted: int) -> list[tuple[int, list[str]]]:
     FileError
         If the file is not a universal file, or is truncated or damaged.
     """
-    return [(block.place, block.lines) for block in read_blocks(path) if block.number == wanted]
+    return [(block.ordinal, block.lines) for block in read_blocks(path) if block.number == wanted]
 
 
-def _skip_blank(data: bytes, at: int) -> int:
-    while at < len(data) and data[at] in _BLANK:
-        at += 1
-    return at
+def _skip_blank(data: bytes, offset: int) -> int:
+    while offset < len(data) and data[offset] in _BLANK:
+        offset += 1
+    return offset
 
 
-def _truncated(path: Path, place: int) -> FileError:
-    return FileError(f"{path}: ends within dataset {place}; the file is truncated, copy or export it again")
+def _truncation_error(path: Path, ordinal: int) -> FileError:
+    return FileError(f"{path}: ends within dataset {ordinal}; the file is truncated, copy or export it again")
 
 
 def _read_block(path: Path, data: bytes, begin_of_head: int, count: int) -> tuple[Block, int]:
@@ -123,35 +123,35 @@ def _read_block(path: Path, data: bytes, begin_of_head: int, count: int) -> tupl
     while True:
         end = data.find(b"    -1", begin_of_head)
         if end < 0:
-            raise _truncated(path, count)
+            raise _truncation_error(path, count)
         tag = _TAG.match(data, end)
         if tag is not None and data[end - 1 : end] in (b"\n", b"\r"):
             return Block(count, number, head, data[begin:end]), tag.end()
         begin_of_head = end + 1
 
 
-def _binary_values_range(path: Path, data: bytes, at: int, head: str, place: int) -> tuple[int, int]:
-    """First byte in `data` and number of bytes of the values of the binary dataset 58 whose first line begins at byte `at`.
+def _binary_values_range(path: Path, data: bytes, offset: int, head: str, ordinal: int) -> tuple[int, int]:
+    """First byte in `data` and number of bytes of the values of the binary dataset 58 whose first line begins at byte `offset`.
 
     Abscissas of uneven spacing have four or eight bytes in double precision; the position of the closing tag decides,
     else the size in the header.
 
     An uneven abscissa is of four or eight bytes in double precision: the closing tag, else the size that the head says, tells.
     """
-    lines, body = [], at
+    lines, body = [], offset
     for _ in range(HEADER_LINES):
         end = data.find(b"\n", body)
         if end < 0:
-            raise _truncated(path, place)
+            raise _truncation_error(path, ordinal)
         lines.append(data[body:end])
         body = end + 1
     try:
         ordinate, points, even = (int(lines[7][10 * i : 10 * i + 10]) for i in range(3))
         item, per_value = ORDINATES[ordinate]
     except (ValueError, KeyError) as error:
-        raise FileError(f"{path}: dataset {place} has a damaged header (record 7); export it again") from error
+        raise FileError(f"{path}: dataset {ordinal} has a damaged header (record 7); export it again") from error
     if points < 1:
-        raise FileError(f"{path}: dataset {place} has {points} points; export it again")
+        raise FileError(f"{path}: dataset {ordinal} has {points} points; export it again")
     abscissas = {0} if even else {item, 4}
     sizes = [points * (abscissa + per_value * item) for abscissa in sorted(abscissas, reverse=True)]
     closed = [size for size in sizes if _is_closed(data, body + size)]
@@ -160,8 +160,10 @@ def _binary_values_range(path: Path, data: bytes, at: int, head: str, place: int
     if closed and head[31:43].strip().isdigit() and int(head[31:43]) in closed:
         return body, int(head[31:43])
     if min(sizes) > len(data) - body:
-        raise _truncated(path, place)
-    raise FileError(f"{path}: dataset {place} does not end after its {points} points; the file is truncated or damaged")
+        raise _truncation_error(path, ordinal)
+    raise FileError(
+        f"{path}: dataset {ordinal} does not end after its {points} points; the file is truncated or damaged"
+    )
 
 
 def _is_closed(data: bytes, end: int) -> bool:

@@ -102,7 +102,7 @@ def read_elements(path: Path, blocks: Sequence[Block]) -> UniversalElements:
     elements, rows = UniversalElements(), dict[int, tuple[str, list[int]]]()
     for block in blocks:
         if block.number == 2412:
-            _add_elements(f"{path}: dataset {block.place} (2412)", block.lines, elements, rows)
+            _add_elements(f"{path}: dataset {block.ordinal} (2412)", block.lines, elements, rows)
     return elements
 
 
@@ -143,13 +143,13 @@ def _add_elements(
             elements.labels.setdefault(kind, []).append(label)
 
 
-def row_of_integers(where: str, lines: list[str], at: int, count: int) -> list[int]:
+def row_of_integers(where: str, lines: list[str], row_index: int, count: int) -> list[int]:
     """The first `count` whole numbers of `lines[at]`, in columns of ten characters; `FileError` that begins with `where`."""
-    if at >= len(lines):
+    if row_index >= len(lines):
         raise FileError(f"{where} ends within an element or group; export the mesh again")
     try:
-        return integers(lines[at], (10,) * count)
+        return integers(lines[row_index], (10,) * count)
     except ValueError:
         raise FileError(
-            f"{where} must hold whole numbers in its line {at + 1}, got {lines[at][:60]!r}; export the mesh again"
+            f"{where} must hold whole numbers in its line {row_index + 1}, got {lines[row_index][:60]!r}; export the mesh again"
         ) from None

@@ -200,7 +200,7 @@ def _read_node_rows(path: Path, tables: Sequence[Block]) -> dict[int, _Node]:
     """Nodes by label in `tables`, datasets of one number (15, 781 or 2411)."""
     nodes: dict[int, _Node] = {}
     for block in tables:
-        where, lines = f"{path}: dataset {block.place} ({block.number})", block.lines
+        where, lines = f"{path}: dataset {block.ordinal} ({block.number})", block.lines
         step = 1 if block.number == 15 else 2
         if len(lines) % step:
             raise FileError(f"{where} ends within a node; export the geometry again")
@@ -295,7 +295,7 @@ def _kind(where: str, label: int, kind: int) -> int:
 
 def _matrix_systems(path: Path, block: Block, scale: float) -> list[CoordinateSystem]:
     """Coordinate systems of one dataset 2420, whose matrices have the axes in three rows and the origin in the fourth."""
-    where, lines = f"{path}: dataset {block.place} (2420)", block.lines
+    where, lines = f"{path}: dataset {block.ordinal} (2420)", block.lines
     systems = []
     for at in range(2, len(lines), 6):
         try:
@@ -319,7 +319,7 @@ def _matrix_systems(path: Path, block: Block, scale: float) -> list[CoordinateSy
 
 def _point_systems(path: Path, block: Block) -> list[tuple[int, tuple[str, int, int, FloatArray]]]:
     """Definitions in one dataset 18, in order: label, and (place in the file for errors, type, reference system, points (3, 3))."""
-    where, lines = f"{path}: dataset {block.place} (18)", block.lines
+    where, lines = f"{path}: dataset {block.ordinal} (18)", block.lines
     systems = []
     for at in range(0, len(lines), 4):
         try:

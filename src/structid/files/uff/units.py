@@ -51,7 +51,7 @@ def read_unit_factors(path: Path, blocks: Sequence[Block]) -> UnitFactors | None
 
 def _read_dataset_164(path: Path, block: Block) -> UnitFactors:
     """The unit factors of one dataset 164; `FileError` if they are damaged or contradict their units code."""
-    where = f"{path}: dataset {block.place} (164)"
+    where = f"{path}: dataset {block.ordinal} (164)"
     lines = block.content.splitlines()
     try:
         code = int(lines[0][:10])

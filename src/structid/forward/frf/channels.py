@@ -1,4 +1,4 @@
-"""Where loads enter a model and what its sensors read, as columns on its degrees of freedom."""
+"""Loads and sensors of a model as columns on its degrees of freedom."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Channels:
 
     @cached_property
     def reader(self) -> sparse.csr_array:
-        """From one field or several (n_dofs, n) to what the sensors and contacts read."""
+        """Map from fields (n_dofs, n) to the readings of sensors and contacts."""
         return sparse.csr_array(self.sensors.T)
 
     def read(self, fields: NumberArray) -> NumberArray:

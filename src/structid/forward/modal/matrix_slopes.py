@@ -110,7 +110,9 @@ class MatrixSlopes:
         designs = self._designs[number, member]
         if not designs:
             return weight_slope(part, self.parameters, values)[rows]
-        pieces = [part.slope(values, place)[rows, None] * own for place, own in designs.items()]
+        pieces = [
+            part.slope(values, number_of_value)[rows, None] * columns for number_of_value, columns in designs.items()
+        ]
         slope: FloatArray = np.sum(pieces, axis=0)
         return slope
 
@@ -120,10 +122,10 @@ class MatrixSlopes:
         design, found = self.parameters.design.tocsr(), {}
         for number, group in enumerate(self.elements):
             for member in group.members:
-                places = self.structure.contributions[member].places
-                is_small = len(places) <= _FEW and len(group.rows) * design.shape[1] <= _SMALL
-                own = [design[place][group.rows].toarray() for place in places] if is_small else []
-                found[number, member] = {k: piece for k, piece in enumerate(own) if piece.any()}
+                indices = self.structure.contributions[member].value_indices
+                is_small = len(indices) <= _FEW and len(group.rows) * design.shape[1] <= _SMALL
+                pieces = [design[index][group.rows].toarray() for index in indices] if is_small else []
+                found[number, member] = {k: piece for k, piece in enumerate(pieces) if piece.any()}
         return found
 
     @cached_property

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray, locked
+from structid.fem import Structure
+from structid.forward.fixed_values import append_fixed_factors
 from structid.forward.motion.equations import TimeEquations
+from structid.forward.sensitive import nonlinear_values
 from structid.inversion import DataRows, DenseCovariance, Estimate, FreeUnknowns, Linearization, Problem, Status
 from structid.inversion.covariance import correlation_length, inverse_information, model_error_covariance
 from structid.inversion.diagnostics.identifiability import identifiability
 from structid.inversion.estimate import Goodness, ParameterValues, SearchRecord
+from structid.inversion.fixed_values import FixedValueInfluence, limit_of
 from structid.inversion.uncertainty import Spread
 from structid.unknowns import Parameters
+from structid.unknowns.tolerances import Tolerances, fixed_properties
 
 _UNSOUND = 1e-10
 
@@ -33,6 +39,8 @@ class WhitenedRows(Problem):
         Regressors as far as they are free of the noise of the rows.
     labels : DataRows
         Instant (or window), and twice the degree of freedom, of each row.
+    force : (n_rows,) float array
+        Measured force in the rows, which `right` holds beside what is known of the structure.
     """
 
     parameters: Parameters
@@ -40,6 +48,7 @@ class WhitenedRows(Problem):
     right: FloatArray
     instruments: FloatArray
     labels: DataRows
+    force: FloatArray
 
     @property
     def rows(self) -> DataRows:
@@ -58,7 +67,7 @@ class WhitenedRows(Problem):
 
     @cached_property
     def _system(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Q' B S^-1, Q' c and S for instruments Q R S = Z with unit columns; None if rows determine too little."""
+        """Q' B S^-1, Q and S for instruments Q R S = Z with unit columns; None if rows determine too little."""
         scale = np.linalg.norm(self.instruments, axis=0)
         if len(self.right) < len(scale) or not (scale > 0).all() or not np.isfinite(scale).all():
             return None
@@ -67,7 +76,7 @@ class WhitenedRows(Problem):
         system = basis.T @ self.regressors / scale
         if singular[-1] < _UNSOUND * singular[0] or not np.linalg.cond(system) < 1 / _UNSOUND:
             return None
-        return system, basis.T @ self.right, scale
+        return system, basis, scale
 
     @property
     def determine_all(self) -> bool:
@@ -76,10 +85,14 @@ class WhitenedRows(Problem):
 
     def solution(self) -> FloatArray | None:
         """Instrumental-variables solution (n_params,): residual orthogonal to all instruments; None if not unique."""
+        return None if self._system is None else self.solved(self.right)
+
+    def solved(self, right: FloatArray) -> FloatArray:
+        """(Z'B)^-1 Z' of right-hand sides (n_rows, ...), with the instruments Z; NaN where rows determine too little."""
         if self._system is None:
-            return None
-        system, right, scale = self._system
-        return np.asarray(np.linalg.solve(system, right) / scale)
+            return np.full((len(self.parameters.names), *right.shape[1:]), np.nan)
+        system, basis, scale = self._system
+        return np.asarray((np.linalg.solve(system, basis.T @ right).T / scale).T)
 
     def covariance(self) -> FloatArray:
         """Covariance (n_params, n_params) of the instrumental-variables solution; NaN for undetermined parameters."""
@@ -90,14 +103,98 @@ class WhitenedRows(Problem):
         return half @ half.T
 
 
+@dataclass(frozen=True, eq=False)
+class FixedRows:
+    """Values that linear equations of motion hold fixed, as relative errors that enter these linearly too.
+
+    Attributes
+    ----------
+    names, kinds : tuple of str
+    tolerance : (n_fixed,) float array
+    regressors, instruments : (n_rows, n_fixed) float arrays
+        Derivative of the whitened rows with respect to each relative error, and that part of it that is free of noise.
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    tolerance: FloatArray
+    regressors: FloatArray
+    instruments: FloatArray
+
+    def influence(self, rows: WhitenedRows, values: FloatArray) -> FixedValueInfluence:
+        """Change of the solution with each of them: K = -(Z'B)^-1 Z'B_h with the instruments Z; none of them is asked for."""
+        slope = -rows.solved(self.regressors)
+        nothing = np.zeros(len(self.names))
+        return FixedValueInfluence(
+            self.names, self.kinds, self.tolerance, slope, nothing, values, np.zeros(len(values))
+        )
+
+    def influence_within_tolerances(self, rows: WhitenedRows, values: FloatArray) -> tuple[FixedValueInfluence, float]:
+        """The same with what the rows ask of each of them, free within its tolerance, and the sum of squares there."""
+        n, n_fixed = len(values), len(self.names)
+        stated = np.hstack([np.zeros((n_fixed, n)), np.eye(n_fixed)])
+        together = replace(
+            rows,
+            regressors=np.vstack([np.hstack([rows.regressors, self.regressors * self.tolerance]), stated]),
+            instruments=np.vstack([np.hstack([rows.instruments, self.instruments * self.tolerance]), stated]),
+            right=np.concatenate([rows.right, np.zeros(n_fixed)]),
+        )
+        solution = together.solution()
+        if solution is None:
+            residual = rows.residual(values)
+            return self.influence(rows, values), float(residual @ residual)
+        residual = together.residual(solution)
+        return replace(self.influence(rows, values), asked=solution[n:], theta=solution[:n]), float(residual @ residual)
+
+
+def fixed_rows(
+    structure: Structure,
+    unknown: Parameters,
+    tolerances: Tolerances,
+    values: FloatArray,
+    rows_with: Callable[[Parameters, FloatArray], WhitenedRows],
+) -> FixedRows | None:
+    """Fixed values of linear equations of motion at the parameters `values`; None where all are exact.
+
+    Values that enter matrices non-linearly, such as a thickness, stay as they are.
+
+    Parameters
+    ----------
+    structure : Structure
+    unknown : Parameters
+    tolerances : Tolerances
+    values : (n_params,) float array
+    rows_with : callable
+        The equations with other unknowns, at values of these.
+    """
+    is_nonlinear = nonlinear_values(structure)
+    properties = fixed_properties(structure, unknown, tolerances)
+    properties = tuple(item for item in properties if not is_nonlinear[item.indices].any())
+    if not properties and not tolerances.calibration:
+        return None
+    freed = append_fixed_factors(unknown, properties)
+    rows = rows_with(freed, np.concatenate([values, np.ones(len(properties))]))
+    n, has_gain = unknown.n_params, tolerances.calibration > 0
+    gain = -rows.force[:, None] if has_gain else np.zeros((rows.n_data, 0))
+    return FixedRows(
+        (*(item.label for item in properties), *(["calibration[record]"] if has_gain else [])),
+        (*(item.kind for item in properties), *(["gain"] if has_gain else [])),
+        np.array([*(item.tolerance for item in properties), *([tolerances.calibration] if has_gain else [])]),
+        np.hstack([rows.regressors[:, n:], gain]),
+        np.hstack([rows.instruments[:, n:], gain]),
+    )
+
+
 def whitened_rows(
-    unknown: Parameters, regressors: FloatArray, right: FloatArray, instruments: FloatArray
+    unknown: Parameters, regressors: FloatArray, right: FloatArray, instruments: FloatArray, force: FloatArray
 ) -> WhitenedRows:
     """Stacked, scaled regression rows with instruments, as `WhitenedRows`."""
     lines, series = np.divmod(np.arange(right.size), right.shape[1])
     flat = (right.size, unknown.n_params)
     labels = DataRows(lines, 2 * series)
-    return WhitenedRows(unknown, regressors.reshape(flat), right.ravel(), instruments.reshape(flat), labels)
+    return WhitenedRows(
+        unknown, regressors.reshape(flat), right.ravel(), instruments.reshape(flat), labels, force.ravel()
+    )
 
 
 def dense_rows(equations: TimeEquations, fields: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -121,11 +218,13 @@ def linear_estimate(
     known_noise: bool,
     misfit_probability: float,
     n_starts: int = 1,
+    fixed: FixedRows | None = None,
 ) -> Estimate:
     """Estimate from a linear fit in time: covariance, status and identifiability.
 
     `values` are None where none were found; `known_noise` is False for rows whose unit
-    variance is that of their own residual, so that chi-square says nothing.
+    variance is that of their own residual, so that chi-square says nothing. `fixed` holds the values that the model fixes at
+    these `values`; they are exact without it.
     """
     unknown = rows.parameters
     n_params, determined = unknown.n_params, values is not None
@@ -138,6 +237,11 @@ def linear_estimate(
     blank = np.full((n_params, n_params), np.nan)
     noise = rows.covariance() if determined else blank
     model = model_error_covariance(rows, rows.linearize(found)) if determined else blank
+    influence, least = None if fixed is None or not determined else fixed.influence(rows, found), float("nan")
+    if fixed is not None and influence is not None and misfit and known_noise:
+        influence, least = fixed.influence_within_tolerances(rows, found)
+        beyond = special.gammaincc(freedom / 2, least / 2) < misfit_probability
+        misfit = bool(beyond or np.abs(influence.asked).max() > limit_of(len(influence.names), misfit_probability))
     basis = "model_error" if misfit or not known_noise else "noise"
     adopted = np.sqrt(np.diag(model if basis == "model_error" else noise))
     identified = adopted <= np.abs(found)
@@ -161,6 +265,7 @@ def linear_estimate(
         identifiability=identifiability(
             rows.instruments * size, found, unknown.names, np.sqrt(chi_square / freedom) if misfit else 1.0
         ),
+        fixed=influence,
     )
     goodness = Goodness(
         n_data=rows.n_data,
@@ -169,6 +274,7 @@ def linear_estimate(
         residual_correlation=correlation_length(residual, rows.labels.lines, rows.labels.series)
         if determined
         else float("nan"),
+        least_chi_square=least,
     )
     search = SearchRecord(
         n_iterations=len(history) - 1, n_starts=n_starts, n_agreeing=1, history=locked(np.array(history))

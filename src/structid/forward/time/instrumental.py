@@ -28,7 +28,7 @@ from structid.fem import Structure
 from structid.forward.motion.equations import TimeEquations, time_equations
 from structid.forward.motion.fit import identify_motion
 from structid.forward.motion.motion import MOTION_QUANTITIES, Motion, field_map, recorded_motion
-from structid.forward.time.estimate import WhitenedRows, dense_rows, linear_estimate, whitened_rows
+from structid.forward.time.estimate import WhitenedRows, dense_rows, fixed_rows, linear_estimate, whitened_rows
 from structid.forward.time.model import TimeModel
 from structid.forward.time.options import TimeOptions
 from structid.forward.time.output_error import declared_variance, time_model
@@ -158,7 +158,8 @@ class InstrumentalFit:
             If motion cannot be simulated with these parameters.
         """
         n_times, n = self.motion.n_times, self.equations.n_dofs
-        regressors, right = dense_rows(self.equations, self.equations.fields(self.motion))
+        fields = self.equations.fields(self.motion)
+        regressors, right = dense_rows(self.equations, fields)
         with np.errstate(over="ignore", invalid="ignore"):
             readings = self.model.readings(values, self.force, self.initial, n_times)
         if not np.isfinite(readings).all():
@@ -168,9 +169,19 @@ class InstrumentalFit:
         if self.initial is not None:
             instruments[0] = 0.0  # it starts from the noisy state of this sample
         weight = self._whitening(values, right - regressors @ values)
+        _, force = dense_rows(self.equations, np.concatenate([np.zeros((3 * n, n_times)), fields[3 * n :]]))
         return whitened_rows(
-            self.equations.unknown, weight @ regressors, right @ weight.T, np.asarray(weight @ instruments)
+            self.equations.unknown,
+            weight @ regressors,
+            right @ weight.T,
+            np.asarray(weight @ instruments),
+            force @ weight.T,
         )
+
+    def rows_with(self, unknown: Parameters, values: FloatArray) -> WhitenedRows:
+        """The equations with other `unknown` parameters of the structure, at `values` of these."""
+        model, equations = replace(self.model, unknown=unknown), time_equations(self.structure, unknown)
+        return replace(self, model=model, equations=equations).rows(values)
 
     def _whitening(self, values: FloatArray, residual: FloatArray) -> FloatArray:
         """Inverse Cholesky factor (n_dofs, n_dofs) of the covariance of the equation error at an instant."""
@@ -253,15 +264,17 @@ def identified_by_instruments(
         message = "motion cannot be simulated with the parameters found"
     elif end.values is None:
         message = "the samples do not determine the parameters"
-    rows, known = end.rows or _plain_rows(fit), fit.noise is not None
+    rows, known, fixed = end.rows or _plain_rows(fit), fit.noise is not None, None
+    if end.values is not None and end.rows is not None:
+        fixed = fixed_rows(structure, unknown, options.tolerances, end.values, fit.rows_with)
     return linear_estimate(
-        rows, end.values, end.history, end.converged, message, known, options.misfit_probability, len(ends)
+        rows, end.values, end.history, end.converged, message, known, options.misfit_probability, len(ends), fixed
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """Where the iteration from one start ended; `rows` None where motion cannot be simulated there."""
+    """End of the iteration from one start; `rows` is None where motion cannot be simulated there."""
 
     values: FloatArray | None
     converged: bool
@@ -334,10 +347,10 @@ def _iterated(
 def _no_rows(unknown: Parameters) -> WhitenedRows:
     """Empty rows of the parameters, which then keep their values."""
     none = np.zeros((0, 1, unknown.n_params))
-    return whitened_rows(unknown, none, np.zeros((0, 1)), none)
+    return whitened_rows(unknown, none, np.zeros((0, 1)), none, np.zeros((0, 1)))
 
 
 def _plain_rows(fit: InstrumentalFit) -> WhitenedRows:
     """The equations as they are, with the noisy regressors in place of instruments."""
     regressors, right = dense_rows(fit.equations, fit.equations.fields(fit.motion))
-    return whitened_rows(fit.equations.unknown, regressors, right, regressors)
+    return whitened_rows(fit.equations.unknown, regressors, right, regressors, right)

@@ -69,12 +69,12 @@ class TimeModel:
 
     @cached_property
     def moving(self) -> Structure:
-        """The structure with the supports that drive it let go."""
+        """The structure with the supports that drive it released."""
         return self.structure.release_supports(self.bases) if self.bases else self.structure
 
     @cached_property
     def load_columns(self) -> FloatArray:
-        """Where each load acts, or which support it moves, (n_dofs, n_loads) of `moving`."""
+        """Columns (n_dofs, n_loads), on the degrees of freedom of `moving`, of the forces or support motions of each load."""
         return np.asarray(self.moving.selection(self.loads).toarray(), dtype=np.float64)
 
     @cached_property

@@ -10,6 +10,7 @@ import numpy as np
 from structid.core.constraints import Count, Number, Positive, require_declared
 from structid.core.errors import InputError
 from structid.records.record import Quantity
+from structid.unknowns.tolerances import EXACT, Tolerances
 
 TimeMethod = Literal["output_error", "instrumental", "weak"]
 Hold = Literal["first", "zero"]
@@ -70,6 +71,8 @@ class TimeOptions:
         Of these starts.
     max_iterations : int
         Of each stage, and of the reweighting of ``instrumental`` and ``weak``.
+    tolerances : Tolerances
+        Of the values that the model holds fixed and of the common gain of the record; exact by default.
     window : float, optional
         Length of the test functions of ``weak`` in s. They pass frequencies up to about 5 / `window` Hz; by default
         95 % of the power of every channel, but no longer than a fifth of the record.
@@ -90,6 +93,7 @@ class TimeOptions:
     misfit_probability: float = 1e-4
     seed: int = 0
     max_iterations: Count = 50
+    tolerances: Tolerances = EXACT
     window: Positive | None = None
     windows: Count | None = None
     drift: Number = 0

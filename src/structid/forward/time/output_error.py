@@ -10,8 +10,10 @@ from typing import cast
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray, require_shape
+from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Base, Structure
+from structid.forward.channel_errors import ChannelErrors
 from structid.forward.record_problem import RecordFacts, RecordProblem, linearization_with_priors, residual_with_priors
 from structid.forward.time.input_hold import InputHold
 from structid.forward.time.model import TimeModel
@@ -56,7 +58,7 @@ class Histories:
 
     @cached_property
     def known_force(self) -> FloatArray:
-        """The force as far as it is known; see `InputHold.known`."""
+        """The measured part of the force; see `InputHold.known`."""
         return self.drive.known(self.force)
 
     @cached_property
@@ -166,6 +168,15 @@ class Incidentals:
         return np.flatnonzero(np.resize(of.force_deviation > 0, len(of.known_force)))
 
 
+@dataclass(frozen=True)
+class MeasuredChannels:
+    """Sensors, loads and lines (Hz) of a record; see `channel_errors.Measured`."""
+
+    outputs: tuple[Dof, ...]
+    inputs: tuple[Dof, ...]
+    frequency: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class OutputErrorProblem(RecordProblem):
     """Parameters of a structure from what its sensors read over time; maximum likelihood for Gaussian noise.
@@ -186,6 +197,8 @@ class OutputErrorProblem(RecordProblem):
         0 for forces that are known.
     free_start : bool
         Whether displacement and velocity at the start are unknown; they are 0 otherwise.
+    channels : ChannelErrors, optional
+        Gains of sensors, as those of the calibration within its tolerance; no other errors.
 
     References
     ----------
@@ -198,6 +211,7 @@ class OutputErrorProblem(RecordProblem):
     force: FloatArray
     force_deviation: FloatArray
     free_start: bool = False
+    channels: ChannelErrors | None = None
     structure: Structure = field(init=False)
     parameters: Parameters = field(init=False)
 
@@ -233,7 +247,13 @@ class OutputErrorProblem(RecordProblem):
         return Incidentals(self.model, self.histories, self.free_start)
 
     def with_parts(self, parts: Sequence[NamedUnknowns]) -> OutputErrorProblem:
-        return replace(self, model=replace(self.model, unknown=cast("Parameters", parts[0])))
+        channels = cast("ChannelErrors", parts[1]) if len(parts) > 1 else None
+        return replace(self, model=replace(self.model, unknown=cast("Parameters", parts[0])), channels=channels)
+
+    @property
+    def measured_responses(self) -> MeasuredChannels:
+        """Fitted sensors and loads, whose gains may be unknown."""
+        return MeasuredChannels(self.model.sensors, self.model.loads, self.frequency)
 
     @property
     def frequency(self) -> FloatArray:
@@ -271,21 +291,48 @@ class OutputErrorProblem(RecordProblem):
 
     def residual(self, theta: FloatArray) -> FloatArray:
         """Weighted errors of readings and forces at the free variables `theta` (n_params,), with prior rows."""
-        values = self.physical(theta)
-        at = self.incidentals.at(values)
-        predicted = self.model.readings(values, at.force, at.initial, self.n_times)
-        return residual_with_priors(self.unknowns, theta, self.histories.errors(predicted, at.force))
+        if self.channels is not None:
+            scaled, values = self._without_gains(theta)
+            return residual_with_priors(self.unknowns, theta, scaled._errors(values))
+        return residual_with_priors(self.unknowns, theta, self._errors(self.physical(theta)))
 
     def linearize(self, theta: FloatArray) -> Linearization:
         """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
-        values = self.physical(theta)
+        if self.channels is None:
+            data, rows, n_eliminated = self._error_slopes(self.physical(theta), np.zeros((0, len(self.deviation))))
+        else:
+            scaled, values = self._without_gains(theta)
+            relative = self.channels.of_outputs / self.physical(theta)[self.parameters.n_params :, None]
+            data, rows, n_eliminated = scaled._error_slopes(values, relative)
+        return linearization_with_priors(self.unknowns, theta, data, rows * self.slope(theta), n_eliminated)
+
+    def _errors(self, values: FloatArray) -> FloatArray:
+        """Whitened errors (n_data,) at physical parameters of the structure, (n_params,)."""
+        at = self.incidentals.at(values)
+        predicted = self.model.readings(values, at.force, at.initial, self.n_times)
+        return self.histories.errors(predicted, at.force)
+
+    def _error_slopes(self, values: FloatArray, gain_slopes: FloatArray) -> tuple[FloatArray, FloatArray, int]:
+        """Whitened errors (n_data,), their derivatives and the number of unknowns solved for inside.
+
+        The derivatives are those with respect to the `values` of the structure, then to gains that change every reading by the
+        parts `gain_slopes` (n_gains, n_sensors).
+        """
         at = self.incidentals.at(values)
         predicted, change = self.model.derivatives(values, at.force, at.initial, self.n_times)
-        rows = np.zeros((self.n_data, len(values)))
-        rows[: self.measured.size] = (change / self.deviation[:, None]).reshape(-1, len(values))
+        change = np.concatenate([change, predicted[..., None] * gain_slopes.T], axis=2)
+        rows = np.zeros((self.n_data, change.shape[2]))
+        rows[: self.measured.size] = (change / self.deviation[:, None]).reshape(-1, change.shape[2])
         rows -= at.basis @ (at.basis.T @ rows)
-        data = self.histories.errors(predicted, at.force)
-        return linearization_with_priors(self.unknowns, theta, data, rows * self.slope(theta), at.basis.shape[1])
+        return self.histories.errors(predicted, at.force), rows, at.basis.shape[1]
+
+    def _without_gains(self, theta: FloatArray) -> tuple[OutputErrorProblem, FloatArray]:
+        """The problem of what sensors would read without their gains, and the parameters (n_params,) of the structure."""
+        assert self.channels is not None
+        physical, n = self.physical(theta), self.parameters.n_params
+        gain = np.exp(np.log(physical[n:]) @ self.channels.of_outputs)
+        scaled = replace(self, measured=self.measured / gain, deviation=self.deviation / gain, channels=None)
+        return scaled, physical[:n]
 
 
 _NO_NOISE = (

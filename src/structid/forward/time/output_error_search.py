@@ -12,6 +12,7 @@ from scipy import special
 from structid.core.arrays import FloatArray, locked
 from structid.core.errors import InputError
 from structid.fem import Structure
+from structid.forward.fixed_values import tolerances_of, with_fixed_values
 from structid.forward.motion.fit import identify_motion
 from structid.forward.time.options import TimeOptions
 from structid.forward.time.output_error import OutputErrorProblem, output_error_problem
@@ -22,6 +23,7 @@ from structid.inversion.estimate import estimate
 from structid.inversion.search.minimum import residual_at, squared
 from structid.inversion.search.multistart import named
 from structid.inversion.search.posterior_linearization import posterior_linearized
+from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import ALONE, StageProgress, Tools, Work
 from structid.records import TimeRecord
 from structid.unknowns import Parameters
@@ -90,7 +92,16 @@ def identified_by_output_error(
         iterations += spent
     final = problem.with_parameters(unknown.started_at(unknown.transforms.physical(theta)))
     method = LevenbergMarquardt(max_iterations=2 * options.max_iterations)
-    found = estimate(final, method, misfit_probability=options.misfit_probability, progress=progress, work=work)
+    freed = with_fixed_values(final, options.tolerances)
+    tolerances = tolerances_of([freed])
+    found = estimate(
+        final,
+        method,
+        misfit_probability=options.misfit_probability,
+        progress=progress,
+        work=work,
+        fixed=FixedValues(freed, tolerances) if tolerances else None,
+    )
     bound = bound_at(problem, unknown.theta_start, "the initial values").std
     search = replace(found.search, n_iterations=found.search.n_iterations + iterations, n_starts=len(ways))
     spread = replace(found.spread, bound_initial=bound)
@@ -278,7 +289,7 @@ def _best(short: OutputErrorProblem, ways: Sequence[_Way]) -> tuple[float, Float
 
 
 def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], tools: Tools) -> dict[str, Any]:
-    """Where posterior linearization comes to from a centre with a spread and a seed, as a task."""
+    """Start point that posterior linearization reaches from a centre with a spread and a seed, as a task."""
     progress = named(tools.progress, f"far start, {short.n_times} samples")
     return {"theta": posterior_linearized(short, *task, progress)}
 

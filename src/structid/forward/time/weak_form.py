@@ -29,7 +29,7 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward.motion.equations import TimeEquations, time_equations
-from structid.forward.time.estimate import WhitenedRows, dense_rows, linear_estimate, whitened_rows
+from structid.forward.time.estimate import WhitenedRows, dense_rows, fixed_rows, linear_estimate, whitened_rows
 from structid.forward.time.model import require_viscous
 from structid.forward.time.options import TimeOptions
 from structid.forward.time.output_error import declared_variance
@@ -134,10 +134,22 @@ class WeakForm:
             return np.asarray(linalg.solve_triangular(factor, scaled, lower=True))
 
         wide, single = whitened(regressors), whitened(right)[:, 0]
+        _, force = dense_rows(self.equations, np.concatenate([np.zeros((3 * n, self.n_windows)), self.fields[3 * n :]]))
         weighted = linalg.solve_triangular(factor, single - wide @ values, lower=True, trans="T") / size
         noise = self.noise(values, -weighted.reshape(self.n_windows, n))
         instruments, _ = dense_rows(self.equations, self.fields - noise)
-        return whitened_rows(self.equations.unknown, wide, single.reshape(self.n_windows, n), whitened(instruments))
+        shape = self.n_windows, n
+        return whitened_rows(
+            self.equations.unknown,
+            wide,
+            single.reshape(shape),
+            whitened(instruments),
+            whitened(force)[:, 0].reshape(shape),
+        )
+
+    def rows_with(self, unknown: Parameters, values: FloatArray) -> WhitenedRows:
+        """The equations with other `unknown` parameters of the structure, at `values` of these."""
+        return replace(self, equations=time_equations(self.structure, unknown)).rows(values)
 
 
 def weak_form(structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions) -> WeakForm:
@@ -274,4 +286,5 @@ def identified_by_weak_form(
     message = "the parameters stay" if converged else f"stopped after {options.max_iterations} iterations"
     if found is None:
         message = "the windows do not determine the parameters"
-    return linear_estimate(rows, found, history, converged, message, True, options.misfit_probability)
+    fixed = None if found is None else fixed_rows(structure, unknown, options.tolerances, found, form.rows_with)
+    return linear_estimate(rows, found, history, converged, message, True, options.misfit_probability, fixed=fixed)

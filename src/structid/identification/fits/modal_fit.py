@@ -1,4 +1,4 @@
-"""What was identified, seen from one record of modes."""
+"""Fit of the identified model to one record of modes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What modes and motions of supports determine without a force: ratios of stiffness to mass, their common scale free."""
+"""Ratios of parameters, which modes and support motions determine without a force; the common scale stays free."""
 
 from __future__ import annotations
 

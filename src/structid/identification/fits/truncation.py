@@ -1,4 +1,4 @@
-"""How far a model with components, or whose lines a sweep finds, is off the same model with nothing reduced."""
+"""Error of a reduced model (components, swept lines) against the unreduced one."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from structid.core.constraints import Positive
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.fem.places import together, with_joint_forces
+from structid.fem.measuring_points import together, with_joint_forces
 from structid.forward import (
     ChannelUnknown,
     FrfProblem,
@@ -215,9 +215,11 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return "" if self.settings.fit == "spectra" else f"fit {self.settings.fit!r}"
 
     def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Estimate:
-        return forward.identify_time(
-            self.structure, self.parameters, self.record, _options(self.settings, options), work, progress
-        )
+        tolerances = options.tolerances
+        if self.calibration is not None:
+            tolerances = replace(tolerances, calibration=self.calibration)
+        chosen = replace(_options(self.settings, options), tolerances=tolerances)
+        return forward.identify_time(self.structure, self.parameters, self.record, chosen, work, progress)
 
     def response_fit(self, title: str, problem: RecordProblem, own: Own, options: IdentifyOptions) -> RecordFit:
         """The fitted model beside averaged FRFs of the record."""

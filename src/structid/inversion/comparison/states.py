@@ -79,7 +79,7 @@ class UnchangedTest:
 
     @property
     def statistic(self) -> float:
-        """What the common parameters add to the sum of squares, over chi-square per degree of freedom where that is more than 1."""
+        """Increase of the sum of squares by common parameters, over chi-square per degree of freedom where that exceeds 1."""
         scale = max(1.0, self.separate_cost / self.degrees_of_freedom) if self.degrees_of_freedom > 0 else 1.0
         return max(self.cost - self.separate_cost, 0.0) / scale
 

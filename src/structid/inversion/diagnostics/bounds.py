@@ -50,7 +50,7 @@ class AtBound:
 
     @property
     def gain_per_std(self) -> float:
-        """By how much chi-square would be lower with a bound that is wider by one `std`, to second order."""
+        """Decrease of chi-square if the bound were wider by one `std`, to second order."""
         push = self.multiplier * self.std
         return 2 * push - 1 if push > 1 else push**2
 
@@ -61,7 +61,7 @@ class AtBound:
 
     @property
     def is_pushed(self) -> bool:
-        """True where the data push it beyond the bound by more than chance."""
+        """True if the data push the parameter beyond the bound by more than chance."""
         return self.push > _HARD
 
     @property

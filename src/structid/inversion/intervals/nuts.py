@@ -73,7 +73,7 @@ class StepSize:
 
 @dataclass(frozen=True, eq=False)
 class ChainState:
-    """Where a chain is between two draws: all that the next ones depend on, besides the random numbers.
+    """State of a chain between two draws: all that the next draws depend on, except the random numbers.
 
     Attributes
     ----------

@@ -124,7 +124,7 @@ class JointProblem(Problem):
 
     @cached_property
     def _first_priors(self) -> tuple[IntArray, ...]:
-        """For each problem the indices of the residual rows of priors that no earlier problem states."""
+        """Indices, for each problem, of the residual rows of priors that no earlier problem states."""
         priors = [
             problem.prior_rows(own)
             for problem, own in zip(self.problems, self.unknowns.split(self.theta_start), strict=True)

@@ -114,7 +114,7 @@ class MatrixFree:
         return self
 
     def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
-        """With as many degrees of freedom as there are more rows, those of priors included, than parameters."""
+        """Misfit statistics; degrees of freedom are rows, those of priors included, minus parameters."""
         at = minimum.linearization
         freedom, (scale, share) = len(at.residual) - at.n_params, row_law(problem.rows.averages)
         return misses_noise(problem, at.residual, scale, share * freedom, probability)
@@ -129,7 +129,7 @@ class MatrixFree:
     ) -> Uncertainty:
         """Covariance and rank at the minimum from draws of the posterior; see `drawn_uncertainty`."""
         at = cast(OperatorLinearization, minimum.linearization)
-        return drawn_uncertainty(problem, minimum.theta, at, self.draws, self.solved, misfit_probability, seed)
+        return drawn_uncertainty(problem, minimum.theta, at, self.draws, self.solved, misfit_probability, seed, fixed)
 
 
 def dense_search_fits(n_params: int, n_data: int, dense_bytes: float = DENSE_BYTES) -> tuple[bool, str]:

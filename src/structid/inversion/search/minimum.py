@@ -21,7 +21,7 @@ State: TypeAlias = Stored
 
 
 class Keeper(Protocol):
-    """Where a search leaves its state after each iteration, and finds one to go on from."""
+    """Store in which a search leaves its state after each iteration, and finds one to resume from."""
 
     @property
     def state(self) -> State | None:

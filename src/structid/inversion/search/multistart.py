@@ -184,7 +184,7 @@ def searched_minima(
 
 
 def expected_answers(n_searches: int, n_answers: int) -> float:
-    """How many distinct minima there are, by how many different ones random searches ended at.
+    """Estimated number of distinct minima, from how many of them random searches reached.
 
     The expectation where every number of minima, and every size of their basins, is as likely beforehand: w (n - 1) / (n - w - 2)
     for w minima of n searches.
@@ -216,7 +216,7 @@ class _GroupedMinima:
 
     @property
     def fitting(self) -> list[Minimum]:
-        """Those that the data allow, in the order in which they were reached."""
+        """Minima that the data allow, in the order in which they were reached."""
         return [minimum for minimum, is_fitting in self.distinct if is_fitting]
 
 
@@ -303,7 +303,7 @@ def _ended(
 
 
 def _after(first: Minimum, last: Minimum) -> Minimum:
-    """Where a search ended that went on from another, with the way of both."""
+    """End point of a search that continued another one, with the histories of both."""
     return replace(
         last,
         history=np.concatenate([first.history, last.history[1:]]),

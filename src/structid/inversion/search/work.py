@@ -43,7 +43,7 @@ Task: TypeAlias = Callable[[Shared, Item, Tools], Found]
 
 
 class Work(Protocol):
-    """Where searches and repeated tasks run; the answer does not depend on it."""
+    """Executor of searches and repeated tasks; the answer does not depend on it."""
 
     @property
     def n_workers(self) -> int:
@@ -57,7 +57,7 @@ class Work(Protocol):
         ...
 
     def keeper(self, problem: Problem) -> Keeper | None:
-        """Where a search of its own kind leaves its state after each iteration; None where nothing is kept."""
+        """Store for the state of a search after each iteration; None where nothing is kept."""
         ...
 
     def map(

@@ -79,7 +79,7 @@ class _Table(NamedTuple):
     numbers: list[int]
     notes: list[str]
 
-    def place(self, k: int, name: str) -> str:
+    def locate(self, k: int, name: str) -> str:
         """Words on the position in the file of the value `name` of mode `k`."""
         return f"row `{name}`, {self.mode(k)}" if self.is_turned else f"{self.mode(k)}, column `{name}`"
 
@@ -121,7 +121,7 @@ def _read_table(path: Path) -> _Table:
 
 
 class _Word(NamedTuple):
-    """What this module calls a column, the factor to its unit, and what is taken for granted of the unit, in words."""
+    """A column's name in this module, the factor to its unit, and words on an assumed unit."""
 
     name: str
     factor: float = 1.0
@@ -210,7 +210,7 @@ def read_modes_csv(path: Path) -> ModalRecord:
     if (ratio >= 1).any():
         k = int(np.argmax(ratio >= 1))
         raise FileError(
-            f"{path}: {table.place(k, 'damping_ratio')} must be a ratio below 1, got {ratio[k]:g}; write `Damping [%]` in the"
+            f"{path}: {table.locate(k, 'damping_ratio')} must be a ratio below 1, got {ratio[k]:g}; write `Damping [%]` in the"
             " header where it is in %"
         )
     order = np.argsort(frequency, kind="stable")
@@ -248,12 +248,12 @@ def _column(table: _Table, name: str) -> FloatArray:
                 values[k] = float(text) * factor if text else np.nan
             except ValueError:
                 raise FileError(
-                    f"{table.path}: {table.place(k, name)} must be a number, got {text!r}{remedy}"
+                    f"{table.path}: {table.locate(k, name)} must be a number, got {text!r}{remedy}"
                 ) from None
             if np.isinf(values[k]):
-                raise FileError(f"{table.path}: {table.place(k, name)} must be finite, got {text}{remedy}")
+                raise FileError(f"{table.path}: {table.locate(k, name)} must be finite, got {text}{remedy}")
             if name.endswith(("std", "_hz")) and values[k] < 0:
-                raise FileError(f"{table.path}: {table.place(k, name)} must not be negative, got {text}")
+                raise FileError(f"{table.path}: {table.locate(k, name)} must not be negative, got {text}")
     return values
 
 
@@ -302,7 +302,7 @@ def _shapes(table: _Table, dofs: tuple[Dof, ...]) -> tuple[NumberArray, FloatArr
             rows[part].append(_column(table, names.get((dof, part), "-")))
         halves = np.flatnonzero(np.isnan(rows["real"][-1]) & ~np.isnan(rows["imaginary"][-1]))
         if halves.size:
-            where = table.place(int(halves[0]), names.get((dof, "real"), f"{dof} real"))
+            where = table.locate(int(halves[0]), names.get((dof, "real"), f"{dof} real"))
             raise FileError(f"{table.path}: {where} is empty beside an imaginary part; give both, or neither")
     n_modes = len(_column(table, "-"))
     real, imaginary, std = (np.array(rows[part]).reshape(-1, n_modes) for part in _PARTS)

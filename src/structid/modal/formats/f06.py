@@ -59,7 +59,7 @@ _FORMS = {"(REAL/IMAGINARY)": False, "(MAGNITUDE/PHASE)": True}
 
 @dataclass
 class _Vector:
-    """What the pages of one vector hold."""
+    """Values on the pages of one vector."""
 
     mode: int
     cycles: str | None
@@ -74,7 +74,7 @@ class _Vector:
 
 @dataclass
 class _Page:
-    """What stands above a table: run and eigenvalue."""
+    """Heading of a table: run and eigenvalue."""
 
     subcase: int | None = None
     superelement: int | None = None
@@ -84,7 +84,7 @@ class _Page:
 
 
 class _Listing:
-    """Reads a listing line by line; `vectors` and `table` hold what it has read."""
+    """Reader of a listing, line by line; `vectors` and `table` hold the values read so far."""
 
     def __init__(self, path: Path) -> None:
         """A reader that has read no line of the listing at `path` yet."""

@@ -129,7 +129,7 @@ def _require_suffix(path: Path, suffix: str, known: tuple[str, ...]) -> None:
 
 
 def modal_fields(modes: ModalRecord) -> dict[str, Entry]:
-    """What JSON holds of `modes`; matrices as lists of rows, a row of `mode_shapes` for each of `channels`."""
+    """Fields of `modes` for JSON; matrices as lists of rows, a row of `mode_shapes` for each of `channels`."""
     std = np.full(2 * modes.n_modes, np.nan) if modes.covariance is None else np.sqrt(np.diag(modes.covariance))
     shapes = modes.mode_shapes
     return {

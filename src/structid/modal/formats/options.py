@@ -18,7 +18,7 @@ WRITTEN_SUFFIXES = (*JSON_SUFFIXES, *UFF_SUFFIXES, *CSV_SUFFIXES, *PUNCH_SUFFIXE
 
 @dataclass(frozen=True)
 class ModeFileOptions:
-    """What a file of modes may not say about itself.
+    """Options for what a file of modes does not say about itself.
 
     Parameters
     ----------

@@ -116,7 +116,7 @@ def _reals(values: list[float]) -> list[str]:
 
 @dataclass(frozen=True)
 class _Kind:
-    """What the header of a dataset 55 or 2414 says of its data."""
+    """Type of data that the header of a dataset 55 or 2414 states."""
 
     model: int
     analysis: int
@@ -223,7 +223,7 @@ def _read_datasets(path: Path, blocks: Sequence[Block], notes: list[str]) -> lis
     for dataset in blocks:
         if dataset.number in (55, 2414):
             read_dataset = _read_55 if dataset.number == 55 else _read_2414
-            mode = read_dataset(f"{path}: dataset {dataset.place} ({dataset.number})", dataset.lines)
+            mode = read_dataset(f"{path}: dataset {dataset.ordinal} ({dataset.number})", dataset.lines)
             if isinstance(mode, str):
                 objections[mode] += 1
             else:

@@ -34,7 +34,7 @@ _DOUBTFUL_SCALE = 0.5  # relative standard deviation of a shape's factor above w
 
 @dataclass(frozen=True, eq=False)
 class _BandModes:
-    """What one band gives."""
+    """Poles and modes identified in one band."""
 
     modes: FrfModes
     converged: bool
@@ -220,7 +220,7 @@ def _outside(below: int, above: int) -> tuple[int, ...]:
 
 
 def _weighted(band: FrfBand, data: FrfData, at: PolesAndParticipation) -> FrfData:
-    """With weights from the residual around each line, unless the record has a variance."""
+    """The record with weights from the residual around each line, unless it has a variance."""
     if band.variance is not None:
         return data
     return replace(data, weights=_data(band, _residual_variance(data, at, band)).weights)

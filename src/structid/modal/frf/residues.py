@@ -33,7 +33,7 @@ def terms(
     power: int,
     outside: tuple[int, ...] = OUTSIDE,
 ) -> ComplexArray:
-    """What Re phi, Im phi and the terms of modes outside the band of one output are multiplied by.
+    """Regressors of one output: factors of Re phi, Im phi and the terms of modes outside the band.
 
     Parameters
     ----------

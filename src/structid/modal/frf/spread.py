@@ -1,4 +1,4 @@
-"""What noise of FRFs does to refined poles, participation and shapes, to first order, and shapes scaled.
+"""First-order covariance of refined poles, participation and shapes from the noise of FRFs; scaling of shapes.
 
 With errors e_o of output o, C the inverse of the normal equations and B_o, P_o slope and pseudo-inverse of
 `OutputBlock`, the nonlinear unknowns move by C sum of B_o' e_o, and the output's own by P_o e_o - A_o C sum of B' e.

@@ -1,4 +1,4 @@
-"""From poles over model orders to modes: which poles stay, which of them are one mode, which mode is meant.
+"""Stabilization diagram: poles over model orders to modes, by stability, clustering and choice of one pole a mode.
 
 Poles are called stable or not by two means of their distance to the nearest pole of the order before; the boundary
 between the two is the width of a cluster. Clusters are modes that are large, by two means of the numbers of poles, or that
@@ -66,7 +66,7 @@ class Cluster:
 
     @property
     def probability(self) -> float:
-        """That the cluster is a mode (`mode_probability`); NaN where too little is known of it."""
+        """Probability that the cluster is a mode (`mode_probability`); NaN where too little is known."""
         return mode_probability(self)
 
     @property
@@ -215,7 +215,7 @@ def _cluster(members: IntArray, pool: _Pool, distance: FloatArray) -> Cluster:
 
 
 def evidence(cluster: Cluster) -> FloatArray:
-    """What speaks for a cluster being a mode: 1, then stability, distance, energy and collinearity, (5,)."""
+    """Regressors (5,) of the probability that a cluster is a mode: 1, stability, distance, energy, collinearity."""
     distance, energy = (float(np.log10(max(value, 1e-6))) for value in (cluster.distance, cluster.energy))
     return np.array([1.0, cluster.stability, distance, energy, cluster.collinearity])
 

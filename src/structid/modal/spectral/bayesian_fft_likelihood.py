@@ -55,7 +55,7 @@ class BandLines:
 
 @dataclass(frozen=True, eq=False)
 class BandModes:
-    """What the lines of a band are explained by.
+    """Parameters of the modes and noise that explain the lines of a band.
 
     Attributes
     ----------
@@ -162,7 +162,7 @@ def transfer(data: BandLines, modes: BandModes) -> tuple[ComplexArray, ComplexAr
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """What the covariance of every line gives, without differences of large numbers.
+    """Quantities derived from the covariance of every line, without differences of large numbers.
 
     Attributes
     ----------

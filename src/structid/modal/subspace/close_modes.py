@@ -132,7 +132,7 @@ def close_mode_notes(
 
 
 def _told_apart(modes: ModalRecord, group: IntArray, std: FloatArray) -> list[bool]:
-    """For each neighbouring pair of the group whether its gap exceeds its 95 % interval."""
+    """True for each neighbouring pair of the group whose gap exceeds its 95 % interval."""
     pairs = group[:-1]
     gaps = modes.frequency[pairs + 1] - modes.frequency[pairs]
     return (gaps > NOT_TOLD_APART * np.nan_to_num(std[pairs])).tolist()

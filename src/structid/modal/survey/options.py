@@ -1,8 +1,9 @@
-"""What the user of `structid modes` asks for."""
+"""Options of `structid modes`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from structid.modal.poles.poles import HardCriteria
 
 @dataclass(frozen=True)
 class ModesOptions:
-    """What the user asks for; every default serves without a look at the record. Every field is a flag of the command.
+    """Options of `structid modes`; the defaults suit any record. Every field is a flag of the command.
 
     Lists may be given as one text: ``frequencies="1.9,2.4"``; ``orders="10,20,30"``, ``"2:60"`` (in steps of 2) or
     ``"4:80:4"``.
@@ -34,6 +35,8 @@ class ModesOptions:
         it; and a second look at a lower one for low modes, where the spectrum shows any].
     detrend : str or int
         Taken off each time history: mean, linear, none or a degree.
+    remove_tones : tuple of float or str, optional
+        Hz: tones of machines taken off time histories, as in 25,50; or auto, those that stand out.
     damping : (float, float), optional
         Least and greatest damping ratio of modes [default: -0.01 0.2, above 0 in ambient motion].
     deviation : float, optional
@@ -49,6 +52,7 @@ class ModesOptions:
     orders: tuple[int, ...] | None = None
     rate: float | None = None
     detrend: str | int = "mean"
+    remove_tones: tuple[float, ...] | Literal["auto"] | None = None
     damping: tuple[float, float] | None = None
     deviation: float | None = None
     window: float | None = None
@@ -56,7 +60,9 @@ class ModesOptions:
     def __post_init__(self) -> None:
         """Convert options given as text, and raise `InputError` on values out of range."""
         if isinstance(self.frequencies, str):
-            object.__setattr__(self, "frequencies", _numbers(self.frequencies))
+            object.__setattr__(self, "frequencies", _numbers("frequencies", self.frequencies))
+        if isinstance(self.remove_tones, str) and self.remove_tones != "auto":
+            object.__setattr__(self, "remove_tones", _numbers("remove_tones", self.remove_tones))
         if isinstance(self.orders, str):
             object.__setattr__(self, "orders", _orders(self.orders))
         if isinstance(self.detrend, str) and self.detrend.isdigit():
@@ -67,6 +73,8 @@ class ModesOptions:
             )
         if self.frequencies is not None and not all(np.isfinite(f) and f > 0 for f in self.frequencies):
             raise InputError(f"`frequencies` must be greater than 0 Hz, got {list(self.frequencies)}")
+        if isinstance(self.remove_tones, tuple) and not all(np.isfinite(f) and f > 0 for f in self.remove_tones):
+            raise InputError(f"`remove_tones` must be greater than 0 Hz, got {list(self.remove_tones)}")
         for name, unit in (("rate", " Hz"), ("deviation", ""), ("window", " s")):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
@@ -74,7 +82,7 @@ class ModesOptions:
 
     @property
     def modal(self) -> ModalOptions:
-        """What a method of modal identification is told."""
+        """Options for a method of modal identification."""
         band, damping = self.band or (0.0, np.inf), self.damping or HardCriteria().damping_ratio
         return ModalOptions(self.orders, None, HardCriteria(band, damping), self.frequencies, deviation=self.deviation)
 
@@ -93,8 +101,9 @@ def _orders(text: str) -> tuple[int, ...]:
     return found
 
 
-def _numbers(text: str) -> tuple[float, ...]:
+def _numbers(name: str, text: str) -> tuple[float, ...]:
     try:
         return tuple(float(word) for word in text.split(",") if word.strip())
     except ValueError as error:
-        raise InputError(f"`frequencies` must be numbers with commas, as in 1.9,2.4, got {text!r}") from error
+        or_auto = ", or auto" if name == "remove_tones" else ""
+        raise InputError(f"`{name}` must be numbers with commas, as in 1.9,2.4{or_auto}, got {text!r}") from error

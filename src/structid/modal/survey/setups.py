@@ -78,6 +78,7 @@ def modes_of_setups(
         steps=tuple(steps),
         findings=tuple(replace(f, words=f"{result.title}: {f.words}") for result in each for f in result.findings),
         kurtosis=np.full(merging.modes.n_modes, np.nan),
+        tones=tuple(tone for result in each for tone in result.tones),
     )
 
 

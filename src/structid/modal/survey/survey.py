@@ -37,6 +37,7 @@ from structid.records import (
     ReadOptions,
     Record,
     TimeRecord,
+    Tone,
     harmonic_indicator,
     prepare,
     read_geometry,
@@ -99,6 +100,8 @@ class ModesResult(ModesPlots):
         What was done to the record before.
     findings : tuple of Finding
         What is doubtful about the signals.
+    tones : tuple of Tone
+        What `ModesOptions.remove_tones` took off; of several set-ups those of each.
     kurtosis : (n_modes,) float array
         Of the signal in a narrow band, median over the channels: 1.5 for a pure tone, 3 for a mode under random forces;
         NaN where damping leaves no doubt.
@@ -117,6 +120,7 @@ class ModesResult(ModesPlots):
     findings: tuple[Finding, ...] = ()
     options: ModesOptions = field(default_factory=ModesOptions)
     kurtosis: FloatArray = field(default_factory=lambda: np.zeros(0))
+    tones: tuple[Tone, ...] = ()
 
     @property
     def modes(self) -> ModalRecord:
@@ -191,7 +195,7 @@ def read_and_identify(
     except StoredSpectraError as error:
         return _modes_of_averages(path, options, read, geometry, error.kind)
     places = record_geometry(path, record, None if geometry is None else Path(geometry))
-    ready, steps, findings = _prepared(record, options)
+    ready, steps, findings, tones = _prepared(record, options)
     understood = how_read(record.source, path)
     steps = (f"read: {understood}", *steps) if understood else steps
     looked_at, motions = shared_or_whole(ready)
@@ -211,10 +215,11 @@ def read_and_identify(
         spectra=spectra,
         geometry=places,
         provenance=modes_provenance((path, geometry), options, read),
-        steps=(*numbered, *steps, *more),
+        steps=(*numbered, *steps, *more, *_unit_of_length(places)),
         findings=findings,
         options=options,
         kurtosis=kurtosis,
+        tones=tones,
     )
 
 
@@ -225,7 +230,8 @@ def _modes_of_averages(
     record = read_spectrum(path, read) if kind == SPECTRUM else read_correlation(path, read)
     is_subspace = kind == CORRELATION and options.method in (None, "ssi_cov")
     words = "stored spectra" if kind == SPECTRUM else "stored correlation functions"
-    unused = ("rate", "deviation") if is_subspace else ("rate", "orders", "damping", "deviation")
+    unused: tuple[str, ...] = ("rate", "deviation", "remove_tones")
+    unused += () if is_subspace else ("orders", "damping")
     for name in (*unused, *(("window",) if kind == SPECTRUM else ())):
         if getattr(options, name) is not None:
             raise InputError(f"`{name}` is not about modes of {words} by this method; leave it out", name)
@@ -234,6 +240,7 @@ def _modes_of_averages(
         modes = without_window_damping(identification.modes, 1 / options.window)
         identification = replace(identification, modes=modes)
     _, spectrum = stored_spectrum(record)
+    places = record_geometry(path, record, None if geometry is None else Path(geometry))
     understood = how_read(record.source, path)
     return ModesResult(
         title=path.name,
@@ -242,9 +249,9 @@ def _modes_of_averages(
         spectra=ModeSpectra(
             spectrum.frequency, spectrum.values, f"singular values of the {words}, channels scaled", "1"
         ),
-        geometry=record_geometry(path, record, None if geometry is None else Path(geometry)),
+        geometry=places,
         provenance=modes_provenance((path, geometry), options, read),
-        steps=(f"read: {understood}",) if understood else (),
+        steps=(*((f"read: {understood}",) if understood else ()), *_unit_of_length(places)),
         options=options,
         kurtosis=np.full(identification.modes.n_modes, np.nan),
     )
@@ -262,24 +269,28 @@ def _read(path: Path, read: ReadOptions, alone: bool) -> tuple[Record, ReadOptio
     return read_record(path, numbered), numbered, (words,)
 
 
-def _prepared(record: Record, options: ModesOptions) -> tuple[Record, tuple[str, ...], tuple[Finding, ...]]:
-    """Record prepared for identification, words on what was done, and findings on doubtful data."""
+def _prepared(
+    record: Record, options: ModesOptions
+) -> tuple[Record, tuple[str, ...], tuple[Finding, ...], tuple[Tone, ...]]:
+    """Record prepared for identification, words on what was done, findings on doubtful data, and tones taken off."""
     steps: list[str] = []
     if options.window is not None:
         steps.append(f"damping of an exponential window of {options.window:g} s taken off the modes")
     if isinstance(record, FrfRecord):
-        if options.rate is not None:
-            raise InputError("`rate` is for time histories, but the record holds FRFs; leave it out, or give `band`")
+        for name, remedy in (("rate", "leave it out, or give `band`"), ("remove_tones", "leave it out")):
+            if getattr(options, name) is not None:
+                raise InputError(f"`{name}` is for time histories, but the record holds FRFs; {remedy}")
         kept = record if options.band is None else record.band(*options.band)
         if options.band is not None:
             low, high = options.band
             steps.append(f"{len(kept.frequency)} of {len(record.frequency)} lines kept, {low:g}-{high:g} Hz")
         if options.window is not None:
             kept = replace(kept, decay=np.full(len(kept.frequency), 1 / options.window))
-        return kept, tuple(steps), ()
+        return kept, tuple(steps), (), ()
     _require_below_nyquist(record, options)
-    ready = prepare(record, Preparation(detrend=options.detrend, sampling_rate=rate_for(record, options)))
-    return ready.record, (*ready.steps, *steps), ready.findings
+    wanted = Preparation(options.detrend, sampling_rate=rate_for(record, options), remove_tones=options.remove_tones)
+    ready = prepare(record, wanted)
+    return ready.record, (*ready.steps, *steps), ready.findings, ready.tones
 
 
 def shared_or_whole(record: Record) -> tuple[Record, SharedMotions | None]:
@@ -433,6 +444,13 @@ def record_geometry(
             f"{given}: has no node {missing[0].node}, where {missing[0]} is measured; its nodes are {known}"
         )
     return geometry
+
+
+def _unit_of_length(geometry: Geometry | None) -> tuple[str, ...]:
+    """Words on the positions where their file says no unit of length, which modes.uff takes as m; else none."""
+    if geometry is None or geometry.has_unit:
+        return ()
+    return (f"{geometry.unit_words} So modes.uff says m; where they are in mm or ft, give `geometry` as a table in m",)
 
 
 def _missing(record: Record | SpectrumRecord | CorrelationRecord, geometry: Geometry) -> list[Dof]:

@@ -60,7 +60,7 @@ def _format_of(path: Path) -> FormatModule | LoggerFormat:
 
 
 def how_read(source: str, path: str | Path) -> str:
-    """What a reader says in `source`, of a record of the file `path`, of how it took the file; "" for nothing."""
+    """The reader's note on how it took the file `path`, cut from the record's `source`; "" without one."""
     return source.removeprefix(str(path)).partition("; ")[2] if source.startswith(str(path)) else ""
 
 

@@ -1,4 +1,4 @@
-"""Where the nodes of a test are and how lines join them, from universal files and CSV tables."""
+"""Geometry of a test: node positions and the lines that join them, from universal files and CSV tables."""
 
 from __future__ import annotations
 
@@ -40,6 +40,13 @@ class Geometry:
     lines: tuple[tuple[int, ...], ...] = field(default=())
     has_unit: bool = True
 
+    @property
+    def unit_words(self) -> str:
+        """Sentence on what the numbers count as where the file says no unit of length; else empty."""
+        if self.has_unit:
+            return ""
+        return "The file of the geometry says no unit of length (dataset 164): its numbers count as m."
+
     def __post_init__(self) -> None:
         """Raise `InputError` if a line joins a node without a position."""
         for line in self.lines:
@@ -80,7 +87,7 @@ def _read_universal_file(path: Path) -> Geometry:
 
 def _trace_line(path: Path, block: Block) -> tuple[int, ...]:
     """The node labels of a trace line, dataset 82."""
-    where, lines = f"{path}: dataset {block.place} (82)", block.lines
+    where, lines = f"{path}: dataset {block.ordinal} (82)", block.lines
     try:
         count = integers(lines[0], (10, 10, 10))[1]
         nodes = [int(line[column : column + 10]) for line in lines[2:] for column in range(0, len(line.rstrip()), 10)]

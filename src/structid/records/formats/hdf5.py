@@ -17,7 +17,7 @@ from structid.files.hdf5 import hdf5_attributes, hdf5_datasets, hdf5_fields
 from structid.records.formats.bare import Shapes, read_bare
 from structid.records.formats.layout import MARK, Field, fields_of, record_from
 from structid.records.formats.options import ReadOptions
-from structid.records.formats.selection import selected
+from structid.records.formats.selection import select_channels
 from structid.records.formats.stated import Statements, is_statement, statements_of
 from structid.records.record import FrfRecord, TimeRecord
 
@@ -38,10 +38,12 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     shapes: Shapes = {name: (dataset.shape, dataset.dtype) for name, dataset in hdf5_datasets(path).items()}
     if MARK in shapes:
         fields = hdf5_fields(path, [name for name in shapes if "/" not in name])
-        return selected(path, record_from(path, fields), options)
+        return select_channels(path, record_from(path, fields), options)
     attributes = hdf5_attributes(path)
     options, words = _with_stated_units(path, shapes, attributes, options)
-    loaded = hdf5_fields(path, _needed(shapes, {options.array, options.frequency_array, options.coherence_array}))
+    loaded = hdf5_fields(
+        path, _needed_datasets(shapes, {options.array, options.frequency_array, options.coherence_array})
+    )
     statements = attributes | statements_of(hdf5_fields(path, [name for name in shapes if is_statement(name)]))
     record = read_bare(path, shapes, lambda name: np.asarray(loaded[name]), options, statements)
     return replace(record, source=f"{record.source}; {words}") if words else record
@@ -52,8 +54,8 @@ def _with_stated_units(
 ) -> tuple[ReadOptions, str]:
     """Options with the units that attributes of the arrays state, and words on them; what was given must agree."""
     stated: dict[str, tuple[str, ...]] = {}
-    for place, value in attributes.items():
-        dataset, _, key = place.rpartition("@")
+    for address, value in attributes.items():
+        dataset, _, key = address.rpartition("@")
         if key.lower() in ("unit", "units", "unit_string") and isinstance(value, tuple):
             stated.setdefault(dataset, value)
     numeric = [name for name, (_, dtype) in shapes.items() if dtype.kind in "fciu"]
@@ -80,12 +82,12 @@ def _with_stated_units(
     return replace(options, **changes), ", ".join(words)
 
 
-def _agree(key: str, given: str | tuple[str, ...], stated: tuple[str, ...]) -> bool:
-    """True if the units `given` by an option are the units `stated` by a file, one for all or one for each channel."""
+def _agree(key: str, option: str | tuple[str, ...], stated: tuple[str, ...]) -> bool:
+    """True if the units `option` by an option are the units `stated` by a file, one for all or one for each channel."""
     parse: Callable[[str], object] = {"unit": parse_frf_unit, "units": parse_unit, "axis_unit": parse_frequency_unit}[
         key
     ]
-    texts = (given,) if isinstance(given, str) else given
+    texts = (option,) if isinstance(option, str) else option
     count = max(len(texts), len(stated))
     if len(texts) not in (1, count) or len(stated) not in (1, count):
         return False
@@ -96,7 +98,7 @@ def _agree(key: str, given: str | tuple[str, ...], stated: tuple[str, ...]) -> b
         return texts == stated
 
 
-def _needed(shapes: Shapes, wanted: set[str]) -> set[str]:
+def _needed_datasets(shapes: Shapes, wanted: set[str]) -> set[str]:
     """Datasets to load: those wanted by name; all of numbers unless the array was named."""
     named = {name for name in shapes if name in wanted}
     numeric = {name for name, (_, dtype) in shapes.items() if dtype.kind in "fciu"}

@@ -17,10 +17,10 @@ from structid.core.dof import Dof, as_dof, parse_dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
 from structid.core.units import Unit, parse_time_unit, parse_unit
 from structid.records.formats.bare import channel_units, require_same_rotation
-from structid.records.formats.gaps import Lines, sourced, whole
+from structid.records.formats.gaps import Lines, source_with_note, whole
 from structid.records.formats.headers import level_word, name_and_unit, other_unit_in_name, time_factor
 from structid.records.formats.options import ReadOptions, option_words
-from structid.records.formats.selection import selected
+from structid.records.formats.selection import select_channels
 from structid.records.record import FrfRecord, TimeRecord
 
 _SHOWN = 8
@@ -63,7 +63,7 @@ class NamedChannels:
     words: str = ""
     tells_all: bool = False
 
-    def place(self, j: int) -> str:
+    def locate(self, j: int) -> str:
         """Words on the position of channel `j` in the file."""
         if self.lines is None:
             return f"channel {self.number(j)} ({self.names[j]!r})"
@@ -78,37 +78,38 @@ class NamedChannels:
         return self.numbers[j] if self.numbers else j + 1
 
 
-def scale_of_times(place: str, name: str, unit: str, options: ReadOptions) -> float:
-    """Factor from times to s, by the column's name and unit or by the option `axis_unit`; `place` begins error messages.
+def scale_of_times(described: str, name: str, unit: str, options: ReadOptions) -> float:
+    """Factor from times to s, by the column's name and unit or by the option `axis_unit`; `described` begins error messages.
 
     Raises
     ------
     InputError
-        If nothing says their unit, the unit is none of times, or the option contradicts the file; `place` begins the message.
+        If nothing says their unit, the unit is none of times, or the option contradicts the file; `described` begins the message.
     """
     try:
         by_file = time_factor(name, unit)
     except InputError as error:
         raise InputError(
-            f"{place} holds times: {error}; or leave the column out and give `sampling_rate` and `columns`"
+            f"{described} holds times: {error}; or leave the column out and give `sampling_rate` and `columns`"
         ) from error
     if not options.axis_unit:
         if by_file is None:
             raise InputError(
-                f"{place} does not say the unit of its times; give {option_words(axis_unit='s')}", "axis_unit"
+                f"{described} does not say the unit of its times; give {option_words(axis_unit=None)}: s, ms, us or min",
+                "axis_unit",
             )
         return by_file
     with about("axis_unit"):
         by_user = parse_time_unit(options.axis_unit)
     if by_file is not None and abs(by_file / by_user - 1) > 1e-9:
         raise InputError(
-            f"{place} says the unit of its times, but `axis_unit` {options.axis_unit} was given; leave it out",
+            f"{described} says the unit of its times, but `axis_unit` {options.axis_unit} was given; leave it out",
             "axis_unit",
         )
     return by_user
 
 
-def chosen(path: Path, wanted: Sequence[str | int], names: Sequence[str], numbers: Sequence[int]) -> list[int]:
+def choose_columns(path: Path, wanted: Sequence[str | int], names: Sequence[str], numbers: Sequence[int]) -> list[int]:
     """Index of the column for each of `wanted`, a name (with its unit or without) or a number.
 
     Raises
@@ -142,7 +143,11 @@ def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRe
         If `channels` or `units` do not fit the file.
     """
     numbers = [source.number(j) for j in range(len(source.names))]
-    keep = chosen(source.path, options.columns, source.names, numbers) if options.columns else list(range(len(numbers)))
+    keep = (
+        choose_columns(source.path, options.columns, source.names, numbers)
+        if options.columns
+        else list(range(len(numbers)))
+    )
     if not keep:
         raise FileError(f"{source.path}: holds no channel besides its times; export the channels too")
     part = replace(
@@ -174,10 +179,12 @@ def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRe
         channels=channels,
         quantities=quantities,
         start=samples.start,
-        source=sourced(source.path, "; ".join(filter(None, (words, samples.note)))),
+        source=source_with_note(source.path, "; ".join(filter(None, (words, samples.note)))),
     )
     remaining = replace(chosen_here, columns=(), units=(), quantities=(), sampling_rate=None, axis_unit="")
-    return selected(source.path, record, replace(remaining, quantities=options.quantities if part.tells_all else ()))
+    return select_channels(
+        source.path, record, replace(remaining, quantities=options.quantities if part.tells_all else ())
+    )
 
 
 def _own_channels(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof, ...]:
@@ -188,7 +195,7 @@ def _own_channels(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof,
                 parse_dof(name_and_unit(part.names[j])[0])
             except InputError as error:
                 raise FileError(
-                    f"{part.path}: {part.place(j)}: {error}; or head a channel with degree of freedom and unit, as in"
+                    f"{part.path}: {part.locate(j)}: {error}; or head a channel with degree of freedom and unit, as in"
                     f" 12Z+ [m/s^2]; or say what each of the {len(part.names)} columns is by {_NAMED_BY} (choose with `columns`)"
                 ) from error
     return tuple(dof for dof in dofs if dof is not None)
@@ -220,13 +227,13 @@ def _units_of(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptio
             if unit is not None:
                 require_same_rotation(part.path, str(channels[j]), channels[j].is_rotation, unit.rotation)
         except InputError as error:
-            raise FileError(f"{part.path}: {part.place(j)}: {error}") from error
+            raise FileError(f"{part.path}: {part.locate(j)}: {error}") from error
         by_file.append(unit)
     if not options.units and not (options.quantities and not any(unit_texts)):
         for j, unit in enumerate(by_file):
             if unit is None:
                 raise FileError(
-                    f"{part.path}: {part.place(j)}: has no unit; head a channel with degree of freedom and unit, as in"
+                    f"{part.path}: {part.locate(j)}: has no unit; head a channel with degree of freedom and unit, as in"
                     ' 12Z+ [m/s^2], or give `units`, as in "g" for all or one a column'
                 )
         units = [unit for unit in by_file if unit is not None]
@@ -237,7 +244,7 @@ def _units_of(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptio
     for j, unit in enumerate(by_file):
         if unit is not None and (unit.quantity != quantities[j] or abs(unit.factor / factors[j] - 1) > 1e-9):
             raise InputError(
-                f"{part.path}: {part.place(j)}: is in {unit_texts[j]}, but `units` says another; leave `units` out, or correct it",
+                f"{part.path}: {part.locate(j)}: is in {unit_texts[j]}, but `units` says another; leave `units` out, or correct it",
                 "units",
             )
     return quantities, factors
@@ -262,7 +269,7 @@ def _require_names_agree(
         if text:
             other = "`units`" if options.units else part.told_units[j] or "SI"
             raise FileError(
-                f"{part.path}: {part.place(j)}: the name says {text!r}, and the channel is read in another unit ({other});"
+                f"{part.path}: {part.locate(j)}: the name says {text!r}, and the channel is read in another unit ({other});"
                 " correct one of them",
                 "units",
             )

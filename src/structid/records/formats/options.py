@@ -1,4 +1,4 @@
-"""What a file does not say about itself, and the user does."""
+"""Options of reading: what a file does not say about itself, said by the user."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LISTS = ("channels", "quantities", "units", "outputs", "inputs", "columns")
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """What is needed to read arrays that do not describe themselves, or a part of a file that does.
+    """Options to read arrays that do not describe themselves, or a part of a file that does.
 
     A list may also be given as one text with commas: ``channels="1Z+, 2Z+"``. Every field is a flag of the commands that
     read a record, and a key of ``[record]``.

@@ -36,7 +36,25 @@ _TIMES = {"t", "time", "times", "timevector", "zeit"}
 _NAMES = {"channels", "channelnames", "channellabels", "dofs", "labels", "names"}
 #: Names of angular frequencies.
 _ANGULAR = re.compile(r"omegas?|\u03c9|w|om|.*rad.*", re.IGNORECASE)
-_SCALES = {"scalefactor": 1.0, "addoffset": 0.0}
+#: Attributes by which stored values are multiplied or shifted, each with the value that leaves them as they are.
+_SCALES = {
+    **dict.fromkeys(
+        (
+            "scalefactor",
+            "scale",
+            "scaling",
+            "gain",
+            "slope",
+            "conversion",
+            "calibration",
+            "calibrationfactor",
+            "calfactor",
+        ),
+        1.0,
+    ),
+    **dict.fromkeys(("addoffset", "offset", "intercept", "dcoffset"), 0.0),
+}
+_SENSITIVITIES = {"sensitivity", "sensitivities", "sensorsensitivity"}
 #: Places below the parent of an array where structs of test software keep its unit and step.
 _LABELS, _INCREMENTS = (("quantity", "label"),), (("xvalues", "increment"),)
 _AGREE = 1e-3
@@ -47,7 +65,7 @@ _TIME_UNITS = (1.0, 1e-3, 1e-6)
 def is_statement(name: str) -> bool:
     """True if what stands at `name` may be a unit, a rate, a step or times."""
     plain = tuple(_plain(part) for part in _parts(name))
-    known = _UNITS | _RATES | _STEPS | _TIMES | _NAMES
+    known = _UNITS | _RATES | _STEPS | _TIMES | _NAMES | _SENSITIVITIES | _SCALES.keys()
     is_unit_of_array = plain[-1].endswith(("unit", "units"))
     return plain[-1] in known or is_unit_of_array or _with_unit(name) is not None or plain[-2:] in _LABELS + _INCREMENTS
 
@@ -88,8 +106,8 @@ def require_agreement(path: Path, array: str, n_points: int, statements: Stateme
     for name, value in statements.items():
         where = _parts(name)
         key, is_own = _key(where, parts), "@" in name and where[:-1] == parts
-        if key in _SCALES and is_own:
-            _require_unscaled(path, array, name, key, value)
+        if key in _SCALES or key in _SENSITIVITIES:
+            notes.append(_judge_scale(path, array, name, key, value, is_own, options))
         elif key in _UNITS and isinstance(value, tuple):
             notes.append(_compare_units(path, array, name, value, options))
         elif key in _NAMES and isinstance(value, tuple):
@@ -205,13 +223,40 @@ def _key(where: tuple[str, ...], array: tuple[str, ...]) -> str:
     return ""
 
 
-def _require_unscaled(path: Path, array: str, name: str, key: str, value: np.ndarray | tuple[str, ...]) -> None:
-    if isinstance(value, np.ndarray) and np.all(value == _SCALES[key]):
-        return
-    raise FileError(
-        f"{path}: array {array!r} is stored scaled: {name} is {np.ravel(np.asarray(value))[0]}; store the values themselves,"
-        " without that attribute"
-    )
+def _judge_scale(
+    path: Path,
+    array: str,
+    name: str,
+    key: str,
+    value: np.ndarray | tuple[str, ...],
+    is_own: bool,
+    options: ReadOptions,
+) -> str:
+    """A note on a factor, an offset or a sensitivity of an array that is not applied; "" where it changes nothing.
+
+    Raises `FileError` where it is an attribute of the array itself; a sensitivity may stand beside units that say what samples are.
+    """
+    try:
+        numbers = np.ravel(value).astype(float)
+    except ValueError:  # words, or a date
+        return ""
+    if np.all(numbers == _SCALES.get(key, 1.0)):
+        return ""
+    shown = f"{name} is {', '.join(f'{number:g}' for number in numbers[:3])}{' ...' if numbers.size > 3 else ''}"
+    if key in _SENSITIVITIES:
+        given = (options.unit,) if options.frequency_array else options.units
+        if any(" at " in unit for unit in given):
+            return ""
+        if is_own and not any(given):
+            raise InputError(
+                f"{path}: array {array!r} has a sensitivity, {shown}; say what its samples are: {option_words(units=None)}, as in"
+                ' "V at 100 mV/g" for voltages'
+            )
+    elif is_own:
+        raise FileError(
+            f"{path}: array {array!r} is stored scaled: {shown}; store the values themselves, without that attribute"
+        )
+    return f"{shown}, which is not applied"
 
 
 def _compare_units(path: Path, array: str, name: str, texts: tuple[str, ...], options: ReadOptions) -> str:

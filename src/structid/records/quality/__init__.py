@@ -1,1 +1,1 @@
-"""What is wrong with a record, and records made ready for identification."""
+"""Checks of records, and preparation of records for identification."""

@@ -1,4 +1,4 @@
-"""What a look at a record found: kind, place, words with numbers and remedy, and how bad it is."""
+"""Findings about a record: kind, channels, words with numbers and remedy, and severity."""
 
 from __future__ import annotations
 

@@ -15,14 +15,15 @@ from structid.records.quality.linear_phase import (
     PASS,
     Fir,
     band_filter,
-    decimated,
+    decimate,
     decimation_filter,
-    filtered,
+    filter_without_delay,
     rate_ratio,
 )
-from structid.records.quality.sample_faults import filled, spikes
+from structid.records.quality.sample_faults import fill_missing, spikes
 from structid.records.quality.signal_checks import lost_samples, signal_checks
 from structid.records.record import TimeRecord
+from structid.records.transforms.tones import Tone, remove_tones
 
 Repair = Literal["report", "replace", "none"]
 _LEAST = 16  # samples that must be left
@@ -30,7 +31,7 @@ _LEAST = 16  # samples that must be left
 
 @dataclass(frozen=True)
 class Preparation:
-    """What is done to a time record before modes or parameters are looked for; the default looks and takes off means.
+    """Preparation of a time record before modes or parameters are identified; by default checks, and means removed.
 
     Parameters
     ----------
@@ -51,6 +52,8 @@ class Preparation:
         Samples of the longest drop-out that is replaced; longer ones stay and are named.
     edges : {"drop", "keep"}
         Samples within half a filter of either end, which hold the motion cut off there as if it were 0.
+    remove_tones : sequence of float or "auto", optional
+        Tones of machines that are taken off all motions (`remove_tones`): Hz, or those that stand out.
 
     Raises
     ------
@@ -67,6 +70,7 @@ class Preparation:
     dropouts: Repair = "report"
     longest_gap: int = 10
     edges: Literal["drop", "keep"] = "drop"
+    remove_tones: Sequence[float] | Literal["auto"] | None = None
 
     def __post_init__(self) -> None:
         """Check the fields."""
@@ -100,15 +104,18 @@ class Prepared:
         What was done, in order, in words with numbers.
     findings : tuple of Finding
         What was wrong with the record as given (after `interval` and `channels`), and what the filters do.
+    tones : tuple of Tone
+        What `remove_tones` took off.
     """
 
     record: TimeRecord
     steps: tuple[str, ...]
     findings: tuple[Finding, ...]
+    tones: tuple[Tone, ...] = ()
 
 
 def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepared:
-    """`record` cut, repaired, detrended, decimated and filtered, in this order.
+    """`record` cut, repaired, detrended, decimated, freed of tones and filtered, in this order.
 
     Parameters
     ----------
@@ -154,12 +161,13 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
     off = {"spikes": wanted.outliers, "drop_out": wanted.dropouts, "late_start": wanted.dropouts}
     found = [finding for finding in found if off.get(finding.kind) != "none"]
     replaced = wanted.dropouts == "replace", wanted.outliers == "replace"
-    result, repairs = repaired(result, *replaced, longest_gap=wanted.longest_gap)
+    result, repairs = repair_samples(result, *replaced, longest_gap=wanted.longest_gap)
     steps += repairs
     result = _remove_trend(result, wanted.detrend, steps)
     result = _decimate(result, wanted, steps)
+    result, tones = _remove_tones(result, wanted, steps, found)
     result = _filter_band(result, wanted, steps, found)
-    return Prepared(result, tuple(steps), tuple(found))
+    return Prepared(result, tuple(steps), tuple(found), tones)
 
 
 def _require_rate(record: TimeRecord, wanted: Preparation) -> None:
@@ -221,7 +229,9 @@ def _cut_interval(record: TimeRecord, wanted: Preparation, steps: list[str]) -> 
     return replace(record, values=record.values[keep], start=float(first))
 
 
-def repaired(record: TimeRecord, dropouts: bool, outliers: bool, longest_gap: int = 10) -> tuple[TimeRecord, list[str]]:
+def repair_samples(
+    record: TimeRecord, dropouts: bool, outliers: bool, longest_gap: int = 10
+) -> tuple[TimeRecord, list[str]]:
     """`record` with drop-outs up to `longest_gap` samples, then spikes, replaced by cubics, and a list of what was done.
 
     Spikes in force channels stay: impacts look alike.
@@ -235,7 +245,7 @@ def repaired(record: TimeRecord, dropouts: bool, outliers: bool, longest_gap: in
             for start, stop in lost:
                 flags[start:stop] = stop - start <= longest_gap
             if flags.any():
-                values[:, i] = filled(values[:, i], flags)
+                values[:, i] = fill_missing(values[:, i], flags)
                 steps.append(
                     f"{flags.sum()} of {n} samples of channel {name} invented: drop-outs, by cubic interpolation"
                 )
@@ -248,7 +258,7 @@ def repaired(record: TimeRecord, dropouts: bool, outliers: bool, longest_gap: in
         if outliers and record.quantities[i] != "force":
             flags = spikes(values[:, i])
             if flags.any():
-                values[:, i] = filled(values[:, i], flags)
+                values[:, i] = fill_missing(values[:, i], flags)
                 steps.append(f"{flags.sum()} of {n} samples of channel {name} invented: spikes, by cubic interpolation")
     return (replace(record, values=values) if steps else record), steps
 
@@ -280,7 +290,7 @@ def _decimate(record: TimeRecord, wanted: Preparation, steps: list[str]) -> Time
     new_rate = record.sampling_rate * ratio.numerator / ratio.denominator
     fir = decimation_filter(record.sampling_rate, ratio)
     _require_longer(record, fir)
-    values, dropped = decimated(record.values, ratio, fir, wanted.edges == "keep")
+    values, dropped = decimate(record.values, ratio, fir, wanted.edges == "keep")
     factor = f"{ratio.denominator}" + (f"/{ratio.numerator}" if ratio.numerator > 1 else "")
     steps.append(
         f"decimated by {factor} to {new_rate:g} Hz (FIR of {len(fir.taps)} taps, flat to {PASS * new_rate / 2:g} Hz, -3 dB at "
@@ -292,6 +302,25 @@ def _decimate(record: TimeRecord, wanted: Preparation, steps: list[str]) -> Time
     return replace(record, values=values, sampling_rate=new_rate, start=start, variance=variance)
 
 
+def _remove_tones(
+    record: TimeRecord, wanted: Preparation, steps: list[str], findings: list[Finding]
+) -> tuple[TimeRecord, tuple[Tone, ...]]:
+    """`record` without tones, and these; steps are appended to `steps`, and a finding for each tone that is not there."""
+    if wanted.remove_tones is None:
+        return record, ()
+    asked = wanted.remove_tones
+    if not isinstance(asked, str) and wanted.sampling_rate is not None:
+        beyond = [f for f in asked if f >= record.sampling_rate / 2]
+        steps += [f"the tone at {f:g} Hz lies above half the sampling rate after decimation" for f in beyond]
+        asked = [f for f in asked if f < record.sampling_rate / 2]
+    result = remove_tones(record, asked)
+    steps += [tone.words for tone in result.tones]
+    if not result.tones and isinstance(asked, str):
+        steps.append("no tone stands out: none is taken off")
+    findings += [Finding("tone", words, "warning") for words in result.absent]
+    return result.record, result.tones
+
+
 def _filter_band(record: TimeRecord, wanted: Preparation, steps: list[str], findings: list[Finding]) -> TimeRecord:
     """`record` filtered to the wanted band; the step is appended to `steps` and a note to `findings`."""
     if wanted.band is None or wanted.band == (None, None):
@@ -299,7 +328,7 @@ def _filter_band(record: TimeRecord, wanted: Preparation, steps: list[str], find
     low, high = wanted.band[0] or 0.0, wanted.band[1] or record.sampling_rate / 2
     fir = band_filter(low, high, record.sampling_rate)
     _require_longer(record, fir)
-    values, dropped = filtered(record.values, fir, wanted.edges == "keep")
+    values, dropped = filter_without_delay(record.values, fir, wanted.edges == "keep")
     ends = [f"{f:g}" for f in wanted.band if f is not None]
     what = "band-pass" if len(ends) == 2 else "high-pass" if wanted.band[0] is not None else "low-pass"
     cut = [

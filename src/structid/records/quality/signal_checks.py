@@ -1,4 +1,4 @@
-"""What is wrong with a record before anything is computed from it: channels, samples, spectrum, length."""
+"""Checks of a record before anything is computed from it: channels, samples, spectrum, length."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the spectra of a record give away: too few periods, aliasing, lines of the mains."""
+"""Checks of the spectra of a record: too few periods, aliasing, lines of the mains."""
 
 from __future__ import annotations
 
@@ -186,15 +186,15 @@ def _mains(record: TimeRecord, motion: list[int]) -> list[Finding]:
 
 
 def _harmonic_at(
-    record: TimeRecord, motion: list[int], lines: FloatArray, power: FloatArray, at: float
+    record: TimeRecord, motion: list[int], lines: FloatArray, power: FloatArray, frequency: float
 ) -> Finding | None:
-    """Finding on a line of steady amplitude at `at` Hz, or None; `power` (n_lines, n_channels) belongs to `lines` in Hz."""
+    """Finding on a line of steady amplitude at `frequency` Hz, or None; `power` (n_lines, n_channels) belongs to `lines` in Hz."""
     from scipy.stats import chi2
 
     spacing = lines[1] - lines[0]
     averages = 0.9 * 2 * len(record.values) / record.sampling_rate * spacing
-    nearby = np.flatnonzero(np.abs(lines - at) <= max(0.1, 1.5 * spacing))
-    around = (np.abs(lines - at) > 4 * spacing) & (np.abs(lines - at) < 30 * spacing)
+    nearby = np.flatnonzero(np.abs(lines - frequency) <= max(0.1, 1.5 * spacing))
+    around = (np.abs(lines - frequency) > 4 * spacing) & (np.abs(lines - frequency) < 30 * spacing)
     top = nearby[power[nearby].argmax(axis=0)], np.arange(len(motion))
     height = power[top] / np.median(power[around], axis=0)
     limit = chi2.isf(_RARE, 2 * averages) / chi2.isf(0.5, 2 * averages)
@@ -202,13 +202,15 @@ def _harmonic_at(
     peaks = (height > 2 * limit) & (skirt < 0.1 * power[top])
     if not peaks.any():
         return None
-    steady = harmonic_indicator(record, at, min(max(0.5, 40 * record.sampling_rate / len(record.values)), 8.0))[motion]
+    steady = harmonic_indicator(record, frequency, min(max(0.5, 40 * record.sampling_rate / len(record.values)), 8.0))[
+        motion
+    ]
     hits = np.flatnonzero(peaks & (steady < _HARMONIC))
     if not len(hits):
         return None
     worst = int(hits[height[hits].argmax()])
     words = (
-        f"{len(hits)} channels show a line of steady amplitude at {at:g} Hz, at most {10 * np.log10(height[worst]):.0f} dB "
+        f"{len(hits)} channels show a line of steady amplitude at {frequency:g} Hz, at most {10 * np.log10(height[worst]):.0f} dB "
         f"above the spectrum around it ({channel_name(record, motion[worst])}, kurtosis {steady[worst]:.2f} where 1.5 is a "
         "harmonic and 3 a mode): the mains, no mode; mend the grounding, or keep it out of the `band`"
     )

@@ -1,4 +1,4 @@
-"""Whether segments and window of averaged spectra leave leakage at resonances."""
+"""Check of averaged spectra for leakage at resonances, by the length of their segments and their window."""
 
 from __future__ import annotations
 

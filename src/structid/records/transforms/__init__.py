@@ -1,1 +1,1 @@
-"""From time histories to spectra and frequency response functions."""
+"""Transforms of time histories to spectra and frequency response functions."""

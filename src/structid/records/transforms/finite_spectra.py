@@ -100,7 +100,7 @@ class FiniteSpectra:
 
     @cached_property
     def input_powers(self) -> ComplexArray:
-        """What each input holds over what acts: 1 of forces, s^2 of accelerations of supports; (n_frequencies, n_inputs)."""
+        """Recorded inputs over acting ones: 1 for forces, s^2 for support accelerations; (n_frequencies, n_inputs)."""
         return self.laplace[:, None] ** (2 * self.driven)[None, :]
 
     @property

@@ -103,14 +103,14 @@ def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) 
     )
 
 
-def _smooth_best_kind(record: FrfRecord, laplace: ComplexArray, own: float) -> tuple[ComplexArray, FloatArray]:
+def _smooth_best_kind(record: FrfRecord, laplace: ComplexArray, std: float) -> tuple[ComplexArray, FloatArray]:
     """Smoothed values in the record's kind and E|error|^2, taken from the kind of FRF with the least error at each value.
 
-    `laplace` are s = decay + i omega, (n_lines,); `own` is the decay of the record itself.
+    `laplace` are s = decay + i omega, (n_lines,); `std` is the decay of the record itself.
     """
     if record.is_per_motion:  # as accelerance, it is bounded at 0 and tends to a real limit
         record = replace(record, kind="accelerance")
-    relative = laplace - own
+    relative = laplace - std
     values = np.zeros((len(laplace), *record.values.shape[1:]), dtype=np.complex128)
     variance = np.full(values.shape, np.inf)
     kinds: tuple[FrfKind, ...] = ("receptance", "mobility", "accelerance")

@@ -118,7 +118,7 @@ def frf_from_time(
     _require_separable(spectra, count, loads, frequency)
     if estimator != "H1":
         _require_moving(spectra, sensors, frequency)
-    values, coherence, variance = estimated(spectra, estimator, averages)
+    values, coherence, variance = estimate_frf(spectra, estimator, averages)
     orders = [DERIVATIVES[KINDS[most]] - DERIVATIVES[KINDS[one]] for one in measured]
     if any(orders):
         factor = (2j * np.pi * frequency[:, None, None]) ** np.array(orders)[:, None]
@@ -149,7 +149,7 @@ def _are_supports(record: TimeRecord, inputs: tuple[Dof, ...]) -> bool:
 def _loads_and_sensors(
     record: TimeRecord, inputs: tuple[Dof, ...], outputs: tuple[Dof, ...]
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
-    """Those given, or by their quantities: forces are loads, motions are sensors."""
+    """Loads and sensors as given, or by their quantities: forces are loads, motions are sensors."""
     pairs = list(zip(record.channels, record.quantities, strict=True))
     forces, supports = ([dof for dof, own in pairs if own == name] for name in ("force", "support_acceleration"))
     loads = inputs or tuple(forces or supports)
@@ -347,7 +347,7 @@ def segment_transforms(
             yield np.fft.rfft(part * weights[:, None], axis=0)
 
 
-def estimated(
+def estimate_frf(
     spectra: Spectra, estimator: Estimator, averages: float
 ) -> tuple[ComplexArray, FloatArray, FloatArray | None]:
     """FRF values, coherence and variance (None with too few averages), (n_lines, n_outputs, n_inputs) each.

@@ -1,4 +1,4 @@
-"""What became of every element: relative changes by kind of property, and how a drawing shades them."""
+"""Relative changes of every element by kind of property, and their shading in a drawing."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Shading:
 
 @dataclass(frozen=True)
 class Look:
-    """How an element is drawn: its colour, whether the shading says something of it, and whether it is in doubt."""
+    """Appearance of a drawn element: its colour, whether it is shaded, and whether its change is in doubt."""
 
     colour: str = palette.KNOWN
     is_unknown: bool = False

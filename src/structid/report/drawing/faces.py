@@ -133,10 +133,10 @@ def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: 
     return frozenset(labels[covered].tolist()) | (own - seen)
 
 
-def _inside(corners: FloatArray, at: FloatArray) -> np.ndarray:
-    """Mask (n,) of the points `at` (n, 2) that lie in the convex polygon `corners` (m, 2)."""
+def _inside(corners: FloatArray, points: FloatArray) -> np.ndarray:
+    """Mask (n,) of the points `points` (n, 2) that lie in the convex polygon `corners` (m, 2)."""
     sides = np.roll(corners, -1, axis=0) - corners
-    away = at[:, None] - corners
+    away = points[:, None] - corners
     turns = sides[:, 0] * away[:, :, 1] - sides[:, 1] * away[:, :, 0]
     return np.asarray((turns >= 0).all(axis=1) | (turns <= 0).all(axis=1))
 

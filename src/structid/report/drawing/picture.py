@@ -1,4 +1,4 @@
-"""What a drawing of a structure consists of, in drawing units, and how space is laid on paper."""
+"""Parts of a drawing of a structure, in drawing units, and the projection of space to paper."""
 
 from __future__ import annotations
 
@@ -82,9 +82,9 @@ def curve(path: FloatArray, pen: plot.Pen, label: str = "") -> plot.Curve:
     return plot.Curve(path[:, 0], path[:, 1], pen, label=label)
 
 
-def points(places: FloatArray, texts: tuple[str, ...], marker: plot.Marker = plot.UNSEEN) -> plot.Curve:
-    """Points at `places`, (n, 2), that answer to the mouse."""
-    return plot.Curve(places[:, 0], places[:, 1], None, marker, hover=texts)
+def points(positions: FloatArray, texts: tuple[str, ...], marker: plot.Marker = plot.UNSEEN) -> plot.Curve:
+    """Points at `positions`, (n, 2), that answer to the mouse."""
+    return plot.Curve(positions[:, 0], positions[:, 1], None, marker, hover=texts)
 
 
 def is_spatial(structure: Structure) -> bool:

@@ -34,58 +34,62 @@ def comparison_figures(result: ComparisonResult) -> dict[str, plot.Figure]:
     return figures
 
 
-def changes_figure(found: Comparison) -> plot.Figure:
+def changes_figure(comparison: Comparison) -> plot.Figure:
     """Relative change of every parameter with its 95 % interval, over its detection limit."""
-    place, limit = np.arange(len(found.names), dtype=float), 100 * _axis_limit(found)
-    ratio, std = 100 * found.relative_change, 100 * found.relative_std
-    seen, half = np.isfinite(std), 100 * found.relative_detection_limit
+    place, limit = np.arange(len(comparison.names), dtype=float), 100 * _axis_limit(comparison)
+    ratio, std = 100 * comparison.relative_change, 100 * comparison.relative_std
+    seen, half = np.isfinite(std), 100 * comparison.relative_detection_limit
     at, middle, tail = place[seen], ratio[seen], NORMAL_95 * std[seen]
-    below = f"below the detection limit ({percent(found.power, 2, signed=False)} power)"
+    below = f"below the detection limit ({percent(comparison.power, 2, signed=False)} power)"
     traces: list[plot.Trace] = [
         plot.boxes((-half[seen], half[seen]), (at - 0.36, at + 0.36), palette.GRID, below),
         plot.segments((0.0, 0.0), (-0.6, len(place) - 0.4), plot.Pen(palette.MUTED)),
         plot.segments((middle - tail, middle + tail), (at, at), plot.Pen(palette.INK, 1.8), "95 % interval"),
     ]
-    rows = zip(found.names, found.relative_change, found.relative_std, strict=True)
+    rows = zip(comparison.names, comparison.relative_change, comparison.relative_std, strict=True)
     texts = [f"{name}: {percent(change)}, std {percent(spread, 2, signed=False)}" for name, change, spread in rows]
     edge = plot.Pen(palette.INK, 1.2)
     for which, marker, label in (
-        (seen & ~found.changed, plot.Marker("circle", 8.0, "white", edge), "no change declared"),
-        (seen & found.changed, plot.Marker("diamond", 9.0, palette.FITTED, edge), "change declared"),
+        (seen & ~comparison.changed, plot.Marker("circle", 8.0, "white", edge), "no change declared"),
+        (seen & comparison.changed, plot.Marker("diamond", 9.0, palette.FITTED, edge), "change declared"),
         (~seen, plot.Marker("x-thin", 8.0, "", plot.Pen(palette.MUTED)), "not determined"),
     ):
         words = tuple(text for text, chosen in zip(texts, which, strict=True) if chosen)
         traces.append(plot.Curve(np.where(seen, ratio, 0.0)[which], place[which], None, marker, label, words))
     x = plot.Axis("change as a part of the baseline", "%", (-limit, limit))
-    return plot.Figure((plot.panel(x, plot.rows_axis(found.names), *traces),), plot.rows_size(len(place)))
+    return plot.Figure((plot.panel(x, plot.rows_axis(comparison.names), *traces),), plot.rows_size(len(place)))
 
 
-def _axis_limit(found: Comparison) -> float:
+def _axis_limit(comparison: Comparison) -> float:
     """Largest relative change on the axis, chosen to hold all changes and most intervals."""
-    reach = np.abs(found.relative_change) + NORMAL_95 * found.relative_std
+    reach = np.abs(comparison.relative_change) + NORMAL_95 * comparison.relative_std
     reach = reach[np.isfinite(reach)]
     if not reach.size:
         return 1.0
-    return float(min(1.15 * reach.max(), max(1.5 * np.nanmax(np.abs(found.relative_change)), 4 * np.median(reach))))
+    return float(
+        min(1.15 * reach.max(), max(1.5 * np.nanmax(np.abs(comparison.relative_change)), 4 * np.median(reach)))
+    )
 
 
-def map_figure(found: Comparison, drawn: Drawn) -> plot.Figure:
+def map_figure(comparison: Comparison, drawn: Drawn) -> plot.Figure:
     """The structure, each element in the colour of the change that is declared for it; without one it is white."""
-    shown = (_shading(found, drawn, name, kinds) for name, kinds in KINDS.items())
+    shown = (_shading(comparison, drawn, name, kinds) for name, kinds in KINDS.items())
     picture = structure_picture(drawn.structure, drawn.outputs, drawn.inputs)
     return structure_figure(picture, tuple(shade for shade in shown if shade is not None))
 
 
-def _shading(found: Comparison, drawn: Drawn, name: str, kinds: tuple[str, ...]) -> Shading | None:
+def _shading(comparison: Comparison, drawn: Drawn, name: str, kinds: tuple[str, ...]) -> Shading | None:
     """Shading of elements by declared changes of one kind of property; None if none was compared."""
-    place = {label: i for i, label in enumerate(found.names)}
+    place = {label: i for i, label in enumerate(comparison.names)}
     changes: Changes = {}
     for item in properties_of(drawn.structure, kinds):
         for key, _, columns in elements_of(item, drawn.parameters.design.tocsr()):
             names = [drawn.parameters.names[c] for c in columns]
             for i in (place[label] for label in names if label in place):
-                ratio = float(found.relative_change[i]) if found.changed[i] else 0.0
-                change = Change(ratio, bool(np.isfinite(found.p_values[i])), f"{found.names[i]}: {percent(ratio)}")
+                ratio = float(comparison.relative_change[i]) if comparison.changed[i] else 0.0
+                change = Change(
+                    ratio, bool(np.isfinite(comparison.p_values[i])), f"{comparison.names[i]}: {percent(ratio)}"
+                )
                 if key not in changes or abs(ratio) > abs(changes[key].ratio):
                     changes[key] = change
     if not changes:

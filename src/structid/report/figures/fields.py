@@ -18,17 +18,17 @@ from structid.report.figures.structure import structure_figure
 from structid.report.rendering import plot
 
 
-def field_figures(found: Identification) -> dict[str, plot.Figure]:
+def field_figures(identification: Identification) -> dict[str, plot.Figure]:
     """Figures by property name for element properties with three or more parameters over a mesh."""
-    estimate, unknown, own = found.estimate, found.parameters, found.own_index
-    records = [fit.problem.record for fit in found.fits]
+    estimate, unknown, own = identification.estimate, identification.parameters, identification.own_index
+    records = [fit.problem.record for fit in identification.fits]
     before, after = unknown.values(estimate.initial[own]), unknown.values(estimate.values[own])
     design = unknown.design.tocsr()
     sensors = tuple(dict.fromkeys(dof for record in records for dof in record.outputs))
     loads = tuple(dict.fromkeys(dof for record in records for dof in record.inputs))
-    drawn = structure_picture(found.structure, sensors, loads, is_field=True)
+    drawn = structure_picture(identification.structure, sensors, loads, is_field=True)
     figures = {}
-    for item in found.structure.properties:
+    for item in identification.structure.properties:
         part = design[item.values.start : item.values.stop]
         if len(np.unique(part.indices)) < 3:
             continue

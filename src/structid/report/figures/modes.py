@@ -37,9 +37,9 @@ class ModeRows:
     mac: FloatArray
 
 
-def mode_rows(found: Identification | RecordFit) -> ModeRows:
+def mode_rows(fit: Identification | RecordFit) -> ModeRows:
     """Frequencies, damping ratios and MAC of the modes of initial and identified model."""
-    before, after = found.modes_initial, found.modes
+    before, after = fit.modes_initial, fit.modes
     n = min(len(before.frequency), len(after.frequency))
     x, y = before.mode_shapes[:, :n], after.mode_shapes[:, :n]
     size = (x**2).sum(axis=0) * (y**2).sum(axis=0)

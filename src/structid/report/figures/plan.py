@@ -19,33 +19,33 @@ _COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)
 _OFF_SCALE = 1e3
 
 
-def plan_figures(found: Plan) -> dict[str, plot.Figure]:
+def plan_figures(plan: Plan) -> dict[str, plot.Figure]:
     """Figures of a test plan by name: chosen places, effective independence, standard deviations, and lines."""
-    figures = {"plan_places": _places(found, found.chosen)}
-    if found.kammer is not None and set(found.kammer.sensors) != set(found.chosen.sensors):
-        figures["plan_effective_independence"] = _places(found, found.kammer)
-    figures["plan_std"] = std_figure(found)
-    if found.frequencies is not None:
-        figures["plan_lines"] = lines_figure(found, found.frequencies)
+    figures = {"plan_places": _places(plan, plan.chosen)}
+    if plan.kammer is not None and set(plan.kammer.sensors) != set(plan.chosen.sensors):
+        figures["plan_effective_independence"] = _places(plan, plan.kammer)
+    figures["plan_std"] = std_figure(plan)
+    if plan.frequencies is not None:
+        figures["plan_lines"] = lines_figure(plan, plan.frequencies)
     return figures
 
 
-def compared(found: Plan) -> tuple[PlannedTest, ...]:
+def compared_tests(plan: Plan) -> tuple[PlannedTest, ...]:
     """The tests whose parameters are shown one by one: before, after, and what is possible at most."""
-    tests = (found.installed, found.chosen, found.frequencies, found.everything)
+    tests = (plan.installed, plan.chosen, plan.frequencies, plan.everything)
     return tuple(test for test in tests if test is not None)
 
 
-def _places(found: Plan, test: PlannedTest) -> plot.Figure:
-    worst = f"worst std {percent_text(test.worst_std)} ({found.parameters.names[test.worst]})"
+def _places(plan: Plan, test: PlannedTest) -> plot.Figure:
+    worst = f"worst std {percent_text(test.worst_std)} ({plan.parameters.names[test.worst]})"
     title = f"{test.label}: {plural(len(test.sensors), 'sensor')}, {plural(len(test.loads), 'load')}; {worst}"
-    return structure_figure(structure_picture(found.structure, test.sensors, test.loads), title=title)
+    return structure_figure(structure_picture(plan.structure, test.sensors, test.loads), title=title)
 
 
-def std_figure(found: Plan) -> plot.Figure:
+def std_figure(plan: Plan) -> plot.Figure:
     """Figure of the predicted relative standard deviation of every parameter, one marker for each test."""
-    tests, target = compared(found), found.options.target
-    of_interest = zip(found.parameters.names, found.chosen.of_interest, strict=True)
+    tests, target = compared_tests(plan), plan.options.target
+    of_interest = zip(plan.parameters.names, plan.chosen.of_interest, strict=True)
     names = [name + ("" if counts else " (nuisance)") for name, counts in of_interest]
     shown = [np.where(np.isnan(test.std), np.inf, test.std) for test in tests]
     finite = [std[np.isfinite(std) & (std < _OFF_SCALE)] for std in shown]
@@ -80,9 +80,9 @@ def _limits(finite: np.ndarray) -> tuple[float, float]:
     return float(low), float(max(10.0 ** np.ceil(np.log10(finite.max() * 1.2)), 10 * low))
 
 
-def lines_figure(found: Plan, chosen: PlannedTest) -> plot.Figure:
+def lines_figure(plan: Plan, chosen: PlannedTest) -> plot.Figure:
     """Figure of the chosen frequency lines over the response of the initial model at the chosen sensors."""
-    frequency, magnitude = _response(found, found.chosen.sensors, found.chosen.loads)
+    frequency, magnitude = _response(plan, plan.chosen.sensors, plan.chosen.loads)
     at = np.interp(chosen.frequency, frequency, magnitude)
     spread = np.diff(np.log(np.maximum(frequency, np.finfo(float).tiny)))
     even = len(spread) > 1 and float(np.ptp(spread)) < 1e-6
@@ -90,20 +90,20 @@ def lines_figure(found: Plan, chosen: PlannedTest) -> plot.Figure:
     dots = plot.Marker("circle", 6.5, palette.VERMILLION, plot.Pen("white", 0.7))
     panel = plot.panel(
         plot.Axis("frequency", "Hz", log=even),
-        plot.Axis(f"{found.options.kind} (SI units)", limits=plot.decade_limits(magnitude), log=True),
+        plot.Axis(f"{plan.options.kind} (SI units)", limits=plot.decade_limits(magnitude), log=True),
         plot.Curve(frequency, magnitude, plot.Pen(palette.INK, 1.6), label=label, hover=plot.NUMBERS),
         plot.Curve(np.asarray(chosen.frequency), at, None, dots, f"{len(at)} chosen lines", plot.NUMBERS),
     )
     return plot.Figure((panel,), (860.0, 360.0))
 
 
-def _response(found: Plan, sensors: tuple[Dof, ...], loads: tuple[Dof, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _response(plan: Plan, sensors: tuple[Dof, ...], loads: tuple[Dof, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (Hz) and root-mean-square FRF magnitude of the initial model at these sensors and loads."""
     from structid.forward.frf.response import response
     from structid.records import FrfRecord
 
-    frequency = np.asarray(found.options.frequency)
+    frequency = np.asarray(plan.options.frequency)
     blank = np.zeros((len(frequency), len(sensors), len(loads)), dtype=np.complex128)
-    record = FrfRecord(frequency, blank, sensors, loads, found.options.kind)
-    values = response(found.structure, found.parameters, record).values_at(found.parameters.start)
+    record = FrfRecord(frequency, blank, sensors, loads, plan.options.kind)
+    values = response(plan.structure, plan.parameters, record).values_at(plan.parameters.start)
     return frequency, np.sqrt(np.mean(np.abs(values) ** 2, axis=(1, 2)))

@@ -20,9 +20,9 @@ _MOST_PANELS = 9
 _DECADES = 1e-5
 
 
-def frf_figure(found: Prediction | PredictedChange) -> plot.Figure:
+def frf_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
     """Figure of predicted FRF magnitudes with probability bands, one channel at a time."""
-    parts = _shown(found)
+    parts = _shown(prediction)
     first = next(iter(parts.values()))
     axes = first.quantity.axes
     frequency = np.asarray(axes["frequency"], dtype=float)
@@ -50,9 +50,9 @@ def frf_figure(found: Prediction | PredictedChange) -> plot.Figure:
     )
 
 
-def history_figure(found: Prediction | PredictedChange) -> plot.Figure:
+def history_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
     """Figure of predicted time histories with probability bands, one sensor at a time."""
-    parts = _shown(found)
+    parts = _shown(prediction)
     first = next(iter(parts.values()))
     axes = first.quantity.axes
     time = np.asarray(axes["time"], dtype=float)
@@ -75,9 +75,9 @@ def history_figure(found: Prediction | PredictedChange) -> plot.Figure:
     )
 
 
-def spectrum_figure(found: Prediction | PredictedChange) -> plot.Figure:
+def spectrum_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
     """Figure of predicted spectral densities with probability bands, one output at a time."""
-    parts = _shown(found)
+    parts = _shown(prediction)
     first = next(iter(parts.values()))
     frequency, units = np.asarray(first.quantity.axes["frequency"], dtype=float), first.quantity.units
     panels = []
@@ -102,10 +102,10 @@ def _figure(panels: list[plot.Panel], label: str, caption: str) -> plot.Figure:
     return plot.Figure(tuple(panels), (900.0, 420.0), caption=caption, choice=plot.Choice(label, shown, (420.0, 260.0)))
 
 
-def _shown(found: Prediction | PredictedChange) -> dict[str, Prediction]:
-    if isinstance(found, PredictedChange):
-        return {"before the change": found.before, "after the change": found.after}
-    return {"predicted": found}
+def _shown(prediction: Prediction | PredictedChange) -> dict[str, Prediction]:
+    if isinstance(prediction, PredictedChange):
+        return {"before the change": prediction.before, "after the change": prediction.after}
+    return {"predicted": prediction}
 
 
 def _coloured(parts: dict[str, Prediction]) -> list[tuple[str, str, Prediction]]:

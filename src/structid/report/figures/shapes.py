@@ -103,9 +103,7 @@ def _placed(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry)
     largest = np.sqrt((np.abs(motion) ** 2).sum(axis=2)).max(axis=1, initial=0.0)
     diagonal = float(np.linalg.norm(np.ptp(rest, axis=0))) or 1.0
     motion *= (_AMPLITUDE * diagonal / np.where(largest > 0, largest, 1.0))[:, None, None]
-    notes = []
-    if not geometry.has_unit:
-        notes.append("The file of the geometry says no unit of length (dataset 164): its numbers count as m.")
+    notes = [geometry.unit_words] if geometry.unit_words else []
     if len(seen) < len(nodes):
         notes.append("Grey points have no sensor: they stand still in the drawing, whatever the structure does there.")
     if turning:
@@ -118,10 +116,10 @@ def _placed(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry)
     return Scene(rest, motion, labels, _equal_axes(rest, motion, used), measured, still, tuple(notes))
 
 
-def _equal_axes(rest: FloatArray, motion: ComplexArray, used: list[int]) -> tuple[plot.Axis, ...]:
+def _equal_axes(positions: FloatArray, motion: ComplexArray, used: list[int]) -> tuple[plot.Axis, ...]:
     """Axes with equal margins (m) that hold every mode at every phase."""
     reach = np.abs(motion).max(axis=0)
-    low, high = (rest - reach).min(axis=0), (rest + reach).max(axis=0)
+    low, high = (positions - reach).min(axis=0), (positions + reach).max(axis=0)
     pad = 0.04 * float(np.max(high - low))
     ends = zip((low - pad).tolist(), (high + pad).tolist(), strict=True)
     return tuple(plot.Axis(DIRECTIONS[j], "m", limits) for j, limits in zip(used, ends, strict=True))

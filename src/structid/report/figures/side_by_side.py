@@ -14,7 +14,7 @@ from structid.core.dof import DIRECTIONS, Dof
 from structid.core.quantities import likeness, number
 from structid.dynamics import Modes
 from structid.fem import Structure
-from structid.fem.places import AimedSensor
+from structid.fem.measuring_points import AimedSensor
 from structid.fem.supports import RigidLink
 from structid.report.drawing import palette
 from structid.report.drawing.faces import cell_edges, is_cells
@@ -131,7 +131,7 @@ def _in_place(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
     return _Scene(labels, rest, _lines(structure, place), shift, used, rows, at, along, diagonal)
 
 
-def _lines(structure: Structure, place: dict[int, int]) -> IntArray:
+def _lines(structure: Structure, row_of: dict[int, int]) -> IntArray:
     """Edges of the elements as a chain of node rows (-1 lifts the pen); single nodes if edges are too many."""
     edges: dict[tuple[int, int], None] = {}
     for element in structure.elements:
@@ -141,12 +141,12 @@ def _lines(structure: Structure, place: dict[int, int]) -> IntArray:
         if isinstance(tie, RigidLink):
             edges.update(dict.fromkeys((tie.main, node) for node in tie.dependents))
     if not edges or len(edges) > _MOST_LINES:
-        step = -(-len(place) // _MOST_NODES)
-        return np.array([entry for i in range(0, len(place), step) for entry in (i, -1)])
+        step = -(-len(row_of) // _MOST_NODES)
+        return np.array([entry for i in range(0, len(row_of), step) for entry in (i, -1)])
     chain: list[int] = []
     for first, second in edges:
-        if first in place and second in place:
-            one, other = place[first], place[second]
+        if first in row_of and second in row_of:
+            one, other = row_of[first], row_of[second]
             chain += [other] if chain and chain[-1] == one else [*([-1] if chain else []), one, other]
     return np.array(chain)
 

@@ -1,4 +1,4 @@
-"""What `structid modes` found: poles over the order, singular values, damping, and how alike and how real shapes are."""
+"""Figures of `structid modes`: poles over the order, singular values, damping, MAC and realness of shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How modes of a structure move from record to record."""
+"""Figures of modes that are tracked from record to record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the report tells of records of modes."""
+"""Tables of the report on records of modes."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ from structid.study.results.view import MOST_ADVICE, ResultsView, results_view
 _REPEATED = re.compile(r"is not identified: (at the initial values )?its standard deviation is larger than its value$")
 _MOST_REPEATED, _MOST_GROUPS = 4, 8
 _MARKS = {"sound": "good", "approximate": "doubt", "wrong_model": "bad", "undetermined": "bad", "untested": "bad"}
-_HELD = (
+_FIXED_VALUE_COLUMNS = (
     "Fixed value",
     "Parameter that 1 % more of it moves most",
     "by",
@@ -169,12 +169,12 @@ def _record_figures(identification: Identification) -> dict[str, plot.Figure]:
     return figures
 
 
-def _modal(identification: Identification, place: int) -> dict[str, object]:
+def _modal(identification: Identification, index: int) -> dict[str, object]:
     """Entries of the page for a record of modes."""
-    fit = identification.modal_fits[place]
+    fit = identification.modal_fits[index]
     is_unknown = any(kind == "mass" for kind in fit.problem.unknowns.kinds)
     return {
-        "number": place + 1,
+        "number": index + 1,
         "title": fit.name,
         "facts": modal_facts(fit, is_unknown),
         "table": modal_table(fit),
@@ -182,11 +182,11 @@ def _modal(identification: Identification, place: int) -> dict[str, object]:
     }
 
 
-def _other(identification: Identification, place: int) -> dict[str, object]:
+def _other(identification: Identification, index: int) -> dict[str, object]:
     """Entries of the page for a further record."""
-    part = identification.seen_from(place)
+    part = identification.seen_from(index)
     return {
-        "number": place + 1,
+        "number": index + 1,
         "title": part.fits[0].name,
         "facts": tables.record_facts(part),
         "resonances": tables.resonance_table(part.resonances) if part.resonances else None,
@@ -232,22 +232,32 @@ def verdict_words(view: ResultsView) -> dict[str, object]:
         "lowering": None if diagnosis.causes else table,
         "studies": [(cause.line, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],
         "tried": f"{plural(diagnosis.n_tried, 'change')} of model and record tried" if diagnosis.n_tried else "",
-        "held": held_table(telling) if telling else None,
+        "held": fixed_value_table(telling) if telling else None,
         "held_left": plural(len(diagnosis.sensitivities) - len(telling), "fixed value")
         if len(telling) < len(diagnosis.sensitivities)
         else "",
     }
 
 
-def held_table(held: Sequence[FixedValueSensitivity]) -> Table:
+def fixed_value_table(sensitivities: Sequence[FixedValueSensitivity]) -> Table:
     """Sensitivity of the values to what the model fixes, that which moves a value farthest first."""
-    return Table(_HELD, tuple(_held_row(one) for one in resting(held)), (2, 3, 4))
+    return Table(_FIXED_VALUE_COLUMNS, tuple(_fixed_value_row(one) for one in resting(sensitivities)), (2, 3, 4))
 
 
-def _held_row(one: FixedValueSensitivity) -> tuple[str, ...]:
-    at = one.most_moved
-    pull = f"{percent(one.pull, 2)} ± {percent(one.pull_std, 2, signed=False)}" if one.pull_std > 0 else NOTHING
-    return one.name, one.parameters[at], percent(0.01 * one.influence[at], 2), number(abs(one.distance[at]), 2), pull
+def _fixed_value_row(sensitivity: FixedValueSensitivity) -> tuple[str, ...]:
+    largest = sensitivity.most_moved
+    pull = (
+        f"{percent(sensitivity.pull, 2)} ± {percent(sensitivity.pull_std, 2, signed=False)}"
+        if sensitivity.pull_std > 0
+        else NOTHING
+    )
+    return (
+        sensitivity.name,
+        sensitivity.parameters[largest],
+        percent(0.01 * sensitivity.influence[largest], 2),
+        number(abs(sensitivity.distance[largest]), 2),
+        pull,
+    )
 
 
 def _row(cause: Cause, first: Cause) -> tuple[str, ...]:

@@ -137,9 +137,9 @@ def interval_words(identification: Identification) -> str:
     return _INTERVALS[identification.intervals.kind]
 
 
-def residual_table(found: Estimate) -> Table | None:
+def residual_table(estimate: Estimate) -> Table | None:
     """Table of statistical tests of every channel's residual; None if none was tested."""
-    tests = found.goodness.residual_tests
+    tests = estimate.goodness.residual_tests
     if tests is None:
         return None
     header = (
@@ -182,20 +182,20 @@ def mode_table(rows: ModeRows, band: tuple[float, float]) -> Table:
     return Table(header, tuple(table), (0, 1, 2, 3, 4, 5, 6))
 
 
-def resonance_table(found: tuple[Resonance, ...]) -> Table:
+def resonance_table(resonances: tuple[Resonance, ...]) -> Table:
     """Peaks of the imaginary part, measured beside fitted."""
     rows = [
         (number(r.measured, 5), number(r.predicted, 5), percent(r.predicted / r.measured - 1))
         if math.isfinite(r.predicted)
         else (number(r.measured, 5), NOTHING, NOTHING)
-        for r in found
+        for r in resonances
     ]
     return Table(("Measured resonance (Hz)", "Fitted model (Hz)", "Difference"), tuple(rows), (0, 1, 2))
 
 
-def direction_table(found: Estimate) -> Table:
+def direction_table(estimate: Estimate) -> Table:
     """Directions that the data do not determine, in words, with how badly they are determined."""
-    directions = found.identifiability.directions
+    directions = estimate.identifiability.directions
     rows = tuple((f"the data determine {d.words}", number(d.relative_std, 2)) for d in directions)
     return Table(("In words", "Relative std along it"), rows, (1,))
 

@@ -250,12 +250,12 @@ class _Canvas:
             later = replace(trace, pen=Pen(palette.BLUE, 1.6, "dash"), marker=marker, label="half a period later")
             self._line(later, trace.at(np.pi))
 
-    def _line(self, trace: Curve, places: tuple[np.ndarray, ...]) -> None:
-        """Draw one line of a curve through `places` (x, y and perhaps z), and note its legend entry."""
+    def _line(self, trace: Curve, points: tuple[np.ndarray, ...]) -> None:
+        """Draw one line of a curve through `points` (x, y and perhaps z), and note its legend entry."""
         pen, marker = trace.pen or _NONE, trace.marker or Marker("none", 0.0, "")
         edge, axes = marker.edge or _NONE, self.beside if trace.right else self.axes
         (line,) = axes.plot(
-            *places, color=pen.colour, linewidth=pen.width * _PIXEL, linestyle=_DASHES[pen.dash], zorder=self._order(),
+            *points, color=pen.colour, linewidth=pen.width * _PIXEL, linestyle=_DASHES[pen.dash], zorder=self._order(),
             marker=_SYMBOLS[marker.symbol], markersize=marker.size * _PIXEL, markerfacecolor=marker.colour or "none",
             markeredgecolor=edge.colour, markeredgewidth=edge.width * _PIXEL,
         )  # fmt: skip

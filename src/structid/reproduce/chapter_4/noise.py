@@ -190,12 +190,12 @@ def _improves(outcome: Outcome) -> bool:
     return outcome.improved >= 50
 
 
-def _table(found: Sequence[Outcome]) -> Table:
-    return unprinted(tuple(o.study.label for o in found), _COLUMNS, np.array([o.row for o in found]))
+def _table(outcomes: Sequence[Outcome]) -> Table:
+    return unprinted(tuple(o.study.label for o in outcomes), _COLUMNS, np.array([o.row for o in outcomes]))
 
 
-def _panel(title: str, found: Sequence[Outcome]) -> Panel:
-    return Panel(title, "iteration", "RMS of relative errors", tuple(o.curve for o in found), log_y=True)
+def _panel(title: str, outcomes: Sequence[Outcome]) -> Panel:
+    return Panel(title, "iteration", "RMS of relative errors", tuple(o.curve for o in outcomes), log_y=True)
 
 
 def noisy_record(case: Case, reading: Reading, noise: Noise, rng: np.random.Generator) -> FrfRecord:

@@ -1,4 +1,4 @@
-"""What files tell of very many parameters: how far each moved, and how that compares with chance."""
+"""Entries of results with very many parameters: how far each moved, and how that compares with chance."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ PARAMETERS = "parameters.csv"
 _MOST_CHANGES = 50
 
 
-def search_summary(found: Estimate) -> dict[str, Entry]:
+def search_summary(estimate: Estimate) -> dict[str, Entry]:
     """Entries on a matrix-free search: its kind, the reason for it, and how many parameters are determined."""
-    return {"search": "matrix_free", "reason": search_reason(found), "n_determined": found.spread.determined}
+    return {"search": "matrix_free", "reason": search_reason(estimate), "n_determined": estimate.spread.determined}
 
 
-def search_reason(found: Estimate) -> str:
+def search_reason(estimate: Estimate) -> str:
     """Sentence on the memory that a search with a Jacobian would take."""
-    return dense_search_fits(len(found.names), found.goodness.n_data)[1]
+    return dense_search_fits(len(estimate.names), estimate.goodness.n_data)[1]
 
 
-def changes_summary(found: Estimate) -> dict[str, Entry]:
+def changes_summary(estimate: Estimate) -> dict[str, Entry]:
     """The parameters that moved most, and where all of them are."""
-    beyond, limit = found.beyond_chance()
-    rows = _columns(found)
+    beyond, limit = estimate.beyond_chance()
+    rows = _columns(estimate)
     return {
         "n_beyond_chance": int(beyond.sum()),
         "chance_limit_std": limit,
         "largest_changes": [
-            {key: column[i] for key, column in rows.items()} for i in largest_changes(found, _MOST_CHANGES)
+            {key: column[i] for key, column in rows.items()} for i in largest_changes(estimate, _MOST_CHANGES)
         ],
         "parameters_file": PARAMETERS,
     }
 
 
-def largest_changes(found: Estimate, count: int) -> list[int]:
+def largest_changes(estimate: Estimate, count: int) -> list[int]:
     """Positions of the parameters that moved from their start by most standard deviations, most first."""
-    size: FloatArray = np.abs(found.distance)
+    size: FloatArray = np.abs(estimate.distance)
     order: list[int] = np.argsort(-np.nan_to_num(size, nan=-1.0), kind="stable")[:count].tolist()
     return order
 
@@ -53,16 +53,16 @@ def changes_table(estimate: Estimate) -> str:
     return csv_text(columns, (["" if isinstance(v, float) and not np.isfinite(v) else v for v in row] for row in rows))
 
 
-def _columns(found: Estimate) -> dict[str, list[Entry]]:
+def _columns(estimate: Estimate) -> dict[str, list[Entry]]:
     """Columns of the table of parameters: name, unit, values, deviations and changes of each."""
     return {
-        "name": list(found.names),
-        "kind": list(found.kinds),
-        "unit": list(found.units),
-        "value": found.values.tolist(),
-        "std": found.std.tolist(),
-        "std_relative_error": found.uncertainty.std_error.tolist(),
-        "initial": found.initial.tolist(),
-        "identified": found.identified.tolist(),
-        "change_in_std": found.distance.tolist(),
+        "name": list(estimate.names),
+        "kind": list(estimate.kinds),
+        "unit": list(estimate.units),
+        "value": estimate.values.tolist(),
+        "std": estimate.std.tolist(),
+        "std_relative_error": estimate.uncertainty.std_error.tolist(),
+        "initial": estimate.initial.tolist(),
+        "identified": estimate.identified.tolist(),
+        "change_in_std": estimate.distance.tolist(),
     }

@@ -16,7 +16,7 @@ from structid.core.errors import FileError
 from structid.core.json_types import Entry, json_text
 from structid.core.quantities import with_unit
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity
-from structid.files import claimed, require_no_file
+from structid.files import claim_path, require_no_file
 from structid.identification.alternatives import Alternatives
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
@@ -51,7 +51,7 @@ def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
     temporary = folder.parent / f".{folder.name}.{secrets.token_hex(6)}"
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        with claimed(folder):
+        with claim_path(folder):
             temporary.mkdir()
             yield temporary
             _move_into(temporary, folder, page)
@@ -176,9 +176,9 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
     }  # fmt: skip
 
 
-def _fixed_values(held: Sequence[FixedValueSensitivity]) -> dict[str, Entry]:
+def _fixed_values(sensitivities: Sequence[FixedValueSensitivity]) -> dict[str, Entry]:
     """Entry of estimate.json on the sensitivity of the answer to fixed values; {} where that was not examined."""
-    if not held:
+    if not sensitivities:
         return {}
     return {
         "fixed_values": [
@@ -188,7 +188,7 @@ def _fixed_values(held: Sequence[FixedValueSensitivity]) -> dict[str, Entry]:
                 "relative_change_by_record": one.pull,
                 "relative_change_std": one.pull_std,
             }
-            for one in held
+            for one in sensitivities
         ]
     }
 
@@ -229,9 +229,11 @@ def _alternatives(sets: Alternatives | None) -> dict[str, Entry]:
     }
 
 
-def reduction_summary(found: Identification) -> dict[str, Entry]:
+def reduction_summary(identification: Identification) -> dict[str, Entry]:
     """Sizes of reduced components, and the error that they and reduced sweeps make; {} where nothing is reduced."""
-    parts, changes = ([one.words for one in told] for told in (found.structure.reductions, found.truncations))
+    parts, changes = (
+        [one.words for one in told] for told in (identification.structure.reductions, identification.truncations)
+    )
     return {"reduction": {"components": parts, "changes": changes}} if changes else {}
 
 
@@ -293,7 +295,7 @@ def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Entry]:
 
 
 def fit_summary(fit: RecordFit) -> dict[str, Entry]:
-    """How well the identified model does on the lines of a record's evaluation band."""
+    """Fit of the identified model on the lines of a record's evaluation band."""
     error, record, fitted = fit.relative_error, fit.evaluation, fit.problem.record
     channels: list[Entry] = [
         {"output": str(output), "input": str(load), "median_relative_error": float(np.median(error[:, o, i]))}
@@ -313,17 +315,17 @@ def fit_summary(fit: RecordFit) -> dict[str, Entry]:
     }
 
 
-def _at_bound(one: AtBound | None) -> dict[str, Entry] | None:
+def _at_bound(bound: AtBound | None) -> dict[str, Entry] | None:
     """The bound that a parameter is at, and how hard the data push it beyond."""
-    if one is None:
+    if bound is None:
         return None
     return {
-        "side": one.side,
-        "limit": one.limit,
-        "multiplier": one.multiplier,
-        "std_without_bound": one.std,
-        "chi_square_gain_per_std": one.gain_per_std,
-        "push": one.push,
+        "side": bound.side,
+        "limit": bound.limit,
+        "multiplier": bound.multiplier,
+        "std_without_bound": bound.std,
+        "chi_square_gain_per_std": bound.gain_per_std,
+        "push": bound.push,
     }
 
 

@@ -13,7 +13,7 @@ from structid.modal.modal_record import ModalRecord
 from structid.modal.shape_uncertainty import collinearity_with_std, phase_deviation_with_std
 from structid.modal.survey.survey import ModesResult
 from structid.modal.tracking import ModeTracks
-from structid.records import FrfRecord, Geometry
+from structid.records import FrfRecord, Geometry, Tone
 from structid.records.correlation import CorrelationRecord
 from structid.records.spectrum import SpectrumRecord
 
@@ -58,6 +58,7 @@ def modes_summary(result: ModesResult) -> dict[str, Entry]:
         **_clusters(result),
         **{name: fields[name] for name in ("channels", "scaling")},
         "tone_kurtosis": result.kurtosis,
+        "tones_removed": [_tone(tone) for tone in result.tones],
         "scale": result.scale_words,
         **{name: fields[name] for name in ("mode_shapes", "shape_std", "covariance")},
         "left_out": [asdict(part) for part in found.left_out],
@@ -68,6 +69,20 @@ def modes_summary(result: ModesResult) -> dict[str, Entry]:
         "record": _record(result),
         "options": options_used(result),
         "provenance": asdict(result.provenance),
+    }
+
+
+def _tone(tone: Tone) -> dict[str, Entry]:
+    """A tone that was taken off: frequencies in Hz, and amplitude and part of the variance of each channel."""
+    return {
+        "frequency_hz": tone.frequency,
+        "lowest_hz": tone.lowest,
+        "highest_hz": tone.highest,
+        "kurtosis": tone.kurtosis,
+        "channels": [str(dof) for dof in tone.channels],
+        "units": list(tone.units),
+        "amplitude": tone.amplitude,
+        "variance_fraction": tone.variance_fraction,
     }
 
 

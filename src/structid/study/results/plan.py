@@ -15,31 +15,31 @@ from structid.study.schema.plan import PlanStudy
 PLAN_PAGE = "plan.html"
 
 
-def write_plan(found: Plan, study: PlanStudy, folder: Path) -> None:
+def write_plan(plan: Plan, study: PlanStudy, folder: Path) -> None:
     """Write plan.json and study.toml into the existing `folder`; the same plan gives the same bytes."""
-    summary = plan_summary(found, study.title, study.notes, study.digests)
+    summary = plan_summary(plan, study.title, study.notes, study.digests)
     (folder / "plan.json").write_text(json_text(summary), encoding="utf-8")
     (folder / "study.toml").write_bytes(study.text.encode("utf-8"))
 
 
 def plan_summary(
-    found: Plan, title: str = "", notes: tuple[str, ...] = (), inputs: Mapping[str, str] | None = None
+    plan: Plan, title: str = "", notes: tuple[str, ...] = (), inputs: Mapping[str, str] | None = None
 ) -> dict[str, Entry]:
     """The content of plan.json, before what is not finite becomes null.
 
     Parameters
     ----------
-    found : Plan
+    plan : Plan
     title : str
     notes : tuple of str
         Where the options come from.
     inputs : mapping of str to str, optional
         SHA-256 of every input file.
     """
-    options = found.options
+    options = plan.options
     return {
         "title": title,
-        "determined": found.determined,
+        "determined": plan.determined,
         "notes": notes,
         "options": {
             "kind": options.kind,
@@ -60,22 +60,22 @@ def plan_summary(
         "parameters": [
             {
                 "name": name,
-                "kind": found.parameters.kinds[i],
-                "unit": found.parameters.units[i],
-                "initial": found.parameters.start[i],
-                "of_interest": bool(found.chosen.of_interest[i]),
-                "prior_std": found.parameters.priors.std[i],
+                "kind": plan.parameters.kinds[i],
+                "unit": plan.parameters.units[i],
+                "initial": plan.parameters.start[i],
+                "of_interest": bool(plan.chosen.of_interest[i]),
+                "prior_std": plan.parameters.priors.std[i],
             }
-            for i, name in enumerate(found.parameters.names)
+            for i, name in enumerate(plan.parameters.names)
         ],
-        "tests": [_test(found, test) for test in found.tests],
-        "next_sensors": [_test(found, test) for test in found.next_sensors],
-        "enough": None if found.enough is None else _enough(found, found.enough),
-        "rank": found.identifiability.rank,
-        "condition": found.identifiability.condition,
+        "tests": [_test(plan, test) for test in plan.tests],
+        "next_sensors": [_test(plan, test) for test in plan.next_sensors],
+        "enough": None if plan.enough is None else _enough(plan, plan.enough),
+        "rank": plan.identifiability.rank,
+        "condition": plan.identifiability.condition,
         "undetermined_directions": [
             {"words": d.words, "relative_std": d.relative_std, "vector": d.vector}
-            for d in found.identifiability.directions
+            for d in plan.identifiability.directions
         ],
         "collinear_groups": [
             {
@@ -86,21 +86,21 @@ def plan_summary(
                 "alone": group.alone,
                 "together": group.together,
             }
-            for group in found.identifiability.groups
+            for group in plan.identifiability.groups
         ],
         "provenance": {"structid": __version__, "inputs": dict(inputs or {})},
     }
 
 
-def _test(found: Plan, test: PlannedTest) -> dict[str, Entry]:
+def _test(plan: Plan, test: PlannedTest) -> dict[str, Entry]:
     return {
         "label": test.label,
         "sensors": _texts(test.sensors),
         "loads": _texts(test.loads),
         "n_lines": len(test.frequency),
-        "frequency_hz": test.frequency if len(test.frequency) < len(found.options.frequency) else None,
+        "frequency_hz": test.frequency if len(test.frequency) < len(plan.options.frequency) else None,
         "relative_std": test.std,
-        "worst_parameter": found.parameters.names[test.worst],
+        "worst_parameter": plan.parameters.names[test.worst],
         "worst_relative_std": test.worst_std,
         "rms_relative_std": test.rms_std,
         "relative_std_tolerances": test.of_tolerances,
@@ -109,11 +109,11 @@ def _test(found: Plan, test: PlannedTest) -> dict[str, Entry]:
     }
 
 
-def _enough(found: Plan, enough: Enough) -> dict[str, Entry]:
+def _enough(plan: Plan, enough: Enough) -> dict[str, Entry]:
     return {
         "target": enough.target,
-        "sensors": None if enough.sensors is None else _test(found, enough.sensors),
-        "frequencies": None if enough.frequencies is None else _test(found, enough.frequencies),
+        "sensors": None if enough.sensors is None else _test(plan, enough.sensors),
+        "frequencies": None if enough.frequencies is None else _test(plan, enough.frequencies),
         "averages_factor": enough.averages,
     }
 

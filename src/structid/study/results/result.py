@@ -1,4 +1,4 @@
-"""What one run of a study gives, complete when constructed; files and reports are made from it."""
+"""Result of one run of a study, complete when constructed; files and reports are made from it."""
 
 from __future__ import annotations
 

@@ -208,6 +208,16 @@ def _read_group(path: Path, group: str, names: tuple[str, ...]) -> dict[str, Fie
     return {places[place]: field for place, field in found.items()}
 
 
+def stored_band(folder: Path) -> tuple[float, float] | None:
+    """Lowest and highest frequency above 0, Hz, of the fitted FRFs of a results folder; None where it has none."""
+    stored = _read_group(folder / "estimate.h5", "frf", ("frequency",))
+    if "frequency" not in stored:
+        return None
+    frequency = np.asarray(stored["frequency"], dtype=float)
+    positive = frequency[frequency > 0]
+    return float(positive.min()), float(positive.max())
+
+
 def stored_loads(folder: Path, is_needed: bool = True) -> tuple[str, ...]:
     """Degrees of freedom at which forces acted in the record that a results folder is of; () of modes unless they are needed.
 

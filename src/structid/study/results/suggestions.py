@@ -65,8 +65,8 @@ def with_suggestions(study: Study, diagnosis: Diagnosis, fits: Sequence[Fitted])
     return replace(diagnosis, causes=named) if diagnosis.causes else replace(diagnosis, suggestions=named)
 
 
-def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path, place: Path) -> None:
-    """Write the studies of the causes into `folder`, which will be `place`."""
+def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path, target: Path) -> None:
+    """Write the studies of the causes into `folder`, which will be `target`."""
     diagnosis = result.diagnosis
     causes: Sequence[Cause] = () if diagnosis is None else diagnosis.named
     if not any(cause.study for cause in causes):
@@ -74,12 +74,12 @@ def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path,
     (folder / FOLDER).mkdir()
     for cause, fit in zip([cause for cause in causes if cause.has_fit], fits, strict=True):
         if cause.study:
-            write_suggestion(result.study, fit.modified.changes, folder / cause.study, place / FOLDER)
+            write_suggestion(result.study, fit.modified.changes, folder / cause.study, target / FOLDER)
 
 
-def write_suggestion(study: Study, changes: Sequence[Change], path: Path, place: Path) -> None:
-    """Write the study with changes to `path`, which will stand in the folder `place`; its files are found from there."""
-    away = Path(os.path.relpath(study.path.parent.resolve(), place.resolve()))
+def write_suggestion(study: Study, changes: Sequence[Change], path: Path, folder: Path) -> None:
+    """Write the study with changes to `path`, which will stand in the folder `folder`; its files are found from there."""
+    away = Path(os.path.relpath(study.path.parent.resolve(), folder.resolve()))
     names = {name for name in study.digests if name != study.path.name}
     text = changed_text(suggestion_text(study, changes)[0], partial(_move_paths, names=names, away=away))
     schema = re.match(r"#:schema (?!\w+://)(\S+)", text)

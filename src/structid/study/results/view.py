@@ -284,9 +284,9 @@ def _next_step(diagnosis: Diagnosis, is_searched: bool, is_any_doubtful: bool) -
     return _NOT_ALL if verdict == "approximate" and is_any_doubtful else _NEXT_STEPS[verdict]
 
 
-def _advice(found: Identification, diagnosis: Diagnosis, sentences: Sequence[str]) -> tuple[str, ...]:
+def _advice(identification: Identification, diagnosis: Diagnosis, sentences: Sequence[str]) -> tuple[str, ...]:
     """Sentences on what to do: the verdict's beyond its headline, causes, and warnings that ask for an act."""
-    estimate = found.estimate
+    estimate = identification.estimate
     lines = list(sentences)
     if diagnosis.causes:
         lines.extend(_alternative(cause) for cause in diagnosis.causes[1:3])
@@ -298,7 +298,7 @@ def _advice(found: Identification, diagnosis: Diagnosis, sentences: Sequence[str
     of_estimate = set(estimate_warnings(estimate))
     acts = [
         words
-        for words in found.warnings
+        for words in identification.warnings
         if words not in elsewhere
         and not any(part in words for part in (INCLUDES_MODEL_ERROR, MAY_BE_ZERO, OTHER_MINIMA))
     ]
@@ -328,18 +328,18 @@ def _alternative(cause: Cause) -> str:
     return f"Less likely: {cause.words}{run}."
 
 
-def _parameters(found: Identification) -> tuple[ParameterResult, ...]:
+def _parameters(identification: Identification) -> tuple[ParameterResult, ...]:
     """Result of each parameter; of those that moved most where there is no covariance matrix."""
-    estimate = found.estimate
+    estimate = identification.estimate
     n_params = len(estimate.names)
     chosen = range(n_params) if estimate.uncertainty.has_matrix else largest_changes(estimate, MOST_CHANGES)
-    shares = np.full(n_params, np.nan) if found.priors.share is None else found.priors.share
+    shares = np.full(n_params, np.nan) if identification.priors.share is None else identification.priors.share
     tolerances = np.zeros(n_params) if estimate.fixed is None else np.sqrt(np.diag(estimate.fixed.covariance))
     bounds = {bound.index: bound for bound in estimate.spread.at_bound}
-    parts = [problem.parameters for problem in found.problems]
+    parts = [problem.parameters for problem in identification.problems]
     elements = {name: tuple(own) for part in parts for name, own in zip(part.names, part.elements, strict=True)}
-    states = parameter_states(found)
-    shared = set(found.listed)
+    states = parameter_states(identification)
+    shared = set(identification.listed)
     return tuple(
         ParameterResult(
             name=estimate.names[i],
@@ -348,16 +348,16 @@ def _parameters(found: Identification) -> tuple[ParameterResult, ...]:
             initial=float(estimate.initial[i]),
             value=float(estimate.values[i]),
             std=float(estimate.std[i]),
-            interval=(float(found.intervals.ends[i, 0]), float(found.intervals.ends[i, 1])),
+            interval=(float(identification.intervals.ends[i, 0]), float(identification.intervals.ends[i, 1])),
             std_noise=float(estimate.std_noise[i]),
             std_model_error=float(estimate.spread.std_model_error[i]),
             std_tolerances=float(tolerances[i]),
             state=states[i],
             identified=bool(estimate.identified[i]),
-            ran_away=i in found.ran_away,
+            ran_away=i in identification.ran_away,
             bound=bounds.get(i),
-            prior_mean=float(found.priors.mean[i]),
-            prior_std=float(found.priors.std[i]),
+            prior_mean=float(identification.priors.mean[i]),
+            prior_std=float(identification.priors.std[i]),
             prior_share=float(shares[i]),
             elements=elements.get(estimate.names[i], ()),
             is_own=i not in shared,
@@ -366,24 +366,24 @@ def _parameters(found: Identification) -> tuple[ParameterResult, ...]:
     )
 
 
-def parameter_states(found: Identification) -> tuple[str, ...]:
+def parameter_states(identification: Identification) -> tuple[str, ...]:
     """State of each parameter, such as ``determined`` or ``by prior``; see `ParameterResult.state`."""
-    estimate = found.estimate
+    estimate = identification.estimate
     weak = np.zeros(len(estimate.names), dtype=bool)
     for direction in estimate.identifiability.directions:
         weak |= np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
-    has_prior = bool(np.isfinite(found.priors.std).any())
+    has_prior = bool(np.isfinite(identification.priors.std).any())
     states = np.full(len(estimate.names), "determined", dtype=object)
     states[np.abs(estimate.std) > _WEAK * np.abs(estimate.values)] = "weakly determined"
     states[weak] = "by prior" if has_prior else "weakly determined"
-    states[list(found.by_prior)] = "by prior"
+    states[list(identification.by_prior)] = "by prior"
     states[~estimate.identified] = "not determined"
-    if found.alternatives is not None:
-        apart = np.abs(found.alternatives.values - estimate.values).max(axis=0) > estimate.std
+    if identification.alternatives is not None:
+        apart = np.abs(identification.alternatives.values - estimate.values).max(axis=0) > estimate.std
         states[apart & (states == "determined")] = "one of several"
     for bound in estimate.spread.at_bound:
         states[bound.index] = f"at its {bound.side} bound"
-    states[list(found.ran_away)] = "ran away"
+    states[list(identification.ran_away)] = "ran away"
     return tuple(states.tolist())
 
 
@@ -398,9 +398,9 @@ def _channels(fit: RecordFit) -> list[ChannelFit]:
     ]
 
 
-def _statistics(found: Identification) -> tuple[tuple[str, str], ...]:
+def _statistics(identification: Identification) -> tuple[tuple[str, str], ...]:
     """Statistics of the search and the fit as pairs of a label and its value."""
-    estimate = found.estimate
+    estimate = identification.estimate
     is_converged = estimate.status is Status.CONVERGED
     search = estimate.message if is_converged else f"{estimate.status.value.replace('_', ' ')}: {estimate.message}"
     rows = [("Search", f"{search}, {plural(estimate.search.n_iterations, 'iteration')}")]
@@ -428,9 +428,9 @@ def _statistics(found: Identification) -> tuple[tuple[str, str], ...]:
         )
     basis = {"noise": "the noise of the data", "model_error": "the residual, so that they include the model error"}
     rows.append(("Standard deviations from", basis[estimate.covariance_basis]))
-    rows.extend(_fit_rows(found.fits))
-    if found.mass.total > 0:
-        rows.append(("Total mass", f"{with_std(found.mass.total, found.mass.std)} kg"))
+    rows.extend(_fit_rows(identification.fits))
+    if identification.mass.total > 0:
+        rows.append(("Total mass", f"{with_std(identification.mass.total, identification.mass.std)} kg"))
     return tuple(rows)
 
 

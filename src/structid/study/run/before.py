@@ -1,4 +1,4 @@
-"""What a study's model and records tell before anything is fitted: mesh, resonances, samples, windows, coherence."""
+"""Checks of a study's model and records before anything is fitted: mesh, resonances, samples, windows, coherence."""
 
 from __future__ import annotations
 

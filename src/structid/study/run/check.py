@@ -1,4 +1,4 @@
-"""What a study can be expected to give, from its record and its initial model, before any search."""
+"""Check of a study before any search: the accuracy expected from its record and initial model."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from structid.core.arrays import FloatArray
 from structid.diagnose.checks.loose_parts import PlacedFinding, coarse_elements, structure_findings
 from structid.diagnose.checks.mesh import MeshErrors
 from structid.dynamics import Modes
-from structid.fem.places import AimedSensor, MeshPoint
+from structid.fem.measuring_points import AimedSensor, MeshPoint
 from structid.forward import ModalProblem, RecordProblem
 from structid.identification.fits.model_modes import response_rounding, rounding_warnings, structure_modes
 from structid.identification.fits.ratios import common_scale, scale_words
@@ -303,13 +303,13 @@ def _start(problem: Problem, ready: Start) -> FloatArray:
     return first_values(problem.names, ready.problems, lambda part: part.start)
 
 
-def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:
+def cramer_rao_bound(problem: Problem, linearization: Linearization) -> FloatArray:
     """Smallest covariance that an unbiased estimate can have, (n_params, n_params), physical units.
 
     (J'J)^-1 of the whitened Jacobian J with respect to the physical parameters, priors counted as data.
     """
     slope = problem.slope(np.asarray(problem.theta_start))
-    return inverse_information(at.jacobian) * np.outer(slope, slope)
+    return inverse_information(linearization.jacobian) * np.outer(slope, slope)
 
 
 def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
@@ -372,8 +372,8 @@ def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarr
     return [scale_words([problem.names[i] for i in members])]
 
 
-def _direction_warnings(found: Identifiability) -> list[str]:
+def _direction_warnings(identifiability: Identifiability) -> list[str]:
     """Warnings on the worst-determined directions, the first of them where there are many."""
-    told = [f"the data determine {direction.words}" for direction in found.directions[:_MOST_DIRECTIONS]]
-    more = len(found.directions) - len(told)
+    told = [f"the data determine {direction.words}" for direction in identifiability.directions[:_MOST_DIRECTIONS]]
+    more = len(identifiability.directions) - len(told)
     return [*told, f"and {more} more combinations that the data do not determine"] if more else told

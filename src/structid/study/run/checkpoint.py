@@ -1,4 +1,4 @@
-"""What a long run has done so far, in a folder beside its results: written by renaming, so that it is whole at any instant.
+"""Checkpoint of a long run in a folder beside its results: written by renaming, so that it is whole at any instant.
 
 The folder holds ``run.json`` (what it belongs to), ``done-*.npz`` (finished searches and tasks), ``search.npz`` (the
 running search after its last iteration) and, after an interruption, ``so_far.json`` (the values reached, to read).
@@ -20,7 +20,7 @@ from structid.core.errors import FileError
 from structid.core.json_types import Entry, Plain, json_text
 from structid.files import atomic_write, claim, damage_told, make_folder, release
 from structid.files.npy import npz_arrays
-from structid.files.worker import filled, plain
+from structid.files.worker import fill_tree, plain
 from structid.inversion.search.minimum import State
 from structid.study.schema.study import Study
 
@@ -195,7 +195,7 @@ def _part(folder: Path, number: int) -> Path:
     return folder / f"done-{number:05d}.npz"
 
 
-def _require_same_run(folder: Path, own: Owner, owner: Plain) -> None:
+def _require_same_run(folder: Path, this_run: Owner, owner: Plain) -> None:
     """Raise `FileError` if the checkpoint is of another run, and name what differs."""
     anew = f"put it back, or {_ANEW}"
     if not isinstance(owner, dict) or owner.get("layout") != _LAYOUT:
@@ -203,10 +203,10 @@ def _require_same_run(folder: Path, own: Owner, owner: Plain) -> None:
     inputs, versions = owner.get("inputs"), owner.get("versions")
     if not isinstance(inputs, dict) or not isinstance(versions, dict):
         raise FileError(f"{folder / _RUN}: is not {_WHOLE} (no inputs and versions); {_ANEW}")
-    for name in sorted({*inputs, *own["inputs"]}):
-        if inputs.get(name) != own["inputs"].get(name):
+    for name in sorted({*inputs, *this_run["inputs"]}):
+        if inputs.get(name) != this_run["inputs"].get(name):
             raise FileError(f"{folder}: {name} has changed since this checkpoint was written; {anew}")
-    for name, version in own["versions"].items():
+    for name, version in this_run["versions"].items():
         if versions.get(name) != version:
             raise FileError(
                 f"{folder}: was written with {name} {versions.get(name)}, this is {version}, whose digits may"
@@ -242,7 +242,7 @@ def _load(path: Path) -> dict[str, Entry]:
     """The tree that `_save` wrote to `path`."""
     arrays = npz_arrays(path, _WHOLE, _ANEW)
     with damage_told(path, _WHOLE, _ANEW):
-        entries = filled(json.loads(str(arrays["tree"])), lambda number: arrays[f"a{number}"])
+        entries = fill_tree(json.loads(str(arrays["tree"])), lambda number: arrays[f"a{number}"])
         if not isinstance(entries, dict):
             raise ValueError("it holds no entries by name")
         return entries

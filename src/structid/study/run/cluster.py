@@ -164,7 +164,7 @@ def _connect(address: str, seconds: float) -> Client:
 
 
 async def _kind(address: str) -> str:
-    """What answers at the address: Scheduler, Worker, Nanny."""
+    """Kind of process that answers at the address: Scheduler, Worker or Nanny."""
     async with rpc(address) as there:
         return str((await there.identity())["type"])
 
@@ -202,7 +202,7 @@ def _require_workers(client: Client, address: str, seconds: float) -> None:
                 )
 
 
-def _versions(told: Mapping[str, Mapping[str, str]]) -> dict[str, str | None]:
+def _versions(versions_of: Mapping[str, Mapping[str, str]]) -> dict[str, str | None]:
     """Versions by name that decide about the digits of a result."""
-    python = ".".join(told["host"]["python"].split(".")[:2])
-    return {"Python": python, **{name: told["packages"].get(name) for name in ("structid", "numpy", "scipy")}}
+    python = ".".join(versions_of["host"]["python"].split(".")[:2])
+    return {"Python": python, **{name: versions_of["packages"].get(name) for name in ("structid", "numpy", "scipy")}}

@@ -1,4 +1,4 @@
-"""What this installation has: versions, factorizers, threads and memory."""
+"""State of this installation: versions, factorizers, threads and memory."""
 
 from __future__ import annotations
 

@@ -60,11 +60,11 @@ class PipedProcesses(Executor):
         """
         return self._threads.submit(self._call_remote, fn, args, kwargs)
 
-    def _call_remote(self, fn: Callable[..., T], given: tuple[object, ...], named: Mapping[str, object]) -> T:
+    def _call_remote(self, fn: Callable[..., T], arguments: tuple[object, ...], named: Mapping[str, object]) -> T:
         """Result of calling `fn` in the process of this thread; `ProcessLostError` if that process ends."""
         try:
             pipe = self._connection()
-            pipe.send((fn, given, named))
+            pipe.send((fn, arguments, named))
             error: Exception | None
             answer: T
             error, answer = pipe.recv()

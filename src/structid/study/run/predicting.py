@@ -15,6 +15,7 @@ from structid.core.constraints import split_commas
 from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
+from structid.core.isolation import absolute_paths
 from structid.core.json_types import Entry
 from structid.fem import Base, Structure
 from structid.files import csv_text
@@ -39,12 +40,14 @@ from structid.prediction.recovery import Output, is_von_mises, parse_outputs
 from structid.prediction.tuned_damper import TunedDamper, tune_damper
 from structid.records import ReadOptions, TimeRecord, read_record
 from structid.study.results.stored_model import (
+    stored_band,
     stored_doubt,
     stored_loads,
     stored_model,
     stored_model_error,
     stored_study,
 )
+from structid.study.schema.study import Study
 
 PREDICTION_PAGE = "prediction.html"
 Found: TypeAlias = Prediction | PredictedChange | None
@@ -131,7 +134,7 @@ def predict_study(
     spectrum: Found = None
     mean: Found = None
     largest: Found = None
-    band = options.band or source.options.band
+    band = options.band or _predicted_band(folder, source)
     words: list[str] = []
     if outputs:
         linear = tuple(output for output in outputs if not is_von_mises(output))
@@ -195,11 +198,21 @@ def _damper(model: IdentifiedModel, options: PredictOptions) -> TunedDamper:
     return tune_damper(model, dof, kg, band=options.band, seed=options.seed)
 
 
-def _lines(band: tuple[float | None, float | None] | None, options: PredictOptions) -> FloatArray:
+def _predicted_band(folder: Path, study: Study) -> tuple[float | None, float | None]:
+    """Ends of the band that was fitted, Hz: as the study states them, else those of the record; None where neither says."""
+    low, high = study.options.band or (None, None)
+    lowest, highest = stored_band(folder) or (None, None)
+    return low or lowest, high or highest
+
+
+def _lines(band: tuple[float | None, float | None], options: PredictOptions) -> FloatArray:
     """The frequencies of FRFs and spectra, Hz."""
-    low, high = band or (None, None)
+    low, high = band
     if low is None or high is None:
-        raise InputError("`band` must be given: the study does not state one under [method]", "band")
+        raise InputError(
+            "`band` must be given (--band LOW HIGH): neither the study, under [method], nor a record of FRFs states one",
+            "band",
+        )
     return np.linspace(low, high, options.lines)
 
 
@@ -306,7 +319,7 @@ def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, I
     text, at, name = options.noise.rpartition("@")
     if not at or not text:
         raise InputError(f"`noise` must be a table and a place, as wind.csv@12Y, got {options.noise!r}", "noise")
-    return Path(text), _inputs(structure, [name], options)[0]
+    return absolute_paths(Path(text)), _inputs(structure, [name], options)[0]
 
 
 def _sizes_at(name: str, text: str, parts: tuple[str, str]) -> tuple[tuple[float, float], Dof]:
@@ -321,15 +334,15 @@ def _sizes_at(name: str, text: str, parts: tuple[str, str]) -> tuple[tuple[float
     return (first, second), parse_dof(dof)
 
 
-def prediction_summary(found: StudyPrediction) -> dict[str, Entry]:
+def prediction_summary(prediction: StudyPrediction) -> dict[str, Entry]:
     """The content of prediction.json."""
-    modes = parts_of(found.modes)
+    modes = parts_of(prediction.modes)
     return {
-        "title": found.title,
-        "results": found.folder.as_posix(),
-        "changes": list(found.changes),
-        "bands": found.words,
-        "warnings": [found.doubt] if found.doubt else [],
+        "title": prediction.title,
+        "results": prediction.folder.as_posix(),
+        "changes": list(prediction.changes),
+        "bands": prediction.words,
+        "warnings": [prediction.doubt] if prediction.doubt else [],
         "level": 0.95,
         "modes": [
             {
@@ -338,18 +351,18 @@ def prediction_summary(found: StudyPrediction) -> dict[str, Entry]:
             }
             for k in range(len(next(iter(modes.values())).values))
         ],
-        **({"loads": found.loads} if found.loads else {}),
-        **({} if found.damper is None else {"tuned_damper": _damper_entry(found.damper)}),
-        **({} if found.maxima is None else {"maxima": _of_outputs(parts_of(found.maxima))}),
+        **({"loads": prediction.loads} if prediction.loads else {}),
+        **({} if prediction.damper is None else {"tuned_damper": _damper_entry(prediction.damper)}),
+        **({} if prediction.maxima is None else {"maxima": _output_entries(parts_of(prediction.maxima))}),
         **(
             {}
-            if found.root_mean_square is None
-            else {"root_mean_square": _of_outputs(parts_of(found.root_mean_square))}
+            if prediction.root_mean_square is None
+            else {"root_mean_square": _output_entries(parts_of(prediction.root_mean_square))}
         ),
         **(
             {}
-            if found.largest is None
-            else {"largest": _of_outputs(parts_of(found.largest)), "duration_s": found.duration}
+            if prediction.largest is None
+            else {"largest": _output_entries(parts_of(prediction.largest)), "duration_s": prediction.duration}
         ),
     }
 
@@ -373,8 +386,8 @@ def _damper_entry(damper: TunedDamper) -> dict[str, Entry]:
     }
 
 
-def _of_outputs(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
-    """Each output of a quantity without an axis of time, by each of the predictions, with its distribution."""
+def _output_entries(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
+    """Distributions of each output of a quantity without a time axis, by each of the predictions."""
     quantity = next(iter(parts.values())).quantity
     return [
         {
@@ -393,11 +406,11 @@ def _quantiles(part: Prediction, index: int) -> dict[str, Entry]:
     return {f"{p:g}": float(np.quantile(part.draws[:, index].real, p)) for p in QUANTILES}
 
 
-def parts_of(found: Prediction | PredictedChange) -> dict[str, Prediction]:
+def parts_of(prediction: Prediction | PredictedChange) -> dict[str, Prediction]:
     """The predictions by their names in files: ``value``, or ``before``, ``after`` and ``difference``."""
-    if isinstance(found, PredictedChange):
-        return {"before": found.before, "after": found.after, "difference": found.difference}
-    return {"value": found}
+    if isinstance(prediction, PredictedChange):
+        return {"before": prediction.before, "after": prediction.after, "difference": prediction.difference}
+    return {"value": prediction}
 
 
 def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, Entry]:
@@ -405,9 +418,9 @@ def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, Entry]:
     return {"value": float(np.real(part.values[index])), "std": float(part.std[index]), "interval_95": ends}
 
 
-def prediction_csv(found: Prediction | PredictedChange) -> str:
+def prediction_csv(prediction: Prediction | PredictedChange) -> str:
     """A table of one quantity: its axis, then value and ends of the band of every channel; FRFs as real and imaginary part too."""
-    parts = parts_of(found)
+    parts = parts_of(prediction)
     first = next(iter(parts.values()))
     axis, *channels = first.quantity.axes.items()
     outputs, units = channels[0][1], first.quantity.units

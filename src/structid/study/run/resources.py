@@ -1,4 +1,4 @@
-"""What a study needs before it is run: from its sizes, a few lines that are measured, and a search that is tried."""
+"""Resources of a study before it is run: from its sizes, the measured time of a few lines, and a tried search."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ class Duration:
 
     @property
     def most(self) -> float:
-        """With a search for causes, where none is known to be needed or not."""
+        """Duration with a search for causes, where it is not known whether one is needed."""
         return self.around + self.search + self.causes
 
 

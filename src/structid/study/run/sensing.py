@@ -55,24 +55,24 @@ def sense_record(
     return replace(sensed, words=(doubt, *sensed.words)) if doubt else sensed
 
 
-def sensed_csv(found: SensedMotion) -> str:
+def sensed_csv(sensed: SensedMotion) -> str:
     """Time, then value and standard deviation of every output and every unknown force."""
-    unit = QUANTITY_UNITS[found.motion][0]
-    header, columns = ["time (s)"], [found.time]
-    for dof, value, std in zip(found.outputs, found.values.T, found.std.T, strict=True):
+    unit = QUANTITY_UNITS[sensed.motion][0]
+    header, columns = ["time (s)"], [sensed.time]
+    for dof, value, std in zip(sensed.outputs, sensed.values.T, sensed.std.T, strict=True):
         of_output = output_unit(dof)
         header += [
-            f"{dof} ({of_output})" if of_output else f"{dof} {found.motion} ({unit})",
+            f"{dof} ({of_output})" if of_output else f"{dof} {sensed.motion} ({unit})",
             f"{dof} std ({of_output or unit})",
         ]
         columns += [value, std]
-    for dof, value, std in zip(found.force_dofs, found.forces.T, found.force_std.T, strict=True):
+    for dof, value, std in zip(sensed.force_dofs, sensed.forces.T, sensed.force_std.T, strict=True):
         header += [f"{dof} force (N)", f"{dof} force std (N)"]
         columns += [value, std]
     return csv_text(header, ([f"{value:.9g}" for value in row] for row in np.column_stack(columns).tolist()))
 
 
-def sensed_summary(found: SensedMotion, folder: Path, path: Path) -> dict[str, Entry]:
+def sensed_summary(sensed: SensedMotion, folder: Path, path: Path) -> dict[str, Entry]:
     """The content of sensed.json."""
 
     def rows(dofs: tuple[object, ...], values: np.ndarray, std: np.ndarray) -> list[dict[str, Entry]]:
@@ -85,10 +85,10 @@ def sensed_summary(found: SensedMotion, folder: Path, path: Path) -> dict[str, E
     return {
         "results": folder.as_posix(),
         "record": path.name,
-        "motion": found.motion,
-        "outputs": list(rows(found.outputs, found.values, found.std)),
-        "forces": list(rows(found.force_dofs, found.forces, found.force_std)),
-        "force_prior_std": found.prior_std,
-        "left_out": [{"sensor": str(dof), "error_over_stated_deviation": z} for dof, z in found.checks],
-        "warnings": list(found.words),
+        "motion": sensed.motion,
+        "outputs": list(rows(sensed.outputs, sensed.values, sensed.std)),
+        "forces": list(rows(sensed.force_dofs, sensed.forces, sensed.force_std)),
+        "force_prior_std": sensed.prior_std,
+        "left_out": [{"sensor": str(dof), "error_over_stated_deviation": z} for dof, z in sensed.checks],
+        "warnings": list(sensed.words),
     }

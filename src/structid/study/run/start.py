@@ -159,7 +159,7 @@ def loaded(source: SetupSource, cache: ResponseCache, measured: AnySetup | None 
         source.require_channels(setup)
     for role, dofs in setup.channels:
         with section.located(_channel_key(section, f"{role}s")):
-            _require_places(structure, dofs, role == "input")
+            _require_dofs(structure, dofs, role == "input")
     return setup
 
 
@@ -194,10 +194,10 @@ def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], cac
     )
 
 
-def _require_places(structure: Structure, dofs: Iterable[Dof], inputs: bool) -> None:
-    """Raise `InputError` if the structure lacks a channel (see `Structure.require_places`), with a hint on solver nodes."""
+def _require_dofs(structure: Structure, dofs: Iterable[Dof], inputs: bool) -> None:
+    """Raise `InputError` if the structure lacks a channel (see `Structure.require_dofs`), with a hint on solver nodes."""
     try:
-        structure.require_places(dofs, inputs)
+        structure.require_dofs(dofs, inputs)
     except InputError as error:
         if not any(isinstance(element, SolverModel) for element in structure.elements):
             raise

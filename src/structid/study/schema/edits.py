@@ -49,20 +49,20 @@ def blocks_of(text: str) -> list[Block]:
             path = header(words, counts, {})
             blocks.append(Block(path, text.rfind("\n", 0, start) + 1, _after_line(text, start)))
         else:
-            _pair(text, words, blocks[-1])
+            _add_key(text, words, blocks[-1])
     return blocks
 
 
-def _begins_line(text: str, at: int) -> bool:
-    return not text[text.rfind("\n", 0, at) + 1 : at].strip()
+def _begins_line(text: str, offset: int) -> bool:
+    return not text[text.rfind("\n", 0, offset) + 1 : offset].strip()
 
 
-def _after_line(text: str, at: int) -> int:
-    end = text.find("\n", at)
+def _after_line(text: str, offset: int) -> int:
+    end = text.find("\n", offset)
     return len(text) if end < 0 else end + 1
 
 
-def _pair(text: str, words: Words, block: Block) -> None:
+def _add_key(text: str, words: Words, block: Block) -> None:
     """Add the key at the head of `words` with the places of its value in `text` to `block`."""
     parts, start = read_key(words, "=")
     begin = words[-1][1]
@@ -115,13 +115,13 @@ def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
         _require_toml(text, "the study is no TOML as it stands")
     for edit in edits:
         if "add" in edit:
-            text = _added(text, tuple(edit["add"]), edit["table"])
+            text = _with_entry(text, tuple(edit["add"]), edit["table"])
         elif "list" in edit:
-            text = _listed(text, tuple(edit["list"]))
+            text = _as_array_of_tables(text, tuple(edit["list"]))
         elif "remove" in edit:
-            text = _removed(text, tuple(edit["remove"]))
+            text = _without_key(text, tuple(edit["remove"]))
         else:
-            text = _set(text, tuple(edit["set"]), value_of(str(edit["to"])))
+            text = _with_value(text, tuple(edit["set"]), value_of(str(edit["to"])))
         _require_toml(text, "this edit would break the study")
     return text
 
@@ -220,7 +220,7 @@ def _require_toml(text: str, words: str) -> None:
         raise InputError(f"{words}, so nothing was changed: {error}") from error
 
 
-def _set(text: str, path: KeyPath, value: str) -> str:
+def _with_value(text: str, path: KeyPath, value: str) -> str:
     """TOML text with the key at `path` set to `value` (TOML text), changed in place or added."""
     blocks = blocks_of(text)
     if value.startswith("{") and _is_spread(blocks, path):
@@ -260,33 +260,33 @@ def _set_spread(text: str, path: KeyPath, value: str) -> str:
     wanted: Any = tomlkit.value(value)
     there = [block.path + key for block in blocks_of(text) for key in block.pairs]
     for key in (found for found in there if found[: len(path)] == path and found[len(path)] not in wanted):
-        text = _removed(text, key)
+        text = _without_key(text, key)
     for name, one in wanted.items():
-        text = _set(text, (*path, str(name)), one.as_string())
+        text = _with_value(text, (*path, str(name)), one.as_string())
     return text
 
 
-def _changed_inline(text: str, place: Place, rest: KeyPath, value: str | None) -> str:
-    """TOML text with the entry at `rest` inside an inline table or list set, or removed if `value` is None."""
-    whole: Any = tomlkit.value(text[place.value : place.end])
+def _changed_inline(text: str, span: Place, keys: KeyPath, value: str | None) -> str:
+    """TOML text with the entry at `keys` inside an inline table or list set, or removed if `value` is None."""
+    whole: Any = tomlkit.value(text[span.value : span.end])
     try:
         held = whole
-        for part in rest[:-1]:
+        for part in keys[:-1]:
             held = held[part]
         if value is None:
-            del held[rest[-1]]
+            del held[keys[-1]]
         else:
-            held[rest[-1]] = tomlkit.value(value)
+            held[keys[-1]] = tomlkit.value(value)
     except (LookupError, TypeError):
         raise InputError(
-            f"{_words(rest)}: is not in {text[place.value : place.end]!r} and cannot be put there; edit the study file"
+            f"{_words(keys)}: is not in {text[span.value : span.end]!r} and cannot be put there; edit the study file"
         ) from None
     if isinstance(whole, Array) and not len(whole):
-        return text[: place.start] + text[place.line_end :]
-    return text[: place.value] + whole.as_string() + text[place.end :]
+        return text[: span.start] + text[span.line_end :]
+    return text[: span.value] + whole.as_string() + text[span.end :]
 
 
-def _removed(text: str, path: KeyPath) -> str:
+def _without_key(text: str, path: KeyPath) -> str:
     """TOML text without the key or table at `path`; raises `InputError` if it is not there."""
     blocks = blocks_of(text)
     for block in blocks:
@@ -315,7 +315,7 @@ def _removed(text: str, path: KeyPath) -> str:
     return text
 
 
-def _listed(text: str, path: KeyPath) -> str:
+def _as_array_of_tables(text: str, path: KeyPath) -> str:
     """TOML text with the table at `path` turned into the first entry of an array of tables."""
     first = next((block for block in blocks_of(text) if block.path[: len(path)] == path), None)
     if first is None or first.path != path:
@@ -327,7 +327,7 @@ def _listed(text: str, path: KeyPath) -> str:
     return f"{text[:begin]}[{text[begin : end + 1]}]{text[end + 1 :]}"
 
 
-def _added(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
+def _with_entry(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
     """TOML text with a new entry after the last one of the array of tables at `path`."""
     keys = "".join(f"{_name((key,))} = {value_of(str(value))}\n" for key, value in table.items())
     entry = f"[[{_name(path)}]]\n{keys}"
@@ -359,25 +359,25 @@ def _inserted_block(text: str, blocks: Sequence[Block], path: KeyPath, entry: st
     return _inserted_text(text, len(text), entry)
 
 
-def _inserted_line(text: str, at: int, line: str) -> str:
-    before = text[:at]
-    return before + ("" if not before or before.endswith("\n") else "\n") + line + text[at:]
+def _inserted_line(text: str, offset: int, line: str) -> str:
+    before = text[:offset]
+    return before + ("" if not before or before.endswith("\n") else "\n") + line + text[offset:]
 
 
-def _inserted_text(text: str, at: int, entry: str) -> str:
+def _inserted_text(text: str, offset: int, entry: str) -> str:
     """A table with a blank line before it."""
-    before = text[:at].rstrip("\n")
-    return before + ("\n\n" if before else "") + entry + text[at:]
+    before = text[:offset].rstrip("\n")
+    return before + ("\n\n" if before else "") + entry + text[offset:]
 
 
-def _above_comments(text: str, at: int) -> int:
-    """Index in `text` where the comment lines directly above position `at` begin."""
-    while at > 0:
-        start = text.rfind("\n", 0, at - 1) + 1
-        if not text[start:at].startswith("#"):
+def _above_comments(text: str, offset: int) -> int:
+    """Index in `text` where the comment lines directly above position `offset` begin."""
+    while offset > 0:
+        start = text.rfind("\n", 0, offset - 1) + 1
+        if not text[start:offset].startswith("#"):
             break
-        at = start
-    return at
+        offset = start
+    return offset
 
 
 def _name(path: KeyPath) -> str:

@@ -52,18 +52,18 @@ def method_table(options: type = IdentifyOptions) -> Table:
     return merged
 
 
-def _make_options(options: type[T], given: Given, search: str | None) -> T:
-    """An object of the class `options` from keys, which are removed from `given`; `search` names the search method."""
+def _make_options(options: type[T], values: Given, search: str | None) -> T:
+    """An object of the class `options` from keys, which are removed from `values`; `search` names the search method."""
     arguments: Given = {}
     for item in inspect.signature(options).parameters:
         kinds, name = _groups(options, item), _NAMES.get(item, item)
         if kinds:
             chosen = next((kind for kind in kinds if _name(kind) == search), kinds[0])
-            arguments[item] = _make_options(chosen, given, search)
+            arguments[item] = _make_options(chosen, values, search)
         elif item == _MATRIX_FREE and search is not None:
             arguments[item] = search == _MATRIX_FREE
-        elif name in given:
-            arguments[item] = given.pop(name)
+        elif name in values:
+            arguments[item] = values.pop(name)
     return options(**arguments)
 
 

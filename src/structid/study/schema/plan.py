@@ -14,12 +14,12 @@ from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dofs, renamed
 from structid.core.errors import SingularModelError
 from structid.fem import Structure
-from structid.fem.places import AimedSensor
+from structid.fem.measuring_points import AimedSensor
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import used_lines
 from structid.inversion.search.work import ALONE, Work
-from structid.planning.options import resolved
+from structid.planning.options import resolve_options
 from structid.planning.plan import plan
 from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
@@ -122,7 +122,7 @@ def load_plan(path: str | Path, work: Work = ALONE, **changes: Any) -> PlanStudy
     record, declared, notes = _read_record(recorded, files, structure, aimed)
     with (root.section("plan") or root).located():
         options, option_notes = _read_options(section, structure, unknown, record, declared, method, aimed)
-        options = resolved(structure, unknown, replace(options, **changes))
+        options = resolve_options(structure, unknown, replace(options, **changes))
     notes = (*notes, *option_notes, *_describe_aimed_sensors(structure, options))
     return PlanStudy(title_of(root), structure, unknown, options, notes, root, files.digests)
 
@@ -172,14 +172,14 @@ def _read_options(
     method: IdentifyOptions,
     aimed: Mapping[str, str],
 ) -> tuple[PlanOptions, tuple[str, ...]]:
-    """The options of the plan, with defaults from the record and from [method], and notes on them."""
+    """Options of the plan with defaults from the record and from [method], and notes on them; `aimed` renames aimed sensors."""
     values = section.values(PLAN)
     frequency, line_notes = _candidate_lines(section, values, structure, unknown, record, method)
     relative, absolute, noise_notes = _noise_levels(section, record, declared, method.model_error)
     for key in ("sensors", "installed_sensors", *_LOADS):
         with section.located(key):
             values[key] = _in_structure(parse_dofs(as_list(values.get(key, []))), aimed, key in _LOADS)
-            structure.require_places(values[key], key in _LOADS)
+            structure.require_dofs(values[key], key in _LOADS)
     if structure.driven([dof for key in _LOADS for dof in values[key]]):
         values.setdefault("kind", "transmissibility")
     if record is not None:
@@ -201,7 +201,7 @@ def _in_structure(dofs: tuple[Dof, ...], aimed: Mapping[str, str], are_loads: bo
 
 def _candidate_lines(
     section: Section,
-    given: Given,
+    values: Given,
     structure: Structure,
     unknown: Parameters,
     record: FrfRecord | None,
@@ -209,10 +209,10 @@ def _candidate_lines(
 ) -> tuple[tuple[float, ...], tuple[str, ...]]:
     """Candidate frequencies in Hz and notes: as given, those of the record, or spread over the band of the model's modes.
 
-    The keys that it uses are removed from `given`.
+    The keys that it uses are removed from `values`.
     """
-    band, spacing = given.pop("band", None), given.pop("spacing", "linear")
-    axis, count = given.pop("frequency", None), given.pop("n_lines", None)
+    band, spacing = values.pop("band", None), values.pop("spacing", "linear")
+    axis, count = values.pop("frequency", None), values.pop("n_lines", None)
     if axis is not None:
         if band is not None or count is not None:
             raise section.error("gives lines both by `frequency` and by `band` or `n_lines`; keep one of them")

@@ -46,10 +46,10 @@ _TERMS: dict[str, type[Smoothness] | type[Sparsity]] = {"smoothness": Smoothness
 REGULARIZATION = table_of(Smoothness) | {"kind": Key(choice(*_TERMS), "Which of them", required=True)}
 
 
-def read_parameters(root: Section, structure: Structure, known: Collection[str] = ()) -> Parameters:
+def read_parameters(root: Section, structure: Structure, element_sets: Collection[str] = ()) -> Parameters:
     """The parameters that the ``[[unknown]]`` tables declare on `structure`.
 
-    Element sets among `known`, those of a study's other set-ups, may be missing from `structure`; what is declared on
+    Element sets among `element_sets`, those of a study's other set-ups, may be missing from `structure`; what is declared on
     them alone is then no parameter of it.
     """
     entries = root.sections("unknown")
@@ -58,7 +58,7 @@ def read_parameters(root: Section, structure: Structure, known: Collection[str] 
             "the study has no parameter to identify; add [[unknown]] tables with `property` and `elements`,"
             ' as in property = "mass", elements = "plate 1"'
         )
-    pairs = [(entry, _restrict_to_structure(_read_unknown(entry), structure, known)) for entry in entries]
+    pairs = [(entry, _restrict_to_structure(_read_unknown(entry), structure, element_sets)) for entry in entries]
     entries, unknowns = [e for e, u in pairs if u is not None], [u for _, u in pairs if u is not None]
     try:
         declared = parameters(structure, unknowns)
@@ -105,10 +105,10 @@ def read_regularization(root: Section, structure: Structure, unknown: Parameters
     return tuple(terms)
 
 
-def _restrict_to_structure(unknown: Unknown, structure: Structure, known: Collection[str]) -> Unknown | None:
+def _restrict_to_structure(unknown: Unknown, structure: Structure, element_sets: Collection[str]) -> Unknown | None:
     """The declaration restricted to the element sets that `structure` has; None if it has none of them."""
     present = {element.name for element in (*structure.elements, *structure.sets)}
-    absent = set(known) - present
+    absent = set(element_sets) - present
     texts = as_list(unknown.elements)
     elements = [
         text for text in texts if text not in absent and (text in present or text.rpartition(":")[0] not in absent)

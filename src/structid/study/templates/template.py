@@ -1,4 +1,4 @@
-"""What a template of a study is: a dataclass of the numbers that it asks for, and the text that it makes of them."""
+"""Templates of a study: a dataclass of the numbers that it asks for, and the study text that it makes of them."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def asked_of(template: type[Template]) -> tuple[Asked, ...]:
     return tuple(Asked(one.name, **one.metadata) for one in found)
 
 
-def template_with(template: type[Template], given: Mapping[str, object]) -> Template:
+def template_with(template: type[Template], answers: Mapping[str, object]) -> Template:
     """`template` filled with values, given as text or numbers by name, and defaults for the others.
 
     Raises
@@ -67,7 +67,7 @@ def template_with(template: type[Template], given: Mapping[str, object]) -> Temp
     """
     questions = {question.name: question for question in asked_of(template)}
     values: dict[str, float | int | str] = {}
-    for name, value in given.items():
+    for name, value in answers.items():
         if name not in questions:
             listed = ", ".join(
                 f"{question.name} ({question.words}, {question.unit or 'no unit'})" for question in questions.values()
@@ -77,15 +77,15 @@ def template_with(template: type[Template], given: Mapping[str, object]) -> Temp
     return template(**values)
 
 
-def asked_value(question: Asked, given: str) -> float | int | str:
-    """`given` as the number or text that a question asks for.
+def asked_value(question: Asked, answer: str) -> float | int | str:
+    """`answer` as the number or text that a question asks for.
 
     Raises
     ------
     InputError
         If it is no number, not positive, far too many pieces, or none of the choices.
     """
-    text = given.strip()
+    text = answer.strip()
     if question.choices and text not in question.choices:
         raise InputError(f"{question.name} must be one of {', '.join(question.choices)}, got {text!r}")
     if isinstance(question.default, str):
@@ -128,9 +128,9 @@ def write_study(template: Template, path: Path) -> Path:
     return path
 
 
-def node_lines(places: Mapping[int, Sequence[float]]) -> str:
+def node_lines(positions: Mapping[int, Sequence[float]]) -> str:
     """The lines of ``[structure.nodes]``."""
-    return "\n".join(f"{label} = [{', '.join(number(x) for x in place)}]" for label, place in places.items())
+    return "\n".join(f"{label} = [{', '.join(number(x) for x in place)}]" for label, place in positions.items())
 
 
 def number(value: float) -> str:

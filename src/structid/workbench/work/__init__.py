@@ -1,1 +1,1 @@
-"""What worker processes do for the workbench: all that reads models and records, or computes."""
+"""Tasks of the worker processes of the workbench: all that reads models and records, or computes."""

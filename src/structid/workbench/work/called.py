@@ -1,4 +1,4 @@
-"""What the workbench asks of structid, each in a worker process: the server stays small and outlives a broken file.
+"""Calls of structid by the workbench, in worker processes: the server stays small and outlives a broken file.
 
 Every function takes the folder first and gives what JSON can hold.
 """
@@ -21,12 +21,12 @@ if TYPE_CHECKING:  # NumPy comes with it, which the server does without
 _KEPT_BYTES = 500_000_000
 
 
-def called(name: str, root: str, given: dict[str, Any]) -> str:
+def called(name: str, root: str, arguments: dict[str, Any]) -> str:
     """Answer of the worker function `name` as JSON, or ``{"error": words}`` if it raises an error."""
     from structid.core.json_types import plain
 
     try:
-        found = _FUNCTIONS[name](OpenFolder(Path(root)), **given)
+        found = _FUNCTIONS[name](OpenFolder(Path(root)), **arguments)
     except StructidError as error:
         found = {"error": str(error).replace(f"{root}/", "")}
     except MemoryError:
@@ -36,12 +36,12 @@ def called(name: str, root: str, given: dict[str, Any]) -> str:
     return json.dumps(plain(found), allow_nan=False, separators=(",", ":"))
 
 
-def called_again(name: str, root: str, given: dict[str, Any]) -> str:
-    """As `called`, in a process that is asked for more than once: records that it read are kept."""
+def called_again(name: str, root: str, arguments: dict[str, Any]) -> str:
+    """Call as `called` does, in a process that keeps the records that it has read."""
     from structid.records.formats import keep_records
 
     keep_records(_KEPT_BYTES)
-    return called(name, root, given)
+    return called(name, root, arguments)
 
 
 def _warm(_: OpenFolder) -> Entry:

@@ -77,7 +77,7 @@ def save(
         As `modes_of_file`.
     """
     chosen = ModesOptions(frequencies=tuple(frequencies), band=None if band is None else (band[0], band[1]))
-    return _written(modes_of_file(path, chosen, read), folder)
+    return _write_modes(modes_of_file(path, chosen, read), folder)
 
 
 def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[float] | None) -> dict[str, Entry]:
@@ -107,23 +107,23 @@ def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[flo
     if len(paths) < 2:
         raise InputError("choose two records or more, or two files of modes; one needs no merging")
     options = ModesOptions(band=None if band is None else (band[0], band[1]))
-    return _written(modes_of_setups(paths, options, read), folder)
+    return _write_modes(modes_of_setups(paths, options, read), folder)
 
 
-def _written(found: ModesResult, folder: Path) -> dict[str, Entry]:
+def _write_modes(result: ModesResult, folder: Path) -> dict[str, Entry]:
     """Write modes and their report into `folder`, and return them for the web page."""
     with staged_folder(folder, MODES_PAGE) as staged:
-        write_modes_results(found, staged)
-        modes_page(found).write(staged)
-    return _modes(found)
+        write_modes_results(result, staged)
+        modes_page(result).write(staged)
+    return _modes(result)
 
 
-def _modes(found: ModesResult) -> dict[str, Entry]:
+def _modes(result: ModesResult) -> dict[str, Entry]:
     return {
-        **_told(found.modes),
-        "method": found.identification.method,
-        "warnings": list(found.warnings),
-        "steps": list(found.steps),
+        **_told(result.modes),
+        "method": result.identification.method,
+        "warnings": list(result.warnings),
+        "steps": list(result.steps),
     }
 
 
@@ -142,7 +142,7 @@ def _told(modes: ModalRecord) -> dict[str, Entry]:
     }
 
 
-def posted_modes(given: dict[str, Any]) -> ModalRecord:
+def posted_modes(posted: dict[str, Any]) -> ModalRecord:
     """Modal record of unsaved modes that the web page sends: frequencies, damping, shapes and channels.
 
     Raises
@@ -150,10 +150,12 @@ def posted_modes(given: dict[str, Any]) -> ModalRecord:
     InputError
         If there is none.
     """
-    if not given["frequency"]:
+    if not posted["frequency"]:
         raise InputError("no mode is taken that has a shape; take one, or save the modes first")
-    shapes = np.array(given["shapes"], dtype=float).T
-    return ModalRecord(given["frequency"], given["damping"], shapes, parse_dofs(given["channels"]), source="the page")
+    shapes = np.array(posted["shapes"], dtype=float).T
+    return ModalRecord(
+        posted["frequency"], posted["damping"], shapes, parse_dofs(posted["channels"]), source="the page"
+    )
 
 
 def beside(model: ReadModel, measured: ModalRecord, results: Path | None) -> dict[str, Any]:

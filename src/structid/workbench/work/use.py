@@ -1,4 +1,4 @@
-"""What the page asks of an identified model: responses anywhere, before and after changes, and files for other programs."""
+"""Uses of an identified model by the page: responses anywhere, before and after changes, and files for other programs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MEASURED = ("outputs", "inputs", "kind")
 
 
 def use_facts(folder: Path) -> dict[str, Entry]:
-    """What can be asked of the model of a results folder: places, properties, measured channels, and files.
+    """Facts on the model of a results folder for the page: nodes, properties, measured channels, and files.
 
     Raises
     ------

@@ -57,14 +57,14 @@ class Workers:
         self._answers: OrderedDict[tuple[str, ...], str] = OrderedDict()
         self._running: dict[tuple[str, ...], asyncio.Task[str]] = {}
 
-    async def __call__(self, name: str, given: dict[str, Any], version: str = "") -> str:
+    async def __call__(self, name: str, arguments: dict[str, Any], version: str = "") -> str:
         """Answer of the worker function `name` as JSON; with a `version` of its input files, cached."""
-        key = (name, repr(sorted(given.items())), version)
+        key = (name, repr(sorted(arguments.items())), version)
         if version and key in self._answers:
             self._answers.move_to_end(key)
             return self._answers[key]
         if key not in self._running:
-            self._running[key] = asyncio.create_task(self._called(name, given))
+            self._running[key] = asyncio.create_task(self._called(name, arguments))
             self._running[key].add_done_callback(lambda _: self._running.pop(key, None))
         answer = await asyncio.shield(self._running[key])
         if version and not answer.startswith('{"error"'):
@@ -73,7 +73,7 @@ class Workers:
                 self._answers.popitem(last=False)
         return answer
 
-    async def _called(self, name: str, given: dict[str, Any]) -> str:
+    async def _called(self, name: str, arguments: dict[str, Any]) -> str:
         """Answer of the worker function `name` from its process; an error message if that process was lost."""
         kind = "think" if name in _THINKING else "look"
         if kind not in self._pools:
@@ -81,7 +81,7 @@ class Workers:
         pool = self._pools[kind]
         self._busy[kind] += 1
         try:
-            return await asyncio.wrap_future(pool.submit(called_again, name, self.root, given))
+            return await asyncio.wrap_future(pool.submit(called_again, name, self.root, arguments))
         except (ProcessLostError, asyncio.CancelledError):  # ended while it worked, or before its turn
             if self._pools.get(kind) is pool:
                 self._pools.pop(kind).shutdown()

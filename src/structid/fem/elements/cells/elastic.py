@@ -78,10 +78,10 @@ def elastic_stiffness(
     return 0.5 * (stiffness + np.swapaxes(stiffness, 1, 2))
 
 
-def _products(left: FloatArray, elasticity: FloatArray, right: FloatArray, measure: FloatArray) -> FloatArray:
+def _products(factors: FloatArray, elasticity: FloatArray, right: FloatArray, measure: FloatArray) -> FloatArray:
     """Integrals of left' D right over each cell, (n_cells, n_left, n_right): D is `elasticity`; `measure` weighs the points."""
-    total = np.zeros((left.shape[1], left.shape[3], right.shape[3]))
-    for a, b, weight in zip(left, right, measure, strict=True):
+    total = np.zeros((factors.shape[1], factors.shape[3], right.shape[3]))
+    for a, b, weight in zip(factors, right, measure, strict=True):
         total += np.swapaxes(a, 1, 2) @ (elasticity @ b * weight[:, None, None])
     return total
 

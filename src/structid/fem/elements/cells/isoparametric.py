@@ -57,27 +57,27 @@ class CellShape:
     def n_nodes(self) -> int:
         return len(self.corners)
 
-    def values(self, at: FloatArray) -> FloatArray:
-        """Interpolation functions at reference points `at`, (n_points, n_nodes)."""
-        return _monomials(at, self.exponents) @ np.linalg.inv(_monomials(self.corners, self.exponents))
+    def values(self, points: FloatArray) -> FloatArray:
+        """Interpolation functions at reference points `points`, (n_points, n_nodes)."""
+        return _monomials(points, self.exponents) @ np.linalg.inv(_monomials(self.corners, self.exponents))
 
-    def slopes(self, at: FloatArray) -> FloatArray:
+    def slopes(self, points: FloatArray) -> FloatArray:
         """Derivatives of the shape functions along the reference axes, (n_points, n_dimensions, n_nodes)."""
         coefficients = np.linalg.inv(_monomials(self.corners, self.exponents))
         axes = range(self.corners.shape[1])
-        return np.stack([_monomial_slopes(at, self.exponents, axis) @ coefficients for axis in axes], axis=1)
+        return np.stack([_monomial_slopes(points, self.exponents, axis) @ coefficients for axis in axes], axis=1)
 
 
-def _monomials(at: FloatArray, exponents: IntArray) -> FloatArray:
-    base = np.where((at[:, None, :] == 0) & (exponents[None] < 0), 1.0, at[:, None, :])
+def _monomials(points: FloatArray, exponents: IntArray) -> FloatArray:
+    base = np.where((points[:, None, :] == 0) & (exponents[None] < 0), 1.0, points[:, None, :])
     powers: FloatArray = np.prod(base ** exponents[None], axis=2)
     return powers
 
 
-def _monomial_slopes(at: FloatArray, exponents: IntArray, axis: int) -> FloatArray:
+def _monomial_slopes(points: FloatArray, exponents: IntArray, axis: int) -> FloatArray:
     lowered = exponents.copy()
     lowered[:, axis] -= lowered[:, axis] != 0
-    return exponents[:, axis] * _monomials(at, lowered)
+    return exponents[:, axis] * _monomials(points, lowered)
 
 
 def box_rule(*orders: int) -> tuple[FloatArray, FloatArray]:
@@ -176,7 +176,7 @@ PLANE_CELLS, SOLID_CELLS = (
 
 
 def gradients(
-    name: str, nodes: IntArray, positions: FloatArray, shape: CellShape, at: FloatArray
+    name: str, nodes: IntArray, positions: FloatArray, shape: CellShape, points: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Gradients of the interpolation in physical axes, and Jacobian determinants.
 
@@ -189,7 +189,7 @@ def gradients(
     positions : (n_cells, n_nodes, n_dimensions) float array
         m.
     shape : CellShape
-    at : (n_points, n_dimensions) float array
+    points : (n_points, n_dimensions) float array
         Reference points.
 
     Returns
@@ -202,12 +202,12 @@ def gradients(
     InputError
         If a cell has no volume (area), is turned inside out, or is folded.
     """
-    jacobian = np.einsum("qdk,ekc->qedc", shape.slopes(at), positions)
+    jacobian = np.einsum("qdk,ekc->qedc", shape.slopes(points), positions)
     determinant: FloatArray = np.linalg.det(jacobian)
     if positions.shape[2] == 2:
         determinant = determinant * np.where(determinant.mean(axis=0) < 0, -1.0, 1.0)
     require_regular(name, nodes, positions, determinant)
-    return np.linalg.solve(jacobian, shape.slopes(at)[:, None]), determinant
+    return np.linalg.solve(jacobian, shape.slopes(points)[:, None]), determinant
 
 
 def require_regular(name: str, nodes: IntArray, positions: FloatArray, determinant: FloatArray) -> None:

@@ -119,11 +119,11 @@ def plate_mass(name: str, nodes: IntArray, corners: FloatArray, cell: str) -> Fl
     return np.swapaxes(values, 1, 2) @ (values * (weights[:, None] * determinant).T[:, :, None])
 
 
-def _square_functions(at: FloatArray) -> FloatArray:
-    """Values at points `at` (n_points, 2) of the functions of (w, dw/dxi, dw/deta) at corners of the square, (n_points, 4, 3)."""
-    values = np.empty((len(at), 4, 3))
+def _square_functions(points: FloatArray) -> FloatArray:
+    """Values at `points` (n_points, 2) of the functions of (w, dw/dxi, dw/deta) at corners of the square, (n_points, 4, 3)."""
+    values = np.empty((len(points), 4, 3))
     for k, (a, b) in enumerate(CELLS["quad"].corners):
-        x, y = at[:, 0] * a, at[:, 1] * b
+        x, y = points[:, 0] * a, points[:, 1] * b
         both = (1 + x) * (1 + y) / 8
         values[:, k, 0] = both * (2 + x + y - x**2 - y**2)
         values[:, k, 1] = -a * both * (1 - x**2)
@@ -131,12 +131,12 @@ def _square_functions(at: FloatArray) -> FloatArray:
     return values
 
 
-def _triangle_functions(at: FloatArray) -> FloatArray:
-    """Values at points `at` (n_points, 2) of the functions of (w, dw/dxi, dw/deta) at corners of the triangle, (n_points, 3, 3)."""
-    area = np.column_stack([1 - at.sum(axis=1), at])
+def _triangle_functions(points: FloatArray) -> FloatArray:
+    """Values at `points` (n_points, 2) of the functions of (w, dw/dxi, dw/deta) at corners of the triangle, (n_points, 3, 3)."""
+    area = np.column_stack([1 - points.sum(axis=1), points])
     corners = CELLS["triangle"].corners
     bubble = area.prod(axis=1)
-    values = np.empty((len(at), 3, 3))
+    values = np.empty((len(points), 3, 3))
     for k in range(3):
         j, m = (k + 1) % 3, (k + 2) % 3
         lk, lj, lm = area[:, k], area[:, j], area[:, m]

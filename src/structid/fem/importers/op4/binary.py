@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
 from structid.fem.importers.imported import ImportedMatrix
-from structid.fem.importers.op4.strings import Op4Options, Strings, assembled, finished
+from structid.fem.importers.op4.strings import Op4Options, Strings, assemble_strings, finish_matrix
 
 _REMEDY = "the file is cut short or damaged; copy it in binary mode or write it again"
 
@@ -57,57 +57,57 @@ def matrices(path: Path, content: bytes, kind: Kind) -> list[ImportedMatrix]:
         header, begin = _read_header(path, content, begin, kind)
         columns, begin = _read_columns(path, content, begin, kind, header)
         matrix = _read_matrix(path, view, kind, header, columns)
-        read.append(finished(path, header.name, matrix, header.form))
+        read.append(finish_matrix(path, header.name, matrix, header.form))
     return read
 
 
-def _record_range(path: Path, content: bytes, at: int, kind: Kind, what: str) -> tuple[int, int]:
-    """First byte and length of the record at byte `at`, after its two markers were compared; `what` names it in errors."""
-    if at + 4 > len(content):
+def _record_range(path: Path, content: bytes, offset: int, kind: Kind, what: str) -> tuple[int, int]:
+    """First byte and length of the record at byte `offset`, after its two markers were compared; `what` names it in errors."""
+    if offset + 4 > len(content):
         raise FileError(f"{path}: ends at byte {len(content)} before {what}; {_REMEDY}")
-    (length,) = struct.unpack_from(f"{kind.order}i", content, at)
-    end = at + 4 + length
+    (length,) = struct.unpack_from(f"{kind.order}i", content, offset)
+    end = offset + 4 + length
     if length < 3 * kind.word or end + 4 > len(content):
-        raise FileError(f"{path}: byte {at}: {what} should have {length} bytes, but the file ends; {_REMEDY}")
+        raise FileError(f"{path}: byte {offset}: {what} should have {length} bytes, but the file ends; {_REMEDY}")
     if struct.unpack_from(f"{kind.order}i", content, end)[0] != length:
-        raise FileError(f"{path}: byte {at}: {what} does not end where it says; {_REMEDY}")
-    return at + 4, length
+        raise FileError(f"{path}: byte {offset}: {what} does not end where it says; {_REMEDY}")
+    return offset + 4, length
 
 
-def _read_header(path: Path, content: bytes, at: int, kind: Kind) -> tuple[Header, int]:
-    """The header of the matrix at byte `at`, and the byte behind it."""
-    start, length = _record_range(path, content, at, kind, "the header of a matrix")
+def _read_header(path: Path, content: bytes, offset: int, kind: Kind) -> tuple[Header, int]:
+    """The header of the matrix at byte `offset`, and the byte behind it."""
+    start, length = _record_range(path, content, offset, kind, "the header of a matrix")
     if length != 6 * kind.word:
         raise FileError(
-            f"{path}: byte {at}: the header of a matrix has {length} bytes instead of {6 * kind.word}; {_REMEDY}"
+            f"{path}: byte {offset}: the header of a matrix has {length} bytes instead of {6 * kind.word}; {_REMEDY}"
         )
     columns, rows, form, number = struct.unpack_from(f"{kind.order}4{kind.integer}", content, start)
     name = content[start + 4 * kind.word : start + 6 * kind.word].decode("latin-1").replace("\0", " ").strip()
     if columns <= 0 or rows == 0 or number not in (1, 2, 3, 4):
         raise FileError(
-            f"{path}: byte {at}: matrix {name!r} has {rows} rows, {columns} columns and type {number}; {_REMEDY}"
+            f"{path}: byte {offset}: matrix {name!r} has {rows} rows, {columns} columns and type {number}; {_REMEDY}"
         )
     return Header(columns, rows, form, number, name.replace(" ", "")), start + length + 4
 
 
-def _read_columns(path: Path, content: bytes, at: int, kind: Kind, header: Header) -> tuple[IntArray, int]:
+def _read_columns(path: Path, content: bytes, offset: int, kind: Kind, header: Header) -> tuple[IntArray, int]:
     """Byte, column, row and number of words of each column record, (n_records, 4), and the byte behind the matrix."""
     rows = []
     unpack = struct.Struct(f"{kind.order}3{kind.integer}").unpack_from
     what = f"column record of matrix {header.name!r}"
     while True:
-        start, length = _record_range(path, content, at, kind, f"a {what}")
+        start, length = _record_range(path, content, offset, kind, f"a {what}")
         column, row, words = unpack(content, start)
         next_at = start + length + 4
         if column == header.columns + 1:
             break
         if not 1 <= column <= header.columns or row < 0 or (3 + words) * kind.word != length:
             raise FileError(
-                f"{path}: byte {at}: a {what} has column {column}, row {row} and {words} words in {length} bytes; "
+                f"{path}: byte {offset}: a {what} has column {column}, row {row} and {words} words in {length} bytes; "
                 f"{_REMEDY}"
             )
         rows.append((start + 3 * kind.word, column - 1, row, words))
-        at = next_at
+        offset = next_at
     return np.array(rows, dtype=np.int64).reshape(-1, 4), next_at
 
 
@@ -129,7 +129,7 @@ def _read_matrix(path: Path, view: NDArray[np.uint32], kind: Kind, header: Heade
     within = np.arange(int(reals.sum())) - np.repeat(before, reals)
     step = per_real * kind.word // 4
     numbers = _numbers(view, np.repeat(at // 4, reals) + within * step, step, kind)
-    return assembled(shape, first_row, first_column, length, numbers, is_complex)
+    return assemble_strings(shape, first_row, first_column, length, numbers, is_complex)
 
 
 def _string_table(
@@ -170,19 +170,19 @@ def _integers(view: NDArray[np.uint32], byte: IntArray, kind: Kind) -> IntArray:
     return np.ascontiguousarray(pair).view(f"{kind.order}i{kind.word}").ravel().astype(np.int64)
 
 
-def _numbers(view: NDArray[np.uint32], at: IntArray, words: int, kind: Kind) -> FloatArray:
-    """Numbers of `words` 32-bit words that begin at 32-bit word `at`."""
-    taken = view[at] if words == 1 else view[at[:, None] + np.arange(words)]
+def _numbers(view: NDArray[np.uint32], offsets: IntArray, words: int, kind: Kind) -> FloatArray:
+    """Numbers of `words` 32-bit words that begin at 32-bit word `offsets`."""
+    taken = view[offsets] if words == 1 else view[offsets[:, None] + np.arange(words)]
     return np.ascontiguousarray(taken).view(f"{kind.order}f{4 * words}").ravel().astype(np.float64)
 
 
-def encoded(strings: Strings, options: Op4Options) -> bytes:
+def encode_matrix(strings: Strings, options: Op4Options) -> bytes:
     """One matrix as records of a binary OUTPUT4 file."""
     kind = Kind("<" if options.byte_order == "little" else ">", options.words // 8)
     rows = -strings.shape[0] if strings.layout == "bigmat" else strings.shape[0]
     name = strings.name.upper().ljust(2 * kind.word).encode("ascii")
     head = struct.pack(f"{kind.order}4{kind.integer}", strings.shape[1], rows, strings.form, strings.kind)
-    parts = [_framed(head + name, kind)]
+    parts = [_frame_record(head + name, kind)]
     size = 4 if options.single and kind.word == 4 else 8
     numbers = strings.numbers.astype(f"{kind.order}f{size}").tobytes()
     per_entry = (2 if strings.kind > 2 else 1) * size
@@ -196,10 +196,10 @@ def encoded(strings: Strings, options: Op4Options) -> bytes:
             body.append(_pack_string_head(int(strings.row[s]) + 1, len(data) // kind.word, strings.layout, kind) + data)
         whole = b"".join(body)
         first = int(strings.row[a]) + 1 if strings.layout == "dense" else 0
-        place = struct.pack(f"{kind.order}3{kind.integer}", int(strings.column[a]) + 1, first, len(whole) // kind.word)
-        parts.append(_framed(place + whole, kind))
+        start = struct.pack(f"{kind.order}3{kind.integer}", int(strings.column[a]) + 1, first, len(whole) // kind.word)
+        parts.append(_frame_record(start + whole, kind))
     last = struct.pack(f"{kind.order}3{kind.integer}", strings.shape[1] + 1, 1, size // kind.word)
-    parts.append(_framed(last + struct.pack(f"{kind.order}{'f' if size == 4 else 'd'}", 1.0), kind))
+    parts.append(_frame_record(last + struct.pack(f"{kind.order}{'f' if size == 4 else 'd'}", 1.0), kind))
     return b"".join(parts)
 
 
@@ -212,6 +212,6 @@ def _pack_string_head(row: int, words: int, layout: str, kind: Kind) -> bytes:
     return struct.pack(f"{kind.order}{kind.integer}", row + 65536 * (words + 1))
 
 
-def _framed(body: bytes, kind: Kind) -> bytes:
+def _frame_record(body: bytes, kind: Kind) -> bytes:
     marker = struct.pack(f"{kind.order}i", len(body))
     return marker + body + marker

@@ -14,7 +14,7 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
 from structid.fem.importers.fixed_fields import FieldError, chunks, fields_at, real_numbers
 from structid.fem.importers.imported import ImportedMatrix
-from structid.fem.importers.op4.strings import Op4Options, Strings, assembled, finished
+from structid.fem.importers.op4.strings import Op4Options, Strings, assemble_strings, finish_matrix
 
 _FORMAT = re.compile(rb"(?:1P,?)?\s*(\d+)\s*[EDG](\d+)\.(\d+)", re.IGNORECASE)
 #: Letters of a form that are looked at.
@@ -36,11 +36,11 @@ class _Lines(NamedTuple):
     path: Path
     text: list[bytes]
 
-    def integers(self, at: int, count: int, what: str) -> list[int]:
-        """`count` whole numbers on the line with index `at`, in fields of eight columns or between blanks; `what` is for errors."""
-        if at >= len(self.text):
+    def integers(self, line_index: int, count: int, what: str) -> list[int]:
+        """`count` whole numbers on line `line_index`, in fields of eight columns or between blanks; `what` is for errors."""
+        if line_index >= len(self.text):
             raise FileError(f"{self.path}: ends at line {len(self.text)} before {what}; {_REMEDY}")
-        line = self.text[at]
+        line = self.text[line_index]
         try:
             words = line.split()
             if len(words) == count:
@@ -49,7 +49,7 @@ class _Lines(NamedTuple):
         except ValueError:
             shown = line.decode("latin-1").strip()[:40]
             raise FileError(
-                f"{self.path}, line {at + 1}: must be {what} ({count} whole numbers), got {shown!r}; {_REMEDY}"
+                f"{self.path}, line {line_index + 1}: must be {what} ({count} whole numbers), got {shown!r}; {_REMEDY}"
             ) from None
 
 
@@ -73,36 +73,36 @@ def matrices(path: Path, content: bytes) -> list[ImportedMatrix]:
         is_complex = title.kind > 2
         shape = (abs(title.rows), title.columns)
         count = table[:, 1] // (2 if is_complex else 1)
-        matrix = assembled(shape, table[:, 2], table[:, 3], count, numbers, is_complex)
-        read.append(finished(path, title.name, matrix, title.form))
+        matrix = assemble_strings(shape, table[:, 2], table[:, 3], count, numbers, is_complex)
+        read.append(finish_matrix(path, title.name, matrix, title.form))
     return read
 
 
-def _read_title(lines: _Lines, at: int) -> _Title:
-    """The title line of a matrix at line index `at`: sizes, form, type, name and number format."""
-    line = lines.text[at]
+def _read_title(lines: _Lines, line_index: int) -> _Title:
+    """The title line of a matrix at line index `line_index`: sizes, form, type, name and number format."""
+    line = lines.text[line_index]
     wide = 16 if line.rstrip().upper().endswith(b"|I16") else 0  # large dimensions have fields of sixteen columns
-    columns, rows, form, kind = _title_numbers(lines, at, wide)
+    columns, rows, form, kind = _title_numbers(lines, line_index, wide)
     name = line[32 + wide : 40 + wide].decode("latin-1").replace("\0", " ").strip().upper()
     match = _FORMAT.search(line[40 + wide :][:_LONGEST])
     if columns <= 0 or rows == 0 or kind not in (1, 2, 3, 4):
         raise FileError(
-            f"{lines.path}, line {at + 1}: matrix {name!r} has {rows} rows, {columns} columns and type {kind}; {_REMEDY}"
+            f"{lines.path}, line {line_index + 1}: matrix {name!r} has {rows} rows, {columns} columns and type {kind}; {_REMEDY}"
         )
     per_line, width = (int(match[1]), int(match[2])) if match else (5, 16)
     return _Title(columns, rows, form, kind, name.replace(" ", ""), per_line, width)
 
 
-def _title_numbers(lines: _Lines, at: int, wide: int) -> list[int]:
+def _title_numbers(lines: _Lines, line_index: int, wide: int) -> list[int]:
     """The four whole numbers of a title line; `wide` is the extra width of its first two fields."""
-    line = lines.text[at]
+    line = lines.text[line_index]
     edges = [0, 8 + wide // 2, 16 + wide, 24 + wide, 32 + wide]
     try:
         return [int(line[a:b]) for a, b in pairwise(edges)]
     except ValueError:
         shown = line.decode("latin-1").strip()[:40]
         raise FileError(
-            f"{lines.path}, line {at + 1}: must be the title of a matrix (four whole numbers and a name), got {shown!r}; "
+            f"{lines.path}, line {line_index + 1}: must be the title of a matrix (four whole numbers and a name), got {shown!r}; "
             f"{_REMEDY}"
         ) from None
 
@@ -144,10 +144,10 @@ def _read_strings(lines: _Lines, line_index: int, title: _Title) -> tuple[IntArr
             line_index += -(-reals // title.per_line)
 
 
-def _require(lines: _Lines, at: int, column: int, row: int, reals: int, limit: int) -> None:
+def _require(lines: _Lines, line_index: int, column: int, row: int, reals: int, limit: int) -> None:
     if column < 1 or row < 1 or not 0 < reals <= limit:
         raise FileError(
-            f"{lines.path}, line {at}: says column {column}, row {row} and {reals} numbers, which is not possible; "
+            f"{lines.path}, line {line_index}: says column {column}, row {row} and {reals} numbers, which is not possible; "
             f"{_REMEDY}"
         )
 
@@ -179,7 +179,7 @@ def _read_numbers(
     return values
 
 
-def encoded(strings: Strings, options: Op4Options) -> bytes:
+def encode_matrix(strings: Strings, options: Op4Options) -> bytes:
     """One matrix as text of an ASCII OUTPUT4 file."""
     digits, per_line = (9, 5) if options.single else (16, 3)
     width = digits + 7 if options.single else digits + 8  # a third digit of an exponent fits

@@ -22,7 +22,7 @@ from structid.records.formats.clocks import SURE, Rate, even_rate, resample, res
 from structid.records.formats.csv.layout import CsvLayout
 from structid.records.formats.csv.recognition import as_date, is_axis
 from structid.records.formats.csv.table import Table
-from structid.records.formats.gaps import sourced
+from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import (
     LONGEST_NAME,
     bare_unit,
@@ -32,9 +32,9 @@ from structid.records.formats.headers import (
     name_and_unit,
     other_unit_in_name,
 )
-from structid.records.formats.named_channels import NamedChannels, chosen, record_of, scale_of_times
+from structid.records.formats.named_channels import NamedChannels, choose_columns, record_of, scale_of_times
 from structid.records.formats.options import ReadOptions, layout_words, option_words
-from structid.records.formats.selection import selected
+from structid.records.formats.selection import select_channels
 from structid.records.record import COHERENCE_MOST, FrfKind, FrfRecord, TimeRecord
 
 #: Words that headers have for parts of a response, and what structid calls them.
@@ -53,6 +53,8 @@ _PAIR = re.compile(
     r"(\s*[\[(](?P<own>[^\[\]]*)[\])])?",
     re.IGNORECASE,
 )
+#: A day in s, and the latest time that is believed: a clock that counts from 1970 in ms is 1.8e12.
+_DAY, _LATEST = 86400.0, 1e11
 #: What may stand before a pair of degrees of freedom: the estimator of an FRF.
 _ESTIMATOR = re.compile(r"(?:H[12v]?|FRF|TF)[\s:_]+", re.IGNORECASE)
 _PART_WORD = re.compile(
@@ -109,7 +111,7 @@ def _time_column(table: Table, options: ReadOptions) -> int | None:
     """Index of the column of times, or None if the option `sampling_rate` replaces it."""
     if options.time_column:
         numbers = range(1, len(table.names) + 1)
-        return chosen(table.path, [options.time_column], table.names, list(numbers))[0]
+        return choose_columns(table.path, [options.time_column], table.names, list(numbers))[0]
     for j, name in enumerate(table.names):
         if is_time(name) and not _is_chosen(table, j, options):
             return j
@@ -144,7 +146,7 @@ def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
     texts = table.column(axis)
     if as_date(texts[0]) is not None:
         time, scale = _seconds(table, axis, [as_date(text) for text in texts]), 1.0
-        texts = [text[11:].partition("+")[0].rstrip("Z").rpartition(":")[2] for text in texts]
+        texts = [text[11 * (":" not in text[:3]) :].partition("+")[0].rstrip("Z").rpartition(":")[2] for text in texts]
     else:
         where = f"{table.path}: line {table.header_line}, column {axis + 1} ({table.names[axis]!r})"
         scale = scale_of_times(where, table.names[axis], table.units[axis], options)
@@ -156,6 +158,11 @@ def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
                 " repair or remove the line"
             )
     time = time * scale
+    if abs(time[0]) > _LATEST:
+        raise FileError(
+            f"{table.path}: line {table.first_line}, column {axis + 1} ({table.names[axis]}) is {texts[0]}, which would be"
+            f" {abs(time[0]) / _DAY / 365.25:,.0f} years; correct the unit of the times"
+        )
     even = sampling_rate(table.path, time, texts, scale, table.first_line, axis + 1, options.resample != "")
     if even is None:
         return _Clock(0.0, 0.0, "", time)
@@ -196,7 +203,7 @@ def last_digits(texts: Sequence[str]) -> FloatArray:
 
 
 def _seconds(table: Table, axis: int, dates: Sequence[datetime | None]) -> FloatArray:
-    """Dates as seconds after the first one, (n_rows,)."""
+    """Dates or times of a clock as seconds after the first one, (n_rows,); a clock goes on after midnight."""
     first = dates[0]
     seconds = np.empty(len(dates))
     for i, date in enumerate(dates):
@@ -206,6 +213,9 @@ def _seconds(table: Table, axis: int, dates: Sequence[datetime | None]) -> Float
                 " above; repair or remove the line"
             )
         seconds[i] = (date - first).total_seconds()
+    if first is not None and first.year == 1:
+        midnights = np.diff(seconds, prepend=0.0) < -_DAY / 2
+        seconds += _DAY * np.cumsum(midnights)
     return seconds
 
 
@@ -272,7 +282,7 @@ def time_header(record: TimeRecord) -> tuple[list[str], list[FloatArray]]:
 
 
 class _Head(NamedTuple):
-    """What the header of a column says, or the user in its place."""
+    """Content of a column's header, or the user's words in its place."""
 
     output: str
     input: str
@@ -552,7 +562,9 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
         variance=parts["std"] ** 2 if "std" in parts else None,
         coherence=parts.get("coherence"),
         noise_source="declared" if "std" in parts else "unknown",
-        source=sourced(table.path, ", ".join(f"{name} is {dof}" for name, dof in {**of_outputs, **of_inputs}.items())),
+        source=source_with_note(
+            table.path, ", ".join(f"{name} is {dof}" for name, dof in {**of_outputs, **of_inputs}.items())
+        ),
     )
     remaining = replace(
         options,
@@ -560,7 +572,7 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
         inputs=() if of_inputs else options.inputs,
         axis_unit="",
     )
-    return selected(table.path, record, remaining)
+    return select_channels(table.path, record, remaining)
 
 
 def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:

@@ -1,4 +1,4 @@
-"""How a table of a laboratory is laid out, where its user says it."""
+"""Layout of a laboratory's table, as far as the user states it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PARTS = ("re", "im", "magnitude", "phase", "coherence", "std")
 
 @dataclass(frozen=True)
 class CsvLayout:
-    """How a CSV or text table is laid out; what is not given is recognised where the table leaves no doubt.
+    """Layout of a CSV or text table; what is not given is recognised where the table leaves no doubt.
 
     Which columns are read, what they are called and their units are told by `columns`, `channels`, `units`,
     `time_column` and `sampling_rate` of `ReadOptions`, as for every other format.

@@ -1,4 +1,4 @@
-"""What the lines of a table say about its layout: separator, decimal sign, header; refused with a remedy where in doubt."""
+"""Layout of a table from its lines: separator, decimal sign, header; refused with a remedy where in doubt."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ from structid.records.formats.options import layout_words
 _TIMES = ("time_s", "time [s]", "time (s)")
 _REAL = r"(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?"
 _NUMBER = re.compile(rf"[+-]?{_REAL}|[+-]?(nan|inf|infinity)", re.IGNORECASE)
+#: Hours, minutes and seconds of a clock.
+_CLOCK = re.compile(r"\d{1,2}:\d\d:\d\d(\.\d+)?")
 _COMPLEX = re.compile(
     rf"\(?\s*(?P<re>[+-]?{_REAL})\s*(?P<sign>[+-])\s*[ij]?\s*\*?\s*(?P<im>{_REAL})\s*\*?\s*[ij]?\s*\)?"
 )
@@ -45,11 +47,15 @@ class Rows(Sequence[list[str]]):
         return len(self.lines)
 
     @overload
-    def __getitem__(self, at: int) -> list[str]: ...
+    def __getitem__(self, index: int) -> list[str]: ...
     @overload
-    def __getitem__(self, at: slice) -> Rows: ...
-    def __getitem__(self, at: int | slice) -> list[str] | Rows:
-        return Rows(self.lines[at], self.separator) if isinstance(at, slice) else _split(self.lines[at], self.separator)
+    def __getitem__(self, index: slice) -> Rows: ...
+    def __getitem__(self, index: int | slice) -> list[str] | Rows:
+        return (
+            Rows(self.lines[index], self.separator)
+            if isinstance(index, slice)
+            else _split(self.lines[index], self.separator)
+        )
 
     def column(self, j: int) -> list[str]:
         """Cell `j` of every line."""
@@ -100,9 +106,11 @@ def is_axis(name: str) -> bool:
 
 
 def as_date(cell: str) -> datetime | None:
-    """The date and time in a cell in ISO 8601, or None."""
+    """The date and time in a cell in ISO 8601, or the time of a clock such as ``12:00:01.25`` on day 1 of year 1; else None."""
     text = cell.strip().replace(",", ".")
-    if not re.match(r"\d{4}-\d\d-\d\d[T ]\d", text):
+    if _CLOCK.fullmatch(text):
+        text = f"0001-01-01T{'0' if text[1] == ':' else ''}{text}"
+    elif not re.match(r"\d{4}-\d\d-\d\d[T ]\d", text):
         return None
     try:
         return datetime.fromisoformat(text)
@@ -129,7 +137,7 @@ def _are_units(row: Sequence[str]) -> bool:
     return 2 * known > len(cells) and all(len(cell) <= _LONGEST_UNIT for cell in cells)
 
 
-def recognised(path: Path, text: str, layout: CsvLayout) -> Grid:
+def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
     """Header and cells of a table, with its separator, decimal sign and header lines recognised from the text.
 
     Raises
@@ -214,6 +222,11 @@ def _is_data(row: Sequence[str]) -> bool:
     return any(numbers) and sum(numbers) + dates == len(numbers)
 
 
+def _begins_with_time(row: Sequence[str]) -> bool:
+    """True if a line is numbers behind one cell that has digits and colons, such as a date or a clock."""
+    return re.search(r"\d:\d", row[0]) is not None and _is_data(row[1:]) if row else False
+
+
 def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> int:
     """Number of header lines: 0, 1 (names) or 2 (names and units), as stated or recognised."""
     if layout.header_rows is not None:
@@ -228,6 +241,12 @@ def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout
         return 1  # and a line below cannot be read, which is told with its cell
     skip = layout.skip_rows
     if first is None:
+        date = next((row[0].strip() for row in cells[:_HEAD] if _begins_with_time(row)), "")
+        if date:
+            raise FileError(
+                f"{path}: times such as {date!r:.40} are not understood; write them in s, as 2026-11-27T12:00:01.25, or as"
+                " 12:00:01.25"
+            )
         grouped = next((cell.strip() for row in cells[:_HEAD] for cell in row if _GROUPED.fullmatch(cell.strip())), "")
         raise FileError(
             f"{path}: has no line that holds only numbers in its first {min(len(cells), _HEAD)} lines; give what stands"

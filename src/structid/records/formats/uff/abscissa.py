@@ -17,7 +17,7 @@ AxisKind = Literal["frequencies", "times"]
 
 
 class _Axis(NamedTuple):
-    """How an axis is read: its unit's reader, what a type stands for without a label, and other types that a label can explain."""
+    """Rules to read an axis: its unit's reader, the meaning of a type without a label, and types that a label can explain."""
 
     parse: Callable[[str], float]
     units: dict[int, str]
@@ -45,7 +45,7 @@ def axis_unit(path: Path, function: Function, kind: AxisKind, options: ReadOptio
         If the option contradicts the file.
     """
     axis, head = _AXES[kind], function.abscissa
-    where = f"{path}: function {function.place}"
+    where = f"{path}: function {function.ordinal}"
     if head.number not in (*axis.units, *axis.unsaid):
         words = _TYPES.get(head.number, f"type {head.number}")
         hint = " (orders are multiples of a speed of rotation)" if head.number == 20 else ""
@@ -82,6 +82,6 @@ def one_axis_unit(path: Path, functions: list[Function], kind: AxisKind, options
     for function, unit in zip(functions, units, strict=True):
         if unit[0] != units[0][0]:
             raise FileError(
-                f"{path}: functions {functions[0].place} and {function.place} have {kind} in different units; export all alike"
+                f"{path}: functions {functions[0].ordinal} and {function.ordinal} have {kind} in different units; export all alike"
             )
     return units[0]

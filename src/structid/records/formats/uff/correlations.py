@@ -10,7 +10,7 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
 from structid.core.errors import FileError
 from structid.records.correlation import CorrelationRecord
-from structid.records.formats.gaps import sourced
+from structid.records.formats.gaps import source_with_note
 from structid.records.formats.options import ReadOptions
 from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.functions import Function
@@ -48,7 +48,7 @@ def read_correlations(path: Path, options: ReadOptions) -> CorrelationRecord:
     density = next((function for function in functions if is_per_hertz(function)), None)
     if density is not None:
         raise FileError(
-            f"{path}: function {density.place}, a correlation function, is per Hz by its label {density.ordinate.label!r}; export"
+            f"{path}: function {density.ordinal}, a correlation function, is per Hz by its label {density.ordinate.label!r}; export"
             " it again, as a spectrum or as a correlation function"
         )
     step = _one_step(path, functions, to_seconds)
@@ -70,7 +70,9 @@ def read_correlations(path: Path, options: ReadOptions) -> CorrelationRecord:
     count = f"{len(functions)} correlation functions between {len(channels)} channels and {len(references)} references"
     note = "; ".join(filter(None, (f"{count}, {FORWARD}", halves.words, axis_words, turned, windows)))
     averages = options.averages if options.averages is not None else stated_averages(functions)
-    return CorrelationRecord(1 / step, np.real(values), channels, references, quantities, averages, sourced(path, note))
+    return CorrelationRecord(
+        1 / step, np.real(values), channels, references, quantities, averages, source_with_note(path, note)
+    )
 
 
 def _one_step(path: Path, functions: list[Function], to_seconds: float) -> float:
@@ -81,7 +83,7 @@ def _one_step(path: Path, functions: list[Function], to_seconds: float) -> float
         axis = function.axis * to_seconds
         if axis.shape != first.shape or np.abs(axis - first).max() > 0.01 * step:
             raise FileError(
-                f"{path}: function {function.place} has other lags than the first; export all with one setting"
+                f"{path}: function {function.ordinal} has other lags than the first; export all with one setting"
             )
     return step
 
@@ -89,6 +91,6 @@ def _one_step(path: Path, functions: list[Function], to_seconds: float) -> float
 def _real_values(path: Path, function: Function) -> FloatArray:
     if np.iscomplexobj(function.values) and np.any(function.values.imag):
         raise FileError(
-            f"{path}: function {function.place}, a correlation function, has complex values; export real ones"
+            f"{path}: function {function.ordinal}, a correlation function, has complex values; export real ones"
         )
     return np.asarray(np.real(function.values), float)

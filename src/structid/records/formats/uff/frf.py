@@ -16,10 +16,10 @@ from structid.core.errors import FileError, InputError, about
 from structid.core.units import parse_frf_unit
 from structid.files.uff.nodes import UniversalNodes
 from structid.files.uff.units import UnitFactors
-from structid.records.formats.gaps import sourced
+from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import states_unit
 from structid.records.formats.options import ReadOptions, option_words
-from structid.records.formats.selection import positions, selected
+from structid.records.formats.selection import positions, select_channels
 from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
 from structid.records.formats.uff.functions import Characteristics, Function
@@ -74,8 +74,8 @@ def read_frfs(
     """
     by_pair = _functions_by_pair(path, frfs, options)
     named = bool(options.columns) and bool(options.outputs or options.inputs)
-    outputs = _chosen(path, "outputs", () if named else options.outputs, [pair[0] for pair in by_pair])
-    inputs = _chosen(path, "inputs", () if named else options.inputs, [pair[1] for pair in by_pair])
+    outputs = _choose_dofs(path, "outputs", () if named else options.outputs, [pair[0] for pair in by_pair])
+    inputs = _choose_dofs(path, "inputs", () if named else options.inputs, [pair[1] for pair in by_pair])
     pairs = [(output, load) for output in outputs for load in inputs]
     missing = [f"{output}/{load}" for output, load in pairs if (output, load) not in by_pair]
     if missing:
@@ -110,11 +110,13 @@ def read_frfs(
         kind=responses[0].kind,
         coherence=coherence,
         averages=_averages(functions),
-        source=sourced(path, "; ".join(filter(None, (_unit_words(functions, options), axis_words, turned_words)))),
+        source=source_with_note(
+            path, "; ".join(filter(None, (_unit_words(functions, options), axis_words, turned_words)))
+        ),
     )
     rest = ReadOptions(kind=options.kind, averages=options.averages, sampling_rate=options.sampling_rate,
                        channels=options.channels)  # fmt: skip
-    return selected(path, record, rest), coherence is not None
+    return select_channels(path, record, rest), coherence is not None
 
 
 def _unit_words(functions: Sequence[Function], options: ReadOptions) -> str:
@@ -132,7 +134,7 @@ def _unit_words(functions: Sequence[Function], options: ReadOptions) -> str:
     return f"in {', '.join(' per '.join(filter(None, pair)) for pair in other)}" if other else ""
 
 
-def _chosen(path: Path, name: str, texts: tuple[str, ...], present: list[Dof]) -> tuple[Dof, ...]:
+def _choose_dofs(path: Path, name: str, texts: tuple[str, ...], present: list[Dof]) -> tuple[Dof, ...]:
     distinct = tuple(dict.fromkeys(present))
     return tuple(distinct[i] for i in positions(path, name, texts, distinct))
 
@@ -166,7 +168,7 @@ def _functions_by_pair(path: Path, functions: Sequence[Function], options: ReadO
             elif node_and_direction[1] == 0 and wanted[name]:  # a scalar that is not asked for
                 break
             else:
-                sides.append(dof_of(path, node_and_direction, role, function.place))
+                sides.append(dof_of(path, node_and_direction, role, function.ordinal))
         if len(sides) < 2:
             continue
         pair = (sides[0], sides[1])
@@ -174,8 +176,8 @@ def _functions_by_pair(path: Path, functions: Sequence[Function], options: ReadO
             continue
         if pair in by_pair:
             raise FileError(
-                f"{path}: has the FRF of {pair[0]}/{pair[1]} twice, as functions {by_pair[pair].place} and {function.place}; keep"
-                " one of them, or choose functions by their numbers with `columns`"
+                f"{path}: has the FRF of {pair[0]}/{pair[1]} twice, as functions {by_pair[pair].ordinal} and {function.ordinal};"
+                " keep one of them, or choose functions by their numbers with `columns`"
             )
         by_pair[pair] = function
     return by_pair
@@ -197,13 +199,13 @@ def _make_response(
     values = function.values
     if not np.iscomplexobj(values) or _is_padded_magnitude(values):
         raise FileError(
-            f"{path}: function {function.place}, the FRF of {pair[0]}/{pair[1]}, holds real numbers only: a magnitude without its"
+            f"{path}: function {function.ordinal}, the FRF of {pair[0]}/{pair[1]}, holds real numbers only: a magnitude without its"
             " phase, or one part of a response, which tells no motion; export complex values (real and imaginary part)"
         )
     kind, factor = _frf_scale(path, function, pair, factors, options)
     if function.kind == _TRANSMISSIBILITY and kind != "transmissibility":
         raise FileError(
-            f"{path}: function {function.place}, of {pair[0]}/{pair[1]}, is a transmissibility by its function type and {kind} by"
+            f"{path}: function {function.ordinal}, of {pair[0]}/{pair[1]}, is a transmissibility by its function type and {kind} by"
             f" its units; correct one of them, or say the unit: {option_words(unit=None)}"
         )
     return _Response(kind, function.axis * to_hertz, np.asarray(values, np.complex128) * factor)
@@ -257,7 +259,7 @@ def _scale_by_sides(
 
 
 def _split(kind: FrfKind, above: Characteristics, below: Characteristics) -> tuple[Characteristics, Characteristics]:
-    """Both sides where the numerator's label is of the whole FRF, of this kind: without labels, types by its kind."""
+    """Both sides of an FRF whose numerator label describes the whole FRF of this kind; types by kind without labels."""
     types = {"receptance": 8, "mobility": 11, "accelerance": 12, "transmissibility": 12}
     load = 12 if kind == "transmissibility" else 13
     return (
@@ -303,7 +305,7 @@ def _stack_coherence(
             axis = function.axis * to_hertz
             _require_axis(path, f"the coherence of {pair[0]}/{pair[1]}", axis, frequency)
             if np.iscomplexobj(function.values) and function.values.imag.any():
-                raise FileError(f"{path}: function {function.place}, a coherence, is complex; export it again")
+                raise FileError(f"{path}: function {function.ordinal}, a coherence, is complex; export it again")
             of_pair[pair] = function.values.real.astype(float)
     if any((output, load) not in of_pair for output in outputs for load in inputs):
         return None

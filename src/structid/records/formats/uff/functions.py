@@ -30,7 +30,7 @@ _FLOATING = {1: "DEC VMS (VAX)", 3: "IBM 5/370"}
 
 @dataclass(frozen=True)
 class Characteristics:
-    """What a header says of the abscissa, or of one side of the ordinate.
+    """Header fields of the abscissa, or of one side of the ordinate.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Function:
 
     Attributes
     ----------
-    place : int
+    ordinal : int
         Its number among the functions of the file, from 1.
     kind : int
         Function type.
@@ -74,7 +74,7 @@ class Function:
         Names beside the nodes of response and reference, "" where there is none: of a component, or of a channel.
     """
 
-    place: int
+    ordinal: int
     kind: int
     titles: str
     response: tuple[int, int]
@@ -110,8 +110,8 @@ def require_one_component(path: Path, functions: Sequence[Function]) -> None:
                 )
 
 
-def read_function(path: Path, block: Block, place: int) -> Function:
-    """The function in a dataset 58, the `place`-th function (from 1) of its file.
+def read_function(path: Path, block: Block, ordinal: int) -> Function:
+    """The function in a dataset 58, the `ordinal`-th function (from 1) of its file.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def read_function(path: Path, block: Block, place: int) -> Function:
         If the header is damaged or says what cannot be read (numbers of a VAX or an IBM mainframe), points are missing, or values
         are not finite but in time responses, whose gaps are judged later.
     """
-    where = f"{path}: dataset {block.place} (58)"
+    where = f"{path}: dataset {block.ordinal} (58)"
     lines = block.lines
     if len(lines) < HEADER_LINES - 1 + (not block.values_at):
         raise FileError(f"{where} ends within its header; the file is truncated, export it again")
@@ -147,7 +147,7 @@ def read_function(path: Path, block: Block, place: int) -> Function:
     if not np.isfinite(axis).all() or not (dof.kind == 1 or np.isfinite(values).all()):
         raise FileError(f"{where} holds NaN or infinite values; repair or export it again")
     return Function(
-        place=place,
+        ordinal=ordinal,
         kind=dof.kind,
         titles=" ".join(line.strip() for line in lines[:_TITLES]),
         response=dof.response,

@@ -14,26 +14,26 @@ _WEIGHTINGS = {1: "A", 2: "B", 3: "C", 4: "D"}
 _EXPONENTIAL = (4, 6)
 
 
-def qualifier_words(path: Path, blocks: Sequence[Block], places: Collection[int]) -> str:
-    """A note on exponential windows of the functions at `places` among those of the file, from 1; "" if none is stated.
+def qualifier_words(path: Path, blocks: Sequence[Block], ordinals: Collection[int]) -> str:
+    """A note on exponential windows of the functions at `ordinals` among those of the file, from 1; "" if none is stated.
 
     Raises
     ------
     FileError
         If one of them is weighted as sound levels are, or its dataset 1858 is damaged.
     """
-    place, windowed = 0, 0
+    ordinal, windowed = 0, 0
     for block in blocks:
-        place += block.number == 58
-        if block.number != 1858 or place not in places or len(block.lines) < 2:
+        ordinal += block.number == 58
+        if block.number != 1858 or ordinal not in ordinals or len(block.lines) < 2:
             continue
         try:
             weighting, window = integers(block.lines[1], (6,) * 12)[:2]
         except ValueError as error:
-            raise FileError(f"{path}: dataset {block.place} (1858) is damaged ({error}); export it again") from error
+            raise FileError(f"{path}: dataset {block.ordinal} (1858) is damaged ({error}); export it again") from error
         if weighting in _WEIGHTINGS:
             raise FileError(
-                f"{path}: function {place} has {_WEIGHTINGS[weighting]} weighting (dataset 1858), as sound levels have; export it"
+                f"{path}: function {ordinal} has {_WEIGHTINGS[weighting]} weighting (dataset 1858), as sound levels have; export it"
                 " without weighting"
             )
         windowed += window in _EXPONENTIAL

@@ -1,4 +1,4 @@
-"""What a function measures, where, and the factor of its values to SI."""
+"""Quantity and degree of freedom of a function, and the factor of its values to SI."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FORCE_EXPONENTS = ((0, 1), (1, 1))
 _OTHERS = {2: "stress", 3: "strain", 5: "temperature", 6: "heat flux", 9: "reaction force", 15: "pressure", 16: "mass"}
 
 
-def dof_of(path: Path, place: tuple[int, int], role: str, function: int) -> Dof:
+def dof_of(path: Path, node_and_direction: tuple[int, int], role: str, function: int) -> Dof:
     """The degree of freedom of a node and direction of a universal file (1 to 3 translations, 4 to 6 rotations, signed).
 
     `role` and `function` (its number) are for errors.
@@ -33,7 +33,7 @@ def dof_of(path: Path, place: tuple[int, int], role: str, function: int) -> Dof:
     FileError
         If the direction is 0 (a scalar) or larger than 6.
     """
-    node, direction = place
+    node, direction = node_and_direction
     if not 1 <= abs(direction) <= 6 or node < 0:
         raise FileError(
             f"{path}: the {role} of function {function}, at node {node}, has direction {direction}; it must be 1 to 6 or -1 to -6:"

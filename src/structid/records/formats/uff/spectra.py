@@ -18,9 +18,9 @@ from structid.files.uff.blocks import Block, read_blocks
 from structid.files.uff.nodes import read_nodes
 from structid.files.uff.units import UnitFactors, read_unit_factors
 from structid.records.formats.bare import channel_units
-from structid.records.formats.gaps import sourced
+from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import is_read_by
-from structid.records.formats.named_channels import chosen
+from structid.records.formats.named_channels import choose_columns
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
@@ -70,7 +70,7 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
             or np.abs(function.axis * to_hertz - frequency).max() > 1e-6 * frequency[-1]
         ):
             raise FileError(
-                f"{path}: function {function.place} has other frequencies than the first; export all with one setting"
+                f"{path}: function {function.ordinal} has other frequencies than the first; export all with one setting"
             )
     is_density = _densities(path, functions)
     quantities, values = scaled_matrix(path, by_pair, channels, references, factors, options, _values)
@@ -84,7 +84,7 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
     )
     note = "; ".join(filter(None, (words, axis_words, turned, windows)))
     averages = options.averages if options.averages is not None else stated_averages(functions)
-    return SpectrumRecord(frequency, values, channels, references, quantities, averages, sourced(path, note))
+    return SpectrumRecord(frequency, values, channels, references, quantities, averages, source_with_note(path, note))
 
 
 class Pairs(NamedTuple):
@@ -111,35 +111,35 @@ def read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: st
         raise InputError(f"{path}: `{other}` is not about {words.split(' (')[0]}; leave it out", other)
     blocks = read_blocks(path)
     tables = [block for block in blocks if block.number == 58]
-    every = [read_function(path, block, place) for place, block in enumerate(tables, 1)]
+    every = [read_function(path, block, ordinal) for ordinal, block in enumerate(tables, 1)]
     functions = [function for function in every if function.kind in kinds]
     if options.columns:
-        numbers = [function.place for function in functions]
+        numbers = [function.ordinal for function in functions]
         names = [f"function {number}" for number in numbers]
-        functions = [functions[row] for row in chosen(path, options.columns, names, numbers)]
+        functions = [functions[row] for row in choose_columns(path, options.columns, names, numbers)]
     if not functions:
         raise FileError(f"{path}: holds no {words}; export them, or histories")
     require_one_component(path, functions)
     by_pair: dict[tuple[Dof, Dof], Function] = {}
     with about("channels"):
         wanted = set(parse_dofs(options.channels))
-    present = {dof for function in functions for dof in _pair(path, function)}
+    present = {dof for function in functions for dof in _response_and_reference(path, function)}
     if wanted - present:
         raise InputError(
             f"{path}: has no spectrum of {min(map(str, wanted - present))}; it has {', '.join(sorted(map(str, present)))}",
             "channels",
         )
     for function in functions:
-        pair = _pair(path, function)
+        pair = _response_and_reference(path, function)
         if wanted and not set(pair) <= wanted:
             continue
         if pair in by_pair:
             raise FileError(
-                f"{path}: has the spectrum of {pair[0]} and {pair[1]} twice, as functions {by_pair[pair].place} and"
-                f" {function.place}; keep one of them"
+                f"{path}: has the spectrum of {pair[0]} and {pair[1]} twice, as functions {by_pair[pair].ordinal} and"
+                f" {function.ordinal}; keep one of them"
             )
         by_pair[pair] = function
-    windows = qualifier_words(path, blocks, {function.place for function in by_pair.values()})
+    windows = qualifier_words(path, blocks, {function.ordinal for function in by_pair.values()})
     return Pairs(blocks, by_pair, None if options.units else read_unit_factors(path, blocks), windows)
 
 
@@ -161,12 +161,12 @@ def along_global_axes(
     return sides[0].dofs, sides[1].dofs, left @ values @ right.T, sides[0].words
 
 
-def _pair(path: Path, function: Function) -> tuple[Dof, Dof]:
+def _response_and_reference(path: Path, function: Function) -> tuple[Dof, Dof]:
     """Response and reference; an autospectrum may leave the reference out."""
-    response = dof_of(path, function.response, "response", function.place)
+    response = dof_of(path, function.response, "response", function.ordinal)
     if function.reference[1] == 0 and function.kind not in _CROSS:
         return response, response
-    return response, dof_of(path, function.reference, "reference", function.place)
+    return response, dof_of(path, function.reference, "reference", function.ordinal)
 
 
 def complete_references(
@@ -243,7 +243,7 @@ def scaled_matrix(
         column = []
         for channel in channels:
             function = by_pair.get((channel, reference)) or by_pair[reference, channel]
-            response, other = _pair(path, function)
+            response, other = _response_and_reference(path, function)
             values = values_of(path, function, (response, other), (channel, reference) != (response, other))
             if stated:
                 factor = stated[response] * stated[other]
@@ -278,13 +278,13 @@ def _values(path: Path, function: Function, pair: tuple[Dof, Dof], is_reverse: b
         size = float(np.abs(values).max())
         if size == 0 or (values.real < -_ROUNDED * size).any() or np.abs(values.imag).max() > _ROUNDED * size:
             raise FileError(
-                f"{path}: function {function.place}, the autospectrum of {response}, is not positive throughout; export it again"
+                f"{path}: function {function.ordinal}, the autospectrum of {response}, is not positive throughout; export it again"
             )
         return values.real.astype(np.complex128)
     if not np.iscomplexobj(function.values) or not values.imag.any():
         raise FileError(
-            f"{path}: function {function.place}, the cross-spectrum of {response} and {reference}, holds real numbers only, without"
-            " the phase that tells a mode shape; export complex values"
+            f"{path}: function {function.ordinal}, the cross-spectrum of {response} and {reference}, holds real numbers only,"
+            " without the phase that tells a mode shape; export complex values"
         )
     return values.conj() if is_reverse else values
 
@@ -294,7 +294,7 @@ def _sides(path: Path, function: Function) -> tuple[str, str]:
     below = function.denominator
     if below.number in QUANTITIES and below.number not in UNKNOWN:
         raise FileError(
-            f"{path}: function {function.place} is one with a motion or force below it: a ratio, perhaps; say the unit"
+            f"{path}: function {function.ordinal} is one with a motion or force below it: a ratio, perhaps; say the unit"
             f" of the motion: {option_words(units='g')}"
         )
     label = " ".join(function.ordinate.label.split())
@@ -309,7 +309,7 @@ def _sides(path: Path, function: Function) -> tuple[str, str]:
         if is_read_by(left, parse_unit) and is_read_by(right, parse_unit):
             return left, right
     raise FileError(
-        f"{path}: function {function.place} has unit {label!r}, no square or product of motions as g^2/Hz or"
+        f"{path}: function {function.ordinal} has unit {label!r}, no square or product of motions as g^2/Hz or"
         f" (m/s^2)^2 is; say the unit of the motion where the values are squares of it: {option_words(units='g')}"
     )
 

@@ -16,7 +16,7 @@ from structid.files.uff.nodes import UniversalNodes
 from structid.files.uff.units import UnitFactors
 from structid.records.formats.bare import channel_units
 from structid.records.formats.clocks import SURE, even_rate, resample, resampling_remedy
-from structid.records.formats.gaps import sourced, whole
+from structid.records.formats.gaps import source_with_note, whole
 from structid.records.formats.headers import states_unit
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import positions
@@ -80,7 +80,7 @@ def read_times(
         channels=channels,
         quantities=quantities,
         start=kept.start,
-        source=sourced(path, "; ".join(filter(None, words))),
+        source=source_with_note(path, "; ".join(filter(None, words))),
     )
 
 
@@ -99,9 +99,9 @@ def _choose_functions(
             )
         return times, channels, True
     if not options.channels:
-        return times, tuple(dof_of(path, f.response, "response", f.place) for f in times), False
+        return times, tuple(dof_of(path, f.response, "response", f.ordinal) for f in times), False
     whole_dofs = [f for f in times if f.response[1] != 0]
-    present = tuple(dof_of(path, f.response, "response", f.place) for f in whole_dofs)
+    present = tuple(dof_of(path, f.response, "response", f.ordinal) for f in whole_dofs)
     wanted = [present[i] for i in positions(path, "channels", options.channels, present)]
     pairs = [
         (f, dof) for name in dict.fromkeys(wanted) for f, dof in zip(whole_dofs, present, strict=True) if dof == name
@@ -118,8 +118,8 @@ def _require_distinct(
         other = seen.setdefault((dof, quantity), function)
         if other is not function:
             raise FileError(
-                f"{path}: functions {other.place} and {function.place} are both the {quantity} at {dof}; choose functions by their"
-                " numbers with `columns`, and say by `channels` what they are"
+                f"{path}: functions {other.ordinal} and {function.ordinal} are both the {quantity} at {dof}; choose functions by"
+                " their numbers with `columns`, and say by `channels` what they are"
             )
 
 

@@ -17,7 +17,7 @@ from structid.files.uff.blocks import Block, read_blocks
 from structid.files.uff.nodes import UniversalNodes, read_nodes
 from structid.files.uff.units import read_unit_factors
 from structid.records.formats.geometry import Geometry
-from structid.records.formats.named_channels import chosen
+from structid.records.formats.named_channels import choose_columns
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import refuse_options
 from structid.records.formats.uff.frf import read_frfs
@@ -58,7 +58,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """
     blocks = read_blocks(path)
     tables = [block for block in blocks if block.number == 58]
-    functions = [read_function(path, block, place) for place, block in enumerate(tables, 1)]
+    functions = [read_function(path, block, ordinal) for ordinal, block in enumerate(tables, 1)]
     chosen_functions = _choose_functions(path, functions, options)
     if not (options.columns and (options.channels or options.outputs)):
         require_one_component(path, chosen_functions)
@@ -82,7 +82,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     else:
         refuse_options(path, "time histories", options, _OF_FRFS)
         record, used = read_times(path, times, factors, nodes, options), {_TIME}
-    words_of_windows = qualifier_words(path, blocks, {f.place for f in chosen_functions if f.kind in used})
+    words_of_windows = qualifier_words(path, blocks, {f.ordinal for f in chosen_functions if f.kind in used})
     if words_of_windows:
         record = replace(record, source=f"{record.source}; {words_of_windows}")
     left_aside = Counter(f.kind for f in functions if f.kind not in used)
@@ -101,9 +101,9 @@ def _choose_functions(path: Path, functions: list[Function], options: ReadOption
     if not options.columns:
         return functions
     names = [f"{f.response[0]}{_DIRECTIONS.get(f.response[1], ' direction 0')}" for f in functions]
-    numbers = [function.place for function in functions]
+    numbers = [function.ordinal for function in functions]
     with about("columns"):
-        return [functions[i] for i in chosen(path, options.columns, names, numbers)]
+        return [functions[i] for i in choose_columns(path, options.columns, names, numbers)]
 
 
 def _nodes(path: Path, blocks: list[Block]) -> UniversalNodes:

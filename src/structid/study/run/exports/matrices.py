@@ -52,7 +52,7 @@ def export_state_space(model: IdentifiedModel, options: ExportOptions, path: Pat
         options.band or (0.0, 0.0),
         options.motion,
         options.order,
-        options.error,
+        options.largest_error,
         options.sampling_rate,
         options.draws,
     )

@@ -30,7 +30,7 @@ from structid.fem.importers import (
     read_numbering,
 )
 from structid.fem.importers.definite import require_semidefinite
-from structid.fem.importers.imported import codes_of, completed, tables_of
+from structid.fem.importers.imported import codes_of, complete_triangles, tables_of
 from structid.study.schema.kinds import (
     BOOLEAN,
     INTEGER,
@@ -239,12 +239,12 @@ def _signed_table(dofs: tuple[Dof, ...], item: ImportedMatrix) -> IntArray:
     return table
 
 
-def _read_matrix(entry: Section, key: str, given: Any, reader: _Reader) -> ImportedMatrix:
-    """One matrix of an entry: from a file, from some of its elements, or from two exports."""
-    if isinstance(given, str):
-        return _require_real_square(_choose_matrix(key, given, None, reader), given)
-    section = Section(entry.source, (*entry.path, key), given)
-    if "base" in given or "changed" in given:
+def _read_matrix(entry: Section, key: str, value: Any, reader: _Reader) -> ImportedMatrix:
+    """Matrix under `key` of an entry, whose `value` names a file, some elements of a file, or two exports to subtract."""
+    if isinstance(value, str):
+        return _require_real_square(_choose_matrix(key, value, None, reader), value)
+    section = Section(entry.source, (*entry.path, key), value)
+    if "base" in value or "changed" in value:
         return _read_difference(entry, key, section, reader)
     source = section.read(SourceEntry)
     item = _require_real_square(_choose_matrix(key, source.path, source.matrix, reader), source.path)
@@ -308,7 +308,7 @@ def _complete_triangle(item: ImportedMatrix) -> ImportedMatrix:
     upper, lower = sparse.triu(item.matrix, 1), sparse.tril(item.matrix, -1)
     if abs(upper).sum() > 0 and abs(lower).sum() > 0:
         raise InputError(f"{item.name!r} has entries on both sides of the diagonal; leave `one_triangle` out")
-    return ImportedMatrix(item.name, completed(item.matrix, item.name), item.dofs)
+    return ImportedMatrix(item.name, complete_triangles(item.matrix, item.name), item.dofs)
 
 
 def _labels(entries: Sequence[int | str] | int | str) -> set[int]:

@@ -33,7 +33,7 @@ MEASURED = _RECORD.only("relabel", "frf", "noise", *(one.name for one in fields(
 }
 
 
-def read_measured(entry: Section, files: InputFiles, known: Callable[[str], list[Dof]]) -> MeasuredComponent:
+def read_measured(entry: Section, files: InputFiles, dofs_of_set: Callable[[str], list[Dof]]) -> MeasuredComponent:
     """The component that an entry of ``[[structure.measured_component]]`` describes.
 
     Parameters
@@ -41,7 +41,7 @@ def read_measured(entry: Section, files: InputFiles, known: Callable[[str], list
     entry : Section
     files : InputFiles
         Takes note of the file.
-    known : callable
+    dofs_of_set : callable
         The degrees of freedom of a text of `interface`, checked to be at nodes of the structure.
 
     Raises
@@ -50,7 +50,7 @@ def read_measured(entry: Section, files: InputFiles, known: Callable[[str], list
         If its file cannot be read, or does not hold FRFs between all degrees of freedom of the interface.
     """
     source, given = read_source(entry, files, keys=MEASURED), entry.values(MEASURED)
-    named = [dof for text in as_list(given.get("interface", ())) for dof in known(text)]
+    named = [dof for text in as_list(given.get("interface", ())) for dof in dofs_of_set(text)]
     key = files.digest(given["path"]), repr(entry.table)
     if key not in files.measured:
         files.measured[key] = _make_component(entry, given["name"], load_record(source), named)

@@ -11,15 +11,15 @@ from structid.core.display import join_words
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.units import FORCES, LENGTHS
 from structid.fem.elements import ElementSet
+from structid.fem.measuring_points import MeshPoint, mesh_points
 from structid.fem.meshes import (
     Mesh,
     choose_parts,
     describe_left_aside,
+    describe_unassigned_cells,
     read_mesh,
     require_sound,
-    unassigned,
 )
-from structid.fem.places import MeshPoint, mesh_points
 from structid.fem.supports import MiddleNode, RigidLink, Tie
 from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, TEXT, as_list, choice, either, flat
 from structid.study.schema.root import InputFiles
@@ -99,7 +99,7 @@ def _mesh_section(section: Section) -> Section | None:
 
 @dataclass(frozen=True, eq=False)
 class TakenParts:
-    """What a study takes of a deck beside its cells, and what it leaves.
+    """Parts of a deck beside its cells that a study takes, and those that it leaves.
 
     Attributes
     ----------
@@ -144,7 +144,11 @@ def take_parts(section: Section, mesh: Mesh | None, elements: list[ElementSet]) 
     ]
     considered = [part for part in mesh.parts if part.kind not in leave_out]
     words = describe_left_aside(considered, taken, mesh.source)
-    bare = unassigned(mesh, _assigned_tables(mesh, wanted, elements), lower=True) if mesh.cells_are_elements else None
+    bare = (
+        describe_unassigned_cells(mesh, _assigned_tables(mesh, wanted, elements), lower=True)
+        if mesh.cells_are_elements
+        else None
+    )
     bars = f"{bare} of {mesh.source}, belong to no element set: add one with `group`, or name the group in `leave_out`"
     return TakenParts(
         tuple(part_elements),
@@ -179,7 +183,7 @@ def require_all_assigned(section: Section, mesh: Mesh, elements: list[ElementSet
     inner = section.section("mesh") if isinstance(section.table.get("mesh"), dict) else None
     wanted = inner.read(MeshEntry) if inner is not None else MeshEntry("")
     with (inner or section).located("leave_out" if wanted.leave_out else "mesh" if inner is None else None):
-        words = unassigned(mesh, _assigned_tables(mesh, wanted, elements))
+        words = describe_unassigned_cells(mesh, _assigned_tables(mesh, wanted, elements))
     if words:
         raise (inner or section).error(
             f"{words} of {mesh.source}, belong to no element set; add one with `group`, or name the group in `leave_out`"

@@ -33,7 +33,7 @@ from structid.study.schema.kinds import (
     Schema,
     as_list,
     choice,
-    limited,
+    limit_kind,
     list_of,
 )
 from structid.study.schema.method import read_method
@@ -83,7 +83,7 @@ SOLVER = Table(
         "force_unit": Key(choice(*FORCES), "Of the deck", default="N"),
         "indefinite": Key(BOOLEAN, "Lets matrices through that are not positive semidefinite", default=False),
         "timeout": Key(kind_of_argument(Positive), "Longest time of a run, s", default=3600.0),
-        "retries": Key(limited(WHOLE, Limits(least=0)), "How often a run that fails is tried again", default=2),
+        "retries": Key(limit_kind(WHOLE, Limits(least=0)), "How often a run that fails is tried again", default=2),
         "runs": Key(TEXT, "Folder where finished runs are kept; STUDY.runs beside the study by default"),
         "parameter": Key(_PARAMETER, "A marked number of the deck, which [[unknown]] may name", listed=True),
     }
@@ -282,7 +282,7 @@ def positions_of(solved: external.Solved) -> dict[int, list[float]]:
     """Position in m of each node of the model: from the deck if structid can read its mesh, else at the origin."""
     deck = solved.solver.deck
     try:
-        mesh = read_mesh(solved.solver.place(solved.at) / deck.main, solved.units.length)
+        mesh = read_mesh(solved.solver.run_folder(solved.at) / deck.main, solved.units.length)
         positions = {label: position.tolist() for label, position in mesh.nodes.items()}
     except InputError:
         positions = {}
@@ -297,12 +297,12 @@ class WantedFrfs(NamedTuple):
     inputs: tuple[Dof, ...]
 
 
-def wanted_frfs(own: Section, files: InputFiles) -> WantedFrfs:
+def wanted_frfs(section: Section, files: InputFiles) -> WantedFrfs:
     """The lines and channels that all records need from the solver; lines only inside the band or the evaluation band.
 
     Parameters
     ----------
-    own : Section
+    section : Section
         ``[structure.solver]``.
     files : InputFiles
 
@@ -311,7 +311,7 @@ def wanted_frfs(own: Section, files: InputFiles) -> WantedFrfs:
     StudyError
         If there is no record, or one that no FRFs explain, or the structure holds more than the solver.
     """
-    root = Section(own.source, (), own.source.table)
+    root = Section(section.source, (), section.source.table)
     structure = root.inner("structure")
     for key, value in structure.table.items():
         if key == "tolerance" and value != 0:
@@ -328,7 +328,7 @@ def wanted_frfs(own: Section, files: InputFiles) -> WantedFrfs:
             )
     sections = record_sections(root)
     if not sections:
-        raise own.error(
+        raise section.error(
             '`gives = "frfs"` needs a [record]: it says at which lines and places the solver is to give FRFs'
         )
     options = read_method(root.section("method"))

@@ -41,7 +41,7 @@ from structid.study.schema.kinds import (
     choice,
     either,
     flat,
-    limited,
+    limit_kind,
     or_none,
 )
 from structid.study.schema.model.matrices import MATRIX_TABLES, read_groups
@@ -99,7 +99,7 @@ _FIXED = Key(
 )
 #: The choice of the number of pieces by what the mesh moves values by.
 AUTO = "auto"
-_NUMBER_OF_PIECES = limited(WHOLE, Limits(least=1, most=MOST_PIECES))
+_NUMBER_OF_PIECES = limit_kind(WHOLE, Limits(least=1, most=MOST_PIECES))
 _PIECES = replace(either(_NUMBER_OF_PIECES, choice(AUTO)), words=f'{_NUMBER_OF_PIECES.words}, or "{AUTO}"')
 _POSITIONS = Table(labels=POSITION)
 _NODES = Key(_POSITIONS, "One line a node: its label, and one to three coordinates in m")
@@ -372,14 +372,14 @@ def _read_nodes(
     return nodes
 
 
-def _check_beside_mesh(inner: Section, own: Positions, mesh: Mesh) -> Positions:
-    """`own`, the nodes of the study, after a check that they fit beside those of a mesh."""
-    for label, position in own.items():
+def _check_beside_mesh(inner: Section, positions: Positions, mesh: Mesh) -> Positions:
+    """`positions`, the nodes of the study, after a check that they fit beside those of a mesh."""
+    for label, position in positions.items():
         if label in mesh.nodes:
             raise inner.error(f"is a node of {mesh.source} already; take another number", str(label))
         if len(position) != 3:
             raise inner.error(f"must have 3 coordinates like the mesh, got {len(position)}", str(label))
-    return own
+    return positions
 
 
 def _elements(section: Section, nodes: Positions, mesh: Mesh | None) -> Elements:

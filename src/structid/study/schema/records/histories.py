@@ -15,7 +15,7 @@ from structid.identification.setups.time import TimeFit
 from structid.records import FrfRecord, TimeRecord
 from structid.records.record import LOADS
 from structid.records.transforms.spectra import frf_from_time, require_repeated
-from structid.study.schema.kinds import COUNT, NUMBER, NUMBERS, TEXT, TEXTS, Kind, as_list, choice, limited
+from structid.study.schema.kinds import COUNT, NUMBER, NUMBERS, TEXT, TEXTS, Kind, as_list, choice, limit_kind
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Given, Key, table_of
 
@@ -29,7 +29,7 @@ _WINDOW = Kind(
 FRF = table_of(
     frf_from_time,
     ("records", "inputs", "outputs"),
-    overlap=limited(NUMBER, Limits(least=0, below=1)),
+    overlap=limit_kind(NUMBER, Limits(least=0, below=1)),
     segment_length=COUNT,
     window=_WINDOW,
     quantity=choice(*_MOTIONS),
@@ -105,7 +105,7 @@ def _channels(record: TimeRecord, quantities: tuple[str, ...]) -> tuple[Dof, ...
 
 @dataclass(frozen=True, eq=False)
 class TimeSource:
-    """How the time record of a study is fitted, and how noisy its channels are.
+    """Options of the fit of a study's time record, and the noise of its channels.
 
     Attributes
     ----------
@@ -135,9 +135,9 @@ class TimeSource:
         with self.section.located("tones"):
             self.settings.require_heard(record)
         with self.section.located("noise"):
-            absolute = _each("noise", self.noise, record)
+            absolute = _value_of_each_channel("noise", self.noise, record)
         with self.section.located("relative_noise"):
-            relative = _each("relative_noise", self.relative_noise, record)
+            relative = _value_of_each_channel("relative_noise", self.relative_noise, record)
         variance = absolute**2 + (relative * np.sqrt((record.values**2).mean(axis=0))) ** 2
         if variance.any():
             record = replace(record, variance=variance)
@@ -149,12 +149,12 @@ class TimeSource:
         return record
 
 
-def _each(name: str, given: tuple[float, ...], record: TimeRecord) -> FloatArray:
-    """One value for each channel from the list `given`: one for all, or one each; 0 if it is empty."""
+def _value_of_each_channel(name: str, numbers: tuple[float, ...], record: TimeRecord) -> FloatArray:
+    """Value of each channel, (n_channels,), from `numbers`: one for all, or one each; 0 if it is empty."""
     count = len(record.channels)
-    if len(given) not in (0, 1, count):
-        raise InputError(f"`{name}` must be one number or {count}, one for each channel, got {len(given)}")
-    values = np.broadcast_to(np.asarray(given or (0.0,), dtype=np.float64), (count,))
+    if len(numbers) not in (0, 1, count):
+        raise InputError(f"`{name}` must be one number or {count}, one for each channel, got {len(numbers)}")
+    values = np.broadcast_to(np.asarray(numbers or (0.0,), dtype=np.float64), (count,))
     if (values < 0).any():
         i = int(np.argmax(values < 0))
         raise InputError(f"`{name}` must not be negative, got {values[i]:g} for channel {i + 1} ({record.channels[i]})")

@@ -38,7 +38,7 @@ from structid.unknowns.tolerances import Tolerances
 
 @dataclass(frozen=True)
 class NoiseSource:
-    """Where the noise of a record comes from; what the record itself says if all are at their defaults.
+    """Source of the noise of a record; the record's own statement if all fields have their defaults.
 
     Attributes
     ----------

@@ -13,7 +13,7 @@ from structid.core.dof import DIRECTIONS, Dof, parse_dof
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.fem.elements import ElementSet
-from structid.fem.places import AimedSensor, nearest_nodes, unit_direction
+from structid.fem.measuring_points import AimedSensor, nearest_nodes, unit_direction
 from structid.study.schema.kinds import POSITION, VECTOR, Kind
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, table_of
@@ -102,7 +102,7 @@ def _sensor_section(section: Section, channel: str) -> Section:
 
 
 def _node_of_sensor(
-    sensor: SensorEntry, own: int, nodes: Mapping[int, Sequence[float]], elements: Sequence[ElementSet]
+    sensor: SensorEntry, number: int, nodes: Mapping[int, Sequence[float]], elements: Sequence[ElementSet]
 ) -> tuple[int, float]:
     """The node that a sensor reads, and its distance in m from the stated point (0 without one)."""
     if sensor.point is not None:
@@ -113,7 +113,7 @@ def _node_of_sensor(
         used = {int(n) for element in elements for n in element.nodes.ravel()}
         nearest = nearest_nodes([coordinates], {n: np.asarray(nodes[n]) for n in nodes if n in used}, sensor.tolerance)
         return nearest.nodes[0], float(nearest.distance[0])
-    node = own if sensor.node is None else sensor.node
+    node = number if sensor.node is None else sensor.node
     if node not in nodes:
         raise InputError(f"node {node} does not exist; give `node` of the structure, or `point = [x, y, z]` in m")
     return node, 0.0

@@ -1,4 +1,4 @@
-"""Where sensors and forces are that no degree of freedom alone names: on lines, on meshes, several as one."""
+"""Sensors and forces that no single degree of freedom names: on lines, on meshes, several as one."""
 
 from __future__ import annotations
 
@@ -123,18 +123,18 @@ def nearest_nodes(
     labels = list(nodes)
     if not labels:
         raise InputError("there is no node that a point could be near")
-    places = np.zeros((len(labels), 3))
-    for row, label in zip(places, labels, strict=True):
+    positions = np.zeros((len(labels), 3))
+    for row, label in zip(positions, labels, strict=True):
         row[: len(nodes[label])] = nodes[label]
-    reach = 0.01 * float(np.linalg.norm(np.ptp(places, axis=0))) if tolerance is None else tolerance
+    reach = 0.01 * float(np.linalg.norm(np.ptp(positions, axis=0))) if tolerance is None else tolerance
     found, distances = [], []
     for point in points:
-        away = np.linalg.norm(places - np.asarray(point, dtype=np.float64), axis=1)
+        away = np.linalg.norm(positions - np.asarray(point, dtype=np.float64), axis=1)
         best = int(away.argmin())
         if away[best] > reach:
-            told = ", ".join(f"{x:g}" for x in point)
+            words = ", ".join(f"{x:g}" for x in point)
             raise InputError(
-                f"point ({told}) m is {away[best]:.3g} m from the nearest node {labels[best]}, farther than {reach:.3g} m;"
+                f"point ({words}) m is {away[best]:.3g} m from the nearest node {labels[best]}, farther than {reach:.3g} m;"
                 " correct it (m, in the coordinates of the structure), or give a larger `tolerance`"
             )
         found.append(labels[best])

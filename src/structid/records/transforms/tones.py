@@ -1,0 +1,606 @@
+"""Tones of machines in time histories: told from modes under random forces, and taken off all channels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.display import format_number
+from structid.core.dof import Dof
+from structid.core.errors import InputError
+from structid.records.record import TimeRecord
+
+#: Damping ratio of the least damped mode that is told from a tone.
+LEAST_DAMPING = 1e-3
+#: Greatest kurtosis of a tone whose frequency wanders: between 1.5 of a tone and 3 of a mode under random forces.
+_MOST_KURTOSIS = 1.75
+_BLOCK = 200  # periods of a tone under one Hann window
+_QUARTERS = 4  # steps of a block from one window to the next
+_FEWEST = 5.0  # memories of the least damped mode that a record must hold
+_RANGE = 0.006  # of a frequency, to either side of it, in which its tone is looked for
+_PROBABILITY = {True: 1e-6, False: 1e-3}  # that random motion passes for a tone looked for, or asked for
+_LORENTZ = 1.6  # line at the top of a half-power bandwidth over the mean of the lines that are compared with it
+_SPLINES = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96)  # coefficients of a wandering phase that are tried
+_STANDS_OUT, _PASSES, _MOST_TONES = 12.0, 3, 40
+_MEDIAN_LINES = 64
+_MULTIPLES = (2.0, 3.0, 4.0, 5.0, 6.0, 0.5, 1.5, 1 / 3, 2 / 3)
+_DEGREES = (1, 2, 4, 8)  # of polynomials in time by which amplitudes may change
+_LEAST_SEGMENTS, _PEAK = (
+    12,
+    2.0,
+)  # of a spectrum in which bands of steady motion are looked for, and height of their peaks
+_CHUNK = 1 << 17
+_DOUBTFUL = -2.0  # log probability from which on a phase is not worth refining
+
+
+@dataclass(frozen=True, eq=False)
+class Tone:
+    """A tone that was taken off a record.
+
+    Attributes
+    ----------
+    channels : tuple of Dof
+        Of the record.
+    units : tuple of str
+        Of the channels.
+    frequency : float
+        Mean over the record, Hz.
+    lowest, highest : float
+        Of its frequency in the course of the record, Hz; both `frequency` for a steady tone.
+    amplitude : (n_channels,) float array
+        Root of twice the mean square: the amplitude of a steady tone, SI.
+    variance_fraction : (n_channels,) float array
+        Part of the variance of each channel that it was.
+    kurtosis : float
+        Of its motion in a narrow band before it was taken off: 1.5 for a tone alone, 3 for a mode under random forces.
+    """
+
+    channels: tuple[Dof, ...]
+    units: tuple[str, ...]
+    frequency: float
+    lowest: float
+    highest: float
+    amplitude: FloatArray
+    variance_fraction: FloatArray
+    kurtosis: float
+
+    @property
+    def place(self) -> str:
+        """Its frequency in words, and from where to where it went."""
+        if not self.highest > self.lowest:
+            return f"{format_number(self.frequency, 6)} Hz"
+        return f"{format_number(self.lowest, 6)} to {format_number(self.highest, 6)} Hz"
+
+    @property
+    def words(self) -> str:
+        """The tone in words: its frequency and its greatest part of a channel's variance."""
+        most = int(self.variance_fraction.argmax())
+        fraction = f"{100 * self.variance_fraction[most]:.3g} % of the variance of {self.channels[most]}"
+        return (
+            f"tone at {self.place} taken off: {fraction}{', less of other channels' if len(self.channels) > 1 else ''}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class TonesRemoved:
+    """A record without its tones.
+
+    Attributes
+    ----------
+    record : TimeRecord
+    tones : tuple of Tone
+        What was taken off, by frequency.
+    absent : tuple of str
+        Words on each frequency that was asked for and has no tone.
+    """
+
+    record: TimeRecord
+    tones: tuple[Tone, ...]
+    absent: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Phase:
+    """Phase of a tone: 2 pi f t and a cubic spline of it over the record."""
+
+    frequency: float
+    duration: float
+    coefficients: FloatArray
+
+    def spline(self, time: FloatArray, derivative: int = 0) -> FloatArray:
+        if not len(self.coefficients):
+            return np.zeros(len(time))
+        from scipy.interpolate import BSpline
+
+        curve = BSpline(_knots(len(self.coefficients), self.duration), self.coefficients, 3)
+        return np.asarray(curve(np.clip(time, 0, self.duration), derivative))
+
+    def at(self, time: FloatArray) -> FloatArray:
+        return 2 * np.pi * self.frequency * time + self.spline(time)
+
+    def course(self, time: FloatArray) -> FloatArray:
+        """Frequency at each time, Hz."""
+        return self.frequency + self.spline(time, 1) / (2 * np.pi)
+
+    def with_coefficients(self, count: int) -> _Phase:
+        """The same phase by a spline of another number of coefficients."""
+        time = np.linspace(0, self.duration, 8 * count)
+        finer = replace(self, coefficients=np.zeros(count))
+        return replace(finer, coefficients=np.linalg.lstsq(_basis(time, finer), self.spline(time), rcond=None)[0])
+
+    def multiple(self, factor: float) -> _Phase:
+        return _Phase(factor * self.frequency, self.duration, factor * self.coefficients)
+
+
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """How far the motion beside a phase is one tone: log probability of random motion, kurtosis, and gain in noise lines."""
+
+    phase: _Phase
+    log_probability: float
+    kurtosis: float
+    gain: float
+
+    @property
+    def wanders(self) -> bool:
+        return len(self.phase.coefficients) > 0
+
+
+def remove_tones(record: TimeRecord, frequencies: Sequence[float] | Literal["auto"] = "auto") -> TonesRemoved:
+    """Record without the tones of machines: steady ones, and those whose frequency wanders slowly.
+
+    Parameters
+    ----------
+    record : TimeRecord
+        Forces in it stay as they are.
+    frequencies : sequence of float or "auto"
+        Hz: where tones are, to 0.6 % or better; ``"auto"`` looks for them.
+
+    Returns
+    -------
+    TonesRemoved
+
+    Raises
+    ------
+    InputError
+        If a frequency is not between 0 and half the sampling rate.
+
+    Notes
+    -----
+    The motion around a frequency is brought to baseband in all channels, blocks of 200 periods under Hann windows. Its phase is
+    a straight line in time or a cubic spline, with as many coefficients as pay (Schwarz's criterion) and the same for all channels;
+    tones at multiples of another may share its phase. Sine and cosine of this phase, with amplitudes that change slowly or with the
+    frequency where that pays, are taken off by least squares.
+
+    Two tests tell a tone from a mode. A steady tone is one line of the transform over the record: it must stand out of the lines
+    within the half-power bandwidth of a mode of 0.1 % damping, where random motion has lines of exponential power. A free decay
+    has such a bandwidth, too, if the record is longer than five memories 1 / (zeta omega). Of a tone that wanders,
+    the amplitude must be steady as well: a kurtosis below 1.75.
+
+    References
+    ----------
+    Jacobsen, Andersen and Brincker (2007), Using EFDD as a robust technique for deterministic excitation in operational modal
+    analysis, IOMAC 2.
+
+    Examples
+    --------
+    >>> rng, t = np.random.default_rng(1), np.arange(20000)[:, None] / 200
+    >>> hum = TimeRecord(200.0, np.sin(2 * np.pi * 50.02 * t) + rng.standard_normal(t.shape), ("1X",), ("velocity",))
+    >>> [round(tone.frequency, 2) for tone in remove_tones(hum).tones]
+    [50.02]
+    """
+    swings = np.ptp(record.values, axis=0) > 0
+    moving = [i for i, quantity in enumerate(record.quantities) if quantity != "force" and swings[i]]
+    search = _Search(record.sampling_rate, np.asarray(record.values[:, moving], dtype=float))
+    absent: list[str] = []
+    if isinstance(frequencies, str):
+        if frequencies != "auto":
+            raise InputError(f'`frequencies` must be numbers in Hz or "auto", got {frequencies!r}')
+        search.remove_all()
+    else:
+        for frequency in sorted(float(f) for f in frequencies):
+            if not 0 < frequency < record.sampling_rate / 2:
+                raise InputError(
+                    f"`frequencies` of tones must lie between 0 and {record.sampling_rate / 2:g} Hz, half the sampling rate, got"
+                    f" {frequency:g}; leave it out"
+                )
+            words = search.remove(frequency, is_automatic=False)
+            absent += [words] if words else []
+    if not search.taken:
+        return TonesRemoved(record, (), tuple(absent))
+    values = np.array(record.values, dtype=float)
+    values[:, moving] = search.values
+    variance = record.values.var(axis=0)
+    tones = []
+    for evidence, power in sorted(search.taken, key=lambda pair: pair[0].phase.frequency):
+        course = evidence.phase.course(np.linspace(0, search.duration, 512 if evidence.wanders else 1))
+        ends = float(course.mean()), float(course.min()), float(course.max())
+        whole = np.zeros(len(variance))
+        whole[moving] = power
+        fraction = np.divide(whole, variance, out=np.zeros(len(variance)), where=variance > 0)
+        tones.append(Tone(record.channels, record.units, *ends, np.sqrt(2 * whole), fraction, evidence.kurtosis))
+    return TonesRemoved(replace(record, values=values), tuple(tones), tuple(absent))
+
+
+class _Search:
+    """Values from which tones are taken one after another, and what was taken: its evidence and its power by channel."""
+
+    def __init__(self, rate: float, values: FloatArray) -> None:
+        self.rate, self.values = rate, values
+        self.taken: list[tuple[_Evidence, FloatArray]] = []
+
+    @property
+    def duration(self) -> float:
+        return len(self.values) / self.rate
+
+    def remove_all(self) -> None:
+        """Take off tones until none stands out any more."""
+        refused: list[float] = []
+        for _ in range(_PASSES):
+            before = len(self.taken)
+            for frequency in tone_candidates(self.values, self.rate):
+                if len(self.taken) >= _MOST_TONES:
+                    return
+                if any(abs(frequency / other - 1) < _RANGE for other in refused):
+                    continue
+                if self.remove(frequency, is_automatic=True):
+                    refused.append(frequency)
+                elif self.taken[-1][0].wanders:
+                    fundamental = self.taken[-1][0].phase
+                    for factor in _MULTIPLES:
+                        self.remove_multiple(fundamental.multiple(factor))
+            if len(self.taken) == before:
+                return
+
+    def remove(self, frequency: float, is_automatic: bool) -> str:
+        """Take the tone near `frequency` (Hz) off and return no words, or words why there is none."""
+        if not self.is_inside(frequency):
+            return f"no tone is taken off at {frequency:g} Hz, which is too near to half the sampling rate"
+        if _memories(frequency, self.duration) < _FEWEST:
+            seconds = _FEWEST / _memories(frequency, 1.0)
+            return (
+                f"no tone is taken off at {frequency:g} Hz: a record of {self.duration:.4g} s does not tell a tone from a mode of"
+                f" little damping there; {seconds:.3g} s would"
+            )
+        limit, surely = np.log(_PROBABILITY[is_automatic]), np.log(_PROBABILITY[True])
+        phases = [evidence.phase for evidence, _ in self.taken]
+        shared = [phase.multiple(ratio) for phase in phases for ratio in _ratios(frequency / phase.frequency)]
+        tried = [*(self.evidence(phase, 0) for phase in shared), *self.fits(frequency)]
+        good = [
+            part
+            for part in tried
+            if part.log_probability < (surely if part.wanders else limit)
+            and (not part.wanders or part.kurtosis < _MOST_KURTOSIS)
+        ]
+        if not good:
+            kurtosis = min(tried, key=lambda part: part.log_probability).kurtosis
+            return (
+                f"no tone stands out at {frequency:g} Hz, and nothing is taken off there: the motion is random (kurtosis"
+                f" {kurtosis:.2f}; a tone has 1.5, a mode 3)"
+            )
+        self.take_off(max(good, key=lambda part: part.gain))
+        return ""
+
+    def remove_multiple(self, phase: _Phase) -> None:
+        """Take off a tone with the given phase where there is one."""
+        if not self.is_inside(phase.frequency) or _memories(phase.frequency, self.duration) < _FEWEST:
+            return
+        evidence = self.evidence(phase, 0)
+        if evidence.log_probability < np.log(_PROBABILITY[True]):
+            self.take_off(evidence)
+
+    def is_inside(self, frequency: float) -> bool:
+        """True if a frequency (Hz) and its surroundings lie below half the sampling rate."""
+        return (1 + 4 / _BLOCK) * frequency < self.rate / 2
+
+    def evidence(self, phase: _Phase, n_fitted: int) -> _Evidence:
+        """Evidence that there is a tone with this phase, of which `n_fitted` numbers were fitted."""
+        _, blocks = demodulated(self.values, self.rate, phase)
+        return _evidence(blocks, phase, n_fitted, self.duration, _line_noise(blocks))
+
+    def fits(self, frequency: float) -> list[_Evidence]:
+        """Evidence of a steady tone near `frequency` (Hz), and of a tone that wanders about it."""
+        start = _Phase(frequency, self.duration, np.zeros(0))
+        time, blocks = demodulated(self.values, self.rate, start)
+        frequency += np.clip(_mean_offset(time, blocks), -_RANGE * frequency, _RANGE * frequency)
+        start = replace(start, frequency=frequency)
+        time, blocks = demodulated(self.values, self.rate, start)
+        track = _tracked_phase(blocks)
+        noise = np.minimum(_line_noise(blocks), _line_noise(_turned(blocks, track)))
+        offset = _strongest_line(time, blocks / np.sqrt(noise), _RANGE * frequency)
+        steady = replace(start, frequency=frequency + offset)
+        tried = [_evidence(_turned(blocks, 2 * np.pi * offset * time), steady, 1, self.duration, noise)]
+        for n in _SPLINES:
+            if n > len(time) / 2.5:
+                break
+            phase = _fitted_spline(time, blocks / np.sqrt(noise), track, _Phase(frequency, self.duration, np.zeros(n)))
+            tried.append(_evidence(_turned(blocks, phase.spline(time)), phase, n, self.duration, noise))
+        best = max(tried[1:], key=lambda part: part.gain, default=tried[0])
+        line, wandering = (self.improved(rough, noise) for rough in (tried[0], best))
+        while wandering.wanders and wandering.log_probability < _DOUBTFUL:
+            more = [n for n in _SPLINES if len(wandering.phase.coefficients) < n <= len(time) / 2.5]
+            if not more:
+                break
+            finer = self.improved(replace(wandering, phase=wandering.phase.with_coefficients(more[0])), noise)
+            if finer.gain <= wandering.gain:
+                break
+            wandering = finer
+        return [line, wandering]
+
+    def improved(self, rough: _Evidence, noise: FloatArray) -> _Evidence:
+        """Evidence with its phase refined, or as it is where that is in vain."""
+        if rough.log_probability > _DOUBTFUL:
+            return rough
+        phase = self.refined(rough.phase)
+        _, blocks = demodulated(self.values, self.rate, phase)
+        return _evidence(blocks, phase, max(1, len(phase.coefficients)), self.duration, noise)
+
+    def refined(self, phase: _Phase) -> _Phase:
+        """Phase after two Gauss-Newton steps, each with the motion brought to baseband anew."""
+        for _ in range(2):
+            time, blocks = demodulated(self.values, self.rate, phase)
+            error = _phase_error(time, blocks / np.sqrt(_line_noise(blocks)), phase)
+            if len(phase.coefficients):
+                phase = replace(phase, coefficients=phase.coefficients + error)
+            else:
+                phase = replace(phase, frequency=phase.frequency + error[1] / (2 * np.pi))
+        return phase
+
+    def take_off(self, evidence: _Evidence) -> None:
+        """Subtract a tone, with amplitudes that change as far as that pays, from all channels."""
+        phase = evidence.phase
+        degrees = _amplitude_degrees(self, phase)
+        chunks = [slice(first, first + _CHUNK) for first in range(0, len(self.values), _CHUNK)]
+        gram, cross = np.zeros(()), np.zeros(())
+        for chunk in chunks:
+            columns = _tone_columns(np.arange(len(self.values))[chunk] / self.rate, phase, degrees)
+            gram, cross = gram + columns.T @ columns, cross + columns.T @ self.values[chunk]
+        amplitudes = np.linalg.lstsq(gram, cross, rcond=1e-12)[0]
+        power, values = np.zeros(self.values.shape[1]), np.empty_like(self.values)
+        for chunk in chunks:
+            motion = _tone_columns(np.arange(len(self.values))[chunk] / self.rate, phase, degrees) @ amplitudes
+            power += (motion**2).sum(axis=0) / len(values)
+            values[chunk] = self.values[chunk] - motion
+        self.values = values
+        self.taken.append((evidence, power))
+
+
+def _memories(frequency: float, duration: float) -> float:
+    """Memories 1 / (zeta omega) of the least damped mode at a frequency (Hz) that `duration` (s) holds."""
+    return 2 * np.pi * frequency * duration * LEAST_DAMPING
+
+
+def _ratios(ratio: float) -> list[float]:
+    """Ratios of small whole numbers that are near to `ratio`, and not 1."""
+    near = {m / n for n in (1, 2, 3, 4) for m in range(1, 13) if m != n and abs(ratio * n / m - 1) < _RANGE / 2}
+    return sorted(near)
+
+
+def demodulated(values: FloatArray, rate: float, phase: _Phase) -> tuple[FloatArray, ComplexArray]:
+    """Times (s) of blocks of 200 periods, and complex amplitudes of `values` beside a phase in them, (n_blocks, n_channels)."""
+    n = len(values)
+    hop = max(1, round(rate * _BLOCK / _QUARTERS / phase.frequency))
+    n_hops = -(-n // hop)
+    window = np.sin(np.pi * (np.arange(_QUARTERS * hop) + 0.5) / (_QUARTERS * hop)) ** 2
+    parts = window.reshape(_QUARTERS, 1, hop)
+    time = np.arange(n_hops * hop) / rate
+    angle = phase.at(time).reshape(n_hops, hop)
+    turning = np.concatenate([parts * np.cos(angle), -parts * np.sin(angle)]).transpose(1, 0, 2)
+    padded = np.concatenate([values, np.zeros((n_hops * hop - n, values.shape[1]))]).reshape(n_hops, hop, -1)
+    sums = turning @ padded  # (n_hops, 8, n_channels)
+    inside = (np.arange(n_hops * hop) < n).reshape(n_hops, hop)
+    weight = (parts * inside).sum(axis=2).T[:, :, None]
+    moment = (parts * (inside * time.reshape(n_hops, hop))).sum(axis=2).T[:, :, None]
+    mass = _of_windows(weight)
+    total = _of_windows(sums[:, :_QUARTERS]) + 1j * _of_windows(sums[:, _QUARTERS:])
+    return np.asarray((_of_windows(moment) / mass)[:, 0]), np.asarray(2 * total / mass)
+
+
+def _of_windows(quarters: FloatArray) -> FloatArray:
+    """Sums over the quarters of each window from those of each hop, (n_hops, 4, n_columns); half windows at the ends."""
+    n, half = len(quarters), _QUARTERS // 2
+    ends = np.zeros((half, *quarters.shape[1:]))
+    padded = np.concatenate([ends, quarters, ends])
+    return np.asarray(sum(padded[j : j + n + 1, j] for j in range(_QUARTERS)))
+
+
+def _turned(blocks: ComplexArray, angle: FloatArray) -> ComplexArray:
+    return np.asarray(blocks * np.exp(-1j * angle)[:, None])
+
+
+def _line_noise(blocks: ComplexArray) -> FloatArray:
+    """Power of a line of random motion in each channel, (n_channels,), from the median of the lines around."""
+    n = len(blocks)
+    power = np.abs(np.fft.fft(blocks, axis=0)) ** 2 / n
+    reach = max(2, n // 4)
+    around = np.concatenate([power[:reach], power[-reach:]]) if 2 * reach < n else power
+    return np.asarray(np.maximum(np.median(around, axis=0) / np.log(2), 1e-13 * power.sum(axis=0) + 1e-300))
+
+
+def _evidence(blocks: ComplexArray, phase: _Phase, n_fitted: int, duration: float, noise: FloatArray) -> _Evidence:
+    """Evidence for a tone in `blocks` whose phase was taken off, against random motion of the damping of a mode or more."""
+    n = len(blocks)
+    lines = np.fft.fft(blocks / np.sqrt(noise), axis=0) / np.sqrt(n)
+    power = (np.abs(lines) ** 2).sum(axis=1)
+    reach = max(2, int(np.ceil(_memories(phase.frequency, duration) / 4)), n_fitted)
+    reach = min(reach, (n - 1) // 2)
+    beside = np.r_[1 : reach + 1, n - reach : n]
+    count = 1 + len(beside)
+    odds = power[0] / max(power[beside].mean(), 1e-300) / _LORENTZ
+    ratio = odds / (odds + count - 1)
+    freedom = count - 1 - n_fitted
+    log_probability = float(np.log(count) + freedom * np.log1p(-ratio)) if freedom > 0 else 0.0
+    kept = np.zeros_like(lines)
+    kept[0], kept[beside] = lines[0], lines[beside]
+    vector = np.linalg.svd(kept[[0, *beside]], full_matrices=False)[2][0].conj()
+    envelope = np.abs(np.fft.ifft(kept @ vector)) ** 2
+    kurtosis = float(1.5 * np.mean(envelope**2) / max(np.mean(envelope) ** 2, 1e-300))
+    gain = float(power[0] / blocks.shape[1] - n_fitted * np.log(2 * n))
+    return _Evidence(phase, log_probability, kurtosis, gain)
+
+
+def _mean_offset(time: FloatArray, blocks: ComplexArray) -> float:
+    """Mean frequency (Hz) of the motion in blocks, from its turn between one and the next."""
+    blocks = blocks / np.sqrt(_line_noise(blocks))
+    return float(np.angle(np.vdot(blocks[:-1], blocks[1:])) / (2 * np.pi * np.median(np.diff(time))))
+
+
+def _strongest_line(time: FloatArray, blocks: ComplexArray, reach: float) -> float:
+    """Offset (Hz) within `reach` of the strongest line of the transform of all blocks."""
+    size = 4 * len(blocks)
+    offset = np.fft.fftfreq(size, float(np.median(np.diff(time))))
+    power = (np.abs(np.fft.fft(blocks, size, axis=0)) ** 2).sum(axis=1)
+    power[np.abs(offset) > reach] = -1
+    return float(offset[power.argmax()])
+
+
+def _tracked_phase(blocks: ComplexArray) -> FloatArray:
+    """Phase (n_blocks,) that is common to all channels, from block to block, smoothed over a few blocks."""
+    blocks = blocks / np.sqrt(_line_noise(blocks))
+    turn = (blocks[:-2].conj() * blocks[2:]).sum(axis=1)
+    step = 0.5 * np.angle(_smoothed(turn))
+    track = np.concatenate([[0.0], np.cumsum(np.concatenate([step[:1], 0.5 * (step[1:] + step[:-1]), step[-1:]]))])
+    slow = _turned(blocks, track)
+    vector = np.linalg.svd(slow, full_matrices=False)[2][0].conj()
+    return np.asarray(track + np.unwrap(np.angle(_smoothed(slow @ vector))))
+
+
+def _smoothed(series: ComplexArray) -> ComplexArray:
+    weights = np.exp(-0.5 * (np.arange(-4, 5) / 1.5) ** 2)
+    return np.convolve(np.pad(series, 4, mode="edge"), weights / weights.sum(), mode="valid")
+
+
+def _knots(n: int, duration: float) -> FloatArray:
+    """Knots of a cubic spline of `n` coefficients over the record."""
+    return np.concatenate([np.zeros(3), np.linspace(0, duration, n - 2), np.full(3, duration)])
+
+
+def _basis(time: FloatArray, phase: _Phase) -> FloatArray:
+    """Derivatives of the phase by its coefficients, or of a steady phase by its constant and its angular frequency."""
+    if not len(phase.coefficients):
+        return np.stack([np.ones(len(time)), time], axis=1)
+    from scipy.interpolate import BSpline
+
+    knots = _knots(len(phase.coefficients), phase.duration)
+    return np.asarray(BSpline.design_matrix(np.clip(time, 0, phase.duration), knots, 3).toarray())
+
+
+def _phase_error(time: FloatArray, blocks: ComplexArray, phase: _Phase) -> FloatArray:
+    """Gauss-Newton step of the coefficients of `_basis`, for blocks of unit noise whose phase was taken off."""
+    mean = blocks.mean(axis=0)
+    motion = blocks @ mean.conj() / max(np.vdot(mean, mean).real, 1e-300)
+    return np.asarray(np.linalg.lstsq(_basis(time, phase), motion.imag, rcond=None)[0])
+
+
+def _fitted_spline(time: FloatArray, blocks: ComplexArray, track: FloatArray, phase: _Phase) -> _Phase:
+    """Spline phase nearest to a track, then by least squares of the blocks."""
+    phase = replace(phase, coefficients=np.linalg.lstsq(_basis(time, phase), track, rcond=None)[0])
+    for _ in range(3):
+        error = _phase_error(time, _turned(blocks, phase.spline(time)), phase)
+        phase = replace(phase, coefficients=phase.coefficients + np.clip(error, -1, 1))
+    return phase
+
+
+def _amplitude_columns(time: FloatArray, phase: _Phase, degrees: tuple[int, int]) -> FloatArray:
+    """Polynomials in time and in frequency, of the given degrees, by which the amplitude of a tone may change.
+
+    From degree 2 in frequency on with its rate of change, since a structure answers with a delay.
+    """
+    columns = np.polynomial.legendre.legvander(2 * time / phase.duration - 1, degrees[0])
+    if not degrees[1]:
+        return np.asarray(columns)
+    course = phase.course(np.linspace(0, phase.duration, 512))
+    middle, half = 0.5 * (course.max() + course.min()), 0.5 * (course.max() - course.min())
+    away = (phase.course(time) - middle) / max(half, 1e-300)
+    of_frequency = np.polynomial.legendre.legvander(away, degrees[1])
+    rate = phase.spline(time, 2)[:, None]
+    rate /= max(float(np.abs(phase.spline(np.linspace(0, phase.duration, 512), 2)).max()), 1e-300)
+    return np.concatenate([columns, of_frequency[:, 1:], rate * of_frequency[:, : degrees[1] - 1]], axis=1)
+
+
+def _tone_columns(time: FloatArray, phase: _Phase, degrees: tuple[int, int]) -> FloatArray:
+    """Cosine and sine of the phase, each times the polynomials of the amplitude, (n_samples, n_columns)."""
+    angle, terms = phase.at(time)[:, None], _amplitude_columns(time, phase, degrees)
+    return np.concatenate([np.cos(angle) * terms, np.sin(angle) * terms], axis=1)
+
+
+def _amplitude_degrees(search: _Search, phase: _Phase) -> tuple[int, int]:
+    """Degrees of the polynomials in time and in frequency that pay (Schwarz's criterion)."""
+    time, blocks = demodulated(search.values, search.rate, phase)
+    blocks = blocks / np.sqrt(_line_noise(blocks))
+    of_frequency = (0, 1, 2, 3) if len(phase.coefficients) else (0,)
+    best, most = (0, 0), -np.inf
+    for in_time in (0, *_DEGREES):
+        for in_frequency in of_frequency:
+            terms = _amplitude_columns(time, phase, (in_time, in_frequency))
+            if terms.shape[1] > len(time) / 6 and in_time + in_frequency:
+                continue
+            captured = float((np.abs(np.linalg.qr(terms)[0].T @ blocks) ** 2).sum()) / blocks.shape[1]
+            gain = captured - terms.shape[1] * np.log(2 * len(time))
+            if gain > most:
+                best, most = (in_time, in_frequency), gain
+    return best
+
+
+def tone_candidates(values: FloatArray, rate: float) -> list[float]:
+    """Frequencies (Hz) where a tone may be, the most prominent first: sharp lines, and narrow bands of steady motion."""
+    lines, height = _whitened_lines(values, rate)
+    tops = 1 + np.flatnonzero(
+        (height[1:-1] > _STANDS_OUT) & (height[1:-1] >= height[:-2]) & (height[1:-1] > height[2:])
+    )
+    peaks = [(float(height[k]), float(lines[k])) for k in tops]
+    chosen: list[float] = []
+    for _, frequency in sorted([*peaks, *_steady_bands(values, rate)], reverse=True):
+        if all(abs(frequency / other - 1) > _RANGE for other in chosen):
+            chosen.append(frequency)
+    return chosen[:_MOST_TONES]
+
+
+def _whitened_lines(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
+    """Frequencies (Hz) of the transform over the record, and mean power of the channels over that of the lines around."""
+    n = len(values)
+    window = np.sin(np.pi * np.arange(n) / n) ** 2
+    total = np.zeros(n // 2 + 1)
+    for column in values.T:
+        power = np.abs(np.fft.rfft(window * (column - column.mean()))) ** 2
+        total += _over_surroundings(power)
+    return np.fft.rfftfreq(n, 1 / rate), total / values.shape[1]
+
+
+def _over_surroundings(power: FloatArray) -> FloatArray:
+    """Power of each line over the median of the 64 lines that it stands among, or of the next ones where that is greater."""
+    n = len(power)
+    blocks = np.pad(power, (0, -n % _MEDIAN_LINES), mode="edge").reshape(-1, _MEDIAN_LINES)
+    level = np.pad(np.median(blocks, axis=1), 1, mode="edge")
+    level = np.maximum(np.maximum(level[:-2], level[1:-1]), level[2:])
+    return np.asarray(power / np.maximum(np.repeat(level, _MEDIAN_LINES)[:n], 1e-300))
+
+
+def _steady_bands(values: FloatArray, rate: float) -> list[tuple[float, float]]:
+    """Heights and frequencies (Hz) of spectral peaks in segments of some 200 periods whose power hardly changes."""
+    n, peaks = len(values), []
+    top = rate / 2
+    while _memories(top, n / rate) > _FEWEST:
+        segment = round(1.5 * _BLOCK * rate / top)
+        starts = range(0, n - segment + 1, segment // 2)
+        if segment > 16 and len(starts) >= _LEAST_SEGMENTS:
+            window = np.sin(np.pi * np.arange(segment) / segment) ** 2
+            power = np.stack(
+                [np.abs(np.fft.rfft(window[:, None] * values[k : k + segment], axis=0)) ** 2 for k in starts]
+            )  # (n_segments, n_lines, n_channels)
+            lines = np.fft.rfftfreq(segment, 1 / rate)
+            level = power.mean(axis=0)
+            height = np.stack([_over_surroundings(column) for column in level.T]).mean(axis=0)
+            series = (power / np.maximum(level.mean(axis=0), 1e-300)).sum(axis=2)
+            for k in range(2, len(lines) - 2):
+                if not top / 2 <= lines[k] < top or height[k] < max(_PEAK, height[k - 1], height[k + 1]):
+                    continue
+                course = series[:, k - 1 : k + 2].sum(axis=1)
+                if 1.5 * np.mean(course**2) / np.mean(course) ** 2 < _MOST_KURTOSIS:
+                    peaks.append((float(height[k]), float(lines[k])))
+        top /= 2
+    return peaks
