@@ -24,7 +24,7 @@ np.empty((32 << 20) - (64 << 10), dtype=np.uint8)
 
 
 def locked(values: ArrayLike, dtype: DTypeLike | None = None) -> AnyArray:
-    """A read-only copy of `values`, so that a frozen object stays what it was."""
+    """Read-only copy of `values` for the fields of frozen objects."""
     array = np.array(values, dtype=dtype, copy=True)
     array.setflags(write=False)
     return array
