@@ -47,6 +47,7 @@ def begun(base):
     return tuple((one, q, fit_near(base, (one, q, ()), PLAIN_TOOLS)["theta"]) for one, q in changes)
 
 
+@pytest.mark.long
 def test_two_faults_are_found_by_the_one_beside_which_a_second_promises_most(tmp_path, monkeypatch):
     """Though the likeliest single change, as the fits to all data say, is none of them, and so none is clear."""
     base = fitted(tmp_path, STUDY.replace("[[unknown]]", JOINT, 1), [1, 0, 2, 3])

@@ -80,7 +80,7 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ModifiedModel:
-    """A tested model, as it is or with changes, beside its records.
+    """A tested model, unchanged or with changes, with its records.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ class ToleranceTest:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A model, as it is or with changes, fitted.
+    """Fit of a model, unchanged or with changes.
 
     Attributes
     ----------

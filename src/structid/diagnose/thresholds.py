@@ -1,4 +1,4 @@
-"""Thresholds of the diagnosis: each with what it does, and where its value comes from.
+"""Thresholds of the diagnosis, each with its effect and the source of its value.
 
 The 54 trials are wrong models of one fault each of a beam, a frame and a shear building. A change of any value moves the
 figures of `benchmarks/accuracy/wrong_models.py` (cause first, false causes, wrong answers that are trusted).
