@@ -142,7 +142,7 @@ def _merge(
     from structid.modal.formats.files import read_modes
     from structid.modal.merging import merged_setups
     from structid.modal.survey.survey import MODES_PAGE
-    from structid.records.formats import read_geometry
+    from structid.records.formats.geometry import read_geometry
     from structid.report.modes import merged_text
     from structid.study.results.folder import staged_folder
     from structid.study.results.modes import write_merged
@@ -158,4 +158,6 @@ def _merge(
     with staged_folder(folder, MODES_PAGE) as staged:
         write_merged(merging.modes, staged, nodes)
     show(merged_text(names, merging))
+    if nodes is not None and places.unit_words:
+        say(nodes.unit_words)
     say(folder / "modes.json")
