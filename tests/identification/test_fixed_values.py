@@ -136,6 +136,50 @@ def test_an_identified_model_has_the_covariance_of_its_answer_with_what_is_of_se
     np.testing.assert_allclose(np.linalg.norm(factor[n:], axis=1), estimate.fixed.tolerance[:-1], rtol=1e-12)
 
 
+@pytest.mark.parametrize("size", [0.0, 1.0])
+def test_a_matrix_free_search_carries_them_as_one_with_a_jacobian(size):
+    """With `size` tolerances of error in every fixed value, which must not count as model error."""
+    values, gain = drawn(np.random.default_rng(0), 0.01 * size)
+    structure, record = chain(), measured(values, gain, np.random.default_rng(1))
+    dense, free = (
+        sid.identify(
+            structure,
+            sid.parameters(structure, SOUGHT),
+            record,
+            sid.IdentifyOptions(tolerances=TOLERANCES, matrix_free=is_free),
+        ).estimate
+        for is_free in (False, True)
+    )
+    assert not free.uncertainty.has_matrix
+    assert free.covariance_basis == dense.covariance_basis == "noise"
+    np.testing.assert_allclose(
+        free.fixed.slope, dense.fixed.slope, rtol=2e-3, atol=2e-3 * np.abs(dense.fixed.slope).max()
+    )
+    np.testing.assert_allclose(free.fixed.asked, dense.fixed.asked, atol=0.02)
+    tolerances_alone = np.linalg.norm(free.fixed.changes, axis=1)
+    np.testing.assert_allclose(free.std, np.hypot(free.std_noise, tolerances_alone), rtol=1e-9)
+    np.testing.assert_allclose(free.uncertainty.draws.std(axis=0), free.std, rtol=0.4)
+    both = np.array([[1.0, -1.0, 0.0]])
+    drawn_std, true_std = (np.sqrt(found.uncertainty.variance(both)) for found in (free, dense))
+    np.testing.assert_allclose(drawn_std, true_std, rtol=0.3)
+
+
+def test_products_without_a_jacobian_have_the_errors_of_channels():
+    setup = setups(np.random.default_rng(0))["log"]
+    unknowns = [sid.ChannelUnknown("gain", "1X"), sid.ChannelUnknown("delay", "3X")]
+    for residual in ("output", "log", "pole_free"):
+        problem = replace(setup, channel_unknowns=unknowns).prepared(sid.IdentifyOptions(residual=residual)).problem
+        theta = problem.theta_start + 0.01 * np.random.default_rng(1).standard_normal(len(problem.names))
+        dense = problem.linearize(theta)
+        u, v = (np.random.default_rng(2).standard_normal(n) for n in dense.jacobian.shape)
+        for stored in (0.0, 1e9):
+            at = problem.linearize_operator(theta, stored)
+            np.testing.assert_allclose(at.residual, dense.residual, rtol=1e-9)
+            np.testing.assert_allclose(at.product(v), dense.jacobian @ v, rtol=1e-8, atol=1e-8)
+            np.testing.assert_allclose(at.transposed(u), dense.jacobian.T @ u, rtol=1e-8, atol=1e-6)
+            np.testing.assert_allclose(at.squares, (dense.jacobian**2).sum(axis=0), rtol=1e-9)
+
+
 def test_what_is_exact_widens_nothing():
     structure, record = chain(), measured((MASS, SPRING, DASHPOT), 1.0, np.random.default_rng(3))
     found = sid.identify(structure, sid.parameters(structure, SOUGHT), record, sid.IdentifyOptions(tolerances=EXACT))
@@ -356,15 +400,23 @@ def test_where_priors_choose_among_sets_of_values_the_answer_is_untested_and_all
     assert listed == pytest.approx(rest, rel=0.02)  # those that priors rule out as well
 
 
-def test_a_prior_that_is_no_datum_leaves_few_data_untested():
-    """Three frequencies and a prior are four values for four springs; a known spring leaves three, which one test more is."""
+@pytest.mark.long
+def test_three_frequencies_and_a_prior_test_nothing_of_four_springs():
     judgement = judged(sid.identify_together([few_modes(3, 0.1)]))
     assert judgement.verdict in ("untested", "undetermined")
+
+
+def test_a_prior_counts_as_data_by_what_it_determines():
+    """Four frequencies of four springs: a spring that its prior knows leaves one value more than is sought."""
     goodness = sid.identify_together([few_modes(N, 1e-4)]).estimate.goodness
     assert goodness.n_values == N
     assert goodness.test_freedom == pytest.approx(
         1.0, abs=0.02
     )  # all but known: the data test three springs by four values
+
+
+@pytest.mark.long
+def test_a_prior_that_says_nothing_counts_for_nothing():
     assert sid.identify_together([few_modes(N, 10.0)]).estimate.goodness.test_freedom < 0.05
 
 

@@ -92,7 +92,8 @@ def test_page_figures_and_arrays_are_there(plate):
     with h5py.File(folder / "results" / "estimate.h5") as file:
         draws, std = file["parameters/draws"][()], file["parameters/std"][()]
         assert draws.shape == (32, 50)
-        assert np.sqrt((draws**2).mean(axis=0)) == pytest.approx(std)
+        # what draws owe to noise and to fixed values is uncorrelated to a part of 1 / sqrt(32), which `std` knows to be 0
+        assert np.sqrt((draws**2).mean(axis=0)) == pytest.approx(std, rel=0.12)
         assert file["frf/predicted"].shape == (12, 8, 1)
 
 
@@ -106,13 +107,15 @@ def test_answer_is_that_of_the_dense_search_at_the_same_strength(plate, tmp_path
         load_study(changed(tmp_path, ('search = "matrix_free"', 'search = "levenberg_marquardt"')))
     ).identification
     assert np.abs(free.estimate.values - dense.estimate.values).max() < 0.01 * dense.estimate.std.min()
-    off = free.estimate.std / dense.estimate.std_noise - 1
+    off = free.estimate.std_noise / dense.estimate.std_noise - 1
     assert np.abs(off).max() < 4.5 / np.sqrt(64)
+    assert free.estimate.fixed.changes == pytest.approx(dense.estimate.fixed.changes, rel=0.01, abs=1e6)
+    assert free.assumption == dense.assumption
     assert np.abs(off.mean()) < 0.06
     assert free.priors.regularizations[0].rule == "given"
     assert np.isnan(free.priors.regularizations[0].determined)
     assert free.mass.total == pytest.approx(dense.mass.total)
-    assert free.mass.std == 0
+    assert free.mass.std == pytest.approx(dense.mass.std)
 
 
 @pytest.mark.parametrize(
@@ -121,10 +124,6 @@ def test_answer_is_that_of_the_dense_search_at_the_same_strength(plate, tmp_path
         ([('kind = "smoothness"', 'kind = "sparsity"')], "smoothness as the only regularization"),
         ([('elements = "skin"\n\n[record]', 'elements = "skin"\nstrength = "l_curve"\n\n[record]')], "l_curve"),
         ([("n_modes = 6", 'n_modes = 6\nintervals = "profile"')], "intervals 'laplace'"),
-        (
-            [('path = "frf.npz"', 'path = "frf.npz"\n[[record.channel_error]]\nproperty = "gain"\noutputs = ["9001Z"]')],
-            "errors of channels",
-        ),
     ],
 )  # fmt: skip
 def test_what_it_cannot_do_is_named(plate, tmp_path, pairs, words):
@@ -194,6 +193,7 @@ def test_check_predicts_without_a_jacobian(plate):
     assert "not at all" not in done.output
 
 
+@pytest.mark.long
 def test_check_counts_smoothness_of_given_strength(plate, tmp_path):
     folder, *_ = plate
     for name in ("plate.msh", "frf.npz", "study.toml"):

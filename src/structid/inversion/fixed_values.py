@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
@@ -11,7 +11,7 @@ from scipy import special
 from structid.core.arrays import FloatArray
 from structid.inversion.covariance import chi_square_law, inverse_information
 from structid.inversion.diagnostics.residual_tests import misses_noise
-from structid.inversion.linearization import Linearization
+from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
 
 #: What the names of fixed values begin with where they are unknowns beside those that are sought.
@@ -128,7 +128,7 @@ class FitWithinTolerances:
     problem : Problem
         With the fixed values among its unknowns.
     theta : (n_params + n_fixed,) float array
-    at : Linearization
+    at : Linearization or OperatorLinearization
     asked : (n_fixed,) float array
         Logarithm of each fixed value over what the model has, in tolerances.
     parameters : (n_params,) float array
@@ -137,7 +137,7 @@ class FitWithinTolerances:
 
     problem: Problem
     theta: FloatArray
-    at: Linearization
+    at: Linearization | OperatorLinearization
     asked: FloatArray
     parameters: FloatArray
 
@@ -148,10 +148,17 @@ class FitWithinTolerances:
         return float(data @ data + self.asked @ self.asked)
 
     def misfits(self, probability: float) -> bool:
-        """True if misfit or error of a fixed value is less probable than this, given noise and tolerances."""
+        """True if misfit or error of a fixed value is less probable than this, given noise and tolerances.
+
+        Of a linearization with a Jacobian; see `misfits_law` for one without.
+        """
+        assert isinstance(self.at, Linearization)
+        return self.misfits_law(probability, *chi_square_law(self.problem, self.theta, self.at))
+
+    def misfits_law(self, probability: float, scale: float, freedom: float) -> bool:
+        """The same where chi-square is `scale` times that of `freedom` degrees of freedom; see `chi_square_law`."""
         if np.abs(self.asked).max() > limit_of(len(self.asked), probability):
             return True
-        scale, freedom = chi_square_law(self.problem, self.theta, self.at)
         more = float(self.asked @ self.asked)
         return misses_noise(self.problem, self.at.residual, scale, freedom, probability, more)
 
@@ -177,6 +184,19 @@ class FixedColumns:
     columns: FloatArray
     within: FitWithinTolerances | None
 
+    def only(self, kept: Sequence[int]) -> FixedColumns:
+        """The values at positions `kept` alone; the others are exact."""
+        if len(kept) == len(self.names):
+            return self
+        index, within = list(kept), self.within
+        return FixedColumns(
+            tuple(self.names[i] for i in index),
+            tuple(self.kinds[i] for i in index),
+            self.tolerance[index],
+            self.columns[:, index],
+            None if within is None else replace(within, asked=within.asked[index]),
+        )
+
     def influence(self, theta: FloatArray, at: Linearization, slope: FloatArray) -> FixedValueInfluence:
         """Change of the parameters per relative change of each fixed value; NaN for undetermined parameters.
 
@@ -193,6 +213,10 @@ class FixedColumns:
         changes = np.full((len(slope), len(self.names)), np.nan)
         score = at.jacobian[: len(self.columns), seen].T @ self.columns
         changes[seen] = -bread[np.ix_(seen, seen)] @ score
+        return self.influence_by(theta, changes, slope)
+
+    def influence_by(self, theta: FloatArray, changes: FloatArray, slope: FloatArray) -> FixedValueInfluence:
+        """The influence with known `changes` (n_params, n_fixed) of the free variables by the logarithm of each fixed value."""
         within = self.within
         asked = np.zeros(len(self.names)) if within is None else within.asked
         free = theta if within is None else within.parameters

@@ -8,11 +8,13 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray, locked
+from structid.core.display import join_words
 from structid.core.errors import InputError
 from structid.inversion.averaging import few_averages, score_factor
 from structid.inversion.covariance import LEAST_FREEDOM, error_blocks, row_law
 from structid.inversion.diagnostics.identifiability import Identifiability
 from structid.inversion.diagnostics.residual_tests import misses_noise
+from structid.inversion.fixed_values import FixedColumns, FixedValueInfluence
 from structid.inversion.linearization import OperatorLinearization
 from structid.inversion.problem import Problem
 from structid.inversion.search.conjugate_gradients import Solver, conjugate_gradients, preconditioner
@@ -30,6 +32,7 @@ def drawn_uncertainty(
     solved: Sequence[str],
     misfit_probability: float,
     seed: int,
+    fixed: FixedColumns | None = None,
 ) -> Uncertainty:
     """Uncertainty of the parameters by draws from the Gaussian posterior near `theta`, for very many parameters.
 
@@ -45,6 +48,8 @@ def drawn_uncertainty(
     misfit_probability : float
         Below this probability of its chi-square the fit holds model error.
     seed : int
+    fixed : FixedColumns, optional
+        The values that the model holds; exact where none are given.
 
     Raises
     ------
@@ -53,11 +58,14 @@ def drawn_uncertainty(
     """
     places = [_place(problem.names, name) for name in solved]
     generator = np.random.default_rng(seed)
-    precondition = preconditioner(at, np.zeros(at.n_params)) if draws or places else None
+    precondition = preconditioner(at, np.zeros(at.n_params)) if draws or places or fixed is not None else None
     sampled, determined, missed = counted_draws(at, draws, generator, precondition)
     (scale, share), few = row_law(problem.rows.averages), few_averages(problem.rows.averages)
     freedom = share * max(at.n_data - np.nan_to_num(determined), 1.0)
     misfit = misses_noise(problem, at.residual, scale, freedom, misfit_probability)
+    if misfit and fixed is not None and fixed.within is not None:
+        misfit = fixed.within.misfits_law(misfit_probability, scale, freedom)
+    influence, exact = (None, "") if fixed is None else solved_influence(problem, theta, at, fixed, precondition)
     wider = 1.0 if few is None else float(np.sqrt(score_factor(few).max()))
     noise = drawn_covariance(problem, theta, at, wider * sampled)
     std, error = np.array(noise.std), np.array(noise.std_error)
@@ -70,7 +78,7 @@ def drawn_uncertainty(
         sampled, more = posterior_draws(at, draws, generator, error_draws(problem, at), precondition)
         model = drawn_covariance(problem, theta, at, sampled[np.isfinite(sampled).all(axis=1)])
         missed, used = missed + more, len(model.draws)
-    words = [at.words, _std_words(used, 0 if misfit else len(places), missed), _MISFIT if misfit else ""]
+    words = [at.words, _std_words(used, 0 if misfit else len(places), missed), _MISFIT if misfit else "", exact]
     identified = (model if misfit else noise).std <= problem.unknowns.sizes(problem.physical(theta))
     spread = Spread(
         noise=noise,
@@ -79,9 +87,36 @@ def drawn_uncertainty(
         identified=locked(identified),
         identifiability=Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ()),
         determined=determined,
+        fixed=influence,
     )
     carried = np.ones(at.n_params, dtype=bool)
     return Uncertainty(spread=spread, carried=carried, freedom=at.n_data - determined, words=tuple(words))
+
+
+def solved_influence(
+    problem: Problem,
+    theta: FloatArray,
+    at: OperatorLinearization,
+    fixed: FixedColumns,
+    precondition: Solver | None = None,
+) -> tuple[FixedValueInfluence | None, str]:
+    """Influence of fixed values on the parameters, one system of equations each, and words on those that stay exact.
+
+    A value whose equations conjugate gradients do not solve is taken as exact; None where all are.
+    """
+    precondition = precondition or preconditioner(at, np.zeros(at.n_params))
+    rest, kept, changes = np.zeros(at.prior.shape[0]), [], []
+    for number, column in enumerate(fixed.columns.T):
+        right = at.transposed(np.concatenate([column, rest]))
+        change, _, left = conjugate_gradients(at.information, right, precondition, _SOLVED, _MOST_INNER)
+        if left <= _SOLVED:
+            kept.append(number)
+            changes.append(-change)
+    lost = [name for number, name in enumerate(fixed.names) if number not in kept]
+    words = f"equations did not converge for {join_words(lost)}: taken as exact" if lost else ""
+    if not kept:
+        return None, words
+    return fixed.only(kept).influence_by(theta, np.column_stack(changes), problem.slope(theta)), words
 
 
 def drawn_covariance(

@@ -27,7 +27,7 @@ Rows: TypeAlias = "FloatArray | sparse.csr_array"
 
 
 class Covariance(Protocol):
-    """The covariance of parameters in physical units, however it is known."""
+    """Covariance of the parameters in physical units."""
 
     @property
     def std(self) -> FloatArray:
@@ -133,6 +133,20 @@ class DrawnCovariance:
             " combinations of them, or search with a Jacobian"
         )
 
+    def with_changes(self, changes: FloatArray) -> DrawnCovariance:
+        """The covariance of errors to which independent causes add `changes` (n_params, n_causes) of unit size.
+
+        Every draw has some of each cause. Over all draws their sizes have unit mean square and are uncorrelated, where draws are
+        more than causes.
+        """
+        n_draws, n_causes = len(self.draws), changes.shape[1]
+        sizes = np.random.default_rng(0).standard_normal((n_draws, n_causes))
+        if n_draws > n_causes:
+            sizes = np.sqrt(n_draws) * np.linalg.qr(sizes)[0]
+        std = np.hypot(self.std, np.linalg.norm(changes, axis=1))
+        part = np.divide(self.std, std, out=np.ones(len(std)), where=std > 0)
+        return DrawnCovariance(locked(self.draws + sizes @ changes.T), locked(std), locked(self.std_error * part**2))
+
     def variance(self, rows: Rows) -> FloatArray:
         """Variance of each linear combination `rows` (n, n_params) of parameters, (n,), from the draws."""
         weights = sparse.csr_array(rows)
@@ -197,8 +211,10 @@ class Spread:
     def uncertainty(self) -> Covariance:
         """Covariance of the parameters from the data with the tolerances of fixed values added."""
         data = self.of_data
-        if self.fixed is None or not data.has_matrix:
+        if self.fixed is None:
             return data
+        if isinstance(data, DrawnCovariance):
+            return data.with_changes(self.fixed.changes)
         return DenseCovariance(data.matrix + self.fixed.covariance)
 
     @property
@@ -302,7 +318,9 @@ def dense_uncertainty(
     held = at_bounds(problem, theta, at, noise_scale)
     free = is_free(held, len(values))
     at = replace(at, jacobian=np.where(free, at.jacobian, 0.0)) if held else at
-    tested = agreement(problem, at) if within is None else agreement(within.problem, within.at)
+    tested = agreement(problem, at)
+    if within is not None and isinstance(within.at, Linearization):
+        tested = agreement(within.problem, within.at)
     disagreement = None if tested is None or tested.probability >= misfit_probability else tested
     is_doubted = misfit or disagreement is not None
     noise = DenseCovariance(noise_covariance(problem, theta, at) * np.outer(slope, slope))

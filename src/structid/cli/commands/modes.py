@@ -138,7 +138,7 @@ def _merge(
     from structid.modal.formats.files import read_modes
     from structid.modal.merging import merged_setups
     from structid.modal.survey.survey import MODES_PAGE
-    from structid.records.formats import read_geometry
+    from structid.records.formats.geometry import read_geometry
     from structid.report.modes import merged_text
     from structid.study.results.folder import staged_folder
     from structid.study.results.modes import write_merged
@@ -154,4 +154,6 @@ def _merge(
     with staged_folder(folder, MODES_PAGE) as staged:
         write_merged(merging.modes, staged, places)
     show(merged_text(names, merging))
+    if places is not None and places.unit_words:
+        say(places.unit_words)
     say(folder / "modes.json")

@@ -23,7 +23,7 @@ from structid.forward.frf.continuation import (
 )
 from structid.forward.frf.leakage import LeakedFrf, leaking_lines, require_leaking
 from structid.forward.frf.observed import ObservedFrf
-from structid.forward.frf.products import STORED_BYTES, Form, WhitenedFrf, response_products
+from structid.forward.frf.products import STORED_BYTES, Form, WhitenedFrf, Whitening, response_products
 from structid.forward.frf.response import Response, ResponseCache, response
 from structid.forward.record_problem import (
     RecordFacts,
@@ -290,8 +290,8 @@ class FrfProblem(RecordProblem):
     @property
     def matrix_free_obstacle(self) -> str:
         """Reason why a matrix-free search is impossible, as words after its name; empty if it is possible."""
-        if self.channels is not None:
-            return "takes no errors of channels"
+        if self.channels is not None and self.channels.decay(self.channels.start) is not None:
+            return "takes no unknown decay of a window"
         if self.form == "equation":
             return "takes no residual of form 'equation'"
         if self.record.segment is not None:
@@ -316,18 +316,33 @@ class FrfProblem(RecordProblem):
         """
         if self.matrix_free_obstacle:
             return super().linearize_operator(theta)
-        physical, slope = self.physical(theta), self.slope(theta)
-        at = response_products(self.model, physical, self._whitened.whitening, stored_bytes)
+        physical, n = self.physical(theta), self.parameters.n_params
+        of_structure, of_channels = np.split(self.slope(theta), [n])
+        laplace, whitened = self.record.laplace, self._whitened
+        factor: ComplexArray = np.ones((len(laplace), 1, 1), dtype=np.complex128)
+        if self.channels is not None:
+            factor = self.channels.factor(physical[n:], laplace)
+
+        def whitening(predicted: ComplexArray, lines: slice) -> Whitening:
+            """The derivative of the residual with respect to the response without errors of channels."""
+            return whitened.whitening(predicted * factor[lines], lines).scaled(factor[lines])
+
+        at = response_products(self.model, physical[:n], whitening, stored_bytes)
+        values = at.values * factor
+        columns = np.zeros((2 * values.size, 0))
+        if self.channels is not None:
+            relative = values[..., None] * self.channels.log_slopes(physical[n:], laplace)
+            changes = whitened.whitening(values).rows(relative)
+            columns = stack_real(changes.reshape(values.size, -1)) * of_channels
         residual, prior = self.prior_rows(theta)
-        data = self._whitened.residual(at.values)
         return OperatorLinearization(
-            residual=np.concatenate([stack_real(data.ravel()), residual]),
-            forward=lambda v: at.forward(slope * v),
-            adjoint=lambda u: slope * at.adjoint(u),
-            data_squares=slope**2 * at.squares,
+            residual=np.concatenate([stack_real(whitened.residual(values).ravel()), residual]),
+            forward=lambda v: at.forward(of_structure * v[:n]) + columns @ v[n:],
+            adjoint=lambda u: np.concatenate([of_structure * at.adjoint(u), columns.T @ u]),
+            data_squares=np.concatenate([of_structure**2 * at.squares, (columns**2).sum(axis=0)]),
             prior=prior,
             words=at.words,
-            jacobian=None if at.jacobian is None else at.jacobian * slope,
+            jacobian=None if at.jacobian is None else np.hstack([at.jacobian * of_structure, columns]),
         )
 
     def schedules(self) -> tuple[FrfSchedule, ...]:

@@ -42,6 +42,10 @@ class Whitening:
         rows: ComplexArray = self.own[..., None] * change
         return rows if self.other is None else rows + self.other[..., None] * np.conj(change)
 
+    def scaled(self, factor: ComplexArray) -> Whitening:
+        """The derivative with respect to h of the residual of `factor` h."""
+        return Whitening(self.own * factor, None if self.other is None else self.other * np.conj(factor))
+
     def functional(self, u: ComplexArray) -> ComplexArray:
         """w with Re(conj(u) dr) = Re(w dh)."""
         weights: ComplexArray = np.conj(u) * self.own

@@ -129,7 +129,7 @@ class MatrixFree:
     ) -> Uncertainty:
         """Covariance and rank at the minimum from draws of the posterior; see `drawn_uncertainty`."""
         at = cast(OperatorLinearization, minimum.linearization)
-        return drawn_uncertainty(problem, minimum.theta, at, self.draws, self.solved, misfit_probability, seed)
+        return drawn_uncertainty(problem, minimum.theta, at, self.draws, self.solved, misfit_probability, seed, fixed)
 
 
 def dense_search_fits(n_params: int, n_data: int, dense_bytes: float = DENSE_BYTES) -> tuple[bool, str]:

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import cast
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns
-from structid.inversion.linearization import Linearization
+from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
-from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.least_squares import Method, minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
+from structid.inversion.search.matrix_free import MatrixFree
 from structid.inversion.search.minimum import Progress
 
 #: Fixed values are near: a few steps settle them.
 _REFIT = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
+_MATRIX_FREE_REFIT = MatrixFree(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +34,14 @@ class FixedValues:
         Standard deviation of each of these priors.
     sample : Problem, optional
         The problem on the part of the data that a search uses; on all data by default.
+    is_matrix_free : bool
+        Whether products take the place of a Jacobian, for very many parameters.
     """
 
     problem: Problem
     tolerances: Mapping[str, float]
     sample: Problem | None = None
+    is_matrix_free: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -51,12 +55,13 @@ class FixedValues:
 
     def on_sample(self) -> FixedValues:
         """A copy on the part of the data that a search uses."""
-        return FixedValues(self.sample or self.problem, self.tolerances)
+        return replace(self, problem=self.sample or self.problem, sample=None)
 
     def refit(self, names: tuple[str, ...], theta: FloatArray, progress: Progress | None = None) -> FitWithinTolerances:
         """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta`."""
-        minimum = minimize(self.problem, _REFIT, self._whole(names, theta), progress)
-        return self._fit(minimum.theta, cast(Linearization, minimum.linearization), names)
+        method: Method = _MATRIX_FREE_REFIT if self.is_matrix_free else _REFIT
+        minimum = minimize(self.problem, method, self._whole(names, theta), progress)
+        return self._fit(minimum.theta, minimum.linearization, names)
 
     def fit_at(self, theta: FloatArray, names: tuple[str, ...]) -> FitWithinTolerances:
         """The fit that ended at the free variables `theta` of all unknowns; `names` are those that are sought."""
@@ -70,17 +75,23 @@ class FixedValues:
         They are taken at the free variables `theta` of the parameters `names`; `within` is the refit from there, where the
         residual is doubtful.
         """
-        linearization = self.problem.linearize(self._whole(names, theta))
-        columns = linearization.jacobian[: self.problem.n_data, self._index(self.names)]
+        whole, index = self._whole(names, theta), self._index(self.names)
+        if self.is_matrix_free:
+            linearized, units = self.problem.linearize_operator(whole), np.arange(len(whole))
+            columns = np.column_stack([linearized.forward((units == i).astype(np.float64)) for i in index])
+        else:
+            columns = self.problem.linearize(whole).jacobian[: self.problem.n_data, index]
         kinds = tuple(self.problem.unknowns.kinds[i] for i in self._index(self.names))
         return FixedColumns(tuple(name.removeprefix(FIXED) for name in self.names), kinds, self.std, columns, within)
 
-    def _fit(self, theta: FloatArray, linearization: Linearization, names: tuple[str, ...]) -> FitWithinTolerances:
+    def _fit(
+        self, theta: FloatArray, linearization: Linearization | OperatorLinearization, names: tuple[str, ...]
+    ) -> FitWithinTolerances:
         asked = theta[self._index(self.names)] / self.std
         return FitWithinTolerances(self.problem, theta, linearization, asked, theta[self._index(names)])
 
     def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
-        """Free variables of all unknowns, every fixed value as the model has it."""
+        """Free variables of all unknowns, with every fixed value at its value in the model."""
         whole = np.array(self.problem.theta_start, dtype=np.float64)
         whole[self._index(names)], whole[self._index(self.names)] = theta, 0.0
         return whole

@@ -20,9 +20,9 @@ from structid.fem import (
     MeasuredComponent,
     RigidLink,
     Structure,
+    importers,
 )
 from structid.fem.elements import ElementSet
-from structid.fem.importers import require_total_mass
 from structid.fem.meshes import Mesh
 from structid.fem.structure import MOST_PIECES
 from structid.fem.supports import Tie
@@ -41,7 +41,7 @@ from structid.study.schema.kinds import (
     choice,
     either,
     flat,
-    limited,
+    limit_kind,
     or_none,
 )
 from structid.study.schema.model.matrices import MATRIX_TABLES, read_groups
@@ -99,7 +99,7 @@ _FIXED = Key(
 )
 #: The choice of the number of pieces by what the mesh moves values by.
 AUTO = "auto"
-_NUMBER_OF_PIECES = limited(WHOLE, Limits(least=1, most=MOST_PIECES))
+_NUMBER_OF_PIECES = limit_kind(WHOLE, Limits(least=1, most=MOST_PIECES))
 _PIECES = replace(either(_NUMBER_OF_PIECES, choice(AUTO)), words=f'{_NUMBER_OF_PIECES.words}, or "{AUTO}"')
 _POSITIONS = Table(labels=POSITION)
 _NODES = Key(_POSITIONS, "One line a node: its label, and one to three coordinates in m")
@@ -244,7 +244,7 @@ def read_structure(
     if "total_mass" in given:
         whole = _make_structure(section, nodes, (elements, ties, [*fixed, *constrained], []), bases, [], given)
         with section.located("total_mass"):
-            require_total_mass(whole.mass_of(), given["total_mass"], "; ".join(taken.left_aside))
+            importers.require_total_mass(whole.mass_of(), given["total_mass"], "; ".join(taken.left_aside))
     if changes is not None:
         elements, ties, fixed, measured = _apply_changes(changes, nodes, (elements, ties, fixed, measured), mesh)
     aims = record is not None and "sensors" in record.table
