@@ -82,6 +82,7 @@ SMALL: dict[str, str] = {
     "accuracy/bands.py": "--bridges 1",
     "accuracy/damping_of_two_programs.py": "--records 1",
     "accuracy/light_damping.py": "--records 2 --seconds 100",
+    "accuracy/tones_beside_modes.py": "--records 1 --seconds 120",
     "accuracy/mode_probability.py": "--records 8",
     "accuracy/moving_roller.py": "--decays 2",
 }

@@ -220,17 +220,17 @@ def main() -> None:
     """Make a hostile folder, list it, and print the time and memory that this takes."""
     import psutil
 
-    from structid.workbench.folder import opened
+    from structid.workbench.folder import open_study_folder
 
     with TemporaryDirectory() as made:
         folder = Path(made) / "hostile"
         folder.mkdir()
         count = write_odd_entries(folder)
         before = psutil.Process().memory_info().rss
-        seconds = processor_seconds(lambda path: opened(path).listing(), folder)
+        seconds = processor_seconds(lambda path: open_study_folder(path).listing(), folder)
         more = psutil.Process().memory_info().rss - before
         print(f"{count} odd entries listed in {seconds:.3f} s of processor time, {more / 1e6:.1f} MB more memory")
-        for kind, rows in opened(folder).listing().items():
+        for kind, rows in open_study_folder(folder).listing().items():
             if isinstance(rows, list):
                 print(f"  {len(rows)} {kind}")
         print(f"slowest line of 1 MB: {1000 * slowest_line(Path(made)):.1f} ms")

@@ -61,7 +61,7 @@ def with_a_floor(values, rng):
 @pytest.mark.parametrize(
     ("simulated", "repeats"),
     [
-        (declared, 10),
+        (declared, 5),
         *(
             pytest.param(kind, 30, marks=pytest.mark.long)
             for kind in (declared, of_the_model, of_repeats, with_a_floor)
@@ -71,7 +71,7 @@ def with_a_floor(values, rng):
 def test_relative_noise_leaves_no_bias(simulated, repeats):
     """30 repeats (seed 11): the mean error of every value within 3.5 of its own deviations, 90 to 99 % of intervals cover.
 
-    Of 10 repeats the coverage may be three and a half binomial deviations of the 60 values below 95 %.
+    Of 5 repeats the coverage may be three and a half binomial deviations of the 30 values below 95 %.
 
     The simulated model and record are exact but for the noise, and the options say so.
     """
@@ -86,5 +86,5 @@ def test_relative_noise_leaves_no_bias(simulated, repeats):
         low, high = found.interval().T
         covered.append((low <= truth) & (truth <= high))
     assert np.abs(np.mean(errors, axis=0)).max() < 3.5 / np.sqrt(repeats)
-    least, most = (0.90, 0.99) if repeats == 30 else (0.85, 1.0)
+    least, most = (0.90, 0.99) if repeats == 30 else (0.81, 1.0)
     assert least <= np.mean(covered) <= most

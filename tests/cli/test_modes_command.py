@@ -45,6 +45,7 @@ def test_no_option_is_needed(place):
     assert lines[0] == "tower.npz: 3 modes"
     assert lines[-1].endswith("report.html")
     assert "no masses or stiffnesses" in lines[-2]
+    assert len(re.findall(r"0\.99\d ± 0\.\d+|1\.000 ± [\d.e-]+", done.stdout)) == 3  # collinearity of each mode
     folder = place / "tower_modes"
     assert {p.name for p in folder.iterdir()} == {"modes.json", "modes.csv", "modes.uff", "report.html"}
     data = json.loads((folder / "modes.json").read_text())
@@ -212,6 +213,18 @@ def test_geometry_comes_from_a_table_or_the_file_itself(place):
     assert record_geometry(Path("tower.uff"), record, None) == geometry
     assert record_geometry(Path("tower.npz"), record, None) is None
     assert record_geometry(Path("tower.uff"), record, Path("nodes.csv")) == geometry
+
+
+@pytest.mark.parametrize(
+    "unit", ["", "   164\n         1SI                           1\n 1.0 1.0 1.0\n 273.15\n    -1\n    -1\n"]
+)
+def test_positions_without_a_unit_of_length_are_told(place, unit):
+    rows = "".join(f"{n:10d}{0:10d}{0:10d}{1:10d}{0:13.5e}{0:13.5e}{z:13.5e}\n" for n, z in ((1, 1), (2, 2), (3, 3.5)))
+    Path("nodes.uff").write_text(f"    -1\n{unit}    15\n{rows}    -1\n")
+    done = invoke("tower.npz", *FAST, "--geometry", "nodes.uff", "--orders", "10,12")
+    assert done.exit_code == 0, done.output
+    assert ("no unit of length" in done.stdout) != bool(unit)
+    assert ("no unit of length" in (place / "tower_modes" / "modes.json").read_text()) != bool(unit)
 
 
 def _constant(record):

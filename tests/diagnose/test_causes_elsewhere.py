@@ -182,6 +182,7 @@ elements = ["left", "right"]
     assert first.chi_square_per_dof == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.long
 def test_an_added_mass_that_is_not_what_the_study_says_is_named_with_its_record(tmp_path):
     """Four storeys, bare and with 2 kg on the third that are 2.6 in truth; one record has nothing to be compared with."""
     stiffness, k = [9000.0, 8000.0, 7000.0, 6000.0], np.zeros((4, 4), complex)

@@ -32,7 +32,7 @@ from structid.fem.measuring_points import AimedSensor
 from structid.forward import FrfProblem
 from structid.forward.frf.response import response
 from structid.identification.fits.truncation import frf_truncation, modes_truncation
-from structid.planning.options import resolved
+from structid.planning.options import resolve_options
 from structid.unknowns import penalty
 
 LAWS = ("mass", "damping", "stiffness", "structural_damping")
@@ -383,7 +383,7 @@ def test_two_components_of_one_set_friction_sliding_and_mechanisms_are_refused()
 def test_a_plan_takes_places_amid_it():
     found = plate(120.0)
     options = PlanOptions(frequency=(5.0, 10.0), relative_noise=0.01)
-    places = resolved(found, parameters(found, [Unknown("stiffness", "legs")]), options).sensors
+    places = resolve_options(found, parameters(found, [Unknown("stiffness", "legs")]), options).sensors
     assert [str(dof) for dof in places] == [f"{node}Z+" for node in sorted(found.nodes)]
 
 

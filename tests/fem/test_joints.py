@@ -22,7 +22,7 @@ from structid import (
 )
 from structid.dynamics.normal_modes import modes
 from structid.forward.motion.motion import recorded_motion
-from structid.planning.options import resolved
+from structid.planning.options import resolve_options
 
 N, EI = 20, 7.0
 NODES = {i: i / N for i in range(N + 1)}
@@ -112,7 +112,7 @@ def test_the_loosened_end_is_no_place_of_a_sensor_and_is_named_in_words():
     with pytest.raises(InputError, match="which the structure does not have"):
         structure.selection([inside])
     options = PlanOptions(frequency=(1.0,), relative_noise=0.01)
-    chosen = resolved(structure, parameters(structure, [Unknown("stiffness", "j")]), options)
+    chosen = resolve_options(structure, parameters(structure, [Unknown("stiffness", "j")]), options)
     assert [str(dof) for dof in chosen.sensors] == ["1X+", "2X+"]
 
 

@@ -11,11 +11,11 @@ from structid.fem.meshes import (
     FORMATS,
     CellBlock,
     Mesh,
+    describe_unassigned_cells,
     duplicate_nodes,
     orphan_nodes,
     read_mesh,
     require_sound,
-    unassigned,
 )
 
 GMSH_41 = """$MeshFormat
@@ -366,8 +366,8 @@ def test_missing_nodes_and_groups_and_unknown_cells_are_named():
 def test_cells_without_an_element_set_are_told():
     groups = {"skin": (np.array([0]),), "rib": (np.array([1]),)}
     mesh = mesh_of(TWO, ("quad", [[1, 2, 3, 4], [5, 6, 7, 8]]), groups=groups)
-    assert unassigned(mesh, [mesh.cells("skin")]) == "1 cells (quad), in group rib"
-    assert unassigned(mesh, [mesh.cells()]) is None
+    assert describe_unassigned_cells(mesh, [mesh.cells("skin")]) == "1 cells (quad), in group rib"
+    assert describe_unassigned_cells(mesh, [mesh.cells()]) is None
 
 
 def test_the_nearest_node_comes_with_its_distance_and_the_size_of_the_cells():

@@ -3,7 +3,7 @@
 import pytest
 
 from structid.core.errors import FileError
-from structid.fem.meshes import read_mesh, unassigned
+from structid.fem.meshes import describe_unassigned_cells, read_mesh
 
 GRIDS = """GRID,1,,0.,0.,0.
 GRID,2,,1.,0.,0.
@@ -80,7 +80,7 @@ def test_supports_of_grid_points_are_said(tmp_path):
 
 def test_elements_of_a_users_own_belong_to_no_element_set(tmp_path):
     mesh = read(tmp_path, PANEL + "*USER ELEMENT,TYPE=U1,NODES=2\n1,2\n*ELEMENT,TYPE=U1,ELSET=U\n20,1,2\n", ".inp")
-    assert unassigned(mesh, [mesh.cells("S")]) == "1 cells (U1), in group U"
+    assert describe_unassigned_cells(mesh, [mesh.cells("S")]) == "1 cells (U1), in group U"
 
 
 @pytest.mark.parametrize("keyword", ["MASS ADJUST", "MODEL CHANGE"])

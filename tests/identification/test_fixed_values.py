@@ -401,15 +401,23 @@ def test_where_priors_choose_among_sets_of_values_the_answer_is_untested_and_all
     assert listed == pytest.approx(rest, rel=0.02)  # those that priors rule out as well
 
 
-def test_a_prior_that_is_no_datum_leaves_few_data_untested():
-    """Three frequencies and a prior are four values for four springs; a known spring leaves three, which one test more is."""
+@pytest.mark.long
+def test_three_frequencies_and_a_prior_test_nothing_of_four_springs():
     judgement = judged(sid.identify_together([few_modes(3, 0.1)]))
     assert judgement.verdict in ("untested", "undetermined")
+
+
+def test_a_prior_counts_as_data_by_what_it_determines():
+    """Four frequencies of four springs: a spring that its prior knows leaves one value more than is sought."""
     goodness = sid.identify_together([few_modes(N, 1e-4)]).estimate.goodness
     assert goodness.n_values == N
     assert goodness.test_freedom == pytest.approx(
         1.0, abs=0.02
     )  # all but known: the data test three springs by four values
+
+
+@pytest.mark.long
+def test_a_prior_that_says_nothing_counts_for_nothing():
     assert sid.identify_together([few_modes(N, 10.0)]).estimate.goodness.test_freedom < 0.05
 
 

@@ -165,7 +165,7 @@ def chain(added, rng, bias):
     return sid.ModalSetup(structure, sid.parameters(structure, unknown), record, settings=settings)
 
 
-@pytest.mark.parametrize("size", [0.0, 3e-3])
+@pytest.mark.parametrize("size", [pytest.param(0.0, marks=pytest.mark.long), 3e-3])
 def test_modes_that_are_each_off_in_all_records_make_an_answer_approximate(size):
     """The error of a frequency is stated four times too large, so that chi-square is small either way."""
     rng = np.random.default_rng(7)

@@ -114,6 +114,7 @@ def test_every_kind_of_interval_knows_of_few_averages():
     assert free.std == pytest.approx(found.std, rel=1e-3)
 
 
+@pytest.mark.long
 def test_model_error_has_the_same_intervals_by_profile_and_samples():
     problem = averaged(8, 0, heavier=1.1)
     found = estimate(problem)

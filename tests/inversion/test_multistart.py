@@ -1,5 +1,6 @@
 """Several searches: which are made, which of their answers are distinct, and which fit."""
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,8 +9,8 @@ import pytest
 from structid import LevenbergMarquardt, Status, estimate
 from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.search.least_squares import LEFT, minimize
-from structid.inversion.search.multistart import Search, distinct_answers, searched_minima
-from structid.inversion.search.work import Alone
+from structid.inversion.search.multistart import Search, distinct_answers, searched_minima, staged
+from structid.inversion.search.work import Alone, restored_minimum, stored_minimum
 
 
 @dataclass
@@ -231,3 +232,24 @@ def test_searches_that_miss_the_noise_and_are_not_the_best_are_left_early():
             assert minimum.message == LEFT
             assert iterations < len(alone.inner)
             assert minimum.costs[-1] == pytest.approx(alone.costs[-1], rel=1e-4)
+
+
+def test_the_course_of_every_stage_is_kept_and_stored():
+    """Each stage begins where the one before ended; an estimate has them in physical values, the last one included."""
+    problem, method = TwoWells(start=(1.4,)), LevenbergMarquardt()
+    stages = (("mild", TwoWells(weight=1.0)), ("steep", TwoWells(weight=10.0)))
+    minimum, iterations = staged(problem, method, stages, np.array([1.4]), None)
+    assert [stage.name for stage in minimum.stages] == ["mild", "steep"]
+    courses = [*(stage.history for stage in minimum.stages), minimum.history]
+    for before, after in itertools.pairwise(courses):
+        assert after[0] == before[-1]
+    assert iterations == sum(len(course) - 1 for course in courses)
+    assert minimum.stages[0].costs[0] == pytest.approx((0.4 * 0.6) ** 2)
+    restored = restored_minimum(problem, method, stored_minimum(minimum))
+    for kept, stored in zip(minimum.stages, restored.stages, strict=True):
+        assert kept.name == stored.name
+        np.testing.assert_array_equal(kept.history, stored.history)
+        np.testing.assert_array_equal(kept.costs, stored.costs)
+    search = estimate(problem, plans=(stages,)).search
+    assert [stage.name for stage in search.stages] == ["mild", "steep", "final"]
+    np.testing.assert_array_equal(search.stages[-1].history, search.history)

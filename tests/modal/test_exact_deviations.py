@@ -6,7 +6,7 @@ from scipy import special, stats
 
 from structid import TimeRecord
 from structid.modal.correlations import outputs
-from structid.modal.merging import _agreement
+from structid.modal.merging import _frequency_agreement
 from structid.modal.subspace.decay_fit import decay_fit, schwarz, strength
 from structid.modal.subspace.pole_uncertainty import overlapping_batches
 
@@ -99,7 +99,7 @@ def test_batches_of_independent_pieces_sum_to_their_variance_exactly(memory):
 def test_agreement_of_set_ups_is_chi_square_of_one_less_than_their_number():
     frequency = np.array([[2.0, 3.0], [2.02, 3.0], [1.99, np.nan]])
     variance = np.array([[1e-4, 1e-4], [4e-4, 1e-4], [1e-4, np.nan]])
-    chi_square, probability = _agreement(frequency, variance)
+    chi_square, probability = _frequency_agreement(frequency, variance)
     mean = (2.0 / 1e-4 + 2.02 / 4e-4 + 1.99 / 1e-4) / (1 / 1e-4 + 1 / 4e-4 + 1 / 1e-4)
     first = ((2.0 - mean) ** 2 + (2.02 - mean) ** 2 / 4 + (1.99 - mean) ** 2) / 1e-4
     np.testing.assert_allclose(chi_square, [first, 0.0], atol=1e-9)

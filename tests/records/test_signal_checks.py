@@ -9,7 +9,14 @@ import pytest
 from scipy.signal import lfilter
 
 from structid.records import TimeRecord, harmonic_indicator
-from structid.records.quality.sample_faults import clipped_samples, drop_outs, filled, local_scale, quantum, spikes
+from structid.records.quality.sample_faults import (
+    clipped_samples,
+    drop_outs,
+    fill_missing,
+    local_scale,
+    quantum,
+    spikes,
+)
 from structid.records.quality.signal_checks import signal_checks
 
 sys.path.append(str(Path(__file__).parents[1] / "modal"))
@@ -241,9 +248,9 @@ def test_filled_reproduces_cubics():
     missing = np.zeros(60, dtype=bool)
     missing[[10, 20, 21, 40, 41, 42, 43, 44]] = True
     spoiled = np.where(missing, np.nan, y)
-    assert np.abs(filled(spoiled, missing) - y).max() < 1e-12
+    assert np.abs(fill_missing(spoiled, missing) - y).max() < 1e-12
     missing[:3] = True
-    assert (filled(np.where(missing, np.nan, y), missing)[:3] == y[3]).all()
+    assert (fill_missing(np.where(missing, np.nan, y), missing)[:3] == y[3]).all()
 
 
 def test_quantum_is_the_step():

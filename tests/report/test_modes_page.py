@@ -171,7 +171,7 @@ def test_doubtful_modes_get_a_remark(result):
 
 
 def test_methods_without_orders_or_damping_leave_their_figures_out(result):
-    modes = replace(result.modes, damping_ratio=np.full(3, np.nan), covariance=None)
+    modes = replace(result.modes, damping_ratio=np.full(3, np.nan), covariance=None, shape_std=None, changes=None)
     bare = replace(result, identification=replace(result.identification, modes=modes, sweep=(), clusters=()))
     found = modes_page(bare)
     assert set(pictures(found.figures)) == {"singular_values", "automac", "complexity", "mode_shapes"}

@@ -16,6 +16,7 @@ from page_parts import figures, unpacked, words
 from written_reports import PROVENANCE, TITLE, Report
 
 from structid.core.errors import FileError
+from structid.core.quantities import number
 from structid.identification.identified import Identification
 from structid.report import write_report
 from structid.report.identification.page import report_page, sorted_warnings
@@ -115,6 +116,15 @@ def test_every_parameter_is_in_the_table_escaped(name: str, request: pytest.Fixt
     table = report.before_scripts.split('<section id="values"')[1].split('<section id="fit"')[0]
     for parameter in report.identification.estimate.names:
         assert f"<td>{html.escape(parameter)}</td>" in table
+
+
+def test_every_stage_of_the_search_is_in_the_table_of_the_convergence(series: Report) -> None:
+    search = series.identification.estimate.search
+    fold = series.page.split('id="convergence"')[1].split("</details>")[0]
+    assert len(search.stages) >= 1
+    for stage in search.stages:
+        assert stage.name in fold
+        assert number(float(stage.costs[-1])) in fold
 
 
 def test_names_and_title_cannot_become_markup(series: Report) -> None:

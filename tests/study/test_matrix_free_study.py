@@ -193,6 +193,7 @@ def test_check_predicts_without_a_jacobian(plate):
     assert "not at all" not in done.output
 
 
+@pytest.mark.long
 def test_check_counts_smoothness_of_given_strength(plate, tmp_path):
     folder, *_ = plate
     for name in ("plate.msh", "frf.npz", "study.toml"):

@@ -75,6 +75,7 @@ def test_output_error_stopped_anywhere_resumes_to_the_same_bits(histories, tmp_p
     same_estimate(found.identification.estimate, whole)
 
 
+@pytest.mark.long
 def test_output_error_on_processes_has_the_bits_of_one(histories):
     study, whole = histories
     pool = Processes(2)

@@ -16,7 +16,7 @@ import pytest
 from app_cases import ROOT, STOREYS, filling_disk, require_workbench, served, write_ambient, write_beam_record
 from browser_cases import accessible, drawn, eventually, replace_file, shown, step, write_by_hand
 
-from structid.records import TimeRecord
+from structid.records import TimeRecord, read_record
 from structid.records.formats import write_record
 from structid.study.templates import TEMPLATES, template_with, write_study
 
@@ -774,6 +774,36 @@ def test_segments_that_leak_are_lengthened_or_the_histories_fitted_by_a_click(pa
         eventually(page, lambda: tomllib.loads(study.read_text("utf-8"))["record"].get("time") == wanted)
         eventually(page, lambda: page.locator("#leaking").count() == 0)
         page.locator("#checked", has_text=re.compile("determine every parameter")).wait_for()
+
+
+@pytest.mark.long
+def test_averages_and_a_finer_mesh_are_taken_by_a_click(page, screens, tmp_path):
+    """Of a table with coherence that says no averages, and of beams too long for the lines; unknowns are asked for first."""
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 2}), tmp_path / "beam.toml")
+    write_beam_record(study, tmp_path / "shaken.npz", ("2Y", "3Y"), ("2Y", "3Y"))
+    record = read_record(tmp_path / "shaken.npz")
+    head = "Frequency [Hz]," + ",".join(f"{o}/3Y [(m/s^2)/N] {part}" for o in ("2Y", "3Y") for part in ("re", "im"))
+    columns = [record.frequency, *(part(record.values[:, k, 0]) for k in (0, 1) for part in (np.real, np.imag))]
+    columns += [np.full(len(record.frequency), 0.99)] * 2
+    rows = "\n".join(",".join(f"{x:.8g}" for x in row) for row in np.transpose(columns))
+    (tmp_path / "shaken.csv").write_text(f"{head},2Y/3Y coherence,3Y/3Y coherence\n{rows}\n", encoding="utf-8")
+    text = study.read_text(encoding="utf-8")
+    model, unknowns = text[: text.index("[[unknown]]")], text[text.index("[[unknown]]") :]
+    study.write_text(f'{model}\n[record]\npath = "shaken.csv"\n', encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#structure/beam.toml")
+        page.locator("#checked").get_by_text("told once the study says what you look for").wait_for()
+        write_by_hand(page, study, study.read_text("utf-8") + "\n" + unknowns)
+        page.get_by_label("averages of each FRF").fill("1")
+        page.get_by_role("button", name="Take the noise from coherence").click()
+        page.get_by_text("at least 2").wait_for()
+        page.get_by_label("averages of each FRF").fill("10")
+        page.get_by_role("button", name="Take the noise from coherence").click()
+        eventually(page, lambda: tomllib.loads(study.read_text("utf-8"))["record"].get("averages") == 10)
+        drawn(page, study)
+        page.get_by_role("button", name="Cut the beams finely enough").click()
+        eventually(page, lambda: tomllib.loads(study.read_text("utf-8"))["structure"].get("subdivide") == "auto")
+        page.locator("#coarse").wait_for(state="detached")
 
 
 @pytest.mark.long

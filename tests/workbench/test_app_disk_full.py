@@ -16,7 +16,7 @@ require_workbench()
 
 from structid.core.errors import FileError  # noqa: E402
 from structid.study.templates import TEMPLATES, template_with, write_study  # noqa: E402
-from structid.workbench.folder import opened  # noqa: E402
+from structid.workbench.folder import open_study_folder  # noqa: E402
 
 _PATIENCE = 240.0
 
@@ -72,7 +72,7 @@ def test_studies_files_and_modes_stay_as_they_were(folder, tmp_path):
 
 def test_a_run_that_cannot_be_written_down_is_not_left_running(folder, tmp_path):
     marker, environment = filling_disk(tmp_path)
-    opened(folder).own("runs")
+    open_study_folder(folder).own("runs")
     with served(folder, environment=environment) as bench:
         marker.touch()
         before = content(folder)
@@ -111,7 +111,7 @@ def test_a_run_whose_results_find_no_room_is_told_and_resumed(folder, tmp_path):
 
 
 def test_what_was_written_in_part_is_taken_away(folder, monkeypatch):
-    place, name = opened(folder), "beam.toml"
+    place, name = open_study_folder(folder), "beam.toml"
     text, mark = place.text(name)
 
     def cut(self, raw):

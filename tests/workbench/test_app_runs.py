@@ -22,7 +22,7 @@ require_workbench()
 from structid.core.errors import InputError  # noqa: E402
 from structid.core.isolation import start_child  # noqa: E402
 from structid.study.templates import TEMPLATES, template_with, write_study  # noqa: E402
-from structid.workbench.folder import opened  # noqa: E402
+from structid.workbench.folder import open_study_folder  # noqa: E402
 from structid.workbench.runs import Runs  # noqa: E402
 
 _PATIENCE = 240.0
@@ -247,7 +247,7 @@ def test_the_time_for_causes_goes_to_the_command(folder, monkeypatch):
         return start_child([sys.executable, "-c", ""], **given)
 
     monkeypatch.setattr("structid.workbench.runs.start_child", recorded)
-    runs = Runs(opened(folder))
+    runs = Runs(open_study_folder(folder))
     runs.start("beam.toml", "a")
     runs.start("beam.toml", "b", seconds=90.0, explain=True)
     assert not {"--seconds", "--explain"} & set(commands[0])

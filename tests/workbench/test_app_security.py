@@ -13,7 +13,7 @@ from app_cases import require_workbench, served
 require_workbench()
 
 from structid.core.errors import InputError  # noqa: E402
-from structid.workbench.folder import OutsideError, opened, upload_name  # noqa: E402
+from structid.workbench.folder import OutsideError, open_study_folder, upload_name  # noqa: E402
 from structid.workbench.security import MOST_REQUEST, MOST_UPLOAD, Access  # noqa: E402
 
 EVIL = "<img src=x onerror=alert(1)>"
@@ -110,7 +110,7 @@ def test_no_path_leads_outside(bench, name):
     assert set(found) == {"error"}
     assert "title" not in found["error"]
     with pytest.raises(OutsideError, match="inside the open folder"):
-        opened(bench[1]).inside(name)
+        open_study_folder(bench[1]).inside(name)
 
 
 @pytest.mark.parametrize("name", ["../outside.toml", "/tmp/x.toml", "link.toml"])
@@ -298,7 +298,7 @@ def test_a_folder_is_opened_for_the_own_page_alone(bench):
 def test_of_a_folder_of_very_many_files_some_are_looked_at_and_that_is_told(tmp_path, monkeypatch):
     for k in range(12):
         (tmp_path / f"{k:02}.toml").write_text('title = "one"\n[structure]\n', encoding="utf-8")
-    place = opened(tmp_path)
+    place = open_study_folder(tmp_path)
     assert (len(place.listing()["studies"]), place.listing()["most"]) == (12, None)
     monkeypatch.setattr("structid.workbench.folder._MOST", 5)
     assert (len(place.listing()["studies"]), place.listing()["most"]) == (5, 5)

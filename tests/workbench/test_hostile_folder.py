@@ -30,13 +30,13 @@ from fuzz.hostile import (  # noqa: E402
 from fuzz.seeds import write_chain  # noqa: E402
 
 from structid.core.errors import FileError  # noqa: E402
-from structid.files import claimed  # noqa: E402
+from structid.files import claim_path  # noqa: E402
 from structid.files.npy import npz_arrays  # noqa: E402
 from structid.files.writing import _exchange_names  # noqa: E402
 from structid.modal.formats.csv import is_modes_table  # noqa: E402
 from structid.study.results.folder import staged_folder  # noqa: E402
 from structid.study.schema.toml_lines import parse_toml  # noqa: E402
-from structid.workbench.folder import ChangedError, OutsideError, holds_modes, holds_numbers, opened  # noqa: E402
+from structid.workbench.folder import ChangedError, OutsideError, holds_modes, holds_numbers, open_study_folder  # noqa: E402
 from structid.workbench.runs import Runs  # noqa: E402
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="links, pipes and devices as POSIX has them")
@@ -58,10 +58,10 @@ def wait_until(holds, seconds: float = 120.0) -> None:
 
 
 def test_a_hostile_folder_is_listed_in_a_moment(hostile):
-    place = opened(hostile)
+    place = open_study_folder(hostile)
     process = psutil.Process()
     before = process.memory_info().rss
-    assert processor_seconds(lambda path: opened(path).listing(), hostile) <= 1.0
+    assert processor_seconds(lambda path: open_study_folder(path).listing(), hostile) <= 1.0
     assert process.memory_info().rss - before <= 100e6
     listing = place.listing()
     json.dumps(listing, allow_nan=False).encode("ascii")
@@ -163,14 +163,14 @@ def test_links_of_the_workbenchs_own_folder_are_not_followed(tmp_path):
     (folder / ".structid").symlink_to(outside)
     (outside / "runs" / "20260101-000000-aaaaaa").mkdir(parents=True)
     (outside / "runs" / "20260101-000000-aaaaaa" / "run.json").write_text("{}", encoding="utf-8")
-    runs = Runs(opened(folder))
+    runs = Runs(open_study_folder(folder))
     assert runs.summaries() == []
     with pytest.raises(FileError, match="is a link"):
         runs.start("good.toml", "out")
     (folder / ".structid").unlink()
     (folder / ".structid").mkdir()
     (folder / ".structid" / ".gitignore").symlink_to(outside / "written")
-    opened(folder).own("runs")
+    open_study_folder(folder).own("runs")
     assert not (outside / "written").exists()
     for name in ("out", "other.checkpoint"):
         (folder / name).symlink_to(outside)
@@ -203,7 +203,7 @@ def test_results_are_not_written_through_links_of_the_folder_that_they_replace(t
 def test_no_lock_is_written_through_a_link(tmp_path):
     (tmp_path / "mine").write_text("mine", encoding="utf-8")
     (tmp_path / ".results.lock").symlink_to(tmp_path / "mine")
-    with pytest.raises(FileError, match="cannot be written"), claimed(tmp_path / "results"):
+    with pytest.raises(FileError, match="cannot be written"), claim_path(tmp_path / "results"):
         pass
     assert (tmp_path / "mine").read_text(encoding="utf-8") == "mine"
 
@@ -229,7 +229,7 @@ def test_what_a_shipped_run_says_of_itself_is_not_believed(tmp_path):
     (run / "progress.jsonl").write_text(
         '[1]\n{"words": 7}\n{"words": "x", "done": "y", "total": 1e999}\n', encoding="utf-8"
     )
-    found = Runs(opened(folder))["20260101-000000-aaaaaa"]
+    found = Runs(open_study_folder(folder))["20260101-000000-aaaaaa"]
     assert found.state == "killed"  # another process than the one that would run it
     progress = found.progress(0)
     assert progress["log"] == ""
@@ -254,7 +254,7 @@ def test_results_that_are_there_are_replaced_only_where_that_is_asked_for(tmp_pa
     write_chain(tmp_path / "good.toml")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("mine", encoding="utf-8")
-    runs = Runs(opened(tmp_path))
+    runs = Runs(open_study_folder(tmp_path))
     with pytest.raises(ChangedError, match="is there already"):
         runs.start("good.toml", "mine")
     assert not (tmp_path / ".structid").exists()
@@ -309,7 +309,7 @@ def test_no_edit_that_was_told_as_saved_is_lost(tmp_path):
 
 def test_two_servers_lose_nothing(tmp_path):
     (tmp_path / "study.toml").write_text("# a study\n", encoding="utf-8")
-    place, told = opened(tmp_path), []
+    place, told = open_study_folder(tmp_path), []
 
     def save(name: str) -> None:
         for k in range(50):
@@ -336,7 +336,7 @@ def test_permissions_are_kept_and_leftovers_swept(tmp_path):
     study.write_text("a = 1\n", encoding="utf-8")
     study.chmod(0o600)
     (tmp_path / ".study.0123456789ab.toml").write_text("half", encoding="utf-8")
-    place = opened(tmp_path)
+    place = open_study_folder(tmp_path)
     place.save("study.toml", "a = 2\n", place.text("study.toml")[1])
     assert stat.S_IMODE(study.stat().st_mode) == 0o600
     assert sorted(path.name for path in tmp_path.iterdir()) == ["study.toml"]

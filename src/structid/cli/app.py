@@ -64,7 +64,7 @@ class _OnCall(TyperGroup):
         self._loaded: set[str] = set()
 
     def get_command(self, ctx: Context, cmd_name: str) -> Command | None:
-        """The command of a name, imported when it is first asked for; None for an unknown name."""
+        """Command called `name`, imported at its first use; None for an unknown name."""
         if cmd_name in self.commands and cmd_name not in self._loaded:
             alone = _typer(add_completion=False)
             alone.command(cmd_name)(command(vars(import_module(_module(cmd_name)))[cmd_name]))

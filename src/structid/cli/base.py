@@ -40,7 +40,7 @@ Png = Annotated[bool, typer.Option("--png", help="Write the figures of the page 
 
 
 def results_folder(default: str) -> OptionInfo:
-    """The option --out, with the folder that is taken without it."""
+    """Declaration of the option --out with its default folder."""
     found: OptionInfo = typer.Option(
         "--out", metavar="FOLDER", help=f"Results folder [default: {default}].", callback=_no_file
     )
@@ -48,7 +48,7 @@ def results_folder(default: str) -> OptionInfo:
 
 
 def _no_file(folder: Path | None) -> Path | None:
-    """The results folder as it was given; fails where a file is in its way."""
+    """`folder` unchanged; the command fails if a file of that name exists."""
     if folder is not None:
         from structid.files import require_no_file  # the help needs none of it
 

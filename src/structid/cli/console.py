@@ -91,7 +91,7 @@ def _details(view: ResultsView) -> list[RenderableType]:
         *groups(found.estimate.identifiability),
         *_causes(view),
         *_spreads(view),
-        *_pairs(found),
+        *_mode_and_ratio_tables(found),
         *_modes(found),
     ]
 
@@ -154,7 +154,7 @@ def _modes(identification: Identification) -> list[RenderableType]:
     return shown
 
 
-def _pairs(identification: Identification) -> list[RenderableType]:
+def _mode_and_ratio_tables(identification: Identification) -> list[RenderableType]:
     """Tables of measured modes beside those of the model, and of the ratios where the scale is free."""
     shown: list[RenderableType] = []
     for fit in identification.modal_fits:

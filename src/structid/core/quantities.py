@@ -161,7 +161,7 @@ def with_unit(text: str, unit: str) -> str:
 
 
 def _exponent(value: float, digits: int) -> int:
-    """Power of ten of `value` once it is rounded to `digits` significant digits."""
+    """Exponent of ten of `value` after rounding to `digits` significant digits."""
     return int(f"{value:.{digits - 1}e}".partition("e")[2])
 
 

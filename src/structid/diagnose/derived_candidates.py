@@ -82,7 +82,7 @@ def _misplaced(base: Fitted, lost: Sequence[Screened]) -> list[Screened]:
 
 
 def _about(structure: Structure, dof: Dof) -> list[Dof]:
-    """The direction of `dof` at up to four of the nearest nodes that are free to move in it."""
+    """Degrees of freedom in the direction of `dof` at up to four of the nearest nodes that can move in it."""
     nodes = {label: np.asarray(position) for label, position in structure.nodes.items()}
     distance = {label: float(np.linalg.norm(x - nodes[dof.node])) for label, x in nodes.items() if label != dof.node}
     found = []

@@ -39,7 +39,7 @@ class DiagnosedIdentification:
 def without_causes(
     identification: Identification, why: str, apart: Parts, sensitivities: tuple[FixedValueSensitivity, ...] = ()
 ) -> DiagnosedIdentification:
-    """The identification as it is, with a verdict that says why no causes were looked for."""
+    """Diagnosis without a search for causes; the verdict says why none was made."""
     judgement = judged(identification, untried=why, held=sensitivities, apart=apart)
     return DiagnosedIdentification(identification, Diagnosis(judgement, sensitivities=sensitivities))
 

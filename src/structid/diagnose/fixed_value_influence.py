@@ -26,7 +26,7 @@ _TOLD = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class FixedValueSensitivity:
-    """A property that the model holds, and what the answer would be with another value of it; to first order.
+    """First-order sensitivity of the answer to the value of a property that the model holds fixed.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class FixedValueSensitivity:
 
     @property
     def most_moved(self) -> int:
-        """Position of the parameter that it moves farthest."""
+        """Index of the parameter that the fixed value moves farthest."""
         return int(np.argmax(np.abs(self.distance)))
 
     @property
@@ -130,7 +130,7 @@ def influences(
     std: FloatArray,
     scale: float,
 ) -> tuple[FixedValueSensitivity, ...]:
-    """Sensitivity of the parameters to each fixed value, and what the residual asks of it: a score test of each alone.
+    """Sensitivity of the parameters to each fixed value, and the change that the residual asks for: one score test each.
 
     With J_p of the parameters, J_q of a fixed value, both by relative changes, and r the residual: the parameters follow by
     -(J_p' J_p)^-1 J_p' J_q; what J_q has off J_p, w, would have q change by -w'r / w'w, with deviation `scale` / |w|.

@@ -199,7 +199,7 @@ class Receptances:
         return stiffness
 
     def elements(self, kinds: tuple[str, ...]) -> Iterator[ElementMatrix]:
-        """Every element matrix of properties of these kinds, multiplied by the property's value."""
+        """Element matrices of all properties of the given kinds, each multiplied by the property's value."""
         losses = {p.element: self.values[p.values] for p in self.structure.properties if p.term.kind == "loss_factor"}
         for item in self.structure.properties:
             if item.term.kind not in kinds:

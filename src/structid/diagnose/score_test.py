@@ -31,7 +31,7 @@ _Key: TypeAlias = tuple[object, ...]
 
 @dataclass(frozen=True, eq=False)
 class Screened:
-    """A candidate, the strength that removes most, and what it leaves of the sum of squares."""
+    """Result of screening one candidate: the best strength and the sum of squares that remains."""
 
     candidate: Candidate
     strength: float
@@ -39,7 +39,7 @@ class Screened:
 
 
 class RequestedChange(NamedTuple):
-    """A candidate with the strength that a residual asks of it to first order, and that over its deviation."""
+    """A candidate with its first-order strength from the residual, and this strength over its standard deviation."""
 
     candidate: Candidate
     strength: float
@@ -47,7 +47,7 @@ class RequestedChange(NamedTuple):
 
 
 class _Look(NamedTuple):
-    """A candidate's strengths, what each leaves, the linear estimate of it, and the least that any of them promises."""
+    """Screening of one candidate: strengths, the sum of squares after each, the linear estimate and the lowest promise."""
 
     strengths: FloatArray
     left: FloatArray
@@ -142,7 +142,7 @@ class Point:
         found = []
         for candidate in several:
             small = _SMALL * np.abs(candidate.strengths).min()
-            step, size = self._linear(self._off(candidate, np.array([small]))[:, 0], small)
+            step, size = self._linear(self._residuals_off_parameters(candidate, np.array([small]))[:, 0], small)
             low, high = candidate.bounds
             if len(candidate.strengths) > 1 and size > 0 and low < step < high:
                 found.append(RequestedChange(candidate, step, float(abs(step) * np.sqrt(size))))
@@ -170,7 +170,7 @@ class Point:
             left = self._left_by(candidate, strengths)
             return _Look(strengths, left, 0.0, float(left[0]))
         small = _SMALL * np.abs(strengths).min()
-        off = self._off(candidate, np.append(strengths, small))
+        off = self._residuals_off_parameters(candidate, np.append(strengths, small))
         left, (step, size) = _squares(off[:, :-1]), self._linear(off[:, -1], small)
         low, high = candidate.bounds
         linear = self.left - step**2 * size if low < step < high else np.inf
@@ -198,10 +198,10 @@ class Point:
         return rows - (self.basis * self.weights) @ followed
 
     def _left_by(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
-        return _squares(self._off(candidate, strengths))
+        return _squares(self._residuals_off_parameters(candidate, strengths))
 
-    def _off(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
-        """Residuals with a candidate, without what the parameters can follow, (n_rows, n_strengths)."""
+    def _residuals_off_parameters(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
+        """Residuals with a candidate at each strength, projected off the span of the parameters, (n_rows, n_strengths)."""
         rows = np.empty((len(self.residual), len(strengths)))
         METER.add(screening_effort(*rows.shape))
         rows[:] = self.residual[:, None]

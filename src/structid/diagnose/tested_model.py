@@ -59,7 +59,7 @@ class StructureDraft:
         self._built: Structure | None = None
 
     def get(self, argument: str) -> Any:
-        """An argument of `Structure` as it is by now."""
+        """Current value of an argument of `Structure`, edits included."""
         return self._changes.get(argument, getattr(self.original, argument))
 
     def set(self, argument: str, value: object) -> None:
@@ -90,7 +90,7 @@ class RecordDraft:
         self._changes: dict[str, Any] = {}
 
     def get(self, argument: str) -> Any:
-        """An argument of the set-up as it is by now."""
+        """Current value of an argument of the set-up, edits included."""
         return self._changes.get(argument, getattr(self.setup, argument))
 
     def set(self, argument: str, value: object) -> None:

@@ -116,15 +116,15 @@ class Keyword:
     data: list[tuple[int, int, str]]
 
     def is_called(self, words: str, with_options: bool = True) -> bool:
-        """True if it is this keyword, with these options."""
-        name, options = called(words)
+        """True if the block has the given keyword and options."""
+        name, options = parse_keyword_line(words)
         known = {key: value.upper() for key, value in self.options.items()}
         return self.name == name and (
             not with_options or all(known.get(key) == value.upper() for key, value in options.items())
         )
 
 
-def called(words: str) -> tuple[str, dict[str, str]]:
+def parse_keyword_line(words: str) -> tuple[str, dict[str, str]]:
     """Name and options of a keyword line."""
     name, *options = words.split(",")
     return " ".join(name.replace("*", " ").upper().split()), keyword_options(options)
@@ -137,4 +137,4 @@ def keywords_in(file: str, text: str) -> Iterator[Keyword]:
         words, data_lines = lines_of_keyword[0][2].strip(), lines_of_keyword[1:]
         while words.endswith(",") and data_lines:
             words, data_lines = words + data_lines[0][2].strip(), data_lines[1:]
-        yield Keyword(file, lines_of_keyword[0][0], *called(words), data_lines)
+        yield Keyword(file, lines_of_keyword[0][0], *parse_keyword_line(words), data_lines)

@@ -13,7 +13,7 @@ from typing import Annotated, Protocol
 
 from structid.core.constraints import Count, Limits
 from structid.core.errors import InputError
-from structid.external.blocks import ROW, Card, Keyword, called, cards_in, keywords_in
+from structid.external.blocks import ROW, Card, Keyword, cards_in, keywords_in, parse_keyword_line
 
 _NUMBER = re.compile(r"([-+]?(?:\d+(?:\.\d*)?|\.\d+))(?:[EDed]([-+]?\d+)|([-+]\d+))?")
 _MOST_NAMED = 8
@@ -148,14 +148,18 @@ class KeywordEntry:
                 above[block.name] = block
                 if not block.is_called(self.keyword, with_options=False):
                     continue
-                parent = None if self.of is None else above.get(called(self.of)[0])
+                parent = None if self.of is None else above.get(parse_keyword_line(self.of)[0])
                 same_name.append(block)
                 if block.is_called(self.keyword) and (
                     self.of is None or (parent is not None and parent.is_called(self.of))
                 ):
                     matching.append(block)
         if not matching:
-            others = f"; {called(self.keyword)[0]} stands in {_lines_of(same_name)}" if same_name else f"; {_LISTED}"
+            others = (
+                f"; {parse_keyword_line(self.keyword)[0]} stands in {_lines_of(same_name)}"
+                if same_name
+                else f"; {_LISTED}"
+            )
             raise InputError(f"{', '.join(texts)}: there is no {self.words}{others}")
         if len(matching) > 1:
             raise InputError(

@@ -160,7 +160,7 @@ class _Pattern:
         for row, table in zip(values, tables, strict=True):
             entries, data = self._entries_of(table)
             row[order[np.searchsorted(self.entries, entries, sorter=order)]] = data
-        kind, column, row_of = self._at()
+        kind, column, row_of = self._rows_and_columns()
         on_diagonal = row_of == column
         diagonal = np.zeros((len(self.codes_by_kind), len(self.codes)))
         diagonal[kind[on_diagonal], column[on_diagonal]] = np.abs(values[:, on_diagonal]).max(axis=0)
@@ -170,14 +170,14 @@ class _Pattern:
     def matrices(self, row: FloatArray) -> dict[str, sparse.csc_array]:
         """Symmetric matrices by name from one row of entries, (n_entries,)."""
         matrices, n = {}, len(self.codes)
-        kind, column, row_of = self._at()
+        kind, column, row_of = self._rows_and_columns()
         for number, key in enumerate(self.codes_by_kind):
             chosen = (kind == number) & (row != 0)
             matrix = sparse.coo_array((row[chosen], (row_of[chosen], column[chosen])), (n, n)).tocsc()
             matrices[key] = sparse.csc_array((matrix + matrix.T) / 2)
         return matrices
 
-    def _at(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _rows_and_columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Number of the kind, column and row of each entry."""
         remainder, row = np.divmod(self.entries, len(self.codes))
         kind, column = np.divmod(remainder, len(self.codes))

@@ -31,7 +31,7 @@ _STALE_SECONDS = 7 * 24 * 3600.0
 
 
 class RunFailedError(InputError):
-    """A solver gave no usable result, each time that it was tried."""
+    """A solver gave no usable result in any of its tries."""
 
 
 class Outputs(Protocol):
@@ -83,11 +83,11 @@ class Solver:
 
     @property
     def arguments(self) -> list[str]:
-        """The command as the system takes it."""
+        """The command as a list of arguments for the operating system."""
         return command_words(self.command, self.deck.main, self.study)
 
     def key(self, values: Mapping[str, float]) -> str:
-        """Name of a run: what it depends on, as SHA-256."""
+        """Name of a run: SHA-256 of all that its result depends on."""
         parts = {
             "layout": _LAYOUT,
             "command": self.command,

@@ -51,7 +51,7 @@ class Checked:
 
 @dataclass(frozen=True, eq=False)
 class Solved(ABC):
-    """Model from the runs of a solver, and the runs that it is made of.
+    """Model fitted to the runs of a solver, with these runs.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Solved(ABC):
     @property
     @abstractmethod
     def is_exact(self) -> bool:
-        """True if it holds at all values; else it is to be made again about the answer."""
+        """True if the model holds at all parameter values; otherwise it must be made again about the answer."""
 
     @abstractmethod
     def checked(self, values: Point, work: Work) -> Checked:

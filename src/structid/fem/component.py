@@ -17,7 +17,7 @@ from structid.dynamics.factorization import SingularMatrixError, factorizer
 from structid.dynamics.normal_modes import modes
 from structid.fem.elements import MatrixGroup
 from structid.fem.elements.element import ElementMatrixTerm, Power, Term, dof_code, dof_of_code, joined_codes
-from structid.fem.matrices.contribution import MATRIX_KINDS, Property, weighed
+from structid.fem.matrices.contribution import MATRIX_KINDS, Property, weigh_properties
 from structid.fem.numbering import Numbering, free_blocks
 from structid.fem.supports import Equations, Following
 
@@ -271,7 +271,7 @@ def _nominal_matrices(
     values = np.concatenate([item.term.values for item in properties])
     numbering = Numbering(codes, sparse.eye_array(len(codes), format="csr"), tuple(codes.tolist()))
     matrices = dict.fromkeys(MATRIX_KINDS, sparse.csc_array((len(codes), len(codes))))
-    for part in weighed(properties, partial(free_blocks, numbering), {}):
+    for part in weigh_properties(properties, partial(free_blocks, numbering), {}):
         matrices[part.matrix_kind] = matrices[part.matrix_kind] + part.blocks.assemble(part.weights(values))
     return matrices
 

@@ -112,7 +112,7 @@ class ModalDamping(Factor):
         return tuple(np.broadcast_to(value, self.rows.shape) for value in self._values)
 
     def of(self, values: FloatArray) -> FloatArray:
-        """See `Factor.of`; N s/m, N m s and so on."""
+        """Damping entries (n_entries,) at property `values`, N s/m, N m s and so on; see `Factor.of`."""
         found: FloatArray = self.at(values).matrix[self.rows, self.columns]
         return found
 

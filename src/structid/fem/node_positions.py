@@ -200,7 +200,7 @@ def _split_by_power(matrix_term: ElementMatrixTerm, local: FloatArray) -> list[E
 
 
 def _power_weights() -> FloatArray:
-    """Weights that turn matrices at all scales into parts by powers: the inverse of 2^(k p), exact, then rounded."""
+    """Weights that split a matrix, given at lengths scaled by 2^k, into its parts by powers p of length: the inverse of 2^(k p)."""
     n = len(_POWERS)
     rows = [[*(Fraction(2) ** (k * p) for p in _POWERS), *(Fraction(int(k == j)) for j in _POWERS)] for k in _POWERS]
     for i in range(n):

@@ -19,7 +19,7 @@ from structid.fem.elements import ElementSet, MatrixGroup
 from structid.fem.elements.element import LENGTH, TRANSLATIONS, Term, dof_code, dof_of_code, joined_codes
 from structid.fem.elements.matrix_group import GroupMatrices
 from structid.fem.matrices.blocks import Pattern, pattern
-from structid.fem.matrices.contribution import MATRIX_KINDS, Contribution, Property, rigid_mass, weighed
+from structid.fem.matrices.contribution import MATRIX_KINDS, Contribution, Property, rigid_mass, weigh_properties
 from structid.fem.matrices.strains import strain_operator
 from structid.fem.measured import MeasuredComponent
 from structid.fem.modal_damping import ALL_MODES, damping_term, modal_damping
@@ -308,7 +308,7 @@ class Structure(Shown, StructurePlots):
     @cached_property
     def contributions(self) -> tuple[Contribution, ...]:
         """Element matrices on free degrees of freedom, with the property values that weigh them."""
-        parts = weighed(self.properties, partial(free_blocks, self.numbering), self._length_dependences)
+        parts = weigh_properties(self.properties, partial(free_blocks, self.numbering), self._length_dependences)
         if self.damping_ratio is None or not self.n_dofs:
             return parts
         index = self.properties[-1].values.start
@@ -321,7 +321,7 @@ class Structure(Shown, StructurePlots):
         ends of each element.
         """
         properties = [item for item in self.properties if item.element == name]
-        return weighed(properties, partial(blocks_of_all, self.numbering), self._length_dependences)
+        return weigh_properties(properties, partial(blocks_of_all, self.numbering), self._length_dependences)
 
     @property
     def base_supports(self) -> frozenset[Dof]:

@@ -52,7 +52,7 @@ class NumberedTerms:
 def numbered_terms(
     elements: Sequence[ElementSet],
     positions: Positions,
-    present: IntArray,
+    used_codes: IntArray,
     active: Sequence[str],
     pieces: int = 1,
     sliding: Sequence[int] = (),
@@ -75,7 +75,7 @@ def numbered_terms(
     first = max(positions) + 1
     for element in elements:
         is_cut = pieces > 1 and is_divisible(element, positions, active)
-        terms_of = partial(_terms, element, present, pieces if is_cut else 1, first + len(owners))
+        terms_of = partial(_terms, element, used_codes, pieces if is_cut else 1, first + len(owners))
         if element.has_uncertain_length or (element.is_line and np.isin(element.nodes, sliding).any()):
             terms[element.name] = split_by_length_power(element.name, terms_of, positions)
         else:
@@ -129,20 +129,22 @@ def is_divisible(element: ElementSet, positions: Positions, active: Sequence[str
     return bool((stiff > _ROUNDING * stiff.max(initial=0.0)).all())
 
 
-def _terms(element: ElementSet, present: IntArray, pieces: int, first: int, positions: Positions) -> tuple[Term, ...]:
+def _terms(
+    element: ElementSet, used_codes: IntArray, pieces: int, first: int, positions: Positions
+) -> tuple[Term, ...]:
     """The properties and matrices of a set, its lines cut into equal pieces, whose inner nodes are labelled from `first`."""
     if pieces > 1:
-        return _cut_into_pieces(element, positions, present, pieces, first)
-    return element.terms(positions, present)
+        return _cut_into_pieces(element, positions, used_codes, pieces, first)
+    return element.terms(positions, used_codes)
 
 
 def _cut_into_pieces(
-    element: ElementSet, positions: Positions, present: IntArray, pieces: int, first: int
+    element: ElementSet, positions: Positions, used_codes: IntArray, pieces: int, first: int
 ) -> tuple[Term, ...]:
-    """Terms of lines that are each a chain of equal pieces; the nodes between are labelled from `first` line by line."""
+    """Terms of a set whose lines are each cut into `pieces` elements; new nodes are labelled from `first` on, line by line."""
     scaled = {label: position / pieces for label, position in positions.items()}  # lines as long as one piece
     between = first + np.arange(len(element.nodes) * (pieces - 1)).reshape(-1, pieces - 1)
-    terms = element.terms(scaled, present)
+    terms = element.terms(scaled, used_codes)
     chained = {
         id(matrix_term): _chain_matrices(matrix_term, between) for term in terms for matrix_term in term.matrix_terms
     }

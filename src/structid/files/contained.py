@@ -25,7 +25,7 @@ from structid.core.errors import FileError
 from structid.core.isolation import import_paths, kill_child, python_arguments, start_child
 from structid.core.json_types import Plain
 from structid.files.worker import __file__ as _SCRIPT
-from structid.files.worker import filled
+from structid.files.worker import fill_tree
 
 T = TypeVar("T")
 
@@ -145,7 +145,7 @@ def read_in_child(path: Path, reader: str, seconds: float | None = None, **optio
         if answer.error is not None:
             end()  # damage may have left it in a state that the next file should not meet
             raise answer.error
-    return filled(answer.tree, answer.arrays.__getitem__)
+    return fill_tree(answer.tree, answer.arrays.__getitem__)
 
 
 def _ask_child(path: Path, request: Mapping[str, Plain], seconds: float) -> _Answer:

@@ -25,7 +25,7 @@ _held: dict[Path, tuple[int, int]] = {}
 
 
 @contextmanager
-def claimed(path: Path, patience: float = 0.0) -> Iterator[None]:
+def claim_path(path: Path, patience: float = 0.0) -> Iterator[None]:
     """Context manager: this process alone may write to `path`, a file or folder that may not exist yet.
 
     It may claim a path repeatedly. Another process that writes there is waited for up to `patience` seconds.

@@ -15,7 +15,7 @@ from structid.core.errors import FileError
 from structid.files.contained import ReaderError, read_in_child
 from structid.files.hdf5 import matlab_73_fields
 from structid.files.reading import damage_told, require_readable
-from structid.files.sparse import compressed
+from structid.files.sparse import checked_sparse_matrix
 
 #: A variable: numbers, a text, or a list of texts.
 Variable: TypeAlias = np.ndarray | sparse.csc_array | str | tuple[str, ...]
@@ -53,5 +53,5 @@ def _to_variable(value: np.ndarray | str | list[str] | dict[str, np.ndarray]) ->
     """A variable as the child sent it, with sparse matrices put together and lists made tuples."""
     if isinstance(value, dict):
         n_rows, n_columns = value["shape"].tolist()
-        return compressed((n_rows, n_columns), value["starts"], value["rows"], value["values"])
+        return checked_sparse_matrix((n_rows, n_columns), value["starts"], value["rows"], value["values"])
     return tuple(value) if isinstance(value, list) else value

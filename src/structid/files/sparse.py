@@ -11,7 +11,9 @@ _LARGEST = 2**40
 _EMPTY_ROWS, _ROWS_AN_ENTRY = 1_000_000, 64
 
 
-def compressed(shape: tuple[int, int], starts: np.ndarray, indices: np.ndarray, values: np.ndarray) -> sparse.csc_array:
+def checked_sparse_matrix(
+    shape: tuple[int, int], starts: np.ndarray, indices: np.ndarray, values: np.ndarray
+) -> sparse.csc_array:
     """Sparse matrix (compressed columns) of `shape` from column starts, row indices and values, after checks of all of them.
 
     Raises

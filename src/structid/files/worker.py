@@ -43,15 +43,15 @@ def plain(value: Entry, arrays: list[np.ndarray]) -> Plain:
     return value
 
 
-def filled(value: Plain, array: Callable[[int], np.ndarray]) -> Entry:
+def fill_tree(value: Plain, array: Callable[[int], np.ndarray]) -> Entry:
     """The tree that `plain` turned into JSON; `array` returns each array by its number."""
     if not isinstance(value, dict):
         return value
     if "array" in value:
         return array(int(value["array"]))
     if "map" in value:
-        return {key: filled(entry, array) for key, entry in value["map"].items()}
-    return [filled(entry, array) for entry in value["list"]]
+        return {key: fill_tree(entry, array) for key, entry in value["map"].items()}
+    return [fill_tree(entry, array) for entry in value["list"]]
 
 
 class UnusableError(Exception):

@@ -14,7 +14,7 @@ from structid.forward.channel_unknowns import ChannelUnknown, channel_errors
 from structid.forward.record_problem import RecordProblem
 from structid.inversion.fixed_values import FIXED
 from structid.unknowns import Parameters
-from structid.unknowns.named_unknowns import N, NamedUnknowns, joined
+from structid.unknowns.named_unknowns import N, NamedUnknowns, join_unknowns
 from structid.unknowns.priors import no_priors
 from structid.unknowns.tolerances import FixedProperty, Tolerances, fixed_properties, relative_sensitivities
 from structid.unknowns.transforms import Transform, Transforms
@@ -100,5 +100,5 @@ def _unit_factors(names: Sequence[str], kinds: Sequence[str], tolerances: Sequen
 
 def _append_unknowns(first: N, second: NamedUnknowns) -> N:
     """A copy of `first` with the unknowns of `second` appended; all its other fields stay."""
-    both = joined(first, second)
+    both = join_unknowns(first, second)
     return replace(first, **{item.name: getattr(both, item.name) for item in fields(NamedUnknowns)})

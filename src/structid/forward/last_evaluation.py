@@ -1,4 +1,4 @@
-"""The evaluation at the last point, kept for whoever asks for it there again."""
+"""Cache of the evaluation at the last point."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from structid.forward.channel_errors import ChannelErrors, Measured
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import ContinuationPath, DataRows, Problem, Schedule
 from structid.unknowns import Parameters
-from structid.unknowns.named_unknowns import NamedUnknowns, joined
+from structid.unknowns.named_unknowns import NamedUnknowns, join_unknowns
 from structid.unknowns.priors import free_prior_rows
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ class RecordProblem(Problem):
     @cached_property
     def unknowns(self) -> NamedUnknowns:
         """Parameters of the structure, then those of the record's channels."""
-        return self.parameters if self.channels is None else joined(self.parameters, self.channels)
+        return self.parameters if self.channels is None else join_unknowns(self.parameters, self.channels)
 
     def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
         raise InputError(f"a matrix-free search {self.matrix_free_obstacle}; take a search with a Jacobian")

@@ -84,7 +84,7 @@ class MassEstimate:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Identification(Shown, IdentificationPlots):
-    """An estimate with what it was made from and what it predicts.
+    """An estimate with the data that it was made from and its predictions.
 
     Properties that concern one record are those of the first.
 

@@ -37,11 +37,11 @@ def joint_schedules(problems: Sequence[RecordProblem]) -> Sequence[Schedule]:
     if len(parts) == 1:
         return problems[0].schedules()
     schedules = [part.schedules() if isinstance(part, RecordProblem) else () for part in parts]
-    joined = []
+    join_unknowns = []
     for number in range(max(map(len, schedules))):
         chosen = [every[min(number, len(every) - 1)] if every else () for every in schedules]
-        joined.append(tuple(_joint_stage(parts, chosen, k) for k in range(max(map(len, chosen)))))
-    return tuple(joined)
+        join_unknowns.append(tuple(_joint_stage(parts, chosen, k) for k in range(max(map(len, chosen)))))
+    return tuple(join_unknowns)
 
 
 def joint_paths(problems: Sequence[RecordProblem]) -> Sequence[ContinuationPath]:

@@ -50,7 +50,7 @@ class MeshPieces:
 
     @property
     def needed(self) -> int:
-        """So many pieces with which it will move none by much."""
+        """Number of pieces an element from which mesh refinement moves no parameter by much."""
         return max(int(np.ceil(self.count * (self.moved / _AIMED) ** (1 / _ORDER))), self.count + 1)
 
     @property

@@ -132,7 +132,7 @@ def regularized(
 
 
 def takes_matrix_free(terms: Sequence[Regularization]) -> str:
-    """The obstacle of these terms to a matrix-free search, in words; "" where there is none."""
+    """Reason why these terms rule out a matrix-free search; "" if they allow it."""
     for term in terms:
         if term.is_sparse:
             return f"takes smoothness as the only regularization, got {term_name(term)}"
@@ -370,7 +370,7 @@ def regularization_warnings(
     regularizations: Sequence[AppliedRegularization],
     share: FloatArray | None,
 ) -> tuple[str, ...]:
-    """Warnings on the regularizations, and on parameters that owe more than half of their variance to priors."""
+    """Warnings on the regularizations, and on parameters whose prior fraction `share` (n_params,) exceeds one half."""
     warnings = [item.words for item in regularizations]
     owing = [] if share is None else [name for name, part in zip(found.names, share, strict=True) if part > 0.5]
     if owing:

@@ -75,7 +75,7 @@ def chi_square_law(problem: Problem, theta: FloatArray, at: Linearization) -> tu
 
 
 def row_law(averages: FloatArray | None) -> tuple[float, float]:
-    """Scale and degrees of freedom per row of the chi-square law of data rows with few averages.
+    """Scale and degrees of freedom per row of the chi-square distribution of data rows with few averages.
 
     Their product is the chi-square per degree of freedom that is expected where all is right.
 

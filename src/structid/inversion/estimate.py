@@ -21,7 +21,7 @@ from structid.inversion.fixed_values import FitWithinTolerances, FixedValueInflu
 from structid.inversion.problem import ContinuationPath, Problem
 from structid.inversion.search.least_squares import Method
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
-from structid.inversion.search.minimum import Minimum, squared
+from structid.inversion.search.minimum import Minimum, StageCourse, squared
 from structid.inversion.search.multistart import (
     Answer,
     Search,
@@ -192,6 +192,8 @@ class SearchRecord:
         Number of searches, and number of those that ended at this minimum.
     history : (n_iterations + 1, n_params) float array
         Physical values at each iteration of the last stage.
+    stages : tuple of StageCourse
+        All stages of the search that led to the answer, the last one included, with physical values and sums of squares.
     answers : tuple of Answer
         The distinct minima that the searches found, best first; where a sample was searched, those of the sample.
     is_exhaustive : bool
@@ -204,6 +206,7 @@ class SearchRecord:
     history: FloatArray
     answers: tuple[Answer, ...] = ()
     is_exhaustive: bool = False
+    stages: tuple[StageCourse, ...] = ()
 
     @property
     def n_fitting(self) -> int:
@@ -611,7 +614,9 @@ def estimate(
         minima, key=lambda m: (not m[0].converged, cost_rank(m[0]) if search.wide_starts else float(m[0].costs[-1]))
     )
     if sample is not None:
+        of_sample = (*best.stages, StageCourse("sample of the data", best.history, best.costs))
         best = work.minimize(problem, chosen.for_polishing(), best.theta, named(progress, "all data"))
+        best = replace(best, stages=of_sample)
         n_iterations += len(best.costs) - 1
     columns, within = None, None
     if fixed is not None:
@@ -646,6 +651,10 @@ def estimate(
         history=locked(np.array([problem.physical(t) for t in best.history])),
         answers=answers,
         is_exhaustive=found.is_complete,
+        stages=tuple(
+            StageCourse(stage.name, locked(np.array([problem.physical(t) for t in stage.history])), locked(stage.costs))
+            for stage in (*best.stages, StageCourse("final", best.history, best.costs))
+        ),
     )
     return Estimate(
         parameters=parameters,

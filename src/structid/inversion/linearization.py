@@ -50,9 +50,9 @@ class Linearization:
 
 
 def triangle_of(rows: FloatArray) -> FloatArray:
-    """Upper triangle R of the QR factorization of `rows` (n_rows, n_columns), by stretches if there are many.
+    """Upper triangle R of the QR factorization of `rows` (n_rows, n_columns), in chunks if there are many.
 
-    That of the triangles of stretches of rows, which takes a fifth of the time where they are many.
+    For many rows it is the triangle of the stacked triangles of chunks, which takes a fifth of the time.
     """
     width = rows.shape[1]
     size = max(_NEAR_ROWS, _OF_COLUMN * width)

@@ -27,7 +27,7 @@ Rows: TypeAlias = "FloatArray | sparse.csr_array"
 
 
 class Covariance(Protocol):
-    """The covariance of parameters in physical units, however it is known."""
+    """Covariance of the parameters in physical units."""
 
     @property
     def std(self) -> FloatArray:

@@ -20,7 +20,7 @@ from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.modal.modal_record import ModalRecord, by_frequency, largest_entries, unscaled_shape_std
 from structid.similarity import mac
-from structid.similarity.pairing import assigned, pairing_worth
+from structid.similarity.pairing import assign_pairs, pairing_worth
 
 _DOUBT = 0.01
 _LEAST_WORTH = 0.5  # of a pair of modes
@@ -201,7 +201,7 @@ def _members(setups: Sequence[ModalRecord], shared: Sequence[Dof], guard: float)
                 gain = np.array(
                     [[_worth_in(worth, number, mode, group) for group in groups] for mode in range(n_modes)]
                 )
-                for mode, place in zip(*assigned(gain), strict=True):
+                for mode, place in zip(*assign_pairs(gain), strict=True):
                     if gain[mode, place] >= _LEAST_WORTH:
                         groups[place][number] = int(mode)
                         alone.discard(int(mode))
@@ -262,8 +262,8 @@ def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) 
     variance = np.array([np.diag(part) for part in covariances])
     scatter = _scatter(values, variance)
     mean, covariance = _weighted_mean(values, variance, covariances, scatter)
-    chi_square, probability = _agreement(values[:, :n_modes], variance[:, :n_modes])
-    shapes, std, channels, bare = _shapes(setups, members)
+    chi_square, probability = _frequency_agreement(values[:, :n_modes], variance[:, :n_modes])
+    shapes, std, channels, bare = _merge_shapes(setups, members)
     notes += _lost_deviations(values, variance, mean[:n_modes], bare)
     doubtful = np.flatnonzero(np.nan_to_num(probability, nan=1.0) < _DOUBT / n_modes)
     notes += [_disagreement(i, frequency[:, i], probability[i], scatter[i]) for i in doubtful.tolist()]
@@ -351,10 +351,10 @@ def _unsure_scatter(n_setups: IntArray) -> FloatArray:
     return np.asarray((special.stdtrit(np.maximum(n_setups - 1, 1), 0.975) / special.ndtri(0.975)) ** 2)
 
 
-def _agreement(frequency: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Chi-square of each mode's frequencies about their mean, and the probability of a larger value.
+def _frequency_agreement(frequency: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Chi-square of each mode's frequencies (n_setups, n_modes) about their mean, and its p-value, (n_modes,) each.
 
-    Of the set-ups that state a deviation; NaN for a mode of which fewer than two do.
+    Only set-ups that state a variance count; NaN for a mode with fewer than two of them.
     """
     from scipy import special
 
@@ -415,12 +415,12 @@ def _disagreement(mode: int, frequency: FloatArray, probability: float, scatter:
     )
 
 
-def _shapes(
+def _merge_shapes(
     setups: Sequence[ModalRecord], members: IntArray
 ) -> tuple[ComplexArray, FloatArray | None, tuple[Dof, ...], NDArray[np.bool_]]:
     """Merged shapes at all sensors, largest entry 1, their standard deviations, the sensors, and which lack deviations.
 
-    The last are modes of set-ups, (n_setups, n_modes), beside others that state theirs.
+    The last, (n_setups, n_modes), is true where a set-up states no deviation although others do.
     """
     channels = tuple(dict.fromkeys(dof.unsigned for setup in setups for dof in setup.channels))
     index = [np.array([channels.index(dof.unsigned) for dof in setup.channels]) for setup in setups]

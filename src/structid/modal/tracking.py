@@ -14,7 +14,7 @@ from structid.core.errors import InputError
 from structid.modal.merging import common_sensors, pair_worth, rows_and_signs
 from structid.modal.modal_record import ModalRecord
 from structid.modal.shape_uncertainty import mac_with_std
-from structid.similarity.pairing import assigned
+from structid.similarity.pairing import assign_pairs
 
 _LEAST_WORTH = 0.5  # of a mode beside the last one of its track
 _LEAST_RECORDS = 2  # in which a mode must be seen, to be a track
@@ -98,7 +98,7 @@ def track_modes(
                 mac, value = pair_worth(record, records[before], shared, frequency_guard)
                 for track in (track for track, seen in enumerate(last) if seen == before):
                     likeness[:, track], worth[:, track] = (part[:, tracks[track][before]] for part in (mac, value))
-            for mode, track in zip(*assigned(worth), strict=True):
+            for mode, track in zip(*assign_pairs(worth), strict=True):
                 if worth[mode, track] >= _LEAST_WORTH:
                     tracks[track][number] = int(mode)
                     alike[track][number] = float(likeness[mode, track])

@@ -19,7 +19,7 @@ from structid.unknowns import Parameters
 _DEFAULT_SENSORS = 4
 
 
-def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) -> PlanOptions:
+def resolve_options(structure: Structure, unknown: Parameters, options: PlanOptions) -> PlanOptions:
     """`options` with every default filled in (candidate sensors and loads, their numbers), after checks of all of them.
 
     Raises
@@ -46,8 +46,8 @@ def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) ->
     drivable = translations
     if options.kind == "transmissibility":
         drivable = tuple(base.supports[0] for base in structure.bases)
-    sensors = _joined(installed_sensors, parse_dofs(options.sensors) or translations)
-    loads = _joined(installed_loads, parse_dofs(options.loads) or (() if installed_loads else drivable))
+    sensors = _join_dofs(installed_sensors, parse_dofs(options.sensors) or translations)
+    loads = _join_dofs(installed_loads, parse_dofs(options.loads) or (() if installed_loads else drivable))
     if not loads and options.kind == "transmissibility":
         raise InputError(
             "transmissibility is per motion of a support that drives the structure; add a [[structure.base]]"
@@ -106,7 +106,7 @@ def _require_increasing(frequency: np.ndarray) -> None:
         raise InputError("`frequency` must increase and not be negative; sort the lines and remove repeated ones")
 
 
-def _joined(first: tuple[Dof, ...], others: tuple[Dof, ...]) -> tuple[Dof, ...]:
+def _join_dofs(first: tuple[Dof, ...], others: tuple[Dof, ...]) -> tuple[Dof, ...]:
     """Degrees of freedom of both, each once, in the sense in which it comes first."""
     return tuple({dof.unsigned: dof for dof in (*others, *first)}.values())
 

@@ -29,7 +29,7 @@ from structid.inversion.diagnostics.design import (
 )
 from structid.inversion.diagnostics.identifiability import identifiability
 from structid.inversion.fixed_values import tolerance_words
-from structid.planning.options import positions, resolved, wanted_parameters
+from structid.planning.options import positions, resolve_options, wanted_parameters
 from structid.planning.planned import Enough, Plan, PlannedTest, PlanOptions
 from structid.records import FrfRecord
 from structid.records.record import FrfKind
@@ -89,7 +89,7 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
     >>> str(found.chosen.loads[0]), found.determined
     ('2Y+', True)
     """
-    options = resolved(structure, unknown, options)
+    options = resolve_options(structure, unknown, options)
     require_sound_model(structure, unknown.values(unknown.start), float(min(options.frequency)))
     ground = _ground(structure, unknown, options, tolerances or Tolerances())
     sensors, loads = _best_sensors_and_loads(ground)

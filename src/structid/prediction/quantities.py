@@ -629,7 +629,7 @@ def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> M
 
 
 def _is_linear(structure: Structure) -> bool:
-    """True if the matrices of a structure are all there is of it."""
+    """True if the matrices describe the structure completely, without friction or measured components."""
     return structure.has_modes and not any(isinstance(element, Friction) for element in structure.elements)
 
 

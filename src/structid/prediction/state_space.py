@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy import linalg
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, square_root
 from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, NoAnswerError
@@ -182,7 +182,7 @@ def state_space(
     sides = Sides(structure.selection(sensors), structure.selection(loads))
     basis = reduction_basis(structure, [model.values], sides, max(low, _LEAST * high), high)
     nominal = reduce_structure(structure, model.values, basis, sides)
-    whole = _Equations.of(nominal, MOTION_DERIVATIVES[motion])
+    whole = _Equations.from_reduced(nominal, MOTION_DERIVATIVES[motion])
     frequency = _judged_lines(nominal, max(low, _LEAST * high), high)
     exact = whole.frf(frequency)
     if order is None:
@@ -200,7 +200,7 @@ def state_space(
     largest = made.miss(frequency, hysteretic)
     draws = []
     for physical in model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ():
-        other = _Equations.of(
+        other = _Equations.from_reduced(
             reduce_structure(structure, model.parameters.values(physical), basis, sides), MOTION_DERIVATIVES[motion]
         )
         draws.append(other.cut(order, high).sampled(sampling_rate))
@@ -229,8 +229,8 @@ class _Equations:
     is_differentiated: bool
 
     @classmethod
-    def of(cls, reduced: ReducedMatrices, derivatives: int) -> _Equations:
-        """State equations of modal displacements (times omega) and speeds; outputs are speeds for 1, 2 derivatives."""
+    def from_reduced(cls, reduced: ReducedMatrices, derivatives: int) -> _Equations:
+        """State equations of modal displacements (times omega) and speeds, with displacement (0 `derivatives`) or speed outputs."""
         rigid = reduced.is_rigid
         order = np.concatenate([np.flatnonzero(rigid), np.flatnonzero(~rigid)])
         omega, n, n_rigid = reduced.omega[order], len(order), int(rigid.sum())
@@ -279,11 +279,11 @@ class _Equations:
         if order >= self.n_states:
             return self
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
-        into, out = self._balanced(highest)
+        into, out = self._balance_states(highest)
         left, right = out[:keep], into[:, :keep]
         reduced_a = left @ a @ right
         if np.linalg.eigvals(reduced_a).real.max(initial=-1.0) >= 0:
-            into, out = self._balanced(None)
+            into, out = self._balance_states(None)
             left, right = out[:keep], into[:, :keep]
             reduced_a = left @ a @ right
         whole = np.zeros((r + keep,) * 2)
@@ -302,7 +302,7 @@ class _Equations:
         cut = (c @ right) @ np.linalg.solve(s * np.eye(keep) - small, (left @ b).astype(complex))
         return np.asarray(self.d + (exact - cut).real)
 
-    def _balanced(self, highest: float | None) -> tuple[FloatArray, FloatArray]:
+    def _balance_states(self, highest: float | None) -> tuple[FloatArray, FloatArray]:
         """Columns from balanced to own states and rows back, most important first; up to `highest` Hz or over all."""
         r = self.n_rigid
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
@@ -313,7 +313,7 @@ class _Equations:
             inside = (1j / (2 * np.pi) * linalg.logm((a + 1j * omega * one) @ np.linalg.inv(a - 1j * omega * one))).real
         reach = linalg.solve_continuous_lyapunov(a, -(inside @ b @ b.T + b @ b.T @ inside.T))
         seen = linalg.solve_continuous_lyapunov(a.T, -(inside.T @ c.T @ c + c.T @ c @ inside))
-        roots = [_root(matrix) for matrix in (reach, seen)]
+        roots = [square_root(matrix) for matrix in (reach, seen)]
         left, sizes, right = np.linalg.svd(roots[1].T @ roots[0])
         size = 1 / np.sqrt(np.maximum(sizes, np.finfo(float).tiny))
         return roots[0] @ right.T * size, (roots[1] @ left * size).T
@@ -328,9 +328,3 @@ class _Equations:
         wide[:n, :n], wide[:n, n:] = self.a / rate, self.b / rate
         step = linalg.expm(wide)[:n]
         return step[:, :n], step[:, n:], c, d
-
-
-def _root(matrix: FloatArray) -> FloatArray:
-    """F with F F' = the positive part of a symmetric matrix."""
-    values, vectors = linalg.eigh((matrix + matrix.T) / 2)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -148,11 +148,11 @@ def tune_damper(
         return np.asarray(np.abs(receptance[..., rows, columns]).max(axis=(-3, -2, -1)))
 
     def nominal_peak(frequency: float, ratio: float) -> float:
-        return float(peaks(_coupled(receptances[0], frf.frequency, mass, frequency, ratio)))
+        return float(peaks(_couple_damper(receptances[0], frf.frequency, mass, frequency, ratio)))
 
     def peak_below(frequency: float, ratio: float) -> float:
         """The peak below which `quantile` of the random models stay."""
-        with_damper = _coupled(receptances[1:], frf.frequency, mass, frequency, ratio)
+        with_damper = _couple_damper(receptances[1:], frf.frequency, mass, frequency, ratio)
         return float(np.quantile(peaks(with_damper), quantile))
 
     mass_ratio = mass / effective
@@ -194,7 +194,9 @@ def _dominant_mode(model: IdentifiedModel, dof: Dof, band: tuple[float, float] |
     return float(shapes.frequency[k]), float(1 / motion[0, k] ** 2)
 
 
-def _coupled(receptance: ComplexArray, frequency: FloatArray, mass: float, tuned: float, ratio: float) -> ComplexArray:
+def _couple_damper(
+    receptance: ComplexArray, frequency: FloatArray, mass: float, tuned: float, ratio: float
+) -> ComplexArray:
     """Receptances (..., n_lines, n_outputs, n_inputs) with a damper at the first output and input: H - H_od z H_di / (1 + z H_dd).
 
     z = -w^2 m (k + i w c) / (k + i w c - w^2 m) is the force that moves the foot of the damper, per displacement.

@@ -250,7 +250,7 @@ class FrfRecord(Shown):
         return self.grid([self.outputs.index(dof) for dof in outputs], range(len(self.inputs)))
 
     def grid(self, outputs: Sequence[int], inputs: Sequence[int]) -> FrfRecord:
-        """The outputs and inputs of these numbers only, in this order."""
+        """Copy of the record with only the outputs and inputs of the given indices, in this order."""
         index = np.ix_(range(self.frequency.size), outputs, inputs)
         named = tuple(self.outputs[i] for i in outputs), tuple(self.inputs[i] for i in inputs)
         return _cut(self, index, self.frequency, self.decay, *named)

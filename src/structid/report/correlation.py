@@ -170,16 +170,16 @@ def correlation_text(correlation: StudyCorrelation) -> list[RenderableType]:
     parts: list[RenderableType] = [Text(correlation.study.title, style="bold"), Text(at_words(correlation))]
     parts += [Text(words, style="yellow") for words in first_warnings(correlation.warnings)]
     for part in correlation.modes:
-        parts += [Text(_named(part.name, summary_words(part)), style="bold"), printed(modes_table(part))]
+        parts += [Text(_name_prefix(part.name, summary_words(part)), style="bold"), printed(modes_table(part))]
         parts += [Text(f"{label}: {words}") for label, words in orthogonality_facts(part)]
     for response in correlation.responses:
-        parts += [Text(_named(response.name, frac_words(response)), style="bold"), printed(frac_table(response))]
+        parts += [Text(_name_prefix(response.name, frac_words(response)), style="bold"), printed(frac_table(response))]
         table = resonances_table(response)
         parts += [] if table is None else [Text("Resonances"), printed(table)]
     return parts
 
 
-def _named(name: str, words: str) -> str:
+def _name_prefix(name: str, words: str) -> str:
     return f"{name}: {words}" if name else words
 
 
@@ -195,7 +195,7 @@ def modes_part(parts: Sequence[ModesCorrelation], key: str) -> tuple[Figures, di
         "key": key,
         "is_modal": True,
         "title": part.name,
-        "words": [_told(word, summary_words(one), len(parts)) for word, one in zip(words, parts, strict=True)],
+        "words": [_count_phrase(word, summary_words(one), len(parts)) for word, one in zip(words, parts, strict=True)],
         "warnings": part.warnings,
         "table": modes_table(part),
         "surplus": surplus_table(part),
@@ -214,14 +214,14 @@ def responses_part(parts: Sequence[ResponsesCorrelation], key: str) -> tuple[Fig
         "key": key,
         "is_modal": False,
         "title": part.name,
-        "words": [_told(word, frac_words(one), len(parts)) for word, one in zip(words, parts, strict=True)],
+        "words": [_count_phrase(word, frac_words(one), len(parts)) for word, one in zip(words, parts, strict=True)],
         "warnings": part.warnings,
         "resonances": resonances_table(part),
     }
     return {name: figure for name, figure in drawn.items() if figure is not None}, told
 
 
-def _told(word: str, words: str, count: int) -> str:
+def _count_phrase(word: str, words: str, count: int) -> str:
     inside = words if words[:2].isupper() else words[0].lower() + words[1:]
     return f"{words}." if count == 1 else f"{word.capitalize()} model: {inside}."
 

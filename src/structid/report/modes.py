@@ -12,7 +12,7 @@ from rich.text import Text
 from structid.core.display import as_sentence, first_warnings, plural
 from structid.core.quantities import exact, percent, value_words, with_std
 from structid.modal.merging import Merging
-from structid.modal.poles.poles import modal_phase_deviation
+from structid.modal.shape_uncertainty import collinearity_with_std, phase_deviation_with_std
 from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult, dies_out
 from structid.modal.tracking import ModeTracks
 from structid.records import FrfRecord
@@ -163,8 +163,8 @@ def mode_table(result: ModesResult) -> Table:
     """Table of identified modes with standard deviations, shape complexity and poles; doubtful ones marked."""
     modes, std, n = result.modes, result.std, result.modes.n_modes
     clusters = result.identification.clusters
-    collinearity, notes, probability = mpc(result), remarks(result), result.identification.probability
-    deviation = modal_phase_deviation(modes.mode_shapes.astype(complex))
+    notes, probability = remarks(result), result.identification.probability
+    collinearity, deviation = collinearity_with_std(modes), phase_deviation_with_std(modes)
     rows: list[tuple[str, ...]] = []
     for k in range(n):
         count, spread = "", ""
@@ -176,8 +176,8 @@ def mode_table(result: ModesResult) -> Table:
                 str(k + 1),
                 value_words(modes.frequency[k], std[k]),
                 value_words(100 * modes.damping_ratio[k], 100 * std[n + k]),
-                f"{collinearity[k]:.3f}",
-                f"{deviation[k]:.1f}",
+                f"{collinearity.value[k]:.3f}{_spread_words(collinearity.std[k])}",
+                f"{deviation.value[k]:.1f}{_spread_words(deviation.std[k])}",
                 _probability_words(probability[k]),
                 count,
                 spread,
@@ -187,6 +187,10 @@ def mode_table(result: ModesResult) -> Table:
     return Table(
         _HEADER, tuple(rows), tuple(range(len(_HEADER) - 1)), tuple("doubtful" if row[-1] else "" for row in rows)
     )
+
+
+def _spread_words(std: float) -> str:
+    return f" ± {std:.1g}" if np.isfinite(std) else ""
 
 
 def remarks(result: ModesResult) -> list[list[str]]:

@@ -12,7 +12,7 @@ from structid.core.dof import Dof
 from structid.inversion.diagnostics.collinearity import percent_text
 from structid.planning.planned import Plan
 from structid.records.record import FRF_UNITS
-from structid.report.figures.plan import compared, plan_figures
+from structid.report.figures.plan import compared_tests, plan_figures
 from structid.report.page import Page
 from structid.report.tables import Table, printed
 from structid.study.results.plan import PLAN_PAGE
@@ -111,7 +111,7 @@ def test_table(plan: Plan) -> Table:
 
 def parameter_table(plan: Plan) -> Table:
     """Table of the predicted relative standard deviation of each parameter in every compared test."""
-    tests = compared(plan)
+    tests = compared_tests(plan)
     header = ("parameter", "unit", "initial", *(f"std, {test.label}" for test in tests))
     rows = []
     for i, name in enumerate(plan.parameters.names):

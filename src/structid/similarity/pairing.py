@@ -106,7 +106,7 @@ def pairing_worth(likeness: FloatArray, measured: FloatArray, model: FloatArray,
     return np.asarray(np.where(np.isnan(likeness), 1.0, likeness) / (1 + distance**2))
 
 
-def assigned(worth: FloatArray) -> tuple[IntArray, IntArray]:
+def assign_pairs(worth: FloatArray) -> tuple[IntArray, IntArray]:
     """Rows and columns of the pairs whose sum of `worth` is largest, each used once; rows in order."""
     from scipy.optimize import linear_sum_assignment
 
@@ -175,7 +175,7 @@ def pair_modes(
     number, worth, nearness = np.full(len(f), -1), np.zeros_like(likeness), np.zeros_like(likeness)
     if len(use):
         worth[:, use] = pairing_worth(likeness[:, use], f, g[use], frequency_guard)
-        rows, columns = assigned(worth[:, use])
+        rows, columns = assign_pairs(worth[:, use])
         distance = np.abs(np.log(g[use] / f[:, None])) / frequency_guard
         nearness[:, use] = np.where(distance <= _FARTHEST, 1 / (1 + distance**2), 0.0)
         near = nearness[rows, use[columns]] > 0

@@ -139,7 +139,7 @@ def begun_at(unknowns: N, values: Mapping[str, float]) -> N:
     return unknowns.started_at(np.where(inside, start, unknowns.start))
 
 
-def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
+def join_unknowns(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
     """The unknowns of `first` followed by those of `second`, as one set."""
 
     def both(one: FloatArray, other: FloatArray) -> FloatArray:

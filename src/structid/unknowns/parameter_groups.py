@@ -141,19 +141,19 @@ class ParameterGroup:
     @property
     def kinds(self) -> tuple[str, ...]:
         """Physical kind of each parameter, such as ``mass``."""
-        return _chosen([item.term.kind for item in self.properties], self.item[self.first])
+        return _select_entries([item.term.kind for item in self.properties], self.item[self.first])
 
     @property
     def units(self) -> tuple[str, ...]:
         units = [item.term.unit for item in self.properties]
-        return _chosen([*units, "1"], np.where(self.is_factor, len(units), self.item[self.first]))
+        return _select_entries([*units, "1"], np.where(self.is_factor, len(units), self.item[self.first]))
 
 
 def element_sets(group: ParameterGroup) -> tuple[tuple[str, ...], ...]:
     """Names of the element sets that each parameter of the group acts on, one tuple a parameter."""
     sets = [item.element for item in group.properties]
     number = np.array([sets.index(name) for name in sets])[group.item]
-    names_of = list(_chosen([(name,) for name in sets], number[group.first]))
+    names_of = list(_select_entries([(name,) for name in sets], number[group.first]))
     for k in np.flatnonzero(_varies(number, group.first)).tolist():
         numbers = number[group.owner == k].tolist()
         names_of[k] = tuple(dict.fromkeys(sets[i] for i in numbers))
@@ -173,7 +173,7 @@ def label_of(unknown: Unknown) -> str:
     return unknown.name or ", ".join(texts)
 
 
-def _chosen(table: Sequence[Entry], positions: IntArray) -> tuple[Entry, ...]:
+def _select_entries(table: Sequence[Entry], positions: IntArray) -> tuple[Entry, ...]:
     """`table` at `positions`."""
     if len(table) == 1:
         return (table[0],) * len(positions)

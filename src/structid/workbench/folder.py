@@ -17,7 +17,7 @@ from typing import Any
 
 from structid.core.errors import FileError, InputError
 from structid.fem import importers, meshes
-from structid.files import claimed, read_start, replace_unchanged
+from structid.files import claim_path, read_start, replace_unchanged
 from structid.lazy import FormatModule
 from structid.modal.formats.options import F06_SUFFIXES, FRD_SUFFIXES, JSON_SUFFIXES, OP2_SUFFIXES, PUNCH_SUFFIXES
 from structid.modal.formats.recognition import holds_modes
@@ -246,7 +246,7 @@ class OpenFolder:
         if path.exists() and not path.is_file():
             raise FileError(f"{name}: is no file")
         content = text.encode("utf-8")
-        with _saving, claimed(path, _SAVE_SECONDS):
+        with _saving, claim_path(path, _SAVE_SECONDS):
             is_saved = replace_unchanged(
                 path, content, lambda there: before == ("" if there is None else digest(there))
             )
@@ -288,7 +288,7 @@ def digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def opened(path: Path) -> OpenFolder:
+def open_study_folder(path: Path) -> OpenFolder:
     """Folder at `path`, opened for the workbench.
 
     Raises

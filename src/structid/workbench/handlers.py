@@ -23,7 +23,7 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 
 from structid._version import __version__
 from structid.core.errors import FileError, InputError
-from structid.files import atomic_write, claimed, read_start
+from structid.files import atomic_write, claim_path, read_start
 from structid.study.schema.edits import edited
 from structid.study.templates import TEMPLATES, asked_of
 from structid.workbench.folder import EXPORTS, ChangedError, OpenFolder, digest, read_json, typed_folder, upload_name
@@ -306,7 +306,7 @@ async def _upload(bench: Workbench, request: Request) -> Response:
     taken = 0
     _arriving.add(path)
     try:
-        with claimed(path), atomic_write(path, is_new=not is_replaced) as temporary, temporary.open("wb") as stream:
+        with claim_path(path), atomic_write(path, is_new=not is_replaced) as temporary, temporary.open("wb") as stream:
             try:
                 async for chunk in request.stream():
                     taken += len(chunk)

@@ -40,13 +40,13 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):  # sent to the whole group: this process waits for the other's end
         signal.signal(number, lambda *_: None)
     with _turn(folder) as has_turn:
-        code = _executed(folder, words) if has_turn else _STOPPED
+        code = _run_command(folder, words) if has_turn else _STOPPED
     ended = {"code": code, "disk_full": shutil.disk_usage(folder).free < _FULL}
     with (folder / "ended.json").open("r+", encoding="utf-8") as stream:
         stream.write(json.dumps(ended).ljust(_ENDED))
 
 
-def _executed(folder: Path, words: list[str]) -> int:
+def _run_command(folder: Path, words: list[str]) -> int:
     """Exit code of the structid command `words`, run with its output in ``log.txt`` of `folder`."""
     with (folder / "log.txt").open("ab") as log:
         child = start_child(python_arguments("-m", "structid", *words), output=log, errors=log, has_group=False)
@@ -60,7 +60,7 @@ def _turn(folder: Path) -> Iterator[bool]:
     try:
         queue = state_folder() / "runs"
         queue.mkdir(exist_ok=True)
-        ticket = _locked(queue / f"{time.time_ns():020}-{os.getpid()}")
+        ticket = _take_ticket(queue / f"{time.time_ns():020}-{os.getpid()}")
     except OSError:  # nowhere to wait
         ticket = None
     if ticket is None:
@@ -81,7 +81,7 @@ def _turn(folder: Path) -> Iterator[bool]:
         os.close(ticket[0])
 
 
-def _locked(path: Path) -> tuple[int, Path] | None:
+def _take_ticket(path: Path) -> tuple[int, Path] | None:
     """New queue ticket, locked as long as this process lives: its descriptor and path; None without file locks."""
     if fcntl is None:
         return None

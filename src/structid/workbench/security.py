@@ -119,7 +119,7 @@ class Guard:
             return
         inner = "/view/" + rest if is_view else "/" + rest
         given = {**scope, "path": inner, "raw_path": inner.encode(), "opened": let_in[0]}
-        await self.app(given, _limited(receive, most), told)
+        await self.app(given, _limit_body(receive, most), told)
 
 
 def _refusal(scope: Scope, port: int) -> tuple[int, str] | None:
@@ -155,7 +155,7 @@ def _is_loopback(client: tuple[str, int] | None) -> bool:
         return False
 
 
-def _limited(receive: Receive, most: int) -> Receive:
+def _limit_body(receive: Receive, most: int) -> Receive:
     """Receiver that ends a request whose body has more than `most` bytes or arrives too slowly."""
     taken, is_whole = 0, False
 

@@ -25,7 +25,7 @@ from starlette.routing import Route
 
 from structid.core.errors import InputError, StructidError
 from structid.workbench.deadlines import DeadlineProtocol
-from structid.workbench.folder import ChangedError, OutsideError, opened
+from structid.workbench.folder import ChangedError, OutsideError, open_study_folder
 from structid.workbench.handlers import ROUTES, Handler, Json, Watcher, Workbench
 from structid.workbench.recent import remember
 from structid.workbench.runs import Runs, reap
@@ -57,7 +57,7 @@ class Workbenches:
         FileError
             If there is no such folder.
         """
-        place = opened(folder)
+        place = open_study_folder(folder)
         with self._opening:
             access = next((access for access, bench in self.opened.items() if bench.opened == place), None)
             if access is None:

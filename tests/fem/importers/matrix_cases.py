@@ -10,7 +10,7 @@ from scipy import sparse
 
 from structid.core.errors import FileError
 from structid.fem.importers import ImportedMatrix, read_matrices
-from structid.fem.importers.imported import completed
+from structid.fem.importers.imported import complete_triangles
 
 DATA = Path(__file__).parent / "data"
 SIERRA = Path(__file__).parents[4] / "shared" / "data" / "sierra_block_ac_KM"
@@ -49,7 +49,7 @@ def outcome(path):
 def sierra():
     """Stiffness, mass, (node, component) of the rows, and the arrays of the mesh file."""
     mesh = dict(np.load(SIERRA / "mesh_and_reference_modes.npz"))
-    matrices = [completed(sparse.load_npz(SIERRA / f"{n}aa_lower.npz"), n, True) for n in "KM"]
+    matrices = [complete_triangles(sparse.load_npz(SIERRA / f"{n}aa_lower.npz"), n, True) for n in "KM"]
     rows = mesh["dof_of_node_xyz_zero_based"]
     table = np.empty((rows.size, 2), dtype=np.int64)
     for axis in range(3):

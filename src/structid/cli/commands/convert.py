@@ -27,7 +27,7 @@ from structid.fem.importers import (
     write_numbering,
 )
 from structid.fem.importers.abaqus import Form
-from structid.files import claimed, require_readable
+from structid.files import claim_path, require_readable
 from structid.modal import ModalRecord
 from structid.modal.formats.files import read_modes, write_modes
 from structid.modal.formats.options import JSON_SUFFIXES, PUNCH_SUFFIXES, UFF_SUFFIXES, ModeFileOptions
@@ -124,7 +124,7 @@ def convert(
             raise InputError(
                 f"{source}: holds {_words(kind)}; leave out the options of {_words(name)}, or set --contents"
             )
-    with claimed(target):
+    with claim_path(target):
         if kind == "record":
             lines = _record(source, target, read)
         else:
@@ -206,7 +206,7 @@ def _matrices(source: Path, target: Path, options: MatrixOptions) -> list[str]:
         items = [replace(items[0], name=options.name)]
     if options.dofs:
         table = dof_table(read_numbering(require_readable(options.dofs)))
-        items = [_numbered(item, table, options.dofs) for item in items]
+        items = [_with_row_numbering(item, table, options.dofs) for item in items]
     suffix = target.suffix.lower()
     numbered = [item for item in items if item.dofs is not None]
     lines = [f"{target}: {item.name}, {_matrix_size(item)}" for item in items]
@@ -230,7 +230,7 @@ def _matrix_size(item: ImportedMatrix) -> str:
     return f"{n_rows} x {n_columns}, {kind}, {item.matrix.nnz} entries"
 
 
-def _numbered(item: ImportedMatrix, table: np.ndarray, path: Path) -> ImportedMatrix:
+def _with_row_numbering(item: ImportedMatrix, table: np.ndarray, path: Path) -> ImportedMatrix:
     """The matrix with node and component of its rows from `table`, which was read from the file `path`."""
     if item.dofs is not None:
         raise InputError(f"{item.name!r} has node and component of its rows in its own file; leave `dofs` out", "dofs")

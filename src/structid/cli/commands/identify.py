@@ -135,8 +135,8 @@ def identify(
             name = write(result, fits)
         except KeyboardInterrupt:
             flags = ["--no-report"] * (not report) + ["--png"] * png + _EXPLAIN[explain]
-            again = _resumed(study, flags, out=out, workers=workers, scheduler=scheduler, seconds=seconds)
-            words = _interrupted(run, kept, again)
+            again = _resume_command(study, flags, out=out, workers=workers, scheduler=scheduler, seconds=seconds)
+            words = _interruption_message(run, kept, again)
             if is_answered:
                 words = f"the answer is in {folder}, without its causes: {words}"
             fail(words, INTERRUPTED)
@@ -176,7 +176,7 @@ def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
     ).name
 
 
-def _interrupted(run: LongRun, kept: Checkpoint, again: str) -> str:
+def _interruption_message(run: LongRun, kept: Checkpoint, again: str) -> str:
     """A message on how far an interrupted run came and how to go on; its values are written to the checkpoint."""
     if not run.reached.search and not kept.n_found:
         return "interrupted before the first iteration; nothing was written"
@@ -184,7 +184,7 @@ def _interrupted(run: LongRun, kept: Checkpoint, again: str) -> str:
     return f"interrupted in {run.reached.words}; the values reached are in {kept.folder / 'so_far.json'}; {again}"
 
 
-def _resumed(study: Path, flags: Sequence[str], **options: object) -> str:
+def _resume_command(study: Path, flags: Sequence[str], **options: object) -> str:
     """Command line that resumes the run: the words of the command with the options that were given."""
     given = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
     return f"go on with: {shlex.join(['structid', 'identify', str(study), *given, *flags, '--resume'])}"

@@ -38,10 +38,10 @@ def init(
     if template not in TEMPLATES:
         raise InputError(f"there is no template {template!r}; take one of {', '.join(TEMPLATES)}")
     kind = TEMPLATES[template]
-    values = _given(given or [])
+    values = _parse_settings(given or [])
     made = template_with(kind, values)  # so that what is wrong shows before anything is asked
     if sys.stdin.isatty():
-        made = template_with(kind, values | _asked(kind, set(values)))
+        made = template_with(kind, values | _ask_values(kind, set(values)))
     path = write_study(made, study or beside_call(f"{template}.toml"))
     say(
         f"{path}: written; see it with `structid app {path.parent}`; before a test go on with `structid plan {path}`; once"
@@ -49,7 +49,7 @@ def init(
     )
 
 
-def _given(pairs: list[str]) -> dict[str, str]:
+def _parse_settings(pairs: list[str]) -> dict[str, str]:
     """Values by name from texts NAME=VALUE."""
     found = {}
     for pair in pairs:
@@ -60,20 +60,20 @@ def _given(pairs: list[str]) -> dict[str, str]:
     return found
 
 
-def _asked(kind: type[Template], answered: set[str]) -> dict[str, str]:
+def _ask_values(kind: type[Template], answered: set[str]) -> dict[str, str]:
     """Values by name that the user types for the numbers of a template, without the `answered` ones."""
     found = {}
     for one in asked_of(kind):
         if one.name not in answered:
             unit = f", {one.unit}" if one.unit else ""
             found[one.name] = typer.prompt(
-                f"{one.name} ({one.words}{unit})", default=str(one.default), value_proc=partial(_checked, one)
+                f"{one.name} ({one.words}{unit})", default=str(one.default), value_proc=partial(_check_answer, one)
             )
     return found
 
 
-def _checked(question: Asked, text: str) -> str:
-    """The text as it is; raises the error after which typer asks again where it is no value."""
+def _check_answer(question: Asked, text: str) -> str:
+    """`text` unchanged if it is a value for the question; otherwise raises the error after which typer asks again."""
     try:
         asked_value(question, text)
     except InputError as error:

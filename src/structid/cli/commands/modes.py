@@ -154,4 +154,6 @@ def _merge(
     with staged_folder(folder, MODES_PAGE) as staged:
         write_merged(merging.modes, staged, places)
     show(merged_text(names, merging))
+    if places is not None and places.unit_words:
+        say(places.unit_words)
     say(folder / "modes.json")

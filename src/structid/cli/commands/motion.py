@@ -50,7 +50,7 @@ def motion(
       structid motion bridge.toml --threads 2 --checkpoint bridge.npz
       structid motion bridge.toml --workers 4 --checkpoint bridge.npz
     """
-    from structid.files import claimed  # the help needs none of these
+    from structid.files import claim_path  # the help needs none of these
     from structid.inversion.regression.local_reduction import Engine, Kernels
     from structid.study.results.folder import staged_folder
     from structid.study.run.motion import MOTION_SUMMARY, MOTION_TABLE, MotionOptions, motion_of_study, write_motion
@@ -58,7 +58,7 @@ def motion(
     work = Kernels(cast(Engine, engine), threads)
     options = MotionOptions(work, chunk, checkpoint, workers, scheduler)
     try:
-        with claimed(checkpoint) if checkpoint is not None else nullcontext():
+        with claim_path(checkpoint) if checkpoint is not None else nullcontext():
             found = motion_of_study(study, options, _told)
     except KeyboardInterrupt:
         kept = f"; {checkpoint} holds what is done, the same command goes on from it" if checkpoint else ""

@@ -1,4 +1,4 @@
-"""The command `structid plan`: what a test will tell before it is run."""
+"""The command `structid plan`: sensors and loads of a test, and its expected accuracy, before it is run."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from structid.forward import ModalSettings
 from structid.modal import ModalRecord
 from structid.modal.modal_record import largest_entries
 from structid.similarity import Pairing, comac, ecomac, most_real, orthogonality, pair_modes, subspace_angles
-from structid.similarity.pairing import assigned
+from structid.similarity.pairing import assign_pairs
 
 #: Degrees of freedom beyond which all modes are not sought, and beyond which no mass is reduced statically.
 _DENSE_UP_TO, _STATIC_UP_TO = 600, 30_000
@@ -215,7 +215,7 @@ def _reversed_sensor(correlation: ModesCorrelation) -> list[str]:
 
     def mean_mac(product: FloatArray) -> float:
         mac = np.where(nearness > 0, product**2 / np.where(energy > 0, energy, np.inf), 0.0)
-        return float(mac[assigned(mac * nearness)].sum() / n_shapes)
+        return float(mac[assign_pairs(mac * nearness)].sum() / n_shapes)
 
     now = mean_mac(product)
     mac_reversed = [mean_mac(product - 2 * np.outer(a, b)) for a, b in zip(x, y, strict=True)]

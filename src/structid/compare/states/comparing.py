@@ -45,7 +45,7 @@ class _Settings(TypedDict):
 
 @dataclass(frozen=True, eq=False)
 class ComparisonResult:
-    """A comparison with what it was made from.
+    """A comparison of two states with the states it was made from.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ def compare(
         return ComparisonResult(comparison, first, second, "carried", _warnings(comparison, first, second), test)
     second = _run_study(_from_baseline(study, first, ()), progress)
     joint = states_problem(_restart_problem(first), _restart_problem(second, first), names)
-    fixed = _fixed_in_both(_freed(first), _freed(second), names)
+    fixed = _fixed_in_both(_problems_with_free_values(first), _problems_with_free_values(second), names)
     both = _joint_estimate(joint, fixed)
     comparison = compare_jointly(both, names, **settings)
     cost = squared(residual_at(joint, both.theta) if fixed is None else fixed.refit(both.names, both.theta).at.residual)
@@ -179,7 +179,7 @@ def _unchanged_test(
     return UnchangedTest(names, cost, separate_cost, freedom, len(names) + n_fixed, differing)
 
 
-def _freed(state: State) -> tuple[RecordProblem, ...]:
+def _problems_with_free_values(state: State) -> tuple[RecordProblem, ...]:
     """The problems of a state that was run with what its model holds among the unknowns."""
     return () if state.result is None else state.result.identification.freed
 

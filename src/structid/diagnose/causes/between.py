@@ -162,7 +162,7 @@ def _effect(
 
 
 def _edits(model: TestedModel, record: int, places: Sequence[str], bends: bool, part: float, side: str) -> Edits:
-    """The edits that put a channel at a new node between two others, which follows them as a beam or bar does."""
+    """Edits that put a channel at a new node between two `places`, at the fraction `part`; it moves as a beam (`bends`) or bar."""
     structure = model.setups[record].structure
     (first, second), ends = _ends(structure, places)
     label, weights = model.new_node(), following(ends, first.axis, part, bends)

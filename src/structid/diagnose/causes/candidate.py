@@ -83,7 +83,7 @@ class Candidate:
         raise NotImplementedError
 
     def named_kind(self, value: float | None) -> str:
-        """The kind as results have it."""
+        """Name of the kind in results."""
         return self.result_kind or self.kind
 
     @property
@@ -103,7 +103,7 @@ class Candidate:
 
     @property
     def handicap(self) -> float:
-        """Difference of the criterion by which it gives way to a simpler cause that says the same."""
+        """Penalty on the criterion, by which the change loses to a simpler cause with the same effect."""
         return 0.0
 
     @property

@@ -130,7 +130,7 @@ def factored(receptances: Receptances, one: ElementMatrix, most: float = np.inf)
 
 
 def record_words(title: str) -> str:
-    """A title with the word "record" before it, unless it begins with that."""
+    """`title` with the word "record" in front, unless it begins with that word."""
     return title if title.startswith("record ") else f"record {title}"
 
 

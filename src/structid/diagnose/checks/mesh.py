@@ -13,7 +13,7 @@ from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.fits.resonances import LEAST_DAMPING
-from structid.similarity.pairing import assigned
+from structid.similarity.pairing import assign_pairs
 
 #: Degrees of freedom of the finest model that is solved, and modes that are looked at.
 _MOST_DOFS, _MOST_MODES = 20_000, 40
@@ -35,7 +35,7 @@ _ALIKE, _FARTHEST = 0.5, 1.0
 
 @dataclass(frozen=True, eq=False)
 class MeshErrors:
-    """Modes of a model beside those that it would have with elements of no size.
+    """Frequencies of a model beside those extrapolated to infinitely small elements.
 
     Attributes
     ----------
@@ -215,7 +215,7 @@ def _paired(
     near = np.abs(np.log(np.maximum(found.frequency, 1e-300) / own.frequency[looked][:, None])) < _FARTHEST
     likeness = np.where(near, likeness, 0.0)
     pairs: IntArray = np.full(len(looked), -1)
-    left, right = assigned(likeness)
+    left, right = assign_pairs(likeness)
     good = likeness[left, right] >= _ALIKE
     pairs[left[good]] = right[good]
     return pairs

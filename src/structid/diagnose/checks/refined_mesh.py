@@ -125,7 +125,7 @@ def obstacle(structure: Structure) -> str | None:
 def refined(structure: Structure, values: FloatArray, times: int, most: int) -> Refined | None:
     """`structure` with elements 1/`times` as long; None where it then has more than `most` degrees of freedom.
 
-    A node amid supported ones of a side at the rim is supported as they are.
+    A new node between supported ones on a side at the rim is supported as they are.
 
     Parameters
     ----------

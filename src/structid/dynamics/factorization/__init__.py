@@ -68,5 +68,5 @@ def factorizer(name: str | None = None) -> Factorizer:
 
 
 def installed_factorizers() -> tuple[str, ...]:
-    """Names of those that can be used here, the default first."""
+    """Names of the factorizers that are installed here, the default first."""
     return FACTORIZERS if not mkl_problem() else ("superlu",)

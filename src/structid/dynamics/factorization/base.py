@@ -50,7 +50,7 @@ class Factorizer(Protocol):
 
     @property
     def words(self) -> str:
-        """Name and version, as reports say it."""
+        """Name and version of the library for reports."""
         ...
 
     def analyse(self, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None = None) -> Analysis:

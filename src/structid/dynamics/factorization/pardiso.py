@@ -47,7 +47,7 @@ def _load_library() -> ctypes.CDLL | str:
 
 
 def mkl_problem() -> str:
-    """Why PARDISO cannot be used here; "" where it can."""
+    """Reason why PARDISO cannot be used here; "" if it can."""
     found = _load_library()
     return found if isinstance(found, str) else ""
 

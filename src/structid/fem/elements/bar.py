@@ -27,7 +27,7 @@ from structid.fem.elements.element import (
     element_vectors,
     node_codes,
     node_table,
-    rotated,
+    rotate_matrices,
 )
 
 
@@ -57,14 +57,14 @@ class Bar(ElementSet):
         """Axial force N; see `ElementSet.section_directions`."""
         return {"N": element_vectors(self.name, self.nodes, positions)[1]}
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """Element matrices of the mass and the axial stiffness; see `ElementSet.matrices`."""
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+        """Element matrices of mass, axial stiffness and axial force, by property; arguments as for `ElementSet.terms`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         dimensions = direction.shape[1]
         codes = node_codes(self.nodes, TRANSLATIONS[:dimensions])
         along = np.zeros((len(length), 2, 2 * dimensions))
         along[:, 0, :dimensions] = along[:, 1, dimensions:] = direction
-        stiffness = rotated(rod_stiffness(length), along)
+        stiffness = rotate_matrices(rod_stiffness(length), along)
         mass = np.einsum("nij,kl->nikjl", rod_mass(length), np.eye(dimensions)).reshape(stiffness.shape)
         terms = {"mass": (ElementMatrixTerm(codes, mass),), "axial_stiffness": (ElementMatrixTerm(codes, stiffness),)}
         if self.axial_force is not None:

@@ -28,7 +28,7 @@ from structid.fem.elements.element import (
     element_vectors,
     node_codes,
     node_table,
-    rotated,
+    rotate_matrices,
     shear_ratio,
 )
 
@@ -183,13 +183,13 @@ class BendingPlane:
         """An element matrix term from local matrices (n_elements, 4, 4), which go with a `power` of the shear ratio."""
         name, values = self.shear
         if power == 0 or values is None:
-            return ElementMatrixTerm(self.codes, rotated(local, self.across))
+            return ElementMatrixTerm(self.codes, rotate_matrices(local, self.across))
         share = ShearRatio(self.bending[0], name, 12 / self.length**2, power)
         nominal = shear_ratio(self.bending[1], values, share.ratio) ** power
-        return ElementMatrixTerm(self.codes, rotated(local * nominal[:, None, None], self.across), shear=share)
+        return ElementMatrixTerm(self.codes, rotate_matrices(local * nominal[:, None, None], self.across), shear=share)
 
 
-def added(matrix_terms: tuple[ElementMatrixTerm, ...], local: FloatArray) -> tuple[ElementMatrixTerm, ...]:
+def add_local_matrix(matrix_terms: tuple[ElementMatrixTerm, ...], local: FloatArray) -> tuple[ElementMatrixTerm, ...]:
     """Matrix terms with `local` added to the first, which does not depend on the shear."""
     return replace(matrix_terms[0], local=matrix_terms[0].local + local), *matrix_terms[1:]
 
@@ -232,8 +232,8 @@ class Beam(ElementSet):
         along, across = _plane_maps(direction)
         return {"N": along[:, 0, :3], "V": across[:, 0, :3], "M": across[:, 1, :3]}
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """Element matrices of each property; see `ElementSet.matrices`."""
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+        """Element matrices by property, from mass to axial force; arguments as for `ElementSet.terms`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         bending, shear = ("bending_stiffness", self.bending_stiffness), ("shear_stiffness", self.shear_stiffness)
         if direction.shape[1] == 1:
@@ -250,8 +250,8 @@ class Beam(ElementSet):
             plane = BendingPlane(codes, across, length, bending, shear)
         terms = {"mass": plane.mass, "bending_stiffness": plane.stiffness}
         if along is not None:
-            terms["mass"] = added(terms["mass"], rotated(rod_mass(length), along))
-            terms["axial_stiffness"] = (ElementMatrixTerm(codes, rotated(rod_stiffness(length), along)),)
+            terms["mass"] = add_local_matrix(terms["mass"], rotate_matrices(rod_mass(length), along))
+            terms["axial_stiffness"] = (ElementMatrixTerm(codes, rotate_matrices(rod_stiffness(length), along)),)
         if self.shear_stiffness is not None:
             terms["shear_stiffness"] = ()
         if self.rotary_inertia is not None:

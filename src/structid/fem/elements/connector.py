@@ -55,7 +55,7 @@ class Connector(ElementSet):
         object.__setattr__(self, "nodes", locked(np.array([[d.node for d in self.first], ends]).T, np.int64))
         super().__post_init__()
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """Element matrices d d' with d = +1 at the first end and -1 at the second, each times the sign of its `Dof`."""
         columns = [self.first] if self.second is None else [self.first, self.second]
         codes = np.array([[dof_code(d.node, d.direction) for d in ends] for ends in columns]).T

@@ -344,7 +344,7 @@ class ElementSet:
         """The element whose end it lets go, and in what; its matrices then have -1 for that end. None for most."""
         return None
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """The matrices that properties weigh, by the name of the property; see `terms`."""
         raise NotImplementedError
 
@@ -355,18 +355,18 @@ class ElementSet:
         """
         return {}
 
-    def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
+    def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
         """The properties of the set, each with the element matrices that it multiplies.
 
         Parameters
         ----------
         positions : mapping of node label to position in m
-        present : (n,) int array
+        used_codes : (n,) int array
             Codes of the degrees of freedom that elements other than those that follow use.
         """
         made = {
             name: self._at_nominal_thickness(matrix_terms)
-            for name, matrix_terms in self.matrices(positions, present).items()
+            for name, matrix_terms in self.matrices(positions, used_codes).items()
         }
         found = []
         for name, what in declarations(self).items():
@@ -472,6 +472,6 @@ def element_vectors(name: str, nodes: IntArray, positions: Positions) -> tuple[F
     return length, difference / length[:, None]
 
 
-def rotated(local: FloatArray, rotation: FloatArray) -> FloatArray:
+def rotate_matrices(local: FloatArray, rotation: FloatArray) -> FloatArray:
     """rotation' local rotation for every element: (n, a, a) and (n, a, b) to (n, b, b)."""
     return np.swapaxes(rotation, 1, 2) @ local @ rotation

@@ -52,10 +52,10 @@ class PointMass(ElementSet):
         default=None,
     )
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """Diagonal mass matrices in the translations that the node has; see `ElementSet.matrices`."""
         codes = node_codes(self.nodes, TRANSLATIONS)
-        moves = np.isin(codes, present)
+        moves = np.isin(codes, used_codes)
         if self.directions is not None:
             moves[:] = np.isin(TRANSLATIONS, self.directions)
         without_motion = ~moves.any(axis=1)
@@ -73,7 +73,7 @@ class RotaryInertia(ElementSet):
     rotary_inertia: Values = declared("Mass moment of inertia", "rotary_inertia", "kg m^2")
     direction: Literal["RX", "RY", "RZ"] = declared("Axis of rotation")
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         codes = node_codes(self.nodes, (self.direction,))
         return {"rotary_inertia": (ElementMatrixTerm(codes, np.ones((len(self.nodes), 1, 1))),)}

@@ -77,14 +77,14 @@ class MatrixGroup(ElementSet):
         every = {"mass": self.mass, "stiffness": self.stiffness, "damping": self.damping}
         return {key: matrix for key, matrix in every.items() if matrix is not None}
 
-    def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
+    def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
         """The group's factors as properties with their matrices; see `ElementSet.terms`."""
-        matrix_terms_of, unit = self.matrices(positions, present), np.ones(1)
+        matrix_terms_of, unit = self.matrices(positions, used_codes), np.ones(1)
         terms = [Term(key, _KINDS[key], "1", unit, matrix_terms) for key, matrix_terms in matrix_terms_of.items()]
         loss = [Term("loss_factor", "loss_factor", "1", self.loss_factor)] if "stiffness" in matrix_terms_of else []
         return (*terms, *loss)
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """The group's matrices as one element each; see `ElementSet.matrices`."""
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])

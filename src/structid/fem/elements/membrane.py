@@ -85,7 +85,7 @@ class Membrane(CellSet):
         default=False,
     )
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """Element matrices of the mass and of the tension; see `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 2)
         gradients(self.name, self.nodes, corners, CELLS["triangle"], np.zeros((1, 2)))  # so that a flat one is told

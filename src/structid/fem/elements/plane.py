@@ -60,7 +60,7 @@ class Plane(CellSet):
     stiffness_damping: Values = declared(*PER_STRAIN_RATE, "Pa s", "youngs_modulus", default=0.0)
     formulation: Formulation = declared("Of four-node quadrilaterals; see `elastic_stiffness`", default="incompatible")
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """Element matrices of density and Young's modulus; see `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 2)
         elasticity = plane_elasticity(self.poisson, self.state == "strain")

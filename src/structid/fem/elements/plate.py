@@ -82,7 +82,7 @@ class Plate(ThinSet):
 
     moves = ("Z", "RX", "RY")
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 2)
         bending = partial(bending_stiffness, elasticity=plane_elasticity(self.poisson, strain=False))

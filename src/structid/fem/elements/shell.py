@@ -141,7 +141,7 @@ class Shell(ThinSet):
         default=0.1,
     )
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """Element matrices of density and Young's modulus, for stretching and bending; see `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 3)
         elasticity = plane_elasticity(self.poisson, strain=False)

@@ -56,7 +56,7 @@ class Solid(CellSet):
     stiffness_damping: Values = declared(*PER_STRAIN_RATE, "Pa s", "youngs_modulus", default=0.0)
     formulation: Formulation = declared("Of eight-node hexahedra; see `elastic_stiffness`", default="incompatible")
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 3)
         stiffness = partial(elastic_stiffness, elasticity=solid_elasticity(self.poisson), formulation=self.formulation)

@@ -63,7 +63,7 @@ class ModelParameter:
 
 @element
 class SolverModel(ElementSet):
-    """A structure as a solver has it: parameters of its deck are the properties.
+    """Structure whose matrices an external solver gives; the parameters of its deck are the properties.
 
     What no parameter changes has factors `mass`, `damping` and `stiffness` of nominal value 1.
     """
@@ -90,7 +90,7 @@ class SolverModel(ElementSet):
                     f"a parameter of {self.name!r} must not be called {parameter.name!r}; give it another name"
                 )
 
-    def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
+    def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
         """The model's properties (factors and parameters) with their matrices; see `ElementSet.terms`."""
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
@@ -223,7 +223,7 @@ class SolverFrfs(ElementSet):
         """Degrees of freedom of sensors and loads, each once, in their order."""
         return tuple(dict.fromkeys(dof.unsigned for dof in (*self.table.outputs, *self.table.inputs)))
 
-    def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
+    def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
         """The parameters as properties with empty matrices; see `ElementSet.terms`."""
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         nothing = sparse.csc_array((codes.size, codes.size))

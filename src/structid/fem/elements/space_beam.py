@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike
 from structid.core.arrays import FloatArray, IntArray, locked, require_shape
 from structid.core.dof import DIRECTIONS
 from structid.core.errors import InputError
-from structid.fem.elements.beam import AXIAL_FORCE, ROTARY_INERTIA, SHEAR, BendingPlane, added, rod_mass, rod_stiffness
+from structid.fem.elements.beam import (
+    AXIAL_FORCE,
+    ROTARY_INERTIA,
+    SHEAR,
+    BendingPlane,
+    add_local_matrix,
+    rod_mass,
+    rod_stiffness,
+)
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     PER_VELOCITY,
@@ -29,7 +37,7 @@ from structid.fem.elements.element import (
     element_vectors,
     node_codes,
     node_table,
-    rotated,
+    rotate_matrices,
 )
 
 
@@ -95,7 +103,7 @@ class SpaceBeam(ElementSet):
         wide[:, :3, :3] = wide[:, 3:, 3:] = axes
         return {name: wide[:, row] for row, name in enumerate(("N", "VY", "VZ", "T", "MY", "MZ"))}
 
-    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """Element matrices of each property; see `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         if direction.shape[1] != 3:
@@ -104,9 +112,9 @@ class SpaceBeam(ElementSet):
         maps = _space_maps(_local_axes(self.name, direction, self.orientation))
         rod = rod_stiffness(length)
         by_property = {
-            "polar_inertia": rotated(rod_mass(length), maps["twist"]),
-            "axial_stiffness": rotated(rod, maps["along"]),
-            "torsional_stiffness": rotated(rod, maps["twist"]),
+            "polar_inertia": rotate_matrices(rod_mass(length), maps["twist"]),
+            "axial_stiffness": rotate_matrices(rod, maps["along"]),
+            "torsional_stiffness": rotate_matrices(rod, maps["twist"]),
         }
         about_y = ("bending_stiffness_y", self.bending_stiffness_y), ("shear_stiffness_z", self.shear_stiffness_z)
         about_z = ("bending_stiffness_z", self.bending_stiffness_z), ("shear_stiffness_y", self.shear_stiffness_y)
@@ -114,11 +122,11 @@ class SpaceBeam(ElementSet):
         matrix_terms: dict[str, tuple[ElementMatrixTerm, ...]] = {
             name: (ElementMatrixTerm(codes, local),) for name, local in by_property.items()
         }
-        matrix_terms["mass"] = (ElementMatrixTerm(codes, rotated(rod_mass(length), maps["along"])),)
+        matrix_terms["mass"] = (ElementMatrixTerm(codes, rotate_matrices(rod_mass(length), maps["along"])),)
         for name, (bending, shear) in (("about_y", about_y), ("about_z", about_z)):
             plane = BendingPlane(codes, maps[name], length, bending, shear)
             matrix_terms[bending[0]] = plane.stiffness
-            matrix_terms["mass"] = (*added(matrix_terms["mass"], plane.mass[0].local), *plane.mass[1:])
+            matrix_terms["mass"] = (*add_local_matrix(matrix_terms["mass"], plane.mass[0].local), *plane.mass[1:])
             if shear[1] is not None:
                 matrix_terms[shear[0]] = ()
             if rotary[name] is not None:

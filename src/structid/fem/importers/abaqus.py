@@ -20,8 +20,8 @@ from structid.fem.importers.imported import (
     ElementEntries,
     ImportedMatrix,
     codes_of,
-    completed,
-    labelled,
+    complete_triangles,
+    matrix_from_entries,
     tables_of,
 )
 from structid.files.sparse import coordinates
@@ -123,12 +123,12 @@ def _matrix_of_coordinates(path: Path, name: str, table: FloatArray) -> Imported
         )
     size = int(max(row.max(), column.max())) + 1
     matrix = coordinates((size, size), row, column, table[:, 2])
-    return ImportedMatrix(name, completed(matrix, name))
+    return ImportedMatrix(name, complete_triangles(matrix, name))
 
 
 def _labels(name: str, table: FloatArray) -> ImportedMatrix:
     labels = table[:, :4].astype(np.int64)
-    return _without_constrained(labelled(name, labels[:, :2], labels[:, 2:], table[:, 4], None))
+    return _without_constrained(matrix_from_entries(name, labels[:, :2], labels[:, 2:], table[:, 4], None))
 
 
 def _without_constrained(item: ImportedMatrix) -> ImportedMatrix:

@@ -14,10 +14,10 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
-from structid.fem.importers.imported import ImportedMatrix, codes_of, completed, from_elements, from_triangle
+from structid.fem.importers.imported import ImportedMatrix, codes_of, complete_triangles, from_elements, from_triangle
 from structid.files import damage_told
 from structid.files.contained import ReaderError, read_in_child
-from structid.files.sparse import compressed
+from structid.files.sparse import checked_sparse_matrix
 
 _KINDS = {"stress": "STIFFNESS", "mass": "MASS", "damping": "DAMPING"}
 
@@ -57,7 +57,7 @@ def _assembled_matrices(content: Mapping[str, Any]) -> list[ImportedMatrix]:
     for name in ("STIFFNESS", "MASS"):
         if name in content:
             shape, starts, rows, values = content[name]
-            part = completed(compressed(shape, starts, rows, values), name, True)[free][:, free]
+            part = complete_triangles(checked_sparse_matrix(shape, starts, rows, values), name, True)[free][:, free]
             matrices.append(ImportedMatrix(name, part, table[free], constrained=constrained))
     return matrices
 

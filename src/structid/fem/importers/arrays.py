@@ -20,7 +20,7 @@ from structid.fem.importers.matrix_market import matrix_market
 from structid.files import damage_told
 from structid.files.matlab import matlab_variables
 from structid.files.npy import npy_array, npz_arrays
-from structid.files.sparse import compressed, coordinates
+from structid.files.sparse import checked_sparse_matrix, coordinates
 
 _REMEDY = "write it with scipy.sparse.save_npz, scipy.io.mmwrite (.mtx) or numpy.save (.npy)"
 _KIND = "a file of a matrix"
@@ -59,7 +59,7 @@ def _read_npz(path: Path) -> dict[str, Any]:
     n_rows, n_columns = (int(n) for n in parts["shape"])
     if form in ("csc", "csr"):
         shape = (n_rows, n_columns) if form == "csc" else (n_columns, n_rows)
-        stored = compressed(shape, parts["indptr"], parts["indices"], parts["data"])
+        stored = checked_sparse_matrix(shape, parts["indptr"], parts["indices"], parts["data"])
         matrix = stored if form == "csc" else stored.T.tocsc()
     elif form == "coo":
         row, column = parts["coords"] if "coords" in parts else (parts["row"], parts["col"])

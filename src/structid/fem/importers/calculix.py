@@ -16,7 +16,7 @@ from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
-from structid.fem.importers.imported import ImportedMatrix, completed
+from structid.fem.importers.imported import ImportedMatrix, complete_triangles
 from structid.files import require_readable
 
 _NAMES = {".sti": "STIFFNESS", ".mas": "MASS"}
@@ -40,7 +40,7 @@ def read(path: Path) -> list[ImportedMatrix]:
     if len(np.unique(rows[rows == columns])) < n:
         raise FileError(f"{path}: lacks diagonal entries of {n} rows; the file is cut short, {_REMEDY}")
     matrix = sparse.coo_array((table[:, 2], (rows - 1, columns - 1)), (n, n)).tocsc()
-    return [ImportedMatrix(name, completed(matrix, name, symmetric=True), dofs)]
+    return [ImportedMatrix(name, complete_triangles(matrix, name, symmetric=True), dofs)]
 
 
 def _read_entries(path: Path) -> FloatArray:

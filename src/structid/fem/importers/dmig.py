@@ -16,7 +16,7 @@ from structid.core.arrays import IntArray
 from structid.core.errors import FileError, InputError
 from structid.fem.importers.bulk_lines import BulkLines, bulk_lines
 from structid.fem.importers.fixed_fields import is_blank
-from structid.fem.importers.imported import ImportedMatrix, codes_of, labelled, tables_of
+from structid.fem.importers.imported import ImportedMatrix, codes_of, matrix_from_entries, tables_of
 
 Field = Literal["large", "small", "free"]
 
@@ -75,12 +75,12 @@ def read(path: Path) -> list[ImportedMatrix]:
     order = {name: i for i, name in enumerate(headers)}
     owner[starts] = [order.get(name, -1) for name in names.tolist()]
     return [
-        _make_matrix(lines, header, _of(entries, owner[entries.card] == i), node, component)
+        _make_matrix(lines, header, _select_entries(entries, owner[entries.card] == i), node, component)
         for i, header in enumerate(headers.values())
     ]
 
 
-def _of(entries: _Entries, keep: np.ndarray) -> _Entries:
+def _select_entries(entries: _Entries, keep: np.ndarray) -> _Entries:
     return _Entries(*(column[keep] for column in entries))
 
 
@@ -176,7 +176,7 @@ def _make_matrix(
                     f"{header.name!r} has {matrix.matrix.shape[1]} columns, but its header says {header.columns}"
                 )
             return matrix
-        return labelled(header.name, rows, columns, values, header.form == 6)
+        return matrix_from_entries(header.name, rows, columns, values, header.form == 6)
     except InputError as error:
         raise FileError(f"{lines.path}, line {lines.number[header.line]}: {error}") from error
 

@@ -81,7 +81,7 @@ def real_numbers(fields: Bytes) -> FloatArray:
 
 
 def as_real(word: bytes) -> float:
-    """The real number of one field; a `FieldError` where it is none."""
+    """Real number in one field; raises `FieldError` if it holds none."""
     fields = np.frombuffer(word.strip().ljust(1), dtype=np.uint8)[None, :]
     return float(real_numbers(fields)[0])
 

@@ -18,7 +18,7 @@ from scipy import sparse
 
 from structid.core.errors import FileError
 from structid.fem.importers.fixed_fields import FieldError, chunks, fields_at, real_numbers, whole_numbers
-from structid.fem.importers.imported import ImportedMatrix, completed
+from structid.fem.importers.imported import ImportedMatrix, complete_triangles
 
 _FORM = re.compile(rb"\(?\s*(?:\d+P\s*,?\s*)?(\d*)\s*([IEDFG])\s*(\d+)", re.IGNORECASE)
 #: Letters of a line of forms that are looked at; it has 80.
@@ -73,7 +73,7 @@ def _parse_matrix(path: Path, lines: list[bytes]) -> ImportedMatrix:
         return ImportedMatrix(name, matrix)
     if kind[1:2] != b"S":
         raise FileError(f"{path}: is skew or Hermitian, as no mass, damping or stiffness is")
-    return ImportedMatrix(name, completed(matrix.tocoo(), name))
+    return ImportedMatrix(name, complete_triangles(matrix.tocoo(), name))
 
 
 def _read_block(

@@ -41,7 +41,7 @@ class ElementEntries:
 
 @dataclass(frozen=True, eq=False)
 class ImportedMatrix:
-    """A matrix as a file holds it, symmetric ones complete.
+    """A matrix from a file; symmetric ones have both triangles.
 
     Attributes
     ----------
@@ -193,7 +193,7 @@ def on_dofs(imported: ImportedMatrix, table: IntArray) -> sparse.csc_array:
     return sparse.coo_array((data, (position[row], position[column])), (len(table), len(table))).tocsc()
 
 
-def completed(matrix: sparse.sparray, name: str, symmetric: bool | None = None) -> sparse.csc_array:
+def complete_triangles(matrix: sparse.sparray, name: str, symmetric: bool | None = None) -> sparse.csc_array:
     """`matrix` with its other triangle added, if only one entry of each off-diagonal pair is stored.
 
     Parameters
@@ -247,14 +247,14 @@ def _is_one_triangle(matrix: sparse.csc_array) -> bool:
     return not np.isin(row * n + column, column * n + row).any()
 
 
-def labelled(
+def matrix_from_entries(
     name: str, rows: IntArray, columns: IntArray, values: np.ndarray[Any, Any], symmetric: bool | None
 ) -> ImportedMatrix:
     """A square matrix from entries whose rows and columns are tables of node and component, (n_entries, 2) each."""
     codes, index = np.unique(np.concatenate([codes_of(rows), codes_of(columns)]), return_inverse=True)
     n = len(rows)
     matrix = sparse.coo_array((values, (index[:n], index[n:])), (len(codes), len(codes)))
-    return ImportedMatrix(name, completed(matrix, name, symmetric), tables_of(codes))
+    return ImportedMatrix(name, complete_triangles(matrix, name, symmetric), tables_of(codes))
 
 
 def from_elements(name: str, parts: Sequence[tuple[int, IntArray, FloatArray]]) -> ImportedMatrix:

@@ -86,15 +86,15 @@ def _union_pattern(n: int, families: Collection[ElementMatrices]) -> sparse.csr_
     for blocks in families:
         if not isinstance(blocks, Blocks):
             row, column, _, _ = blocks.entries()
-            total = total + _marked(column, row, n)
+            total = total + _boolean_pattern(column, row, n)
         elif blocks.dofs.tobytes() not in full:
             row, column, _ = blocks.stored(slice(None))
-            total = total + _marked(column, row, n)
+            total = total + _boolean_pattern(column, row, n)
     total.sort_indices()
     return total
 
 
-def _marked(row: IntArray, column: IntArray, n: int) -> sparse.csr_array:
+def _boolean_pattern(row: IntArray, column: IntArray, n: int) -> sparse.csr_array:
     kind = index_kind(max(n, len(row)))
     positions = row.astype(kind, copy=False), column.astype(kind, copy=False)
     return sparse.coo_array((np.ones(len(row), dtype=np.bool_), positions), (n, n)).tocsr()

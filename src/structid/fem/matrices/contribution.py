@@ -264,7 +264,7 @@ def sum_of(matrices: Iterable[sparse.sparray]) -> sparse.csr_array:
     return sparse.csr_array(sum(others, first))
 
 
-def weighed(
+def weigh_properties(
     properties: Sequence[Property],
     blocks_of: Callable[[ElementMatrixTerm], ElementMatrices],
     length_dependences: Mapping[str, LengthDependence],

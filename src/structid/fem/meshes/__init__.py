@@ -13,10 +13,10 @@ from structid.fem.meshes.mesh import (
     CELL_DIMENSIONS,
     CellBlock,
     Mesh,
+    describe_unassigned_cells,
     duplicate_nodes,
     orphan_nodes,
     require_sound,
-    unassigned,
 )
 from structid.files import damage_told, require_readable
 from structid.lazy import FormatModule
@@ -38,11 +38,11 @@ __all__ = [
     "Mesh",
     "choose_parts",
     "describe_left_aside",
+    "describe_unassigned_cells",
     "duplicate_nodes",
     "orphan_nodes",
     "read_mesh",
     "require_sound",
-    "unassigned",
 ]
 
 

@@ -103,7 +103,7 @@ class Scope:
             self.set_of(self.node_sets, options["NSET"]).update(labels)
 
     def set_of(self, sets: Sets, name: str) -> set[int]:
-        """The set of a name in any case, made where it is new."""
+        """The set called `name` in upper or lower case; a new empty one if there is none."""
         self.names.setdefault(name.upper(), name)
         return sets.setdefault(name.upper(), set())
 

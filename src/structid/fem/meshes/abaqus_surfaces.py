@@ -104,7 +104,7 @@ class Surfaces:
         raise ValueError(f"there is no surface {name!r}")
 
     def _members(self, scope: Scope, word: str) -> Iterable[tuple[Scope, int]]:
-        """Elements of a set, or the one of a label, with the scope whose number it is."""
+        """Elements of a set, or the one with a label, each with the scope that its label belongs to."""
         owner, dot, bare = word.strip('"').rpartition(".")
         holder = self._assembly.scope(owner) if dot else scope
         if bare.isdigit():

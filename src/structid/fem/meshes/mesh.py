@@ -187,9 +187,9 @@ class Mesh:
                 longest = max(longest, float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max()))
         return longest
 
-    def _raise_missing(self, group: str, present: Iterable[str], word: str) -> None:
-        """Raise `InputError` for a group that is not among `present`, and name the nearest; `word` is the kind of group."""
-        names = list(present)
+    def _raise_missing(self, group: str, existing: Iterable[str], word: str) -> None:
+        """Raise `InputError` for a group that is not among `existing`, and name the nearest; `word` is the kind of group."""
+        names = list(existing)
         close = difflib.get_close_matches(group, names, 1, 0.0)
         have = (
             f"the nearest is {close[0]!r}; it has {', '.join(names)}"
@@ -208,7 +208,7 @@ def duplicate_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
     """Pairs of labels of nodes of cells with the same position, (n_pairs, 2), except pairs that one of `parts` joins."""
     from scipy.spatial import cKDTree
 
-    used = np.isin(mesh.labels, _used(mesh, parts))
+    used = np.isin(mesh.labels, _used_labels(mesh, parts))
     labels, positions = mesh.labels[used], mesh.positions[used]
     if len(labels) < 2:
         return np.zeros((0, 2), dtype=np.int64)
@@ -223,7 +223,7 @@ def duplicate_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
 
 def orphan_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
     """Labels of nodes that belong to no cell and none of `parts`."""
-    return np.setdiff1d(mesh.labels, _used(mesh, parts))
+    return np.setdiff1d(mesh.labels, _used_labels(mesh, parts))
 
 
 def require_sound(
@@ -252,10 +252,10 @@ def require_sound(
     values, counts = np.unique(mesh.labels, return_counts=True)
     if (counts > 1).any():
         raise InputError(f"node {values[counts > 1][0]} stands twice in {mesh.source}; number the nodes anew")
-    missing = np.setdiff1d(_used(mesh), mesh.labels)
+    missing = np.setdiff1d(_used_labels(mesh), mesh.labels)
     if len(missing):
         raise InputError(
-            f"cells of {mesh.source} name {_listed(missing)}, which it does not have; export all nodes of the cells"
+            f"cells of {mesh.source} name {_list_labels(missing)}, which it does not have; export all nodes of the cells"
         )
     if duplicates != "keep":
         pairs = duplicate_nodes(mesh, parts)
@@ -275,10 +275,10 @@ def require_sound(
             kinds = dict.fromkeys(part.kind for part in mesh.parts if part.nodes & lone)
             words = f", only to {', '.join(kinds)}, which `take` would take" if kinds else ""
             raise InputError(
-                f"{_listed(orphans)} of {mesh.source} {'belongs' if len(orphans) == 1 else 'belong'} to no cell{words};"
+                f"{_list_labels(orphans)} of {mesh.source} {'belongs' if len(orphans) == 1 else 'belong'} to no cell{words};"
                 ' delete them in the mesher, or set `orphan_nodes` to "drop"'
             )
-        mesh = _without(mesh, orphans)
+        mesh = _without_nodes(mesh, orphans)
     return offset_cells(mesh, [part for part in parts if part.offsets])
 
 
@@ -329,7 +329,7 @@ def offset_cells(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
     )
 
 
-def _used(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
+def _used_labels(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
     """Labels of the nodes of cells and of `parts`."""
     beside = np.array(sorted(node for part in parts for node in part.nodes), dtype=np.int64)
     return np.unique(np.concatenate([beside, *(block.nodes.ravel() for block in mesh.blocks)]))
@@ -360,16 +360,16 @@ def _merge_nodes(mesh: Mesh, pairs: IntArray) -> Mesh:
     groups = {name: np.unique([label_of[n] for n in nodes.tolist()]) for name, nodes in mesh.node_groups.items()}
     gone = np.array([label for label, other in label_of.items() if label != other])
     parts = tuple(part.renumbered({label: label_of[label] for label in gone.tolist()}) for part in mesh.parts)
-    return _without(replace(mesh, blocks=blocks, node_groups=groups, parts=parts), gone)
+    return _without_nodes(replace(mesh, blocks=blocks, node_groups=groups, parts=parts), gone)
 
 
-def _without(mesh: Mesh, labels: IntArray) -> Mesh:
+def _without_nodes(mesh: Mesh, labels: IntArray) -> Mesh:
     keep = ~np.isin(mesh.labels, labels)
     groups = {name: np.setdiff1d(nodes, labels) for name, nodes in mesh.node_groups.items()}
     return replace(mesh, labels=mesh.labels[keep], positions=mesh.positions[keep], node_groups=groups)
 
 
-def unassigned(mesh: Mesh, tables: list[IntArray], lower: bool = False) -> str | None:
+def describe_unassigned_cells(mesh: Mesh, tables: list[IntArray], lower: bool = False) -> str | None:
     """A phrase on the cells that are in none of the node tables of element sets; None if there are none.
 
     Parameters
@@ -396,6 +396,6 @@ def unassigned(mesh: Mesh, tables: list[IntArray], lower: bool = False) -> str |
     return f"{count} cells ({', '.join(kinds)}){where}"
 
 
-def _listed(labels: IntArray) -> str:
+def _list_labels(labels: IntArray) -> str:
     few = ", ".join(map(str, labels[:5]))
     return f"node{'s' if len(labels) > 1 else ''} {few}" + (f" and {len(labels) - 5} more" if len(labels) > 5 else "")

@@ -70,7 +70,7 @@ class OffsetReader:
         return parts
 
     def _plates(self, name: str, index: int, block: CellBlock, properties: IntArray) -> list[DeckPart]:
-        """Plates off their grid points along their normals, by ZOFFS and by Z0 of their laminate."""
+        """Offsets of plates along their normals by ZOFFS and Z0 of their laminate; `name` of the card, `index` of the block."""
         cards = self._cards[name]
         middles = [self._middles.get(number, (0.0, "")) for number in properties.tolist()]
         obstacles = np.array([why for _, why in middles])
@@ -145,7 +145,7 @@ class OffsetReader:
 
 
 def _rows_of_block(cards: Cards, block: CellBlock) -> IntArray:
-    """Cards of a quadratic plate that a block holds: those with, or those without middle nodes."""
+    """Row indices of the cards of a quadratic plate in `block`: those with, or those without mid-side nodes."""
     corners = 3 if "triangle" in block.kind else 4
     first = 2 + corners
     middles = np.stack([cards.integers(first + k) for k in range(corners)], axis=1)

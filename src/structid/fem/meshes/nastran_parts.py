@@ -212,9 +212,9 @@ def _readers(deck: _Deck) -> dict[str, Reader]:
         "CDAMP1": partial(_read_scalar_spring, deck, "CDAMP1", tables["PDAMP"]),
         "CDAMP2": partial(_read_scalar_spring, deck, "CDAMP2", None),
         **{name: partial(_read_bush, deck, name, values) for name, values in bushes.items()},
-        "RBE2": partial(_rigid, deck, "RBE2", _read_rbe2),
-        "RBAR": partial(_rigid, deck, "RBAR", _read_rbar),
-        "RBE3": partial(_rigid, deck, "RBE3", _read_rbe3),
+        "RBE2": partial(_make_rigid_element, deck, "RBE2", _read_rbe2),
+        "RBAR": partial(_make_rigid_element, deck, "RBAR", _read_rbar),
+        "RBE3": partial(_make_rigid_element, deck, "RBE3", _read_rbe3),
     }
 
 
@@ -243,7 +243,7 @@ def _whole(word: str) -> int:
     return int(word) if word else 0
 
 
-def _padded(words: Sequence[str], count: int) -> list[str]:
+def _pad_words(words: Sequence[str], count: int) -> list[str]:
     return [*words, *[""] * (count - len(words))]
 
 
@@ -257,7 +257,7 @@ def _component_indices(word: str) -> list[int]:
 
 def _read_body(deck: _Deck, name: str, row: Sequence[str]) -> Item:
     """Refusal ("" if none) and deck part from a CONM1 or CONM2 card: the mass matrix of a grid point."""
-    words = _padded(row, 24)
+    words = _pad_words(row, 24)
     node = _whole(words[1])
     if node not in deck.positions:
         return _SCALAR, DeckPart(name, 1, deck.units.mass * _real(words[3]))
@@ -267,7 +267,7 @@ def _read_body(deck: _Deck, name: str, row: Sequence[str]) -> Item:
 
 def _read_scalar_mass(deck: _Deck, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
     """Refusal ("" if none) and deck part from a CMASS1 (`table` has property values) or CMASS2 card: mass of one component."""
-    words = _padded(row, 8)
+    words = _pad_words(row, 8)
     kind = "CMASS2" if table is None else "CMASS1"
     node, component = _whole(words[2]), words[3]
     if table is not None and _whole(words[1]) not in table:
@@ -308,14 +308,14 @@ def _property_fields(deck: _Deck, name: str, width: int) -> dict[int, list[str]]
     """Fields of each property, by its number, from cards that hold several properties of `width` fields each."""
     table: dict[int, list[str]] = {}
     for row in deck.rows(name):
-        words = _padded(row, 8)
+        words = _pad_words(row, 8)
         table |= {int(words[k]): words[k + 1 : k + width] for k in range(0, 8, width) if words[k]}
     return table
 
 
 def _read_scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
     """Refusal ("" if none) and deck part from a CELAS1 or CDAMP1 (`table` has property values), CELAS2 or CDAMP2 card."""
-    words = _padded(row, 8)
+    words = _pad_words(row, 8)
     if table is not None and _whole(words[1]) not in table:
         return _NO_PROPERTY, DeckPart(name, 1)
     values = [words[1], words[6]] if table is None else table[int(words[1])]
@@ -344,7 +344,7 @@ def _read_scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] |
 
 def _read_bush(deck: _Deck, name: str, values: Values, row: Sequence[str]) -> Item:
     """Refusal ("" if none) and deck part from a CBUSH, CBUSH1D or CVISC card: springs and dashpots along its axes."""
-    words = _padded(row, 16)
+    words = _pad_words(row, 16)
     first, second = _whole(words[2]), _whole(words[3])
     number = _whole(words[1]) or _whole(words[0])
     if first not in deck.positions or (second and second not in deck.positions):
@@ -441,7 +441,7 @@ def _read_pbush1d(deck: _Deck) -> Values:
     """Axial stiffness and damping (6,), loss factor and obstacle of each PBUSH1D card, by number."""
     values: Values = {}
     for row in deck.rows("PBUSH1D"):
-        words = _padded(row, 16)
+        words = _pad_words(row, 16)
         problem = "it has a mass or is nonlinear" if _real(words[3]) or any(words[8:]) else ""
         values[int(words[0])] = (_axial(words[1]), _axial(words[2]), 0.0, problem)
     return values
@@ -451,7 +451,7 @@ def _read_pvisc(deck: _Deck) -> Values:
     """Axial and torsional damping (6,) of each PVISC card, by number."""
     values: Values = {}
     for row in deck.rows("PVISC"):
-        words = _padded(row, 8)
+        words = _pad_words(row, 8)
         for start in (0, 4):
             if words[start]:
                 damping = _axial(words[start + 1])
@@ -470,7 +470,9 @@ def _axial(word: str) -> FloatArray:
 Ties = tuple[str, list[RigidLink | Constraint]]
 
 
-def _rigid(deck: _Deck, name: str, make: Callable[[_Deck, Sequence[str]], Ties], row: Sequence[str]) -> Item:
+def _make_rigid_element(
+    deck: _Deck, name: str, make: Callable[[_Deck, Sequence[str]], Ties], row: Sequence[str]
+) -> Item:
     """An RBE2, RBAR or RBE3 as rigid links and constraints."""
     obstacle, ties = make(deck, row)
     return obstacle, DeckPart(name, 1, ties=tuple(ties))
@@ -501,7 +503,7 @@ def _follow_rigidly(deck: _Deck, name: str, main: int, dependents: Sequence[int]
 
 def _read_rbar(deck: _Deck, words: Sequence[str]) -> Ties:
     """Refusal ("" if none) and ties from an RBAR card, where all independent components are at one node."""
-    padded = _padded(words, 8)
+    padded = _pad_words(words, 8)
     first, second = int(padded[1]), int(padded[2])
     independent_first, independent_second, dependent_first, dependent_second = padded[3:7]
     if first not in deck.positions or second not in deck.positions:
@@ -607,7 +609,7 @@ def _read_mpc_set(deck: _Deck, case_control: bytes) -> list[DeckPart]:
     if not members or not members <= set(sets):
         return [DeckPart("MPC", count, obstacle="it is not clear which set of MPC is meant")]
     rows = [words for number in sorted(members) for words in sets[number]]
-    return _read_cards("MPC", rows, partial(_rigid, deck, "MPC", _read_mpc))
+    return _read_cards("MPC", rows, partial(_make_rigid_element, deck, "MPC", _read_mpc))
 
 
 def _read_mpc(deck: _Deck, words: Sequence[str]) -> Ties:
@@ -615,7 +617,7 @@ def _read_mpc(deck: _Deck, words: Sequence[str]) -> Ties:
     terms: list[tuple[int, str, float]] = []
     for start in range(0, len(words), 8):
         for column in (start + 1, start + 4):
-            triple = _padded(words, start + 8)[column : column + 3]
+            triple = _pad_words(words, start + 8)[column : column + 3]
             if triple[0]:
                 terms.append((int(triple[0]), triple[1], _real(triple[2])))
     if any(node not in deck.positions or component in ("", "0") for node, component, _ in terms):

@@ -99,7 +99,7 @@ def _skip_blank(data: bytes, offset: int) -> int:
     return offset
 
 
-def _truncated(path: Path, ordinal: int) -> FileError:
+def _truncation_error(path: Path, ordinal: int) -> FileError:
     return FileError(f"{path}: ends within dataset {ordinal}; the file is truncated, copy or export it again")
 
 
@@ -123,7 +123,7 @@ def _read_block(path: Path, data: bytes, begin_of_head: int, count: int) -> tupl
     while True:
         end = data.find(b"    -1", begin_of_head)
         if end < 0:
-            raise _truncated(path, count)
+            raise _truncation_error(path, count)
         tag = _TAG.match(data, end)
         if tag is not None and data[end - 1 : end] in (b"\n", b"\r"):
             return Block(count, number, head, data[begin:end]), tag.end()
@@ -142,7 +142,7 @@ def _binary_values_range(path: Path, data: bytes, offset: int, head: str, ordina
     for _ in range(HEADER_LINES):
         end = data.find(b"\n", body)
         if end < 0:
-            raise _truncated(path, ordinal)
+            raise _truncation_error(path, ordinal)
         lines.append(data[body:end])
         body = end + 1
     try:
@@ -160,7 +160,7 @@ def _binary_values_range(path: Path, data: bytes, offset: int, head: str, ordina
     if closed and head[31:43].strip().isdigit() and int(head[31:43]) in closed:
         return body, int(head[31:43])
     if min(sizes) > len(data) - body:
-        raise _truncated(path, ordinal)
+        raise _truncation_error(path, ordinal)
     raise FileError(
         f"{path}: dataset {ordinal} does not end after its {points} points; the file is truncated or damaged"
     )

@@ -69,7 +69,7 @@ class Sliding:
     fixed_coefficients: ComplexArray
 
     def at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray | None]:
-        """Law coefficients with sliding amplitudes in balance, and the readings of sensors and contacts; cached.
+        """Coefficients of the matrices with sliding amplitudes in equilibrium, and readings of sensors and contacts; cached.
 
         The readings (n_lines, n_sensors, 1) come from those without friction; None where that would lose digits.
         """

@@ -57,7 +57,7 @@ def by_mode(groups: Sequence[GroupData], parts: Sequence[NDArray[Entry]]) -> NDA
 
 @dataclass(frozen=True, eq=False)
 class GroupFit:
-    """One group of modes as the model has it; derivatives have the parameters last.
+    """Model quantities of one group of modes; derivatives have the parameters last.
 
     Attributes
     ----------
@@ -260,9 +260,9 @@ def _projected(
 def _turned(
     eigenvalues: FloatArray, d_lambda: FloatArray, a: FloatArray, d_a: FloatArray, group: GroupData
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Frequencies (Hz) on the diagonal of T = A^-1 Lambda A and the scaled off-diagonal, each with its slope.
+    """Diagonal of T = A^-1 Lambda A as frequencies (Hz) and its scaled off-diagonal, each with its derivative.
 
-    A single mode is not turned, whatever its shape says, if it says anything.
+    For a single mode T is Lambda, whatever its shape factor A.
     """
     if len(eigenvalues) == 1:
         a, d_a = np.ones_like(a), np.zeros_like(d_a)

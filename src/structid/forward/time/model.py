@@ -69,7 +69,7 @@ class TimeModel:
 
     @cached_property
     def moving(self) -> Structure:
-        """The structure with the supports that drive it let go."""
+        """The structure with the supports that drive it released."""
         return self.structure.release_supports(self.bases) if self.bases else self.structure
 
     @cached_property

@@ -58,7 +58,7 @@ class Histories:
 
     @cached_property
     def known_force(self) -> FloatArray:
-        """The force as far as it is known; see `InputHold.known`."""
+        """The measured part of the force; see `InputHold.known`."""
         return self.drive.known(self.force)
 
     @cached_property

@@ -67,7 +67,7 @@ class Evaluation:
 
     @property
     def is_small(self) -> bool:
-        """True where it is small enough to be kept."""
+        """True if the model's matrices are small enough to be cached."""
         return self.basis.nbytes + self.y.nbytes < _KEPT_BYTES
 
 

@@ -46,7 +46,7 @@ class Missed:
 
     @property
     def is_far(self) -> bool:
-        """True if it is missed by so much that no interval of the fit can hold for it."""
+        """True if the misfit of the resonance is so large that no interval of the fit can be valid for it."""
         return self.chi_square_per_value > _OF_MODES
 
     @property

@@ -61,7 +61,7 @@ class AtBound:
 
     @property
     def is_pushed(self) -> bool:
-        """True where the data push it beyond the bound by more than chance."""
+        """True if the data push the parameter beyond the bound by more than chance."""
         return self.push > _HARD
 
     @property

@@ -111,7 +111,7 @@ def variance_proportions(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _by_correlation(size: FloatArray) -> list[set[int]]:
-    """Sets of parameters whose correlations all reach the limit in magnitude, strongest pairs joined first."""
+    """Sets of parameters whose absolute correlations `size` (n_params, n_params) all reach the limit; strongest joined first."""
     clusters: dict[int, set[int]] = {i: {i} for i in range(len(size))}
     first, second = np.triu_indices(len(size), 1)
     strong = np.flatnonzero(size[first, second] >= STRONG_CORRELATION)

@@ -1,4 +1,4 @@
-"""One interval for each parameter, by the way that was chosen for it."""
+"""Intervals of the parameters by the chosen method, one for each parameter."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -33,6 +33,14 @@ class Keeper(Protocol):
         ...
 
 
+class StageCourse(NamedTuple):
+    """Course of the search of one stage: free variables (n_iterations + 1, n_params) and sums of squares beside them."""
+
+    name: str
+    history: FloatArray
+    costs: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class Minimum:
     """End point of a search, with its status and history.
@@ -51,6 +59,8 @@ class Minimum:
     converged : bool
     message : str
         What ended the search.
+    stages : tuple of StageCourse
+        The searches of easier problems that led to its start, in order.
     """
 
     theta: FloatArray
@@ -60,6 +70,7 @@ class Minimum:
     inner: IntArray
     converged: bool
     message: str
+    stages: tuple[StageCourse, ...] = ()
 
 
 def residual_at(problem: Problem, theta: FloatArray) -> FloatArray | None:

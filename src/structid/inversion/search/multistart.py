@@ -16,7 +16,7 @@ from structid.inversion.diagnostics.bounds import at_bounds
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import ContinuationPath, Problem, Schedule
 from structid.inversion.search.least_squares import LEFT, Method, sizes_at
-from structid.inversion.search.minimum import Minimum, Progress, Stored, residual_at, squared
+from structid.inversion.search.minimum import Minimum, Progress, StageCourse, Stored, residual_at, squared
 from structid.inversion.search.work import (
     ALONE,
     Minimizer,
@@ -309,6 +309,7 @@ def _after(first: Minimum, last: Minimum) -> Minimum:
         history=np.concatenate([first.history, last.history[1:]]),
         costs=np.concatenate([first.costs, last.costs[1:]]),
         inner=np.concatenate([first.inner, last.inner]),
+        stages=first.stages,
     )
 
 
@@ -360,13 +361,15 @@ def staged(
     problem is then solved from where they began.
     """
     start, iterations = theta, 0
+    courses: list[StageCourse] = []
     for name, stage in stages:
         minimum = minimize(stage, method.for_stages(), theta, named(progress, prefix + name))
         theta, iterations = minimum.theta, iterations + len(minimum.costs) - 1
+        courses.append(StageCourse(name, minimum.history, minimum.costs))
     if stages and squared(residual_at(problem, start)) < squared(residual_at(problem, theta)):
         theta = start
     minimum = minimize(problem, method, theta, named(progress, prefix + "final"))
-    return minimum, iterations + len(minimum.costs) - 1
+    return replace(minimum, stages=tuple(courses)), iterations + len(minimum.costs) - 1
 
 
 def named(progress: StageProgress | None, name: str) -> Progress | None:

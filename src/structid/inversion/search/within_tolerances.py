@@ -91,7 +91,7 @@ class FixedValues:
         return FitWithinTolerances(self.problem, theta, linearization, asked, theta[self._index(names)])
 
     def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
-        """Free variables of all unknowns, every fixed value as the model has it."""
+        """Free variables of all unknowns, with every fixed value at its value in the model."""
         whole = np.array(self.problem.theta_start, dtype=np.float64)
         whole[self._index(names)], whole[self._index(self.names)] = theta, 0.0
         return whole

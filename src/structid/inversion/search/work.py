@@ -11,7 +11,7 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.inversion.problem import Problem
 from structid.inversion.search.least_squares import Method, minimize
-from structid.inversion.search.minimum import Keeper, Minimum, Progress, Stored
+from structid.inversion.search.minimum import Keeper, Minimum, Progress, StageCourse, Stored
 
 StageProgress = Callable[[str, int, float], None]
 
@@ -126,6 +126,7 @@ def stored_minimum(found: Minimum) -> Stored:
         "inner": found.inner,
         "converged": found.converged,
         "message": found.message,
+        "stages": [stage._asdict() for stage in found.stages],
     }
 
 
@@ -134,4 +135,8 @@ def restored_minimum(problem: Problem, method: Method, stored: Stored) -> Minimu
     theta = np.asarray(stored["theta"], dtype=np.float64)
     history, costs, inner = (np.asarray(stored[name]) for name in ("history", "costs", "inner"))
     at = method.at(problem, theta).at
-    return Minimum(theta, at, history, costs, inner, bool(stored["converged"]), str(stored["message"]))
+    stages = tuple(
+        StageCourse(str(stage["name"]), np.asarray(stage["history"]), np.asarray(stage["costs"]))
+        for stage in stored["stages"]
+    )
+    return Minimum(theta, at, history, costs, inner, bool(stored["converged"]), str(stored["message"]), stages)

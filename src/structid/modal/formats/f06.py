@@ -84,7 +84,7 @@ class _Page:
 
 
 class _Listing:
-    """Reads a listing line by line; `vectors` and `table` hold what it has read."""
+    """Reader of a listing, line by line; `vectors` and `table` hold the values read so far."""
 
     def __init__(self, path: Path) -> None:
         """A reader that has read no line of the listing at `path` yet."""

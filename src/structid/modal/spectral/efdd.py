@@ -214,7 +214,7 @@ def _half_hann_window(part: FloatArray) -> FloatArray:
 def _notes(
     peaks: FloatArray, ratio: FloatArray, spacing: float, is_spectrum: bool, has_deviations: bool
 ) -> tuple[str, ...]:
-    """Warnings on what damping rests on, and on modes without it."""
+    """Warnings on the assumptions behind damping ratios, and on modes at `peaks` (Hz) whose `ratio` is NaN."""
     notes = []
     if is_spectrum:
         notes.append(

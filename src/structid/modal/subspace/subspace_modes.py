@@ -107,7 +107,7 @@ def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = F
         modes, method, sweep, found, options, by_rising_frequency(left_out), motion.explains_most
     )
     if automatic:
-        result = _worthy(data, result, motion)
+        result = _keep_certain_modes(data, result, motion)
     more = close_mode_notes(result.modes, data.duration, len(data.series), motion.explains_all)
     return replace(result, modes=replace(result.modes, warnings=(*result.modes.warnings, *more)))
 
@@ -233,10 +233,10 @@ def _standing_out(
     return [picked[i] for i in kept], tuple(found[i] for i in kept), free_decay(data, s[kept])
 
 
-def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> ModalIdentification:
-    """Identification with only modes whose frequency is known to within their half-power bandwidth, or 2 / T.
+def _keep_certain_modes(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> ModalIdentification:
+    """Identification without modes whose frequency deviation exceeds their half-power bandwidth, or 2 / T.
 
-    Stable poles of mere noise seldom are. Of random motion each mode is told once, and its channels move in one phase or the
+    Stable poles of mere noise seldom are. Of random motion each mode is kept once, and its channels move in one phase or the
     opposite as far as a modal phase collinearity of `ONE_PHASE`. In free decays modes must also be certain to `_CERTAIN`, or
     hold `_STRONG` of the energy.
     """

@@ -215,7 +215,7 @@ def read_and_identify(
         spectra=spectra,
         geometry=places,
         provenance=modes_provenance((path, geometry), options, read),
-        steps=(*numbered, *steps, *more),
+        steps=(*numbered, *steps, *more, *_unit_of_length(places)),
         findings=findings,
         options=options,
         kurtosis=kurtosis,
@@ -240,6 +240,7 @@ def _modes_of_averages(
         modes = without_window_damping(identification.modes, 1 / options.window)
         identification = replace(identification, modes=modes)
     _, spectrum = stored_spectrum(record)
+    places = record_geometry(path, record, None if geometry is None else Path(geometry))
     understood = how_read(record.source, path)
     return ModesResult(
         title=path.name,
@@ -248,9 +249,9 @@ def _modes_of_averages(
         spectra=ModeSpectra(
             spectrum.frequency, spectrum.values, f"singular values of the {words}, channels scaled", "1"
         ),
-        geometry=record_geometry(path, record, None if geometry is None else Path(geometry)),
+        geometry=places,
         provenance=modes_provenance((path, geometry), options, read),
-        steps=(f"read: {understood}",) if understood else (),
+        steps=(*((f"read: {understood}",) if understood else ()), *_unit_of_length(places)),
         options=options,
         kurtosis=np.full(identification.modes.n_modes, np.nan),
     )
@@ -443,6 +444,13 @@ def record_geometry(
             f"{given}: has no node {missing[0].node}, where {missing[0]} is measured; its nodes are {known}"
         )
     return geometry
+
+
+def _unit_of_length(geometry: Geometry | None) -> tuple[str, ...]:
+    """Words on the positions where their file says no unit of length, which modes.uff takes as m; else none."""
+    if geometry is None or geometry.has_unit:
+        return ()
+    return (f"{geometry.unit_words} So modes.uff says m; where they are in mm or ft, give `geometry` as a table in m",)
 
 
 def _missing(record: Record | SpectrumRecord | CorrelationRecord, geometry: Geometry) -> list[Dof]:

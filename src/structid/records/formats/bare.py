@@ -14,7 +14,7 @@ from structid.core.arrays import require_finite
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, UnnamedChannelsError, about
 from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_unit
-from structid.records.formats.gaps import sourced, whole
+from structid.records.formats.gaps import source_with_note, whole
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.stated import Statements, frequency_unit, require_agreement
 from structid.records.record import DERIVATIVES, QUANTITY_UNITS, FrfKind, FrfRecord, Quantity, TimeRecord
@@ -81,7 +81,7 @@ def read_bare(
             coherence = load(options.coherence_array)
         frfs = frf_from_array(path, load(name), frequency, coherence, replace(options, axis_unit=unit))
         note = "; ".join(filter(None, (note, words)))
-        return replace(frfs, source=sourced(path, note)) if note else frfs
+        return replace(frfs, source=source_with_note(path, note)) if note else frfs
     name = _choose_array(path, shapes, options.array, set())
     record = time_from_array(path, load(name), options)
     n_points = shapes[name][0][0] if shapes[name][0] else 0
@@ -207,7 +207,12 @@ def time_from_array(path: Path, values: np.ndarray, options: ReadOptions) -> Tim
     rate = float(options.sampling_rate or 0.0)
     samples = whole(path, np.asarray(values, dtype=np.float64), channels, rate, 0.0, options, named=False)
     return TimeRecord(
-        rate, samples.values * factors, channels, quantities, start=samples.start, source=sourced(path, samples.note)
+        rate,
+        samples.values * factors,
+        channels,
+        quantities,
+        start=samples.start,
+        source=source_with_note(path, samples.note),
     )
 
 

@@ -12,8 +12,8 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError
 from structid.records.formats.options import ReadOptions, option_words
-from structid.records.formats.selection import between
-from structid.records.quality.sample_faults import filled, flagged_runs
+from structid.records.formats.selection import sample_range
+from structid.records.quality.sample_faults import fill_missing, flagged_runs
 
 
 class Whole(NamedTuple):
@@ -64,7 +64,7 @@ def whole(
         If no sample is left, or a gap is too long or not to be filled; it names channel, sample, time and remedy.
     """
     time = start + np.arange(len(values)) / rate
-    first, last = between(path, time, options)
+    first, last = sample_range(path, time, options)
     kept, begins = np.array(values[first:last], dtype=float), float(time[first])
     missing = ~np.isfinite(kept)
     if named and options.channels:
@@ -79,12 +79,12 @@ def whole(
         here = None if lines is None else Lines(lines.first + first, lines.columns)
         raise FileError(f"{path}: {_describe_gaps(gaps, missing, channels, rate, begins, here, named)}")
     for j in gaps:
-        kept[:, j] = filled(kept[:, j], missing[:, j])
+        kept[:, j] = fill_missing(kept[:, j], missing[:, j])
     counts = ", ".join(f"{channels[j]} {missing[:, j].sum()}" for j in gaps)
     return Whole(kept, begins, f"samples invented to fill gaps, of {len(kept)}: {counts}")
 
 
-def sourced(path: Path, note: str) -> str:
+def source_with_note(path: Path, note: str) -> str:
     """The source of a record from `path`, with the words `note` if there are any."""
     return f"{path}; {note}" if note else str(path)
 

@@ -40,6 +40,13 @@ class Geometry:
     lines: tuple[tuple[int, ...], ...] = field(default=())
     has_unit: bool = True
 
+    @property
+    def unit_words(self) -> str:
+        """Sentence on what the numbers count as where the file says no unit of length; else empty."""
+        if self.has_unit:
+            return ""
+        return "The file of the geometry says no unit of length (dataset 164): its numbers count as m."
+
     def __post_init__(self) -> None:
         """Raise `InputError` if a line joins a node without a position."""
         for line in self.lines:

@@ -17,7 +17,7 @@ from structid.files.hdf5 import hdf5_attributes, hdf5_datasets, hdf5_fields
 from structid.records.formats.bare import Shapes, read_bare
 from structid.records.formats.layout import MARK, Field, fields_of, record_from
 from structid.records.formats.options import ReadOptions
-from structid.records.formats.selection import selected
+from structid.records.formats.selection import select_channels
 from structid.records.formats.stated import Statements, is_statement, statements_of
 from structid.records.record import FrfRecord, TimeRecord
 
@@ -38,10 +38,12 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     shapes: Shapes = {name: (dataset.shape, dataset.dtype) for name, dataset in hdf5_datasets(path).items()}
     if MARK in shapes:
         fields = hdf5_fields(path, [name for name in shapes if "/" not in name])
-        return selected(path, record_from(path, fields), options)
+        return select_channels(path, record_from(path, fields), options)
     attributes = hdf5_attributes(path)
     options, words = _with_stated_units(path, shapes, attributes, options)
-    loaded = hdf5_fields(path, _needed(shapes, {options.array, options.frequency_array, options.coherence_array}))
+    loaded = hdf5_fields(
+        path, _needed_datasets(shapes, {options.array, options.frequency_array, options.coherence_array})
+    )
     statements = attributes | statements_of(hdf5_fields(path, [name for name in shapes if is_statement(name)]))
     record = read_bare(path, shapes, lambda name: np.asarray(loaded[name]), options, statements)
     return replace(record, source=f"{record.source}; {words}") if words else record
@@ -96,7 +98,7 @@ def _agree(key: str, option: str | tuple[str, ...], stated: tuple[str, ...]) -> 
         return texts == stated
 
 
-def _needed(shapes: Shapes, wanted: set[str]) -> set[str]:
+def _needed_datasets(shapes: Shapes, wanted: set[str]) -> set[str]:
     """Datasets to load: those wanted by name; all of numbers unless the array was named."""
     named = {name for name in shapes if name in wanted}
     numeric = {name for name, (_, dtype) in shapes.items() if dtype.kind in "fciu"}

@@ -19,7 +19,7 @@ from structid.files.contained import ReaderError, read_in_child
 from structid.files.loggers import PACKAGES, Channel
 from structid.records.formats.clocks import SURE, resample, resampling_remedy
 from structid.records.formats.headers import is_time
-from structid.records.formats.named_channels import NamedChannels, chosen, record_of, scale_of_times
+from structid.records.formats.named_channels import NamedChannels, choose_columns, record_of, scale_of_times
 from structid.records.formats.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
@@ -104,7 +104,7 @@ def _join_channels(path: Path, channels: Sequence[Channel], options: ReadOptions
     numbers = list(range(1, len(channels) + 1))
     time = _time_channel(path, channels, options)
     wanted = (
-        chosen(path, options.columns, names, numbers)
+        choose_columns(path, options.columns, names, numbers)
         if options.columns
         else [j for j in range(len(names)) if j != time]
     )
@@ -112,7 +112,7 @@ def _join_channels(path: Path, channels: Sequence[Channel], options: ReadOptions
         raise FileError(f"{path}: holds no channel besides its times; export the channels too")
     uneven = _uneven_times(path, channels, time, wanted, options)
     if uneven is not None:
-        return _resampled(path, channels, wanted, uneven, words)
+        return _resample_channels(path, channels, wanted, uneven, words)
     clock = None if time is None else _clock_of(path, channels[time], options)
     clocks = {j: clock or _own_clock(path, channels[j], options) for j in wanted}
     rate = _common_rate(path, [channels[j] for j in wanted], [clocks[j][0] for j in wanted])
@@ -156,7 +156,7 @@ def _uneven_times(
     return times
 
 
-def _resampled(
+def _resample_channels(
     path: Path, channels: Sequence[Channel], wanted: Sequence[int], times: FloatArray, words: str
 ) -> NamedChannels:
     """Channels at uneven times on an even raster; see `resample`."""
@@ -177,7 +177,7 @@ def _time_channel(path: Path, channels: Sequence[Channel], options: ReadOptions)
     """Index of the channel that holds the times: as stated, or by its name if no channel has a clock; or None."""
     names = [channel.name for channel in channels]
     if options.time_column:
-        return chosen(path, [options.time_column], names, list(range(1, len(names) + 1)))[0]
+        return choose_columns(path, [options.time_column], names, list(range(1, len(names) + 1)))[0]
     if any(channel.rate for channel in channels):
         return None
     return next((j for j, name in enumerate(names) if is_time(name)), None)

@@ -13,7 +13,7 @@ from structid.files.matlab import matlab_variables
 from structid.records.formats.bare import Shapes, read_bare
 from structid.records.formats.layout import MARK, Field, fields_of, record_from
 from structid.records.formats.options import ReadOptions
-from structid.records.formats.selection import selected
+from structid.records.formats.selection import select_channels
 from structid.records.formats.stated import statements_of
 from structid.records.record import FrfRecord, TimeRecord
 
@@ -33,7 +33,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     variables = matlab_variables(path)
     fields: dict[str, Field] = {name: value for name, value in variables.items() if not sparse.issparse(value)}
     if MARK in fields:
-        return selected(path, record_from(path, fields), options)
+        return select_channels(path, record_from(path, fields), options)
     arrays = {name: field for name, field in fields.items() if isinstance(field, np.ndarray)}
     shapes: Shapes = {name: (array.shape, array.dtype) for name, array in arrays.items()}
     return read_bare(path, shapes, arrays.__getitem__, options, statements_of(fields))

@@ -17,10 +17,10 @@ from structid.core.dof import Dof, as_dof, parse_dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
 from structid.core.units import Unit, parse_time_unit, parse_unit
 from structid.records.formats.bare import channel_units, require_same_rotation
-from structid.records.formats.gaps import Lines, sourced, whole
+from structid.records.formats.gaps import Lines, source_with_note, whole
 from structid.records.formats.headers import level_word, name_and_unit, other_unit_in_name, time_factor
 from structid.records.formats.options import ReadOptions, option_words
-from structid.records.formats.selection import selected
+from structid.records.formats.selection import select_channels
 from structid.records.record import FrfRecord, TimeRecord
 
 _SHOWN = 8
@@ -109,7 +109,7 @@ def scale_of_times(described: str, name: str, unit: str, options: ReadOptions) -
     return by_user
 
 
-def chosen(path: Path, wanted: Sequence[str | int], names: Sequence[str], numbers: Sequence[int]) -> list[int]:
+def choose_columns(path: Path, wanted: Sequence[str | int], names: Sequence[str], numbers: Sequence[int]) -> list[int]:
     """Index of the column for each of `wanted`, a name (with its unit or without) or a number.
 
     Raises
@@ -143,7 +143,11 @@ def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRe
         If `channels` or `units` do not fit the file.
     """
     numbers = [source.number(j) for j in range(len(source.names))]
-    keep = chosen(source.path, options.columns, source.names, numbers) if options.columns else list(range(len(numbers)))
+    keep = (
+        choose_columns(source.path, options.columns, source.names, numbers)
+        if options.columns
+        else list(range(len(numbers)))
+    )
     if not keep:
         raise FileError(f"{source.path}: holds no channel besides its times; export the channels too")
     part = replace(
@@ -175,10 +179,12 @@ def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRe
         channels=channels,
         quantities=quantities,
         start=samples.start,
-        source=sourced(source.path, "; ".join(filter(None, (words, samples.note)))),
+        source=source_with_note(source.path, "; ".join(filter(None, (words, samples.note)))),
     )
     remaining = replace(chosen_here, columns=(), units=(), quantities=(), sampling_rate=None, axis_unit="")
-    return selected(source.path, record, replace(remaining, quantities=options.quantities if part.tells_all else ()))
+    return select_channels(
+        source.path, record, replace(remaining, quantities=options.quantities if part.tells_all else ())
+    )
 
 
 def _own_channels(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof, ...]:

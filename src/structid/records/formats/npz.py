@@ -11,7 +11,7 @@ from structid.files.npy import npz_arrays
 from structid.records.formats.bare import Shapes, read_bare
 from structid.records.formats.layout import MARK, Field, fields_of, record_from
 from structid.records.formats.options import ReadOptions
-from structid.records.formats.selection import selected
+from structid.records.formats.selection import select_channels
 from structid.records.formats.stated import statements_of
 from structid.records.record import FrfRecord, TimeRecord
 
@@ -28,7 +28,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """
     arrays = npz_arrays(path)
     if MARK in arrays:
-        return selected(path, record_from(path, {name: _as_field(a) for name, a in arrays.items()}), options)
+        return select_channels(path, record_from(path, {name: _as_field(a) for name, a in arrays.items()}), options)
     shapes: Shapes = {name: (array.shape, array.dtype) for name, array in arrays.items()}
     statements = statements_of({name: _as_field(array) for name, array in arrays.items()})
     return read_bare(path, shapes, arrays.__getitem__, options, statements)

@@ -19,7 +19,7 @@ _OF_HISTORIES = (
 )  # fmt: skip
 
 
-def selected(path: Path, record: FrfRecord | TimeRecord, options: ReadOptions) -> FrfRecord | TimeRecord:
+def select_channels(path: Path, record: FrfRecord | TimeRecord, options: ReadOptions) -> FrfRecord | TimeRecord:
     """`record` with the outputs, inputs or channels that `options` name, after a check of the others.
 
     Raises
@@ -70,7 +70,7 @@ def _select_time(path: Path, record: TimeRecord, options: ReadOptions) -> TimeRe
     rate = options.sampling_rate
     if rate is not None and abs(rate - record.sampling_rate) > 1e-9 * rate:
         raise _contradiction(path, "sampling_rate", rate, record.sampling_rate)
-    first, last = between(path, record.time, options)
+    first, last = sample_range(path, record.time, options)
     keep = _time_positions(path, record, options)
     quantities = tuple(record.quantities[i] for i in keep)
     if options.quantities and options.quantities not in (quantities, tuple(dict.fromkeys(quantities))):
@@ -85,7 +85,7 @@ def _select_time(path: Path, record: TimeRecord, options: ReadOptions) -> TimeRe
     )
 
 
-def between(path: Path, time: FloatArray, options: ReadOptions) -> tuple[int, int]:
+def sample_range(path: Path, time: FloatArray, options: ReadOptions) -> tuple[int, int]:
     """Index of the first sample and of the one after the last between `options.start` and `options.stop`; `time` (s) is even.
 
     Raises

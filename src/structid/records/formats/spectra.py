@@ -19,7 +19,7 @@ from structid.files.npy import npz_arrays
 from structid.records.correlation import CorrelationRecord
 from structid.records.formats import HDF5, MAT, NPZ, UFF
 from structid.records.formats.bare import channel_units, require_option
-from structid.records.formats.gaps import sourced
+from structid.records.formats.gaps import source_with_note
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.uff.correlations import read_correlations
 from structid.records.formats.uff.spectra import read_spectra
@@ -118,7 +118,9 @@ def _bare_correlation(path: Path, options: ReadOptions) -> CorrelationRecord:
     values = np.moveaxis(np.array(columns), -1, 0)
     note = f"{array.name} as correlation functions, {FORWARD}; {halves.words}"
     channels, references, quantities = array.channels, array.references, array.quantities
-    return CorrelationRecord(rate, values, channels, references, quantities, options.averages, sourced(path, note))
+    return CorrelationRecord(
+        rate, values, channels, references, quantities, options.averages, source_with_note(path, note)
+    )
 
 
 class _MatrixOfArray(NamedTuple):
@@ -199,5 +201,5 @@ def _bare_spectrum(path: Path, options: ReadOptions) -> SpectrumRecord:
         array.references,
         array.quantities,
         options.averages,
-        sourced(path, note),
+        source_with_note(path, note),
     )

@@ -99,7 +99,7 @@ def decimation_filter(rate: float, ratio: Fraction) -> Fir:
     return Fir(low_pass(PASS * nyquist, nyquist, fine, _DECIMATION_DB), fine)
 
 
-def decimated(values: FloatArray, ratio: Fraction, fir: Fir, keep_edges: bool) -> tuple[FloatArray, int]:
+def decimate(values: FloatArray, ratio: Fraction, fir: Fir, keep_edges: bool) -> tuple[FloatArray, int]:
     """`values` (n_times, n_channels) at the rate times `ratio`, and how many new samples were dropped at the start."""
     from scipy.signal import resample_poly
 
@@ -128,7 +128,7 @@ def band_filter(low: float, high: float, rate: float) -> Fir:
     return Fir(taps, rate)
 
 
-def filtered(values: FloatArray, fir: Fir, keep_edges: bool) -> tuple[FloatArray, int]:
+def filter_without_delay(values: FloatArray, fir: Fir, keep_edges: bool) -> tuple[FloatArray, int]:
     """`values` (n_times, n_channels) without delay, and the number of samples dropped at the start."""
     from scipy.signal import oaconvolve
 

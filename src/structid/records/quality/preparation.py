@@ -15,12 +15,12 @@ from structid.records.quality.linear_phase import (
     PASS,
     Fir,
     band_filter,
-    decimated,
+    decimate,
     decimation_filter,
-    filtered,
+    filter_without_delay,
     rate_ratio,
 )
-from structid.records.quality.sample_faults import filled, spikes
+from structid.records.quality.sample_faults import fill_missing, spikes
 from structid.records.quality.signal_checks import lost_samples, signal_checks
 from structid.records.record import TimeRecord
 from structid.records.transforms.tones import Tone, remove_tones
@@ -161,7 +161,7 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
     off = {"spikes": wanted.outliers, "drop_out": wanted.dropouts, "late_start": wanted.dropouts}
     found = [finding for finding in found if off.get(finding.kind) != "none"]
     replaced = wanted.dropouts == "replace", wanted.outliers == "replace"
-    result, repairs = repaired(result, *replaced, longest_gap=wanted.longest_gap)
+    result, repairs = repair_samples(result, *replaced, longest_gap=wanted.longest_gap)
     steps += repairs
     result = _remove_trend(result, wanted.detrend, steps)
     result = _decimate(result, wanted, steps)
@@ -229,7 +229,9 @@ def _cut_interval(record: TimeRecord, wanted: Preparation, steps: list[str]) -> 
     return replace(record, values=record.values[keep], start=float(first))
 
 
-def repaired(record: TimeRecord, dropouts: bool, outliers: bool, longest_gap: int = 10) -> tuple[TimeRecord, list[str]]:
+def repair_samples(
+    record: TimeRecord, dropouts: bool, outliers: bool, longest_gap: int = 10
+) -> tuple[TimeRecord, list[str]]:
     """`record` with drop-outs up to `longest_gap` samples, then spikes, replaced by cubics, and a list of what was done.
 
     Spikes in force channels stay: impacts look alike.
@@ -243,7 +245,7 @@ def repaired(record: TimeRecord, dropouts: bool, outliers: bool, longest_gap: in
             for start, stop in lost:
                 flags[start:stop] = stop - start <= longest_gap
             if flags.any():
-                values[:, i] = filled(values[:, i], flags)
+                values[:, i] = fill_missing(values[:, i], flags)
                 steps.append(
                     f"{flags.sum()} of {n} samples of channel {name} invented: drop-outs, by cubic interpolation"
                 )
@@ -256,7 +258,7 @@ def repaired(record: TimeRecord, dropouts: bool, outliers: bool, longest_gap: in
         if outliers and record.quantities[i] != "force":
             flags = spikes(values[:, i])
             if flags.any():
-                values[:, i] = filled(values[:, i], flags)
+                values[:, i] = fill_missing(values[:, i], flags)
                 steps.append(f"{flags.sum()} of {n} samples of channel {name} invented: spikes, by cubic interpolation")
     return (replace(record, values=values) if steps else record), steps
 
@@ -288,7 +290,7 @@ def _decimate(record: TimeRecord, wanted: Preparation, steps: list[str]) -> Time
     new_rate = record.sampling_rate * ratio.numerator / ratio.denominator
     fir = decimation_filter(record.sampling_rate, ratio)
     _require_longer(record, fir)
-    values, dropped = decimated(record.values, ratio, fir, wanted.edges == "keep")
+    values, dropped = decimate(record.values, ratio, fir, wanted.edges == "keep")
     factor = f"{ratio.denominator}" + (f"/{ratio.numerator}" if ratio.numerator > 1 else "")
     steps.append(
         f"decimated by {factor} to {new_rate:g} Hz (FIR of {len(fir.taps)} taps, flat to {PASS * new_rate / 2:g} Hz, -3 dB at "
@@ -326,7 +328,7 @@ def _filter_band(record: TimeRecord, wanted: Preparation, steps: list[str], find
     low, high = wanted.band[0] or 0.0, wanted.band[1] or record.sampling_rate / 2
     fir = band_filter(low, high, record.sampling_rate)
     _require_longer(record, fir)
-    values, dropped = filtered(record.values, fir, wanted.edges == "keep")
+    values, dropped = filter_without_delay(record.values, fir, wanted.edges == "keep")
     ends = [f"{f:g}" for f in wanted.band if f is not None]
     what = "band-pass" if len(ends) == 2 else "high-pass" if wanted.band[0] is not None else "low-pass"
     cut = [

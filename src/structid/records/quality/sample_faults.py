@@ -149,7 +149,7 @@ def _is_spike(e: FloatArray, first: int, last: int) -> bool:
     return bool(np.abs(outside).max(initial=0.0) < 0.2 * np.abs(in_spike).max())
 
 
-def filled(y: FloatArray, missing: Flags) -> FloatArray:
+def fill_missing(y: FloatArray, missing: Flags) -> FloatArray:
     """`y` (n_times,) with the samples `missing` replaced by the cubic through two kept samples on either side.
 
     With fewer on one side the polynomial is of lower degree; beyond the first or last kept sample that value is held.

@@ -118,7 +118,7 @@ def frf_from_time(
     _require_separable(spectra, count, loads, frequency)
     if estimator != "H1":
         _require_moving(spectra, sensors, frequency)
-    values, coherence, variance = estimated(spectra, estimator, averages)
+    values, coherence, variance = estimate_frf(spectra, estimator, averages)
     orders = [DERIVATIVES[KINDS[most]] - DERIVATIVES[KINDS[one]] for one in measured]
     if any(orders):
         factor = (2j * np.pi * frequency[:, None, None]) ** np.array(orders)[:, None]
@@ -347,7 +347,7 @@ def segment_transforms(
             yield np.fft.rfft(part * weights[:, None], axis=0)
 
 
-def estimated(
+def estimate_frf(
     spectra: Spectra, estimator: Estimator, averages: float
 ) -> tuple[ComplexArray, FloatArray, FloatArray | None]:
     """FRF values, coherence and variance (None with too few averages), (n_lines, n_outputs, n_inputs) each.

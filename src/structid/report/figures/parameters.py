@@ -113,15 +113,29 @@ def correlation_figure(identification: Identification) -> plot.Figure:
 
 
 def convergence_figure(identification: Identification) -> plot.Figure:
-    """Figure of parameters relative to initial values over the iterations of the last stage."""
+    """Figure of parameters relative to initial values over the iterations of all stages of the search."""
     found = identification.estimate
-    ratio = found.search.history / np.where(found.initial != 0, found.initial, np.nan)
+    courses = [stage.history for stage in found.search.stages] or [found.search.history]
+    ratio = np.concatenate(courses) / np.where(found.initial != 0, found.initial, np.nan)
+    begins = np.cumsum([0, *(len(course) - 1 for course in courses)])[:-1].tolist()
     change = np.nan_to_num(np.abs(np.log(np.where(ratio[-1] > 0, ratio[-1], np.nan))))
     highlighted = np.argsort(-change, kind="stable")[:_N_HIGHLIGHTED].tolist()
     others = [i for i in range(len(found.names)) if i not in highlighted]
     colours = dict(zip(highlighted, palette.CYCLE, strict=False))
-    iteration, last = np.arange(len(ratio), dtype=float), len(ratio) - 1
-    traces = []
+    iteration = np.concatenate(
+        [begin + np.arange(len(course), dtype=float) for begin, course in zip(begins, courses, strict=True)]
+    )
+    last = int(iteration[-1])
+    known = ratio[np.isfinite(ratio)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 1.0)
+    log = low > 0 and high / low > 8
+    margin = max(0.06 * (high - low), 0.01)
+    limits = (max(low, 1e-3) / 1.3, min(high, 1e3) * 1.3) if log else (low - margin, high + margin)
+    traces: list[plot.Trace] = []
+    if len(begins) > 1:
+        grey = plot.Pen(palette.MUTED, 1.2, "dot")
+        low_end, high_end = np.full(len(begins) - 1, limits[0]), np.full(len(begins) - 1, limits[1])
+        traces.append(plot.segments((begins[1:], begins[1:]), (low_end, high_end), grey, "a new stage begins"))
     for i in (*others, *highlighted):
         colour, named = colours.get(i, palette.FAINT), i in colours
         marker = plot.Marker(size=4.0, colour=colour) if named else None
@@ -129,15 +143,9 @@ def convergence_figure(identification: Identification) -> plot.Figure:
         traces.append(
             plot.Curve(iteration, ratio[:, i], plot.Pen(colour, 2.0 if named else 1.2), marker, label, plot.NUMBERS)
         )
-    known = ratio[np.isfinite(ratio)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 1.0)
-    log = low > 0 and high / low > 8
-    margin = max(0.06 * (high - low), 0.01)
-    limits = (max(low, 1e-3) / 1.3, min(high, 1e3) * 1.3) if log else (low - margin, high + margin)
-    x = plot.Axis(
-        "iteration of the last stage", limits=(-0.02 * last - 0.1, 1.02 * last + 0.1), ticks=plot.whole_ticks(0, last)
-    )
-    caption = "Parameters along the last stage of the search; those that changed most are named."
+    x = plot.Axis("iteration", limits=(-0.02 * last - 0.1, 1.02 * last + 0.1), ticks=plot.whole_ticks(0, last))
+    caption = "Parameters along the search that led to the answer; those that changed most are named."
+    caption += " Stages solve easier problems first, each from where the one before ended." if len(courses) > 1 else ""
     caption += f" Grey: the {len(others)} other parameters." if others else ""
     panel = plot.panel(x, _ratio_axis("value / initial value", limits, log), *traces)
     return plot.Figure((panel,), (950.0, 340.0), caption=caption)

@@ -30,7 +30,7 @@ def plan_figures(plan: Plan) -> dict[str, plot.Figure]:
     return figures
 
 
-def compared(plan: Plan) -> tuple[PlannedTest, ...]:
+def compared_tests(plan: Plan) -> tuple[PlannedTest, ...]:
     """The tests whose parameters are shown one by one: before, after, and what is possible at most."""
     tests = (plan.installed, plan.chosen, plan.frequencies, plan.everything)
     return tuple(test for test in tests if test is not None)
@@ -44,7 +44,7 @@ def _places(plan: Plan, test: PlannedTest) -> plot.Figure:
 
 def std_figure(plan: Plan) -> plot.Figure:
     """Figure of the predicted relative standard deviation of every parameter, one marker for each test."""
-    tests, target = compared(plan), plan.options.target
+    tests, target = compared_tests(plan), plan.options.target
     of_interest = zip(plan.parameters.names, plan.chosen.of_interest, strict=True)
     names = [name + ("" if counts else " (nuisance)") for name, counts in of_interest]
     shown = [np.where(np.isnan(test.std), np.inf, test.std) for test in tests]

@@ -103,9 +103,7 @@ def _placed(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry)
     largest = np.sqrt((np.abs(motion) ** 2).sum(axis=2)).max(axis=1, initial=0.0)
     diagonal = float(np.linalg.norm(np.ptp(rest, axis=0))) or 1.0
     motion *= (_AMPLITUDE * diagonal / np.where(largest > 0, largest, 1.0))[:, None, None]
-    notes = []
-    if not geometry.has_unit:
-        notes.append("The file of the geometry says no unit of length (dataset 164): its numbers count as m.")
+    notes = [geometry.unit_words] if geometry.unit_words else []
     if len(seen) < len(nodes):
         notes.append("Grey points have no sensor: they stand still in the drawing, whatever the structure does there.")
     if turning:

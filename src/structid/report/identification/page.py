@@ -146,6 +146,7 @@ def report_page(
         "residual_words": () if found.goodness.residual_tests is None else found.goodness.residual_tests.words,
         "modes": tables.mode_table(rows, band) if len(rows.frequency) else None,
         "resonances": tables.resonance_table(identification.resonances) if identification.resonances else None,
+        "stages": tables.stage_table(found),
         "provenance": provenance_table(view.provenance),
         "has_responses": bool(identification.fits),
         "first": identification.fits[0].name if identification.fits and n_records > 1 else "",

@@ -64,8 +64,8 @@ def value_table(view: ResultsView) -> Table:
         (
             one.name,
             f"{one.value_text} {one.unit_text}".strip(),
-            one.interval_text,
-            exact(one.scaled(one.initial)),
+            f"{one.interval_text} {one.unit_text}".strip(),
+            f"{exact(one.scaled(one.initial))} {one.unit_text}".strip(),
             one.state,
         )
         for one in view.listed
@@ -261,6 +261,16 @@ def element_table(structure: Structure) -> Table:
         ]
         rows.append((element.name, _type_words(element), str(len(element.nodes)), "; ".join(texts) or NOTHING))
     return Table(("Element set", "Type", "Elements", "Nominal properties"), tuple(rows), (2,))
+
+
+def stage_table(found: Estimate) -> Table | None:
+    """Table of the stages of the search: iterations, and sum of squares at begin and end; None where there is no course."""
+    rows = tuple(
+        (stage.name, str(len(stage.costs) - 1), number(float(stage.costs[0])), number(float(stage.costs[-1])))
+        for stage in found.search.stages
+    )
+    header = ("Stage", "Iterations", "First sum of squares", "Last sum of squares")
+    return Table(header, rows, (1, 2, 3)) if rows else None
 
 
 def summary_facts(identification: Identification) -> tuple[tuple[str, str, str], ...]:

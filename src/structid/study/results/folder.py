@@ -16,7 +16,7 @@ from structid.core.errors import FileError
 from structid.core.json_types import Entry, json_text
 from structid.core.quantities import with_unit
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity
-from structid.files import claimed, require_no_file
+from structid.files import claim_path, require_no_file
 from structid.identification.alternatives import Alternatives
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
@@ -51,7 +51,7 @@ def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
     temporary = folder.parent / f".{folder.name}.{secrets.token_hex(6)}"
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        with claimed(folder):
+        with claim_path(folder):
             temporary.mkdir()
             yield temporary
             _move_into(temporary, folder, page)

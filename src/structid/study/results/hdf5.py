@@ -110,6 +110,11 @@ def _write_parameters(group: h5py.Group, estimate: Estimate) -> None:
     directions = [item.vector for item in estimate.identifiability.directions]
     _put(group, "unidentifiable_directions", np.array(directions).reshape(len(directions), len(estimate.names)), "1")
     _put(group, "history", estimate.search.history, note)
+    if estimate.search.stages:
+        _texts(group, "stages", [stage.name for stage in estimate.search.stages])
+        for k, stage in enumerate(estimate.search.stages):
+            _put(group, f"stage_{k}_history", stage.history, note)
+            _put(group, f"stage_{k}_sum_of_squares", stage.costs, "1")
 
 
 def _write_frf(group: h5py.Group, fit: RecordFit) -> None:

@@ -20,7 +20,7 @@ from structid.core.errors import FileError
 from structid.core.json_types import Entry, Plain, json_text
 from structid.files import atomic_write, claim, damage_told, make_folder, release
 from structid.files.npy import npz_arrays
-from structid.files.worker import filled, plain
+from structid.files.worker import fill_tree, plain
 from structid.inversion.search.minimum import State
 from structid.study.schema.study import Study
 
@@ -242,7 +242,7 @@ def _load(path: Path) -> dict[str, Entry]:
     """The tree that `_save` wrote to `path`."""
     arrays = npz_arrays(path, _WHOLE, _ANEW)
     with damage_told(path, _WHOLE, _ANEW):
-        entries = filled(json.loads(str(arrays["tree"])), lambda number: arrays[f"a{number}"])
+        entries = fill_tree(json.loads(str(arrays["tree"])), lambda number: arrays[f"a{number}"])
         if not isinstance(entries, dict):
             raise ValueError("it holds no entries by name")
         return entries

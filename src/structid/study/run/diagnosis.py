@@ -69,7 +69,7 @@ def diagnose_study(
 
 
 def _with_findings(judgement: Judgement, findings: tuple[str, ...]) -> Judgement:
-    """The verdict with what a check of the record shows besides."""
+    """The verdict, extended by findings of a check of the record."""
     if not findings:
         return judgement
     words = f"{judgement.words} The record itself shows: {findings[0]}."

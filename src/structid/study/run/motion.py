@@ -329,7 +329,7 @@ def reduced_on(
         for number, result in workers.completed(reduced_stretch, whole, items):
             early[number] = result
             while turn in early:
-                fit, turn = _merged(fit, early.pop(turn)), turn + 1
+                fit, turn = _merge_fits(fit, early.pop(turn)), turn + 1
                 keeper.offer(fit)
                 if progress is not None:
                     progress(fit.n_samples, total)
@@ -357,7 +357,7 @@ def reduced_alone(
     return fit
 
 
-def _merged(fit: RecursiveMotionFit, part: Reduced) -> RecursiveMotionFit:
+def _merge_fits(fit: RecursiveMotionFit, part: Reduced) -> RecursiveMotionFit:
     """`fit` and the samples of one stretch; the first one is taken as it is."""
     state = replace(fit.state, triangles=part["triangles"], n_rows=part["n_rows"])
     own = replace(fit, state=state, energy=part["energy"], error=np.zeros_like(fit.error), n_samples=part["n_samples"])

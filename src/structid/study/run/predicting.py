@@ -353,16 +353,16 @@ def prediction_summary(prediction: StudyPrediction) -> dict[str, Entry]:
         ],
         **({"loads": prediction.loads} if prediction.loads else {}),
         **({} if prediction.damper is None else {"tuned_damper": _damper_entry(prediction.damper)}),
-        **({} if prediction.maxima is None else {"maxima": _of_outputs(parts_of(prediction.maxima))}),
+        **({} if prediction.maxima is None else {"maxima": _output_entries(parts_of(prediction.maxima))}),
         **(
             {}
             if prediction.root_mean_square is None
-            else {"root_mean_square": _of_outputs(parts_of(prediction.root_mean_square))}
+            else {"root_mean_square": _output_entries(parts_of(prediction.root_mean_square))}
         ),
         **(
             {}
             if prediction.largest is None
-            else {"largest": _of_outputs(parts_of(prediction.largest)), "duration_s": prediction.duration}
+            else {"largest": _output_entries(parts_of(prediction.largest)), "duration_s": prediction.duration}
         ),
     }
 
@@ -386,7 +386,7 @@ def _damper_entry(damper: TunedDamper) -> dict[str, Entry]:
     }
 
 
-def _of_outputs(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
+def _output_entries(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
     """Distributions of each output of a quantity without a time axis, by each of the predictions."""
     quantity = next(iter(parts.values())).quantity
     return [

@@ -49,7 +49,7 @@ def blocks_of(text: str) -> list[Block]:
             path = header(words, counts, {})
             blocks.append(Block(path, text.rfind("\n", 0, start) + 1, _after_line(text, start)))
         else:
-            _pair(text, words, blocks[-1])
+            _add_key(text, words, blocks[-1])
     return blocks
 
 
@@ -62,7 +62,7 @@ def _after_line(text: str, offset: int) -> int:
     return len(text) if end < 0 else end + 1
 
 
-def _pair(text: str, words: Words, block: Block) -> None:
+def _add_key(text: str, words: Words, block: Block) -> None:
     """Add the key at the head of `words` with the places of its value in `text` to `block`."""
     parts, start = read_key(words, "=")
     begin = words[-1][1]
@@ -115,13 +115,13 @@ def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
         _require_toml(text, "the study is no TOML as it stands")
     for edit in edits:
         if "add" in edit:
-            text = _added(text, tuple(edit["add"]), edit["table"])
+            text = _with_entry(text, tuple(edit["add"]), edit["table"])
         elif "list" in edit:
-            text = _listed(text, tuple(edit["list"]))
+            text = _as_array_of_tables(text, tuple(edit["list"]))
         elif "remove" in edit:
-            text = _removed(text, tuple(edit["remove"]))
+            text = _without_key(text, tuple(edit["remove"]))
         else:
-            text = _set(text, tuple(edit["set"]), value_of(str(edit["to"])))
+            text = _with_value(text, tuple(edit["set"]), value_of(str(edit["to"])))
         _require_toml(text, "this edit would break the study")
     return text
 
@@ -220,7 +220,7 @@ def _require_toml(text: str, words: str) -> None:
         raise InputError(f"{words}, so nothing was changed: {error}") from error
 
 
-def _set(text: str, path: KeyPath, value: str) -> str:
+def _with_value(text: str, path: KeyPath, value: str) -> str:
     """TOML text with the key at `path` set to `value` (TOML text), changed in place or added."""
     blocks = blocks_of(text)
     if value.startswith("{") and _is_spread(blocks, path):
@@ -260,9 +260,9 @@ def _set_spread(text: str, path: KeyPath, value: str) -> str:
     wanted: Any = tomlkit.value(value)
     there = [block.path + key for block in blocks_of(text) for key in block.pairs]
     for key in (found for found in there if found[: len(path)] == path and found[len(path)] not in wanted):
-        text = _removed(text, key)
+        text = _without_key(text, key)
     for name, one in wanted.items():
-        text = _set(text, (*path, str(name)), one.as_string())
+        text = _with_value(text, (*path, str(name)), one.as_string())
     return text
 
 
@@ -286,7 +286,7 @@ def _changed_inline(text: str, span: Place, keys: KeyPath, value: str | None) ->
     return text[: span.value] + whole.as_string() + text[span.end :]
 
 
-def _removed(text: str, path: KeyPath) -> str:
+def _without_key(text: str, path: KeyPath) -> str:
     """TOML text without the key or table at `path`; raises `InputError` if it is not there."""
     blocks = blocks_of(text)
     for block in blocks:
@@ -315,7 +315,7 @@ def _removed(text: str, path: KeyPath) -> str:
     return text
 
 
-def _listed(text: str, path: KeyPath) -> str:
+def _as_array_of_tables(text: str, path: KeyPath) -> str:
     """TOML text with the table at `path` turned into the first entry of an array of tables."""
     first = next((block for block in blocks_of(text) if block.path[: len(path)] == path), None)
     if first is None or first.path != path:
@@ -327,7 +327,7 @@ def _listed(text: str, path: KeyPath) -> str:
     return f"{text[:begin]}[{text[begin : end + 1]}]{text[end + 1 :]}"
 
 
-def _added(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
+def _with_entry(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
     """TOML text with a new entry after the last one of the array of tables at `path`."""
     keys = "".join(f"{_name((key,))} = {value_of(str(value))}\n" for key, value in table.items())
     entry = f"[[{_name(path)}]]\n{keys}"

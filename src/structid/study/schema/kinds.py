@@ -130,7 +130,7 @@ def choice(*names: str) -> Kind:
     return Kind("one of " + ", ".join(f'"{name}"' for name in names), {"type": "string", "enum": list(names)})
 
 
-def limited(kind: Kind, limits: Limits) -> Kind:
+def limit_kind(kind: Kind, limits: Limits) -> Kind:
     """The kind `kind` of a number, restricted to `limits`."""
     words = ("of " if limits.words.startswith("at least") else "") + limits.words
     schema: Schema = {**kind.schema}
@@ -191,13 +191,13 @@ _PAIR = list_of(_NUMBER, 2)
 
 NUMBER = Kind("a number, as in 0.4", _NUMBER)
 WHOLE = Kind("a whole number", {"type": "integer", "maximum": 2**31 - 1})
-INTEGER = limited(WHOLE, Limits(least=0))
-COUNT = limited(WHOLE, Limits(least=1))
+INTEGER = limit_kind(WHOLE, Limits(least=0))
+COUNT = limit_kind(WHOLE, Limits(least=1))
 BOOLEAN = Kind("true or false", {"type": "boolean"})
 TEXT = Kind("a text in quotes", _TEXT)
 TEXTS = several(TEXT)
 NUMBERS = several(NUMBER)
-PROPERTY = several(limited(NUMBER, Limits(least=0)))
+PROPERTY = several(limit_kind(NUMBER, Limits(least=0)))
 #: Degrees of freedom, of nodes that must exist.
 DOF, DOFS = replace(TEXT), replace(TEXTS)
 POSITION = Kind(
@@ -288,7 +288,7 @@ def kind_of(annotation: object) -> Kind:
             if isinstance(mark, Kind):
                 return mark
             if isinstance(mark, Limits):
-                return limited(WHOLE if inner is int else NUMBER, mark)
+                return limit_kind(WHOLE if inner is int else NUMBER, mark)
         return kind_of(inner)
     if _is_list(annotation):
         return several(kind_of(get_args(annotation)[0]))

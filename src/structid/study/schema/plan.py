@@ -19,7 +19,7 @@ from structid.identification.fits.model_modes import structure_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import used_lines
 from structid.inversion.search.work import ALONE, Work
-from structid.planning.options import resolved
+from structid.planning.options import resolve_options
 from structid.planning.plan import plan
 from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
@@ -122,7 +122,7 @@ def load_plan(path: str | Path, work: Work = ALONE, **changes: Any) -> PlanStudy
     record, declared, notes = _read_record(recorded, files, structure, aimed)
     with (root.section("plan") or root).located():
         options, option_notes = _read_options(section, structure, unknown, record, declared, method, aimed)
-        options = resolved(structure, unknown, replace(options, **changes))
+        options = resolve_options(structure, unknown, replace(options, **changes))
     notes = (*notes, *option_notes, *_describe_aimed_sensors(structure, options))
     return PlanStudy(title_of(root), structure, unknown, options, notes, root, files.digests)
 
@@ -172,7 +172,7 @@ def _read_options(
     method: IdentifyOptions,
     aimed: Mapping[str, str],
 ) -> tuple[PlanOptions, tuple[str, ...]]:
-    """The options of the plan, with defaults from the record and from [method], and notes on them."""
+    """Options of the plan with defaults from the record and from [method], and notes on them; `aimed` renames aimed sensors."""
     values = section.values(PLAN)
     frequency, line_notes = _candidate_lines(section, values, structure, unknown, record, method)
     relative, absolute, noise_notes = _noise_levels(section, record, declared, method.model_error)

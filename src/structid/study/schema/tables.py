@@ -123,7 +123,7 @@ def table_of(made: Callable[..., object], leave_out: Collection[str] = (), **oth
             required = item.default is inspect.Parameter.empty
             default = None if required else item.default
             holds = others.pop(name, None) or kind_of_argument(types[name])
-            keys[name] = Key(holds, words.get(name) or _said(types[name]), required, default)
+            keys[name] = Key(holds, words.get(name) or _annotated_words(types[name]), required, default)
     return Table(keys) | others
 
 
@@ -144,7 +144,7 @@ def _types(schema: Schema) -> set[str]:
     return {schema["type"]} if "type" in schema else set().union(*map(_types, schema["anyOf"]))
 
 
-def _said(annotation: object) -> str:
+def _annotated_words(annotation: object) -> str:
     """The text that stands in an annotation."""
     marks = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
     return next((mark for mark in marks if isinstance(mark, str)), "")

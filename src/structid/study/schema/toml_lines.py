@@ -70,7 +70,7 @@ def toml_lines(text: str) -> dict[KeyPath, int]:
         elif words[-1][0] == "\n":
             words.pop()
         else:
-            _pair(words, found, table)
+            _note_key_lines(words, found, table)
     ends = [end.start() for end in re.finditer("\n", text)]
     return {path: bisect_left(ends, at) + 1 for path, at in found.items()}
 
@@ -117,7 +117,7 @@ def header(words: Words, counts: dict[KeyPath, int], lines: dict[KeyPath, int]) 
     return path
 
 
-def _pair(words: Words, lines: dict[KeyPath, int], path: KeyPath) -> None:
+def _note_key_lines(words: Words, lines: dict[KeyPath, int], path: KeyPath) -> None:
     """Note the lines of ``key = value`` under `path` in `lines`, and take it off `words`."""
     parts, line = read_key(words, "=")
     for part in parts:
@@ -138,7 +138,7 @@ def _value(words: Words, lines: dict[KeyPath, int], path: KeyPath) -> None:
         if word in "\n,":
             words.pop()
         elif first == "{":
-            _pair(words, lines, path)
+            _note_key_lines(words, lines, path)
         else:
             lines[(*path, position)] = line
             _value(words, lines, (*path, position))

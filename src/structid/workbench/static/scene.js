@@ -567,8 +567,9 @@ export class Scene {
         from = load ? [x - u[0] * reach, y - u[1] * reach] : [x + 4 * u[0], y + 4 * u[1]],
         to = load ? [x - 5 * u[0], y - 5 * u[1]] : [x + u[0] * reach, y + u[1] * reach];
       this.arrow(c, from, to, u);
-      const tip = load ? from : to;
-      words.push([(load ? "load " : "") + one.name, tip[0] + 5 + 5 * u[0], tip[1] + 4 + 9 * u[1], c.fillStyle]);
+      const tip = load ? from : to,
+        above = Math.abs(u[1]) < 0.35 ? -7 : 4 + 9 * u[1]; // beside an arrow that lies, not on the line that it may lie on
+      words.push([(load ? "load " : "") + one.name, tip[0] + 5 + 5 * u[0], tip[1] + above, c.fillStyle]);
     }
     for (const [text, x, y, fill] of words) {
       this.word(c, text, x, y, fill, boxes, width);

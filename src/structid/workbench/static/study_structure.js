@@ -205,12 +205,13 @@ function requireLength(model, pairs, name, type = "beam") {
 
 // Each action is {words, edits}; what cannot be is refused by an Error whose words belong beside the field.
 export const actions = {
-  addNode(model, label, at) {
+  addNode(model, label, at, held = []) {
     if (model.nodes.has(label)) {
       throw new Error(`there is a node ${label} already`);
     }
-    const place = model.dimension === 1 ? written(at[0]) : written(at);
-    return {words: `node ${label} added`, edits: [{set: ["structure", "nodes", String(label)], to: place}]};
+    const place = model.dimension === 1 ? written(at[0]) : written(at),
+      support = held.length ? actions.holdNode(model, label, held).edits : [];
+    return {words: `node ${label} added`, edits: [{set: ["structure", "nodes", String(label)], to: place}, ...support]};
   },
 
   moveNode(model, label, at) {

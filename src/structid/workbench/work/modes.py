@@ -77,7 +77,7 @@ def save(
         As `modes_of_file`.
     """
     chosen = ModesOptions(frequencies=tuple(frequencies), band=None if band is None else (band[0], band[1]))
-    return _written(modes_of_file(path, chosen, read), folder)
+    return _write_modes(modes_of_file(path, chosen, read), folder)
 
 
 def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[float] | None) -> dict[str, Entry]:
@@ -107,10 +107,10 @@ def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[flo
     if len(paths) < 2:
         raise InputError("choose two records or more, or two files of modes; one needs no merging")
     options = ModesOptions(band=None if band is None else (band[0], band[1]))
-    return _written(modes_of_setups(paths, options, read), folder)
+    return _write_modes(modes_of_setups(paths, options, read), folder)
 
 
-def _written(result: ModesResult, folder: Path) -> dict[str, Entry]:
+def _write_modes(result: ModesResult, folder: Path) -> dict[str, Entry]:
     """Write modes and their report into `folder`, and return them for the web page."""
     with staged_folder(folder, MODES_PAGE) as staged:
         write_modes_results(result, staged)

@@ -73,7 +73,7 @@ def structure_scene(structure: Structure) -> dict[str, Entry]:
         "n_dofs": structure.n_dofs,
         "labels": packed(labels, np.int32),
         "places": packed(places, np.float32),
-        "sets": [_set(element, structure, rows) for element in structure.elements],
+        "sets": [_describe_set(element, structure, rows) for element in structure.elements],
         "supports": _supports(structure, row),
         "links": [
             [row[tie.main], *(row[n] for n in tie.dependents)] for tie in structure.ties if isinstance(tie, RigidLink)
@@ -134,7 +134,7 @@ def packed(values: ArrayLike, kind: type[np.generic]) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
 
 
-def _set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Entry]:
+def _describe_set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Entry]:
     """Description of one element set for the page: type, count, property ranges and drawing data."""
     properties: list[dict[str, Entry]] = [
         {
@@ -175,7 +175,7 @@ def _set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Entr
 
 
 def _faces(element: ElementSet, rows: Any) -> tuple[str, str, str]:
-    """Triangles, edges, and the element of each triangle as packed arrays; outer faces only for solids."""
+    """Packed arrays for the page: triangles, edges, and the element of each triangle; of solids the outer faces only."""
     corners, owners = [], []
     counts = (element.nodes >= 0).sum(axis=1)
     solid = isinstance(element, Solid)

@@ -46,7 +46,7 @@ def facts(path: Path, options: ReadOptions) -> dict[str, Any]:
         modes = read_modes(path)
         pairs = [[float(f), float(d)] for f, d in zip(modes.frequency, modes.damping_ratio, strict=True)]
         return {"kind": "modes", "channels": _channels(modes.channels), "modes": pairs, "findings": []}
-    record = _opened(path, options)
+    record = _open_record(path, options)
     if isinstance(record, FrfRecord):
         return {
             "kind": record.kind,
@@ -102,7 +102,7 @@ def _segment(n_times: int) -> int:
     return int(2 ** np.clip(np.floor(np.log2(max(n_times, 256) / 8)), 8, 14))
 
 
-def _opened(path: Path, options: ReadOptions) -> ChunkedRecord | FrfRecord:
+def _open_record(path: Path, options: ReadOptions) -> ChunkedRecord | FrfRecord:
     """Record in the file at `path`; a long time record is opened but not read into memory."""
     try:
         size = path.stat().st_size
@@ -128,7 +128,7 @@ def histories(
     kept : Path
         Folder of overviews. ``"sampled"`` in the answer says that none was there yet, see `write_overview`.
     """
-    record = _opened(path, options)
+    record = _open_record(path, options)
     if isinstance(record, FrfRecord):
         raise InputError(f"{path.name}: holds responses over frequency and no time histories")
     rate, n = record.sampling_rate, record.n_times
@@ -194,7 +194,7 @@ def overview_path(path: Path, options: ReadOptions, kept: Path) -> Path:
 
 def write_overview(path: Path, options: ReadOptions, kept: Path) -> None:
     """Write minimum and maximum of every stretch of a long record to the folder `kept`, in one pass."""
-    record, target = _opened(path, options), overview_path(path, options, kept)
+    record, target = _open_record(path, options), overview_path(path, options, kept)
     if isinstance(record, FrfRecord) or target.exists():
         return
     n = -(-record.n_times // STRETCH)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
 from structid.fem.importers.imported import ImportedMatrix
-from structid.fem.importers.op4.strings import Op4Options, Strings, assembled, finished
+from structid.fem.importers.op4.strings import Op4Options, Strings, assemble_strings, finish_matrix
 
 _REMEDY = "the file is cut short or damaged; copy it in binary mode or write it again"
 
@@ -57,7 +57,7 @@ def matrices(path: Path, content: bytes, kind: Kind) -> list[ImportedMatrix]:
         header, begin = _read_header(path, content, begin, kind)
         columns, begin = _read_columns(path, content, begin, kind, header)
         matrix = _read_matrix(path, view, kind, header, columns)
-        read.append(finished(path, header.name, matrix, header.form))
+        read.append(finish_matrix(path, header.name, matrix, header.form))
     return read
 
 
@@ -129,7 +129,7 @@ def _read_matrix(path: Path, view: NDArray[np.uint32], kind: Kind, header: Heade
     within = np.arange(int(reals.sum())) - np.repeat(before, reals)
     step = per_real * kind.word // 4
     numbers = _numbers(view, np.repeat(at // 4, reals) + within * step, step, kind)
-    return assembled(shape, first_row, first_column, length, numbers, is_complex)
+    return assemble_strings(shape, first_row, first_column, length, numbers, is_complex)
 
 
 def _string_table(
@@ -176,13 +176,13 @@ def _numbers(view: NDArray[np.uint32], offsets: IntArray, words: int, kind: Kind
     return np.ascontiguousarray(taken).view(f"{kind.order}f{4 * words}").ravel().astype(np.float64)
 
 
-def encoded(strings: Strings, options: Op4Options) -> bytes:
+def encode_matrix(strings: Strings, options: Op4Options) -> bytes:
     """One matrix as records of a binary OUTPUT4 file."""
     kind = Kind("<" if options.byte_order == "little" else ">", options.words // 8)
     rows = -strings.shape[0] if strings.layout == "bigmat" else strings.shape[0]
     name = strings.name.upper().ljust(2 * kind.word).encode("ascii")
     head = struct.pack(f"{kind.order}4{kind.integer}", strings.shape[1], rows, strings.form, strings.kind)
-    parts = [_framed(head + name, kind)]
+    parts = [_frame_record(head + name, kind)]
     size = 4 if options.single and kind.word == 4 else 8
     numbers = strings.numbers.astype(f"{kind.order}f{size}").tobytes()
     per_entry = (2 if strings.kind > 2 else 1) * size
@@ -197,9 +197,9 @@ def encoded(strings: Strings, options: Op4Options) -> bytes:
         whole = b"".join(body)
         first = int(strings.row[a]) + 1 if strings.layout == "dense" else 0
         start = struct.pack(f"{kind.order}3{kind.integer}", int(strings.column[a]) + 1, first, len(whole) // kind.word)
-        parts.append(_framed(start + whole, kind))
+        parts.append(_frame_record(start + whole, kind))
     last = struct.pack(f"{kind.order}3{kind.integer}", strings.shape[1] + 1, 1, size // kind.word)
-    parts.append(_framed(last + struct.pack(f"{kind.order}{'f' if size == 4 else 'd'}", 1.0), kind))
+    parts.append(_frame_record(last + struct.pack(f"{kind.order}{'f' if size == 4 else 'd'}", 1.0), kind))
     return b"".join(parts)
 
 
@@ -212,6 +212,6 @@ def _pack_string_head(row: int, words: int, layout: str, kind: Kind) -> bytes:
     return struct.pack(f"{kind.order}{kind.integer}", row + 65536 * (words + 1))
 
 
-def _framed(body: bytes, kind: Kind) -> bytes:
+def _frame_record(body: bytes, kind: Kind) -> bytes:
     marker = struct.pack(f"{kind.order}i", len(body))
     return marker + body + marker

@@ -48,7 +48,9 @@ def file_bytes(path: Path, matrices: Sequence[ImportedMatrix], options: Op4Optio
     parts = []
     for item in matrices:
         strings = _make_strings(path, item, options)
-        parts.append(op4_binary.encoded(strings, options) if options.binary else op4_text.encoded(strings, options))
+        parts.append(
+            op4_binary.encode_matrix(strings, options) if options.binary else op4_text.encode_matrix(strings, options)
+        )
     return b"".join(parts)
 
 

@@ -12,7 +12,7 @@ from scipy import sparse
 
 from structid.core.arrays import AnyArray, IntArray
 from structid.core.errors import FileError, InputError
-from structid.fem.importers.imported import ImportedMatrix, completed
+from structid.fem.importers.imported import ImportedMatrix, complete_triangles
 from structid.files.sparse import coordinates
 
 Layout = Literal["bigmat", "sparse", "dense"]
@@ -138,7 +138,7 @@ def entries(row: IntArray, column: IntArray, length: IntArray) -> tuple[IntArray
     return np.repeat(row, length) + within, np.repeat(column, length), within
 
 
-def assembled(
+def assemble_strings(
     shape: tuple[int, int], row: IntArray, column: IntArray, length: IntArray, numbers: AnyArray, is_complex: bool
 ) -> sparse.csc_array:
     """The sparse matrix of strings given by first row, column and length; `numbers` alternate real and imaginary if
@@ -151,9 +151,9 @@ def assembled(
     return compact
 
 
-def finished(path: Path, name: str, matrix: sparse.csc_array, form: int) -> ImportedMatrix:
+def finish_matrix(path: Path, name: str, matrix: sparse.csc_array, form: int) -> ImportedMatrix:
     """The matrix with both triangles where its form is 6, symmetric."""
     try:
-        return ImportedMatrix(name, completed(matrix, name, form == 6))
+        return ImportedMatrix(name, complete_triangles(matrix, name, form == 6))
     except InputError as error:
         raise FileError(f"{path}: {error}") from error

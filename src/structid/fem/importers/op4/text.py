@@ -14,7 +14,7 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
 from structid.fem.importers.fixed_fields import FieldError, chunks, fields_at, real_numbers
 from structid.fem.importers.imported import ImportedMatrix
-from structid.fem.importers.op4.strings import Op4Options, Strings, assembled, finished
+from structid.fem.importers.op4.strings import Op4Options, Strings, assemble_strings, finish_matrix
 
 _FORMAT = re.compile(rb"(?:1P,?)?\s*(\d+)\s*[EDG](\d+)\.(\d+)", re.IGNORECASE)
 #: Letters of a form that are looked at.
@@ -73,8 +73,8 @@ def matrices(path: Path, content: bytes) -> list[ImportedMatrix]:
         is_complex = title.kind > 2
         shape = (abs(title.rows), title.columns)
         count = table[:, 1] // (2 if is_complex else 1)
-        matrix = assembled(shape, table[:, 2], table[:, 3], count, numbers, is_complex)
-        read.append(finished(path, title.name, matrix, title.form))
+        matrix = assemble_strings(shape, table[:, 2], table[:, 3], count, numbers, is_complex)
+        read.append(finish_matrix(path, title.name, matrix, title.form))
     return read
 
 
@@ -179,7 +179,7 @@ def _read_numbers(
     return values
 
 
-def encoded(strings: Strings, options: Op4Options) -> bytes:
+def encode_matrix(strings: Strings, options: Op4Options) -> bytes:
     """One matrix as text of an ASCII OUTPUT4 file."""
     digits, per_line = (9, 5) if options.single else (16, 3)
     width = digits + 7 if options.single else digits + 8  # a third digit of an exponent fits

@@ -22,7 +22,7 @@ from structid.records.formats.clocks import SURE, Rate, even_rate, resample, res
 from structid.records.formats.csv.layout import CsvLayout
 from structid.records.formats.csv.recognition import as_date, is_axis
 from structid.records.formats.csv.table import Table
-from structid.records.formats.gaps import sourced
+from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import (
     LONGEST_NAME,
     bare_unit,
@@ -32,9 +32,9 @@ from structid.records.formats.headers import (
     name_and_unit,
     other_unit_in_name,
 )
-from structid.records.formats.named_channels import NamedChannels, chosen, record_of, scale_of_times
+from structid.records.formats.named_channels import NamedChannels, choose_columns, record_of, scale_of_times
 from structid.records.formats.options import ReadOptions, layout_words, option_words
-from structid.records.formats.selection import selected
+from structid.records.formats.selection import select_channels
 from structid.records.record import COHERENCE_MOST, FrfKind, FrfRecord, TimeRecord
 
 #: Words that headers have for parts of a response, and what structid calls them.
@@ -111,7 +111,7 @@ def _time_column(table: Table, options: ReadOptions) -> int | None:
     """Index of the column of times, or None if the option `sampling_rate` replaces it."""
     if options.time_column:
         numbers = range(1, len(table.names) + 1)
-        return chosen(table.path, [options.time_column], table.names, list(numbers))[0]
+        return choose_columns(table.path, [options.time_column], table.names, list(numbers))[0]
     for j, name in enumerate(table.names):
         if is_time(name) and not _is_chosen(table, j, options):
             return j
@@ -562,7 +562,9 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
         variance=parts["std"] ** 2 if "std" in parts else None,
         coherence=parts.get("coherence"),
         noise_source="declared" if "std" in parts else "unknown",
-        source=sourced(table.path, ", ".join(f"{name} is {dof}" for name, dof in {**of_outputs, **of_inputs}.items())),
+        source=source_with_note(
+            table.path, ", ".join(f"{name} is {dof}" for name, dof in {**of_outputs, **of_inputs}.items())
+        ),
     )
     remaining = replace(
         options,
@@ -570,7 +572,7 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
         inputs=() if of_inputs else options.inputs,
         axis_unit="",
     )
-    return selected(table.path, record, remaining)
+    return select_channels(table.path, record, remaining)
 
 
 def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:

@@ -137,7 +137,7 @@ def _are_units(row: Sequence[str]) -> bool:
     return 2 * known > len(cells) and all(len(cell) <= _LONGEST_UNIT for cell in cells)
 
 
-def recognised(path: Path, text: str, layout: CsvLayout) -> Grid:
+def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
     """Header and cells of a table, with its separator, decimal sign and header lines recognised from the text.
 
     Raises

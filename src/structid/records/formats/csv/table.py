@@ -22,7 +22,7 @@ from structid.records.formats.csv.recognition import (
     complex_parts,
     is_axis,
     is_number,
-    recognised,
+    recognise_layout,
 )
 from structid.records.formats.headers import bare_unit, frequency_factor
 from structid.records.formats.options import layout_words
@@ -84,7 +84,7 @@ def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "")
     """
     path, layout = require_readable(path), layout or CsvLayout()
     text = _read_text(path, layout)
-    grid = recognised(path, text, layout)
+    grid = recognise_layout(path, text, layout)
     names = _column_names(path, grid)
     units = [bare_unit(cell) for cell in grid.header[1]] if len(grid.header) > 1 else []
     below = (*units, *("" for _ in names))[: len(names)]
@@ -146,7 +146,7 @@ def _split_complex(
 def _read_text(path: Path, layout: CsvLayout) -> str:
     """Text of the file at `path` in the stated encoding; `FileError` if it cannot be decoded or looks truncated."""
     try:
-        text = path.read_text(encoding=_marked(path) if layout.encoding == "utf-8" else layout.encoding)
+        text = path.read_text(encoding=_encoding_by_mark(path) if layout.encoding == "utf-8" else layout.encoding)
     except UnicodeError as error:
         at = error.start if isinstance(error, UnicodeDecodeError) else 0
         raise FileError(
@@ -165,7 +165,7 @@ def _read_text(path: Path, layout: CsvLayout) -> str:
     return text
 
 
-def _marked(path: Path) -> str:
+def _encoding_by_mark(path: Path) -> str:
     """The encoding that the first bytes of a file say, as spreadsheets write them; UTF-8 where they say nothing."""
     with path.open("rb") as stream:
         begin = stream.read(2)

@@ -10,7 +10,7 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
 from structid.core.errors import FileError
 from structid.records.correlation import CorrelationRecord
-from structid.records.formats.gaps import sourced
+from structid.records.formats.gaps import source_with_note
 from structid.records.formats.options import ReadOptions
 from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.functions import Function
@@ -70,7 +70,9 @@ def read_correlations(path: Path, options: ReadOptions) -> CorrelationRecord:
     count = f"{len(functions)} correlation functions between {len(channels)} channels and {len(references)} references"
     note = "; ".join(filter(None, (f"{count}, {FORWARD}", halves.words, axis_words, turned, windows)))
     averages = options.averages if options.averages is not None else stated_averages(functions)
-    return CorrelationRecord(1 / step, np.real(values), channels, references, quantities, averages, sourced(path, note))
+    return CorrelationRecord(
+        1 / step, np.real(values), channels, references, quantities, averages, source_with_note(path, note)
+    )
 
 
 def _one_step(path: Path, functions: list[Function], to_seconds: float) -> float:

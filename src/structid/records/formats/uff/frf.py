@@ -16,10 +16,10 @@ from structid.core.errors import FileError, InputError, about
 from structid.core.units import parse_frf_unit
 from structid.files.uff.nodes import UniversalNodes
 from structid.files.uff.units import UnitFactors
-from structid.records.formats.gaps import sourced
+from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import states_unit
 from structid.records.formats.options import ReadOptions, option_words
-from structid.records.formats.selection import positions, selected
+from structid.records.formats.selection import positions, select_channels
 from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
 from structid.records.formats.uff.functions import Characteristics, Function
@@ -74,8 +74,8 @@ def read_frfs(
     """
     by_pair = _functions_by_pair(path, frfs, options)
     named = bool(options.columns) and bool(options.outputs or options.inputs)
-    outputs = _chosen(path, "outputs", () if named else options.outputs, [pair[0] for pair in by_pair])
-    inputs = _chosen(path, "inputs", () if named else options.inputs, [pair[1] for pair in by_pair])
+    outputs = _choose_dofs(path, "outputs", () if named else options.outputs, [pair[0] for pair in by_pair])
+    inputs = _choose_dofs(path, "inputs", () if named else options.inputs, [pair[1] for pair in by_pair])
     pairs = [(output, load) for output in outputs for load in inputs]
     missing = [f"{output}/{load}" for output, load in pairs if (output, load) not in by_pair]
     if missing:
@@ -110,11 +110,13 @@ def read_frfs(
         kind=responses[0].kind,
         coherence=coherence,
         averages=_averages(functions),
-        source=sourced(path, "; ".join(filter(None, (_unit_words(functions, options), axis_words, turned_words)))),
+        source=source_with_note(
+            path, "; ".join(filter(None, (_unit_words(functions, options), axis_words, turned_words)))
+        ),
     )
     rest = ReadOptions(kind=options.kind, averages=options.averages, sampling_rate=options.sampling_rate,
                        channels=options.channels)  # fmt: skip
-    return selected(path, record, rest), coherence is not None
+    return select_channels(path, record, rest), coherence is not None
 
 
 def _unit_words(functions: Sequence[Function], options: ReadOptions) -> str:
@@ -132,7 +134,7 @@ def _unit_words(functions: Sequence[Function], options: ReadOptions) -> str:
     return f"in {', '.join(' per '.join(filter(None, pair)) for pair in other)}" if other else ""
 
 
-def _chosen(path: Path, name: str, texts: tuple[str, ...], present: list[Dof]) -> tuple[Dof, ...]:
+def _choose_dofs(path: Path, name: str, texts: tuple[str, ...], present: list[Dof]) -> tuple[Dof, ...]:
     distinct = tuple(dict.fromkeys(present))
     return tuple(distinct[i] for i in positions(path, name, texts, distinct))
 

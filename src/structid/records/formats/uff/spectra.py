@@ -18,9 +18,9 @@ from structid.files.uff.blocks import Block, read_blocks
 from structid.files.uff.nodes import read_nodes
 from structid.files.uff.units import UnitFactors, read_unit_factors
 from structid.records.formats.bare import channel_units
-from structid.records.formats.gaps import sourced
+from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import is_read_by
-from structid.records.formats.named_channels import chosen
+from structid.records.formats.named_channels import choose_columns
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
@@ -84,7 +84,7 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
     )
     note = "; ".join(filter(None, (words, axis_words, turned, windows)))
     averages = options.averages if options.averages is not None else stated_averages(functions)
-    return SpectrumRecord(frequency, values, channels, references, quantities, averages, sourced(path, note))
+    return SpectrumRecord(frequency, values, channels, references, quantities, averages, source_with_note(path, note))
 
 
 class Pairs(NamedTuple):
@@ -116,21 +116,21 @@ def read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: st
     if options.columns:
         numbers = [function.ordinal for function in functions]
         names = [f"function {number}" for number in numbers]
-        functions = [functions[row] for row in chosen(path, options.columns, names, numbers)]
+        functions = [functions[row] for row in choose_columns(path, options.columns, names, numbers)]
     if not functions:
         raise FileError(f"{path}: holds no {words}; export them, or histories")
     require_one_component(path, functions)
     by_pair: dict[tuple[Dof, Dof], Function] = {}
     with about("channels"):
         wanted = set(parse_dofs(options.channels))
-    present = {dof for function in functions for dof in _pair(path, function)}
+    present = {dof for function in functions for dof in _response_and_reference(path, function)}
     if wanted - present:
         raise InputError(
             f"{path}: has no spectrum of {min(map(str, wanted - present))}; it has {', '.join(sorted(map(str, present)))}",
             "channels",
         )
     for function in functions:
-        pair = _pair(path, function)
+        pair = _response_and_reference(path, function)
         if wanted and not set(pair) <= wanted:
             continue
         if pair in by_pair:
@@ -161,7 +161,7 @@ def along_global_axes(
     return sides[0].dofs, sides[1].dofs, left @ values @ right.T, sides[0].words
 
 
-def _pair(path: Path, function: Function) -> tuple[Dof, Dof]:
+def _response_and_reference(path: Path, function: Function) -> tuple[Dof, Dof]:
     """Response and reference; an autospectrum may leave the reference out."""
     response = dof_of(path, function.response, "response", function.ordinal)
     if function.reference[1] == 0 and function.kind not in _CROSS:
@@ -243,7 +243,7 @@ def scaled_matrix(
         column = []
         for channel in channels:
             function = by_pair.get((channel, reference)) or by_pair[reference, channel]
-            response, other = _pair(path, function)
+            response, other = _response_and_reference(path, function)
             values = values_of(path, function, (response, other), (channel, reference) != (response, other))
             if stated:
                 factor = stated[response] * stated[other]

@@ -16,7 +16,7 @@ from structid.files.uff.nodes import UniversalNodes
 from structid.files.uff.units import UnitFactors
 from structid.records.formats.bare import channel_units
 from structid.records.formats.clocks import SURE, even_rate, resample, resampling_remedy
-from structid.records.formats.gaps import sourced, whole
+from structid.records.formats.gaps import source_with_note, whole
 from structid.records.formats.headers import states_unit
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import positions
@@ -80,7 +80,7 @@ def read_times(
         channels=channels,
         quantities=quantities,
         start=kept.start,
-        source=sourced(path, "; ".join(filter(None, words))),
+        source=source_with_note(path, "; ".join(filter(None, words))),
     )
 
 

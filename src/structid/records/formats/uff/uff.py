@@ -17,7 +17,7 @@ from structid.files.uff.blocks import Block, read_blocks
 from structid.files.uff.nodes import UniversalNodes, read_nodes
 from structid.files.uff.units import read_unit_factors
 from structid.records.formats.geometry import Geometry
-from structid.records.formats.named_channels import chosen
+from structid.records.formats.named_channels import choose_columns
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import refuse_options
 from structid.records.formats.uff.frf import read_frfs
@@ -103,7 +103,7 @@ def _choose_functions(path: Path, functions: list[Function], options: ReadOption
     names = [f"{f.response[0]}{_DIRECTIONS.get(f.response[1], ' direction 0')}" for f in functions]
     numbers = [function.ordinal for function in functions]
     with about("columns"):
-        return [functions[i] for i in chosen(path, options.columns, names, numbers)]
+        return [functions[i] for i in choose_columns(path, options.columns, names, numbers)]
 
 
 def _nodes(path: Path, blocks: list[Block]) -> UniversalNodes:

@@ -355,7 +355,7 @@ def _bare(group: str) -> str:
 
 
 def _require_single(source: _Source, mark: KeywordEntry, material: str) -> None:
-    """Raise `InputError` unless a material has one number here: isotropic, at one temperature."""
+    """Raise `InputError` unless the keyword that `mark` finds has one number for the material: isotropic, one temperature."""
     position = mark.locate({source.name: source.text})
     block = next(
         block for block in keywords_in(source.name, source.text)

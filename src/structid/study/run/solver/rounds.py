@@ -19,7 +19,15 @@ from structid.identification.joint_problem import indices_of, joint_problem
 from structid.identification.options import IdentifyOptions
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.study.results.result import SolverAnswer, StudyResult
-from structid.study.run.solver.stages import about, confirmed, deck_std, deck_values, led_near, tables, within
+from structid.study.run.solver.stages import (
+    confirm_move,
+    deck_std,
+    deck_values,
+    led_near,
+    limit_to_bounds,
+    relinearize_study,
+    tables,
+)
 from structid.study.run.start import Start, started, study_problems
 from structid.study.run.workers import threads_for
 from structid.study.schema.study import edited_study
@@ -54,7 +62,7 @@ def about_answer(ready: Start, progress: StageProgress | None = None, work: Work
         solved = ready.study.solved
         assert solved is not None
         values, std = found_values(solved, identification), deck_std(solved, identification)
-        goal = {name: within(solved, name, value) for name, value in values.items()}
+        goal = {name: limit_to_bounds(solved, name, value) for name, value in values.items()}
         moves = [
             abs(goal[name] - at) / max(_OF_STD * std[name], _OF_VALUE * abs(at), np.finfo(float).tiny)
             for name, at in solved.at.items()
@@ -65,12 +73,12 @@ def about_answer(ready: Start, progress: StageProgress | None = None, work: Work
         if is_led:
             estimate = identification.estimate
             end = estimate.theta[indices_of(estimate.names, joint_problem(ready.problems).names)]
-            moved = confirmed(ready, list, end, work)
+            moved = confirm_move(ready, list, end, work)
             if moved is None:
                 return ready if max(moves) <= _OPEN else replace(ready, warnings=(*ready.warnings, _open_words(moves)))
             ready = moved[1]
             continue
-        ready = started(about(ready.study, goal, known, work))
+        ready = started(relinearize_study(ready.study, goal, known, work))
     words = (
         f"the answer still moves by {_OF_STD * max(moves):.2g} standard deviations after {MOST_ROUNDS} rounds of differences of the"
         " solver; give larger `step`, priors or bounds"

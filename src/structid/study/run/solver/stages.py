@@ -78,7 +78,7 @@ def _property_values(problem: RecordProblem, names: Sequence[str], values: Float
     return problem.parameters.values(np.array([value_of[name] for name in problem.parameters.names]))
 
 
-def within(solved: Solved, name: str, value: float) -> float:
+def limit_to_bounds(solved: Solved, name: str, value: float) -> float:
     """`value` of the deck parameter `name`, limited to its bounds and to the farthest that one round may go."""
     at = solved.at[name]
     low, high = next(parameter.limits for parameter in solved.solver.deck.parameters if parameter.name == name)
@@ -104,7 +104,7 @@ def tables(study: Study, values: Mapping[str, float | None], step: float | None 
     return edited
 
 
-def about(
+def relinearize_study(
     study: Study, values: Mapping[str, float], identified: Mapping[str, float], work: Work, step: float | None = None
 ) -> Study:
     """The study with finite differences about `values`, and searches that start at the `identified` values of parameters.
@@ -142,7 +142,7 @@ def led_near(ready: Start, work: Work) -> Start:
         for _ in range(_ROUNDS_OF_LEVEL):
             problem = joint_problem(_smoothed_problems(ready.problems, level))
             end = minimize(problem, LevenbergMarquardt()).theta
-            moved = confirmed(ready, partial(_smoothed_problems, level=level), end, work, step)
+            moved = confirm_move(ready, partial(_smoothed_problems, level=level), end, work, step)
             if moved is None:
                 break
             theta, ready = moved
@@ -159,10 +159,10 @@ def _with_step(ready: Start, step: float | None, work: Work) -> Study:
     assert solved is not None
     problem = ready.problems[0]
     known = dict(zip(problem.names, problem.physical(problem.theta_start).tolist(), strict=True))
-    return about(ready.study, solved.at, known, work, step)
+    return relinearize_study(ready.study, solved.at, known, work, step)
 
 
-def confirmed(
+def confirm_move(
     ready: Start,
     form: Callable[[Sequence[RecordProblem]], Sequence[RecordProblem]],
     end: FloatArray,
@@ -195,7 +195,7 @@ def confirmed(
     for _ in range(_HALVINGS):
         values = here.physical(end)
         goal = deck_values(solved, ready.problems[0], here.names, values)
-        goal = solved.solver.deck.shown({name: within(solved, name, value) for name, value in goal.items()})
+        goal = solved.solver.deck.shown({name: limit_to_bounds(solved, name, value) for name, value in goal.items()})
         try:
             run = solved.run_at(goal, work)
         except RunFailedError as error:  # a solver may have no answer there, and one nearer
@@ -204,7 +204,7 @@ def confirmed(
         there = joint_problem(form([_with_runs(problem, run) for problem in ready.problems]))
         if squared(residual_at(there, end)) < cost:
             known = dict(zip(here.names, values.tolist(), strict=True))
-            return end, started(about(ready.study, goal, known, work, step))
+            return end, started(relinearize_study(ready.study, goal, known, work, step))
         failed, end = None, (begin + end) / 2
     if failed is not None:
         raise failed
@@ -244,7 +244,7 @@ def _smoothed_problems(problems: Sequence[RecordProblem], level: float) -> list[
         omega_level, weights = _level_weights(record.omega, level)
         if len(omega_level) < _USABLE_LINES:
             return []
-        smooth = partial(_smoothed, weights)
+        smooth = partial(_smooth_magnitudes, weights)
         runs = _runs(problem)
         lines = runs.lines(record.frequency)
         smooth_record = FrfRecord(
@@ -266,7 +266,7 @@ def _level_weights(omega: FloatArray, level: float) -> tuple[FloatArray, FloatAr
     return centres, weights / weights.sum(axis=1, keepdims=True)
 
 
-def _smoothed(weights: FloatArray, values: ComplexArray) -> ComplexArray:
+def _smooth_magnitudes(weights: FloatArray, values: ComplexArray) -> ComplexArray:
     """Geometric means of magnitudes (n_lines, ...)."""
     size = np.abs(values)
     log = np.log(np.maximum(size, _TINY * size.max(axis=0) + np.finfo(float).tiny)).reshape(len(size), -1)
@@ -275,7 +275,7 @@ def _smoothed(weights: FloatArray, values: ComplexArray) -> ComplexArray:
 
 def _smoothed_lines(weights: FloatArray, lines: IntArray, power: FloatArray, values: ComplexArray) -> ComplexArray:
     """Smoothed receptances of a solver at some of its lines, in the kind of a record."""
-    return _smoothed(weights, values[lines] * power[:, None, None])
+    return _smooth_magnitudes(weights, values[lines] * power[:, None, None])
 
 
 def _runs(problem: RecordProblem) -> FrfRuns:

@@ -30,7 +30,7 @@ from structid.fem.importers import (
     read_numbering,
 )
 from structid.fem.importers.definite import require_semidefinite
-from structid.fem.importers.imported import codes_of, completed, tables_of
+from structid.fem.importers.imported import codes_of, complete_triangles, tables_of
 from structid.study.schema.kinds import (
     BOOLEAN,
     INTEGER,
@@ -308,7 +308,7 @@ def _complete_triangle(item: ImportedMatrix) -> ImportedMatrix:
     upper, lower = sparse.triu(item.matrix, 1), sparse.tril(item.matrix, -1)
     if abs(upper).sum() > 0 and abs(lower).sum() > 0:
         raise InputError(f"{item.name!r} has entries on both sides of the diagonal; leave `one_triangle` out")
-    return ImportedMatrix(item.name, completed(item.matrix, item.name), item.dofs)
+    return ImportedMatrix(item.name, complete_triangles(item.matrix, item.name), item.dofs)
 
 
 def _labels(entries: Sequence[int | str] | int | str) -> set[int]:

@@ -16,9 +16,9 @@ from structid.fem.meshes import (
     Mesh,
     choose_parts,
     describe_left_aside,
+    describe_unassigned_cells,
     read_mesh,
     require_sound,
-    unassigned,
 )
 from structid.fem.supports import MiddleNode, RigidLink, Tie
 from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, TEXT, as_list, choice, either, flat
@@ -144,7 +144,11 @@ def take_parts(section: Section, mesh: Mesh | None, elements: list[ElementSet]) 
     ]
     considered = [part for part in mesh.parts if part.kind not in leave_out]
     words = describe_left_aside(considered, taken, mesh.source)
-    bare = unassigned(mesh, _assigned_tables(mesh, wanted, elements), lower=True) if mesh.cells_are_elements else None
+    bare = (
+        describe_unassigned_cells(mesh, _assigned_tables(mesh, wanted, elements), lower=True)
+        if mesh.cells_are_elements
+        else None
+    )
     bars = f"{bare} of {mesh.source}, belong to no element set: add one with `group`, or name the group in `leave_out`"
     return TakenParts(
         tuple(part_elements),
@@ -179,7 +183,7 @@ def require_all_assigned(section: Section, mesh: Mesh, elements: list[ElementSet
     inner = section.section("mesh") if isinstance(section.table.get("mesh"), dict) else None
     wanted = inner.read(MeshEntry) if inner is not None else MeshEntry("")
     with (inner or section).located("leave_out" if wanted.leave_out else "mesh" if inner is None else None):
-        words = unassigned(mesh, _assigned_tables(mesh, wanted, elements))
+        words = describe_unassigned_cells(mesh, _assigned_tables(mesh, wanted, elements))
     if words:
         raise (inner or section).error(
             f"{words} of {mesh.source}, belong to no element set; add one with `group`, or name the group in `leave_out`"

@@ -33,7 +33,7 @@ from structid.study.schema.kinds import (
     Schema,
     as_list,
     choice,
-    limited,
+    limit_kind,
     list_of,
 )
 from structid.study.schema.method import read_method
@@ -83,7 +83,7 @@ SOLVER = Table(
         "force_unit": Key(choice(*FORCES), "Of the deck", default="N"),
         "indefinite": Key(BOOLEAN, "Lets matrices through that are not positive semidefinite", default=False),
         "timeout": Key(kind_of_argument(Positive), "Longest time of a run, s", default=3600.0),
-        "retries": Key(limited(WHOLE, Limits(least=0)), "How often a run that fails is tried again", default=2),
+        "retries": Key(limit_kind(WHOLE, Limits(least=0)), "How often a run that fails is tried again", default=2),
         "runs": Key(TEXT, "Folder where finished runs are kept; STUDY.runs beside the study by default"),
         "parameter": Key(_PARAMETER, "A marked number of the deck, which [[unknown]] may name", listed=True),
     }

@@ -41,7 +41,7 @@ from structid.study.schema.kinds import (
     choice,
     either,
     flat,
-    limited,
+    limit_kind,
     or_none,
 )
 from structid.study.schema.model.matrices import MATRIX_TABLES, read_groups
@@ -99,7 +99,7 @@ _FIXED = Key(
 )
 #: The choice of the number of pieces by what the mesh moves values by.
 AUTO = "auto"
-_NUMBER_OF_PIECES = limited(WHOLE, Limits(least=1, most=MOST_PIECES))
+_NUMBER_OF_PIECES = limit_kind(WHOLE, Limits(least=1, most=MOST_PIECES))
 _PIECES = replace(either(_NUMBER_OF_PIECES, choice(AUTO)), words=f'{_NUMBER_OF_PIECES.words}, or "{AUTO}"')
 _POSITIONS = Table(labels=POSITION)
 _NODES = Key(_POSITIONS, "One line a node: its label, and one to three coordinates in m")

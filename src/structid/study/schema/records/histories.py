@@ -15,7 +15,7 @@ from structid.identification.setups.time import TimeFit
 from structid.records import FrfRecord, TimeRecord
 from structid.records.record import LOADS
 from structid.records.transforms.spectra import frf_from_time, require_repeated
-from structid.study.schema.kinds import COUNT, NUMBER, NUMBERS, TEXT, TEXTS, Kind, as_list, choice, limited
+from structid.study.schema.kinds import COUNT, NUMBER, NUMBERS, TEXT, TEXTS, Kind, as_list, choice, limit_kind
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Given, Key, table_of
 
@@ -29,7 +29,7 @@ _WINDOW = Kind(
 FRF = table_of(
     frf_from_time,
     ("records", "inputs", "outputs"),
-    overlap=limited(NUMBER, Limits(least=0, below=1)),
+    overlap=limit_kind(NUMBER, Limits(least=0, below=1)),
     segment_length=COUNT,
     window=_WINDOW,
     quantity=choice(*_MOTIONS),
@@ -135,9 +135,9 @@ class TimeSource:
         with self.section.located("tones"):
             self.settings.require_heard(record)
         with self.section.located("noise"):
-            absolute = _each("noise", self.noise, record)
+            absolute = _value_of_each_channel("noise", self.noise, record)
         with self.section.located("relative_noise"):
-            relative = _each("relative_noise", self.relative_noise, record)
+            relative = _value_of_each_channel("relative_noise", self.relative_noise, record)
         variance = absolute**2 + (relative * np.sqrt((record.values**2).mean(axis=0))) ** 2
         if variance.any():
             record = replace(record, variance=variance)
@@ -149,7 +149,7 @@ class TimeSource:
         return record
 
 
-def _each(name: str, numbers: tuple[float, ...], record: TimeRecord) -> FloatArray:
+def _value_of_each_channel(name: str, numbers: tuple[float, ...], record: TimeRecord) -> FloatArray:
     """Value of each channel, (n_channels,), from `numbers`: one for all, or one each; 0 if it is empty."""
     count = len(record.channels)
     if len(numbers) not in (0, 1, count):

@@ -45,7 +45,7 @@ class ModeDeviations:
             If it has its own, or their number is not that of the modes.
         """
         n = record.n_modes
-        stated = {name: self._each(name, n) for name in (item.name for item in fields(self))}
+        stated = {name: self._value_of_each_mode(name, n) for name in (item.name for item in fields(self))}
         frequency, damping, shape = (stated[name] for name in ("frequency_std", "damping_std", "shape_std"))
         of_record = record.std.reshape(2, n)
         for what, std, existing, other in (
@@ -69,7 +69,7 @@ class ModeDeviations:
             record = replace(record, shape_std=entries)
         return record
 
-    def _each(self, name: str, n: int) -> np.ndarray | None:
+    def _value_of_each_mode(self, name: str, n: int) -> np.ndarray | None:
         """One value for each of `n` modes from the field `name`; None if it is empty."""
         values = getattr(self, name)
         if len(values) not in (0, 1, n):

@@ -110,15 +110,12 @@ export async function show(box, app) {
       if (!Number.isInteger(label) || label < 0) {
         throw inColumn("label", `${values.label} is no number of a node`);
       }
-      const at = COORDINATES.slice(0, editor.model.dimension).map((name) => {
-        try {
-          return parseNumber(values[name]);
-        } catch (error) {
-          throw inColumn(name, error.message);
-        }
-      });
+      const at = COORDINATES.slice(0, editor.model.dimension).map((name) =>
+        readCell(name, () => parseNumber(values[name])),
+      );
+      const directions = readCell("held", () => heldDirections(editor.model, values.held));
       try {
-        return run((model) => actions.addNode(model, label, at));
+        return run((model) => actions.addNode(model, label, at, directions));
       } catch (error) {
         throw inColumn("label", error.message);
       }
@@ -234,13 +231,9 @@ export async function show(box, app) {
           if (texts[name] === undefined) {
             continue;
           }
-          try {
-            const value = parsed(kinds[type], name, texts[name]);
-            if (value !== undefined) {
-              entry[name] = value;
-            }
-          } catch (error) {
-            throw inColumn(name, error.message);
+          const value = readCell(name, () => parsed(kinds[type], name, texts[name]));
+          if (value !== undefined) {
+            entry[name] = value;
           }
         }
         try {
@@ -607,6 +600,15 @@ function defaultName(type, taken) {
 }
 
 const inColumn = (column, words) => Object.assign(new Error(words), {column});
+
+// What `read()` makes of a cell of the new row; what is wrong with it is told at its `column`.
+function readCell(column, read) {
+  try {
+    return read();
+  } catch (error) {
+    throw inColumn(column, error.message);
+  }
+}
 
 function column(type, one, name) {
   const unit = one.unit && one.unit !== "1" ? `, ${unitText(one.unit)}` : "";

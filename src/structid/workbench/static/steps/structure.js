@@ -1,6 +1,6 @@
 // The structure in space, its sensors, and what `check` says of it.
 import {get} from "../api.js";
-import {checkbox, field, fill, h, number, numberIn, options, percent, quantity, table, toml} from "../dom.js";
+import {checkbox, field, fill, h, number, numberIn, options, percent, quantity, table, toml, unitText} from "../dom.js";
 import {recordPath, recordPicker, records} from "../recorded.js";
 import {Scene, sceneStage} from "../scene.js";
 import {forgetTyped} from "../typed.js";
@@ -432,6 +432,23 @@ function declaredKey(app, chosen) {
   return Object.keys(sensorsOf(app)).find((key) => key.replace(/^load /, "").replace(/[+-]$/, "") === bare);
 }
 
+// A button that edits the study and shows this step anew.
+function editButton(app, text, edits, told) {
+  const button = h(
+    "button",
+    {
+      type: "button",
+      onclick: () =>
+        app.doing(button, async () => {
+          await app.edit(edits(), told);
+          app.go("structure");
+        }),
+    },
+    text,
+  );
+  return button;
+}
+
 // Where segments leak: longer ones, or the histories fitted themselves, each by a click. Of one record only.
 function leaking(app, warnings) {
   const words = warnings.find((one) => /^leakage: /.test(one)),
@@ -442,21 +459,6 @@ function leaking(app, warnings) {
   const needed = /take segments of (\d+) samples/.exec(words)?.[1],
     path = recordPath(app);
   const noise = h("input", {value: "1", inputmode: "decimal"});
-  const act = (text, edits, told) => {
-    const button = h(
-      "button",
-      {
-        type: "button",
-        onclick: () =>
-          app.doing(button, async () => {
-            await app.edit(edits(), told);
-            app.go("structure");
-          }),
-      },
-      text,
-    );
-    return button;
-  };
   return h(
     "div",
     {id: "leaking"},
@@ -464,14 +466,16 @@ function leaking(app, warnings) {
       "div",
       {class: "row end"},
       needed
-        ? act(
+        ? editButton(
+            app,
             `Take segments of ${needed} samples`,
             () => [{set: [...path, "frf", "segment_length"], to: needed}],
             "The segments are longer",
           )
         : null,
       field("noise of the channels, % of their rms", noise, "short"),
-      act(
+      editButton(
+        app,
         "Fit the histories themselves",
         () => [
           {set: [...path, "time", "fit"], to: '"spectra"'},
@@ -488,12 +492,54 @@ function leaking(app, warnings) {
   );
 }
 
+// Where the mesh is too coarse: beams cut as finely as the values need, by a click.
+function coarse(app, warnings) {
+  return app.folder.writable && warnings.some((one) => /too coarse.*`subdivide = /.test(one))
+    ? h(
+        "div",
+        {class: "row", id: "coarse"},
+        editButton(
+          app,
+          "Cut the beams finely enough",
+          () => [{set: ["structure", "subdivide"], to: '"auto"'}],
+          "Beams are cut until the mesh moves no value",
+        ),
+      )
+    : null;
+}
+
+// Where coherence tells the noise once the number of averages is said. Of one record only.
+function unaveraged(app, warnings) {
+  if (
+    !app.folder.writable ||
+    records(app).length !== 1 ||
+    !warnings.some((one) => /give `averages` in \[record\]/.test(one))
+  ) {
+    return null;
+  }
+  const averages = h("input", {value: "", inputmode: "numeric", placeholder: "such as 10"});
+  return h(
+    "div",
+    {class: "row end", id: "averages"},
+    field("averages of each FRF", averages, "short"),
+    editButton(
+      app,
+      "Take the noise from coherence",
+      () => [{set: [...recordPath(app), "averages"], to: String(Math.round(numberIn(averages, {least: 2})))}],
+      "Coherence tells the noise now",
+    ),
+  );
+}
+
 async function showCheck(place, app, mark) {
   const {study, now} = app;
   fill(place, h("h2", {}, "What check says"), h("p", {class: "muted"}, "Reading the study…"));
   try {
-    if (!app.now.table.record) {
-      await get("line", {study});
+    const {record, unknown} = app.now.table;
+    if (!record || !unknown) {
+      if (!record) {
+        await get("line", {study});
+      }
       if (app.now !== now) {
         return;
       }
@@ -503,7 +549,11 @@ async function showCheck(place, app, mark) {
         h(
           "p",
           {},
-          "The study can be read. What data can determine is told once there is a record, or by a plan (step Unknowns).",
+          record
+            ? "What its record can determine is told once the study says what you look for: "
+            : "The study can be read. What data can determine is told once there is a record, or by a plan: ",
+          h("a", {href: `#unknowns/${encodeURIComponent(study)}`}, "step Unknowns"),
+          ".",
         ),
       );
       return;
@@ -525,7 +575,7 @@ async function showCheck(place, app, mark) {
           found.determined ? "data and priors determine every parameter" : "the data do not determine every parameter",
         ),
       ),
-      found.records.map((words) => h("p", {}, words)),
+      found.records.map((words) => h("p", {}, unitText(words))),
       found.warnings.length
         ? [
             h("h3", {}, "Warnings"),
@@ -536,6 +586,8 @@ async function showCheck(place, app, mark) {
             ),
           ]
         : h("p", {class: "muted"}, "No warning."),
+      coarse(app, found.warnings),
+      unaveraged(app, found.warnings),
       leaking(app, found.warnings),
       found.directions.length
         ? [
@@ -573,12 +625,14 @@ async function showCheck(place, app, mark) {
           h("summary", {}, "Modes of the initial model"),
           table(
             ["mode", "Hz", "damping ratio", "lines in its bandwidth"],
-            found.modes.map((one, k) => [
-              String(k + 1),
-              number(one[0]),
-              number(one[1], 3),
-              one[2] ? number(one[3], 3) : "outside",
-            ]),
+            found.modes
+              .slice(0, found.modes.findLastIndex((one) => one[2]) + 2)
+              .map((one, k) => [
+                String(k + 1),
+                number(one[0]),
+                number(one[1], 3),
+                one[2] ? number(one[3], 3) : "outside",
+              ]),
             [1, 2, 3],
           ),
         ),

@@ -292,9 +292,11 @@ function besides(list, app, parameters) {
 }
 
 async function predict(place, app, list) {
-  if (!app.now.table.record) {
+  const {record, unknown} = app.now.table;
+  if (!record || !unknown) {
     besides(list, app, null);
-    fill(place, h("h2", {}, "Predicted accuracy"), h("p", {class: "muted"}, "Needs a record, or a plan."));
+    const words = record ? "Needs an unknown: add one above." : "Needs a record, or a plan.";
+    fill(place, h("h2", {}, "Predicted accuracy"), h("p", {class: "muted"}, words));
     return;
   }
   const mark = app.now.digest;
