@@ -232,10 +232,7 @@ def test_sense_writes_motion_and_forces(results, tmp_path):
     assert table.shape == (300, 5)
     assert np.isfinite(table).all()
     assert json.loads((tmp_path / "s" / "sensed.json").read_text())["outputs"][0]["where"] == "2X+"
-    done = invoke(
-        "sense", results, tmp_path / "record.h5", "--wanted", "2X", "--unknown", "2X", "--out", tmp_path / "t"
-    )
-    assert (done.exit_code, "`correlation_time` must be given" in done.stderr) == (2, True)
+    assert "correlation time 0.1" in done.stdout
     done = invoke("sense", results, tmp_path / "record.h5", "--wanted", "2X", "--out", tmp_path / "t")
     assert (done.exit_code, "holds no force and none is named as unknown" in done.stderr) == (2, True)
 

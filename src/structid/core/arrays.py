@@ -58,3 +58,12 @@ def evenly_spaced_indices(n: int, most: int) -> IntArray:
 def stack_real(values: NumberArray) -> FloatArray:
     """Real numbers from complex ones along the first axis: all real parts, then all imaginary parts."""
     return np.concatenate([values.real, values.imag], axis=0)
+
+
+def square_root(covariance: FloatArray) -> FloatArray:
+    """A factor F (n, rank) with F F' = the positive part of `covariance` (n, n), which is symmetric and may be singular."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(size > 0, size, 1.0)
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / (2 * np.outer(scale, scale)))
+    kept = values > len(size) * np.finfo(float).eps * max(float(values.max(initial=0.0)), 1.0)
+    return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
 
-from structid.core.arrays import FloatArray, locked
+from structid.core.arrays import FloatArray, locked, square_root
 from structid.core.errors import InputError, NoAnswerError
 from structid.fem import Structure
 from structid.forward.fixed_values import append_fixed_factors
@@ -152,7 +151,7 @@ def identified_model(
             f"the data do not determine {', '.join(unknown)}, so that no prediction has a band; fix or tie these parameters,"
             " give a prior, or measure more places, and identify again"
         )
-    noise, slope = _square_root(covariance), parameters.slope(parameters.transforms.free(physical))
+    noise, slope = square_root(covariance), parameters.slope(parameters.transforms.free(physical))
     held = tuple(item for item in fixed_properties(structure, parameters, _ANY) if item.label in tolerances)
     factor = np.zeros((n + len(held), noise.shape[1] + changes.shape[1]))
     factor[:n] = np.hstack([noise, changes]) / slope[:, None]
@@ -196,12 +195,3 @@ def model_of(identification: Identification) -> IdentifiedModel:
         changes,
         identification.assumption,
     )
-
-
-def _square_root(covariance: FloatArray) -> FloatArray:
-    """A factor F (n, rank) with F F' = covariance (n, n), which is symmetric and may be singular."""
-    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    scale = np.where(size > 0, size, 1.0)
-    values, vectors = linalg.eigh(covariance / np.outer(scale, scale))
-    kept = values > len(size) * np.finfo(float).eps * max(float(values.max(initial=0.0)), 1.0)
-    return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))

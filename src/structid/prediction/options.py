@@ -114,7 +114,7 @@ class SenseOptions:
     unknown : str
         Degrees of freedom at which forces act that were not measured, with commas between.
     correlation_time : float, optional
-        Time, s, over which these forces forget themselves; needed with `unknown`.
+        Time, s, over which these forces forget themselves; the likeliest by default.
     force_std : float, optional
         Standard deviation of these forces, N; the likeliest by default.
     leave_out : str
@@ -135,13 +135,7 @@ class SenseOptions:
     unfiltered: bool = False
 
     def __post_init__(self) -> None:
-        """Raise `InputError` where unknown forces are named without a correlation time."""
-        if self.unknown and self.correlation_time is None:
-            raise InputError(
-                "`correlation_time` must be given with `unknown`: the time, s, over which the forces forget themselves, such as 0.1"
-                " for traffic",
-                "correlation_time",
-            )
+        require_declared(self)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy import linalg
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, square_root
 from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, NoAnswerError
@@ -313,7 +313,7 @@ class _Equations:
             inside = (1j / (2 * np.pi) * linalg.logm((a + 1j * omega * one) @ np.linalg.inv(a - 1j * omega * one))).real
         reach = linalg.solve_continuous_lyapunov(a, -(inside @ b @ b.T + b @ b.T @ inside.T))
         seen = linalg.solve_continuous_lyapunov(a.T, -(inside.T @ c.T @ c + c.T @ c @ inside))
-        roots = [_root(matrix) for matrix in (reach, seen)]
+        roots = [square_root(matrix) for matrix in (reach, seen)]
         left, sizes, right = np.linalg.svd(roots[1].T @ roots[0])
         size = 1 / np.sqrt(np.maximum(sizes, np.finfo(float).tiny))
         return roots[0] @ right.T * size, (roots[1] @ left * size).T
@@ -328,9 +328,3 @@ class _Equations:
         wide[:n, :n], wide[:n, n:] = self.a / rate, self.b / rate
         step = linalg.expm(wide)[:n]
         return step[:, :n], step[:, n:], c, d
-
-
-def _root(matrix: FloatArray) -> FloatArray:
-    """F with F F' = the positive part of a symmetric matrix."""
-    values, vectors = linalg.eigh((matrix + matrix.T) / 2)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg, signal, sparse
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
-from structid.core.arrays import FloatArray, IntArray
+from structid.core.arrays import FloatArray, IntArray, square_root
 from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoAnswerError
@@ -36,12 +36,18 @@ _STRAY = 1e-10
 _DOUBLINGS, _CONVERGED = 40, 1e-12
 #: Part of the variance far from the ends, below which what is missing at the end of the record no longer counts.
 _SETTLED = 1e-4
+#: Size of known forces before a record over that in it.
+_BEFORE = 10.0
 #: Size of modal speeds, in sqrt(kg) m/s, where no unknown force gives one.
 _SPEED = 1e-6
 #: Filter against aliasing: elliptic, order, ripple and attenuation in dB, passing up to half the sampling rate. It must be steep:
 #: lightly damped modes just above ring in whatever it lets through. Deviations of accelerations are those of the errors behind a
 #: filter that halves what is at half the sampling rate, and wider than the errors behind one that ends before.
 _FILTER = 9, 0.1, 80.0
+#: Shortest correlation time that is sought, in samples, and number of times with which the search begins.
+_SHORTEST, _TIMES = 0.1, 12
+#: Steps towards shorter times, each by this factor, and by how much (log) the record may get less likely: that of chance.
+_SHORTER, _STEPS, _LESS_LIKELY = 0.8, 18, 2.0
 
 
 @dataclass(frozen=True)
@@ -52,14 +58,15 @@ class UnknownForces:
     ----------
     dofs : sequence of Dof or str
         Where they act.
-    correlation_time : float
-        s; short for wind or traffic, long for what changes slowly.
+    correlation_time : float, optional
+        s; short for wind or traffic, long for what changes slowly. By default the shortest one under which the record is as
+        likely, but for chance, as under any.
     std : float, optional
         N; the one under which the record is likeliest by default.
     """
 
     dofs: Sequence[Dof | str]
-    correlation_time: float
+    correlation_time: float | None = None
     std: float | None = None
 
     def __post_init__(self) -> None:
@@ -68,7 +75,7 @@ class UnknownForces:
             raise InputError(
                 "`dofs` of unknown forces must name where they act, got none; leave `unknown` out if there are none"
             )
-        if not (np.isfinite(self.correlation_time) and self.correlation_time > 0):
+        if self.correlation_time is not None and not (np.isfinite(self.correlation_time) and self.correlation_time > 0):
             raise InputError(f"`correlation_time` must be greater than 0 s, got {self.correlation_time:g}")
         if self.std is not None and not (np.isfinite(self.std) and self.std > 0):
             raise InputError(f"`std` of unknown forces must be greater than 0 N, got {self.std:g}")
@@ -91,6 +98,8 @@ class SensedMotion(Shown):
         The unknown forces, N or N m.
     prior_std : float
         Standard deviation of the unknown forces before the record; NaN where there are none.
+    correlation_time : float
+        Of the unknown forces, s, as stated or as the record makes likeliest; NaN where there are none.
     checks : tuple of (Dof, float)
         Sensors that were left out, and the root mean square of measured less sensed over the stated deviation: 1 is right.
     words : tuple of str
@@ -106,6 +115,7 @@ class SensedMotion(Shown):
     forces: FloatArray
     force_std: FloatArray
     prior_std: float
+    correlation_time: float
     checks: tuple[tuple[Dof, float], ...] = ()
     words: tuple[str, ...] = ()
 
@@ -219,22 +229,24 @@ def sense(
 
     rate = record.sampling_rate
     basis = reduction_basis(structure, [model.values], sides_at(model.values), rate / len(record.values), rate / 2)
-    force_model = _ForceModel.of(1.0 if unknown is None else unknown.correlation_time, rate if is_filtered else None)
-    smoother = _Smoother(channels, len(forces), force_model, rate, read)
+    stated_time = 1.0 if unknown is None else unknown.correlation_time
+    smoother = _Smoother(channels, len(forces), stated_time or 1 / rate, is_filtered, rate, read)
     reduced = reduce_structure(structure, model.values, basis, sides_at(model.values))
     if reduced.is_rigid.any() and 0 not in channels.derivatives:
         raise NoAnswerError(
             "nothing holds the structure, so that velocities and accelerations do not tell where it is; measure a displacement too"
         )
     std, is_trusted = (0.0 if unknown is None else unknown.std), True
-    if std is None:
+    if stated_time is None:
+        smoother, std, is_trusted = smoother.with_likeliest_time(reduced, std)
+    elif std is None:
         std, is_trusted = smoother.likeliest_std(reduced)
     nominal = smoother.run(reduced, std)
     spread = np.zeros_like(nominal.mean)
     for physical in model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ():
         values = model.parameters.values(physical)
-        other = smoother.run(reduce_structure(structure, values, basis, sides_at(values)), std)
-        spread += (other.mean - nominal.mean) ** 2 / n_draws
+        other = smoother.mean(reduce_structure(structure, values, basis, sides_at(values)), std)
+        spread += (other - nominal.mean) ** 2 / n_draws
     deviation = np.sqrt(nominal.variance + spread)
     n_out, n_left = len(wanted), len(channels.left)
     out, seen, force = slice(0, n_out), slice(n_out, n_out + n_left), slice(n_out + n_left, None)
@@ -249,6 +261,7 @@ def sense(
         nominal.mean[:, force],
         deviation[:, force],
         std if forces else float("nan"),
+        smoother.correlation_time if forces else float("nan"),
         tuple(zip(channels.left, np.sqrt(error.mean(axis=0)).tolist(), strict=True)),
         (*(() if is_trusted else (_DOUBTED,)), *_unseen_words(forces, nominal.covariance[force, force], std)),
     )
@@ -423,6 +436,34 @@ class _StateSpace:
 
 
 @dataclass(frozen=True, eq=False)
+class _Filtered:
+    """States of a Kalman filter over a record.
+
+    Attributes
+    ----------
+    before, after : (n_times, n_states) float arrays
+        Mean before and after the reading of each sample.
+    predicted, updated : (n_states, n_states) float arrays
+        Their steady covariances.
+    keep, step : (n_states, n_states) float arrays
+        What a reading leaves of the state before it, and what is left of it before the next one.
+    start_covariance : (n_states, n_states) float array
+        What the record leaves open of the first state, beyond `predicted`.
+    log_likelihood : float
+        Of the record, less a constant.
+    """
+
+    before: FloatArray
+    after: FloatArray
+    predicted: FloatArray
+    updated: FloatArray
+    keep: FloatArray
+    step: FloatArray
+    start_covariance: FloatArray
+    log_likelihood: float
+
+
+@dataclass(frozen=True, eq=False)
 class _Smoother:
     """A filter and smoother of modal states for one record.
 
@@ -431,8 +472,10 @@ class _Smoother:
     channels : _Channels
     n_forces : int
         Unknown forces, the last inputs.
-    force_model : _ForceModel
-        Of each of them.
+    correlation_time : float
+        Of each of them, s.
+    is_filtered : bool
+        Whether the record went through a filter against aliasing.
     rate : float
         Samples per second.
     read : OutputMap
@@ -441,25 +484,36 @@ class _Smoother:
 
     channels: _Channels
     n_forces: int
-    force_model: _ForceModel
+    correlation_time: float
+    is_filtered: bool
     rate: float
     read: OutputMap
 
     def run(self, reduced: ReducedMatrices, std: float) -> _Smoothed:
         """Smoothed motion and forces, where unknown forces have the standard deviation `std`, N."""
         system = self._system(reduced, std)
-        predicted, gain, innovation = self._steady(system)
-        before, after = self._filtered(system, gain)
-        updated = predicted - gain @ innovation @ gain.T
-        back = np.linalg.solve(predicted, system.transition @ updated).T
-        drive = (after[:-1] - before[1:] @ back.T)[::-1]
-        smoothed = stepped(back, drive, after[-1])[::-1]
+        filtered = self._filter(system)
+        mean, back = self._smoothed_mean(system, filtered)
+        predicted, updated = filtered.predicted, filtered.updated
         covariance = _symmetric(linalg.solve_discrete_lyapunov(back, updated - back @ predicted @ back.T))
-        mean = smoothed @ system.wanted.T + self.channels.known @ system.wanted_direct.T
         wanted = system.wanted @ covariance @ system.wanted.T
         variance = np.tile(np.maximum(np.diag(wanted), 0.0), (len(mean), 1))
-        variance += _variance_towards_end(system.wanted, back, updated - covariance, variance)
-        return _Smoothed(mean, variance, wanted)
+        at_end = _variance_beside_end(system.wanted, back, updated - covariance, variance)[::-1]
+        onwards = _sum_of_powers(back, filtered.keep - back @ filtered.step, filtered.step)
+        at_start = _variance_beside_end(system.wanted @ onwards, filtered.step, filtered.start_covariance, variance)
+        return _Smoothed(mean, variance + at_end + at_start, wanted)
+
+    def mean(self, reduced: ReducedMatrices, std: float) -> FloatArray:
+        """The mean of `run` alone, (n_times, n)."""
+        system = self._system(reduced, std)
+        return self._smoothed_mean(system, self._filter(system))[0]
+
+    def _smoothed_mean(self, system: _StateSpace, filtered: _Filtered) -> tuple[FloatArray, FloatArray]:
+        """What is asked for, (n_times, n), and the gain (n_states, n_states) by which later states correct earlier ones."""
+        back = np.linalg.solve(filtered.predicted, system.transition @ filtered.updated).T
+        drive = (filtered.after[:-1] - filtered.before[1:] @ back.T)[::-1]
+        smoothed = stepped(back, drive, filtered.after[-1])[::-1]
+        return smoothed @ system.wanted.T + self.channels.known @ system.wanted_direct.T, back
 
     def likeliest_std(self, reduced: ReducedMatrices) -> tuple[float, bool]:
         """Standard deviation, N, of the unknown forces under which the record is likeliest, and whether it can be trusted.
@@ -478,15 +532,55 @@ class _Smoother:
             return size, False
         return float(size * 10**search.x), True
 
+    def with_likeliest_time(self, reduced: ReducedMatrices, std: float | None) -> tuple[_Smoother, float, bool]:
+        """The smoother with the likeliest correlation time of forces, their standard deviation, N, and whether it can be trusted.
+
+        Where records are as likely but for chance, the forces are as short and small as they can be: accelerations hardly tell slow
+        forces from none. A stated `std` is kept. See `likeliest_std` for the trust.
+        """
+        shortest, longest = np.log(_SHORTEST / self.rate), np.log(len(self.channels.measured) / self.rate / 4)
+
+        def of_time(log_time: float) -> _Smoother:
+            return replace(self, correlation_time=float(np.exp(log_time)))
+
+        def size(log_time: float, decades: float) -> float:
+            return float((of_time(log_time)._first_std(reduced) if std is None else std) * 10**decades)
+
+        def likelihood(log_time: float, decades: float) -> float:
+            return of_time(log_time)._log_likelihood(reduced, size(log_time, decades))
+
+        def unlikely(point: FloatArray) -> float:
+            log_time, decades = float(point[0]), float(point[1])
+            is_within = shortest <= log_time <= longest and -_BELOW <= decades <= above
+            return -likelihood(log_time, decades) if is_within else float("inf")
+
+        above = _BELOW if reduced.is_rigid.any() else _ABOVE
+        times = np.linspace(shortest, longest, _TIMES).tolist()
+        by_motion = [likelihood(time, 0.0) for time in times]
+        first = times[int(np.argmax(by_motion))]
+        if std is not None:
+            return of_time(first), std, True
+        simplex = np.array(
+            [[first, 0.0], [first + (times[0] - times[1]) * (1 if first > shortest else -1), 0.0], [first, -0.3]]
+        )
+        options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": 60}
+        log_time, decades = minimize(unlikely, simplex[0], method="Nelder-Mead", options=options).x.tolist()
+        if decades > above - 3 * _SURE:
+            return of_time(first), size(first, 0.0), False
+        largest, most = size(log_time, decades), likelihood(log_time, decades)
+        for step in range(_STEPS, 0, -1):  # with the same density beyond the correlation time
+            shorter, smaller = log_time + step * np.log(_SHORTER), largest * _SHORTER ** (step / 2)
+            if shorter > shortest and of_time(shorter)._log_likelihood(reduced, smaller) >= most - _LESS_LIKELY:
+                return of_time(shorter), float(smaller), True
+        return of_time(log_time), largest, True
+
     def _first_std(self, reduced: ReducedMatrices) -> float:
         """A first guess of the unknown forces, N: with them the sensors would move about as much as they do.
 
-        Motions fade over the length of the record, so that those of a free structure are finite. Sensors that the forces hardly
-        move hardly count.
+        Sensors that the forces hardly move hardly count.
         """
-        system, fade = self._system(reduced, 1.0), 1 - 1 / len(self.channels.measured)
-        stationary = linalg.solve_discrete_lyapunov(fade * system.transition, system.noise)
-        made = np.einsum("ij,jk,ik->i", system.reading, stationary, system.reading)
+        system = self._system(reduced, 1.0)
+        made = np.einsum("ij,jk,ik->i", system.reading, self._stationary(system), system.reading)
         if not made.max() > 0:
             raise NoAnswerError(
                 "no sensor moves with the unknown forces, so that their size cannot be told; give `std`"
@@ -500,35 +594,64 @@ class _Smoother:
 
     def _log_likelihood(self, reduced: ReducedMatrices, std: float) -> float:
         """Log-likelihood of the record, less a constant, where unknown forces have the standard deviation `std`, N."""
-        system = self._system(reduced, std)
-        _, gain, innovation = self._steady(system)
-        before, _ = self._filtered(system, gain)
-        error = self._measured - self.channels.known @ system.direct.T - before @ system.reading.T
-        whitened = linalg.solve_triangular(np.linalg.cholesky(innovation), error.T, lower=True)
-        return float(-0.5 * (whitened**2).sum() - 0.5 * len(error) * np.linalg.slogdet(innovation)[1])
+        return self._filter(self._system(reduced, std)).log_likelihood
 
-    def _steady(self, system: _StateSpace) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Covariance of the predicted state, gain, and covariance of the innovations, all in the steady state."""
+    def _filter(self, system: _StateSpace) -> _Filtered:
+        """States before and after the reading of each sample, by steady gains and an initial state that the record tells.
+
+        A record begins in motion: its initial state has the stationary covariance. That is the covariance of the steady filter and
+        an independent part, on which all innovations depend linearly: de Jong (1991), Annals of Statistics 19, 1073-1083.
+        """
+        known, n, count = self.channels.known, len(system.transition), len(self.channels.measured)
         predicted = _predicted_covariance(system)
         innovation = system.reading @ predicted @ system.reading.T + np.eye(len(system.reading))
         gain = np.linalg.solve(innovation, system.reading @ predicted).T
-        return predicted, gain, innovation
-
-    def _filtered(self, system: _StateSpace, gain: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """States before and after the reading of each sample, (n_times, n_states) each."""
-        known = self.channels.known
-        read = (self._measured - known @ system.direct.T) @ gain.T
-        n = len(system.transition)
         keep = np.eye(n) - gain @ system.reading
-        inputs = np.hstack([known[:-1], known[1:]]) @ system.entry.T
-        drive = read[:-1] @ system.transition.T + inputs
-        before = stepped(system.transition @ keep, drive, np.zeros(n))
-        return before, before @ keep.T + read
+        step = system.transition @ keep
+        read = self._measured - known @ system.direct.T
+        drive = read[:-1] @ (system.transition @ gain).T + np.hstack([known[:-1], known[1:]]) @ system.entry.T
+        before = stepped(step, drive, np.zeros(n))
+        half = np.linalg.cholesky(innovation)
+        error = linalg.solve_triangular(half, (read - before @ system.reading.T).T, lower=True).T
+        seen = linalg.solve_triangular(half, system.reading, lower=True)
+        root = square_root(self._stationary(system) - predicted)
+        information = linalg.solve_discrete_lyapunov(step.T, seen.T @ seen)
+        faded = np.linalg.matrix_power(step, count)
+        information = information - faded.T @ information @ faded
+        score = root.T @ stepped(step.T, (error @ seen)[::-1], np.zeros(n))[-1]
+        posterior = np.eye(root.shape[1]) + root.T @ information @ root
+        start = np.linalg.solve(posterior, np.column_stack([score, root.T]))
+        before = before + stepped(step, np.zeros((count - 1, n)), root @ start[:, 0])
+        likelihood = 0.5 * (score @ start[:, 0] - (error**2).sum() - np.linalg.slogdet(posterior)[1])
+        return _Filtered(
+            before,
+            before @ keep.T + read @ gain.T,
+            predicted,
+            predicted - gain @ innovation @ gain.T,
+            keep,
+            step,
+            _symmetric(root @ start[:, 1:]),
+            float(likelihood - count * np.log(np.diag(half)).sum()),
+        )
+
+    def _stationary(self, system: _StateSpace) -> FloatArray:
+        """Covariance (n_states, n_states) of the state at the start of the record.
+
+        Motions that last longer than the record fade over its length, so that those of a free structure are finite. Known forces
+        count as noise of ten times their size, since nobody says what they did before.
+        """
+        constant, rising = np.hsplit(system.entry, 2)
+        pushed = _BEFORE * (constant + rising) * np.sqrt(np.mean(self.channels.known**2, axis=0))
+        count = len(self.channels.measured)
+        lasting = float(np.abs(np.linalg.eigvals(system.transition)).max())
+        fade = 1.0 if lasting < 1 - 0.1 / count else 1 - 1 / count
+        return np.asarray(linalg.solve_discrete_lyapunov(fade * system.transition, system.noise + pushed @ pushed.T))
 
     def _system(self, reduced: ReducedMatrices, std: float) -> _StateSpace:
         """The equations from sample to sample of modal displacements, speeds and unknown forces, in scaled units."""
         n, n_forces, n_known = len(reduced.omega), self.n_forces, reduced.inputs.shape[1] - self.n_forces
-        force, n_each = self.force_model, len(self.force_model.output)
+        force = _ForceModel.of(self.correlation_time, self.rate if self.is_filtered else None)
+        n_each = len(force.output)
         step, size = 1 / self.rate, 2 * n + n_forces * n_each
         known, unknown = reduced.inputs[:, :n_known], reduced.inputs[:, n_known:]
         elastic = reduced.omega[~reduced.is_rigid & (reduced.omega > 0)]
@@ -561,7 +684,9 @@ class _Smoother:
         dynamics = dynamics * units / units[:, None]
         noisy = np.zeros(n_each)
         noisy[0] = force.noise
-        random = np.diag(np.concatenate([np.full(2 * n, _STRAY * reference), np.tile(noisy, n_forces)]))
+        random = np.diag(
+            np.full(size, _STRAY * reference) + np.concatenate([np.zeros(2 * n), np.tile(noisy, n_forces)])
+        )
         wide = np.block([[-dynamics, random], [np.zeros_like(dynamics), dynamics.T]]) * step
         held = np.zeros((size + 2 * n_known,) * 2)
         held[:size, :size], held[n : 2 * n, size : size + n_known] = dynamics * step, known * step / speed
@@ -606,18 +731,29 @@ def _symmetric(matrix: FloatArray) -> FloatArray:
     return np.asarray((matrix + matrix.T) / 2)
 
 
-def _variance_towards_end(wanted: FloatArray, back: FloatArray, excess: FloatArray, steady: FloatArray) -> FloatArray:
-    """Variance (n_times, n) of outputs beyond the `steady` one, since no later samples follow the last ones.
+def _sum_of_powers(left: FloatArray, middle: FloatArray, right: FloatArray) -> FloatArray:
+    """Sum over k from 0 of left^k middle right^k, whose powers fade, (n, n)."""
+    total = middle
+    for _ in range(_DOUBLINGS):
+        more = left @ total @ right
+        total, left, right = total + more, left @ left, right @ right
+        if np.abs(more).max() <= _CONVERGED * np.abs(total).max():
+            break
+    return np.asarray(total)
 
-    `wanted` (n, n_states) reads the outputs, `back` is the gain of the smoother and `excess` (n_states, n_states) the covariance of
-    the last state beyond the steady one.
+
+def _variance_beside_end(wanted: FloatArray, step: FloatArray, excess: FloatArray, steady: FloatArray) -> FloatArray:
+    """Variance (n_times, n) of outputs beyond the `steady` one at an end of the record, the sample at that end first.
+
+    The outputs `wanted` (n, n_states) read the state at the end, whose covariance has the `excess` (n_states, n_states); a sample
+    farther away they read it through one `step` more.
     """
     beyond, rows = np.zeros_like(steady), wanted
-    for k in range(len(beyond) - 1, -1, -1):
+    for k in range(len(beyond)):
         beyond[k] = np.maximum(np.einsum("ij,jk,ik->i", rows, excess, rows, optimize=True), 0.0)
         if (beyond[k] <= _SETTLED * steady[k]).all():
             break
-        rows = rows @ back
+        rows = rows @ step
     return beyond
 
 

@@ -11,10 +11,13 @@ from structid.report.tables import Table, printed
 
 
 def sensing_text(sensed: SensedMotion) -> list[RenderableType]:
-    """Terminal text on sensors to add or leave out: heading, table and remarks."""
+    """Terminal text of sensed motion and forces: heading, table and remarks."""
     shown = sensed.overview()
     parts: list[RenderableType] = [Text(shown.words.partition(";")[0], style="bold")]
     parts.append(printed(Table(tuple(shown.header), tuple(map(tuple, shown.rows)), (1, 2))))
+    if sensed.force_dofs:
+        size, time = number(sensed.prior_std, 3), number(sensed.correlation_time, 3)
+        parts.append(Text(f"unknown forces before the record: standard deviation {size} N, correlation time {time} s"))
     for dof, z in sensed.checks:
         good = z < 2
         verdict = "as it should be" if good else "more than it should be: the model or the forces are wrong there"

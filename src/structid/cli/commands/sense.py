@@ -29,7 +29,7 @@ def sense(
 
     \b
     Examples:
-      structid sense bridge_results traffic.csv --wanted 12Y,14Y --unknown 5Y,9Y --correlation-time 0.2
+      structid sense bridge_results traffic.csv --wanted 12Y,14Y --unknown 5Y,9Y
       structid sense tower_results wind.h5 --wanted 40X --unknown 10X,20X,30X --correlation-time 1 --leave-out 30X
     """
     from structid.cli.tables import show  # the help needs none of these

@@ -38,7 +38,7 @@ def sense_record(
     if not isinstance(record, TimeRecord):
         raise InputError(f"{path}: holds FRFs; motion at other places is told from time histories")
     unknown = None
-    if options.unknown and options.correlation_time is not None:
+    if options.unknown:
         unknown = UnknownForces(split_commas(options.unknown), options.correlation_time, options.force_std)
     left = split_commas(options.leave_out)
     sensed = sense(
@@ -89,6 +89,7 @@ def sensed_summary(sensed: SensedMotion, folder: Path, path: Path) -> dict[str, 
         "outputs": list(rows(sensed.outputs, sensed.values, sensed.std)),
         "forces": list(rows(sensed.force_dofs, sensed.forces, sensed.force_std)),
         "force_prior_std": sensed.prior_std,
+        "correlation_time_s": sensed.correlation_time,
         "left_out": [{"sensor": str(dof), "error_over_stated_deviation": z} for dof, z in sensed.checks],
         "warnings": list(sensed.words),
     }
