@@ -147,7 +147,7 @@ def test_a_foot_lets_go_of_all_rotations_at_once(tmp_path):
     pinned = foot.candidate
     written_in_space(tmp_path, SPACE.replace('fixed = ["1", "5"]', 'fixed = ["1 X Y Z", "5"]'))
     base = begun(path)
-    near = fit_near(base, (pinned, foot.strength, np.inf), PLAIN_TOOLS)
+    near = fit_near(base, (pinned, foot.strength, ()), PLAIN_TOOLS)
     fitted = restore_fit(base, pinned, fit_fully(base, (pinned, foot.strength, near["theta"]), PLAIN_TOOLS))
     assert fitted.chi_square < 1.2 * base.modified.target.n_data < 0.01 * base.chi_square
     assert pinned.sentence(None) == "the supports 1RX, 1RY, 1RZ are flexible"

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from frame_cases import STUDY, off, written
 
@@ -45,7 +44,7 @@ def fitted(folder, truth, order):
 
 def begun(base):
     changes = [*OTHERS[:1], (SWAP, 1.0), *OTHERS[1:]]
-    return tuple((one, q, fit_near(base, (one, q, np.inf), PLAIN_TOOLS)["theta"]) for one, q in changes)
+    return tuple((one, q, fit_near(base, (one, q, ()), PLAIN_TOOLS)["theta"]) for one, q in changes)
 
 
 @pytest.mark.long

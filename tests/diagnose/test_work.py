@@ -93,20 +93,20 @@ def test_causes_on_processes_and_from_a_checkpoint_have_the_bits_of_one_run(stud
 
 
 def test_a_change_takes_the_answer_of_another_only_where_its_misfit_is_the_same(base):
-    first = fit_near(base, (Mass(where=("4",)), 0.3, np.inf), PLAIN_TOOLS)
+    first = fit_near(base, (Mass(where=("4",)), 0.3, ()), PLAIN_TOOLS)
 
     def own(*arguments):
         return {"theta": "own"}
 
-    taken = fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, np.inf), first), PLAIN_TOOLS)
+    taken = fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, ()), first), PLAIN_TOOLS)
     assert taken["theta"] is first["theta"]
-    assert fit_mirrored(base, (own, (Mass(where=("3",)), 0.3, np.inf), first), PLAIN_TOOLS) == {"theta": "own"}
-    assert fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, np.inf), {}), PLAIN_TOOLS) == {"theta": "own"}
+    assert fit_mirrored(base, (own, (Mass(where=("3",)), 0.3, ()), first), PLAIN_TOOLS) == {"theta": "own"}
+    assert fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, ()), {}), PLAIN_TOOLS) == {"theta": "own"}
 
 
 def test_a_near_fit_ends_early_only_where_it_would_end_above_what_is_of_use(base, monkeypatch):
     forgotten, other = (Mass(where=("4",)), 0.3), (Mass(where=("5",)), 0.1)
-    best = fit_near(base, (*forgotten, np.inf), PLAIN_TOOLS)
+    best = fit_near(base, (*forgotten, ()), PLAIN_TOOLS)
     iterations = []
 
     def counted(*arguments):
@@ -115,16 +115,19 @@ def test_a_near_fit_ends_early_only_where_it_would_end_above_what_is_of_use(base
         return minimum
 
     monkeypatch.setattr(modified_model, "minimize", counted)
-    whole = fit_near(base, (*other, np.inf), PLAIN_TOOLS)
+    whole = fit_near(base, (*other, ()), PLAIN_TOOLS)
     n_whole = sum(iterations)
     assert whole["chi_square"] > 2 * best["chi_square"]
     iterations.clear()
-    short = fit_near(base, (*other, best["chi_square"]), PLAIN_TOOLS)
+    short = fit_near(base, (*other, (best["chi_square"],)), PLAIN_TOOLS)
     assert sum(iterations) < n_whole
     assert short["chi_square"] > best["chi_square"]
-    same = fit_near(base, (*forgotten, whole["chi_square"]), PLAIN_TOOLS)
+    same = fit_near(base, (*forgotten, (whole["chi_square"],)), PLAIN_TOOLS)
     assert np.array_equal(same["theta"], best["theta"])
     assert same["chi_square"] == best["chi_square"]
+    far_behind = (0.5 * whole["costs"][0], *whole["costs"][1:])
+    assert fit_near(base, (*other, far_behind), PLAIN_TOOLS) == {}
+    assert fit_near(base, (*other, (1.01 * whole["costs"][0], *[np.inf] * (len(far_behind) - 1))), PLAIN_TOOLS)
 
 
 class Ticking:
@@ -178,7 +181,7 @@ def test_a_fit_that_takes_too_much_is_given_up(base):
         hurried = replace(base, modified=replace(base.modified, fit_limits=limits))
         with pytest.raises(SearchEndedError, match="the fit was ended after 1 iterations"):
             hurried.modified.fit_near()
-        assert fit_near(hurried, (Mass(where=("4",)), 0.3, np.inf), PLAIN_TOOLS) == {}
+        assert fit_near(hurried, (Mass(where=("4",)), 0.3, ()), PLAIN_TOOLS) == {}
 
 
 def square(shared, item, tools):
@@ -199,7 +202,7 @@ def test_effort_is_counted_from_sizes_and_is_the_same_each_time(base):
     def effort_of(task, *arguments):
         return TaskWithEffort(task)(*arguments)["effort"]
 
-    item = (Mass(where=("4",)), 0.3, np.inf)
+    item = (Mass(where=("4",)), 0.3, ())
     assert base.near_path  # the quick fit without the change is made once, before all others
     first = effort_of(fit_near, base, item, PLAIN_TOOLS)
     assert first == effort_of(fit_near, base, item, PLAIN_TOOLS) > 0

@@ -23,7 +23,7 @@ def test_exchanged_loads_are_fitted_whatever_a_model_bent_to_them_shows(tmp_path
     base = Fitted(trial, away, float(np.sum(problem.residual(away) ** 2)))
     found = shortlist_candidates(base, ALONE, "causes").rows
     [swap] = [one for one in found if one.candidate.kind == "load_swap"]
-    end = fit_near(base, (swap.candidate, swap.strength, np.inf), ALONE)
+    end = fit_near(base, (swap.candidate, swap.strength, ()), ALONE)
     assert end["chi_square"] < 1e-2 * base.chi_square
     assert end["chi_square"] < 1.5 * problem.n_data
 

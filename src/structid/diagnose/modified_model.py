@@ -17,7 +17,7 @@ from structid.diagnose.frf_views import View, views
 from structid.diagnose.model_edits import Edits
 from structid.diagnose.receptances import MOST_LINES
 from structid.diagnose.score_test import Point, point_at
-from structid.diagnose.search_budget import METER, NO_LIMITS, FitLimits, count_effort
+from structid.diagnose.search_budget import METER, NO_LIMITS, FitLimits, SearchEndedError, count_effort
 from structid.diagnose.tested_model import ModelDraft, TestedModel
 from structid.diagnose.thresholds import (
     CHANGE_EFFORT,
@@ -50,15 +50,24 @@ from structid.records import FrfRecord
 from structid.unknowns.named_unknowns import begun_at
 
 FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
-QUICK = Raced(max_iterations=12, gain_tolerance=1e-3, left_at=RACED_AT)
+QUICK = Raced(max_iterations=12, gain_tolerance=1e-2, left_at=RACED_AT)
 
 
 class NearFit(NamedTuple):
-    """Where a quick fit ended: free variables and sum of squares; and the free variables at the end of each of its steps."""
+    """Where a quick fit ended: free variables (n_params,) and sum of squares at the end of each of its stages."""
 
-    theta: FloatArray
-    chi_square: float
     path: tuple[FloatArray, ...]
+    costs: tuple[float, ...]
+
+    @property
+    def theta(self) -> FloatArray:
+        """Free variables at its end, (n_params,)."""
+        return self.path[-1]
+
+    @property
+    def chi_square(self) -> float:
+        """Sum of squares at its end."""
+        return self.costs[-1]
 
 
 class Change(NamedTuple):
@@ -228,18 +237,25 @@ class ModifiedModel:
         """The minimum of one of its problems from free variables (n_params,), its effort counted and limited."""
         return minimize(problem, method, theta, count_effort(problem, self.fit_limits))
 
-    def fit_near(self, above: float = np.inf, path: Sequence[Mapping[str, float]] = ()) -> NearFit:
+    def fit_near(self, limits: Sequence[float] = (), path: Sequence[Mapping[str, float]] = ()) -> NearFit:
         """The quick fit with parameters kept near their start: to smoothed data, then to the lines themselves.
 
         Parameters
         ----------
-        above : float
-            The fit ends early where its sum of squares would stay above this.
+        limits : sequence of float
+            Sums of squares, one for each stage; none by default. A stage on smoothed data that ends above its limit is the last;
+            the search on the lines themselves ends early where it would stay above its own.
         path : sequence of mappings of str to float
-            Physical values where each step of the quick fit without the last change ended. A step begins there where that
+            Physical values where each stage of the quick fit without the last change ended. A stage begins there where that
             is nearer: a change that explains nothing then ends where it begins.
+
+        Raises
+        ------
+        SearchEndedError
+            If a stage on smoothed data ends above its limit.
         """
         stages = [(stage, QUICK) for _, stage in self.smoothed(NEAR_LEVELS)]
+        above = limits[-1] if limits else np.inf
         stages.append((self.anchored(), replace(QUICK, above=above)))
         ends = [self.theta_of(values) for values in path] if len(path) == len(stages) else []
         theta, steps = np.asarray(self.target.theta_start), list[Minimum]()
@@ -249,7 +265,10 @@ class ModifiedModel:
                 starts.sort(key=lambda start: squared(residual_at(problem, start)))
             steps.append(self.minimize(problem, method, starts[0]))
             theta = steps[-1].theta
-        return NearFit(theta, float(steps[-1].costs[-1]), tuple(step.theta for step in steps))
+            is_raced = len(limits) == len(stages) and problem is not stages[-1][0]
+            if is_raced and steps[-1].costs[-1] > limits[number]:
+                raise SearchEndedError("other changes are far better on smoothed data")
+        return NearFit(tuple(step.theta for step in steps), tuple(float(step.costs[-1]) for step in steps))
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:
         """The best fit, as the options ask for, from some starts (n_params,).

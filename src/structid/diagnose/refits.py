@@ -15,7 +15,7 @@ from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.gain import MOST_GAIN, LoadGain, SensorGain
 from structid.diagnose.causes.record_left_out import OtherState
 from structid.diagnose.data_rows import outlying_spans, scaled_misfit, tones
-from structid.diagnose.modified_model import FINAL, ModifiedModel
+from structid.diagnose.modified_model import FINAL, ModifiedModel, NearFit
 from structid.diagnose.search_budget import count_effort
 from structid.diagnose.thresholds import (
     MISFIT,
@@ -97,12 +97,17 @@ class Fitted:
         return self.modified.values(self.theta)
 
     @cached_property
-    def near_path(self) -> tuple[dict[str, float], ...]:
-        """Physical values, by name, at the end of each step of the quick fit of the same model; none where it fails."""
+    def near(self) -> NearFit | None:
+        """The quick fit of the same model; None where it fails."""
         try:
-            return tuple(self.modified.values(theta) for theta in self.modified.fit_near().path)
+            return self.modified.fit_near()
         except (StructidError, np.linalg.LinAlgError):
-            return ()
+            return None
+
+    @cached_property
+    def near_path(self) -> tuple[dict[str, float], ...]:
+        """Physical values, by name, at the end of each stage of the quick fit of the same model; none where it fails."""
+        return () if self.near is None else tuple(self.modified.values(theta) for theta in self.near.path)
 
     @property
     def near_theta(self) -> FloatArray:
@@ -174,11 +179,14 @@ def n_parameters(modified: ModifiedModel) -> int:
 class StoredFit(TypedDict, total=False):
     """A fit of a change in numbers and texts, as it goes between processes and into checkpoints.
 
-    Near fits have `theta` and `chi_square` alone. It is empty where there is no model with the change.
+    Near fits have `theta`, `chi_square` and `costs` alone. It is empty where there is no model with the change, or its near
+    fit was left for better ones.
     """
 
     theta: FloatArray
     chi_square: float
+    #: Sum of squares at the end of each stage of a near fit, (n_stages,).
+    costs: FloatArray
     left_out: float
     where: list[str]
     strength: float
@@ -190,8 +198,8 @@ class StoredFit(TypedDict, total=False):
 
 #: A candidate and its strength.
 Sized = tuple[Candidate, float]
-#: A candidate, its strength, and the sum of squares from which on its near fit is of no use.
-NearItem = tuple[Candidate, float, float]
+#: A candidate, its strength, and the sums of squares of its stages from which on its near fit is of no use, if any.
+NearItem = tuple[Candidate, float, tuple[float, ...]]
 #: A candidate, its strength, and free variables to fit it from.
 Item = tuple[Candidate, float, FloatArray]
 
@@ -199,14 +207,15 @@ Item = tuple[Candidate, float, FloatArray]
 def fit_near(base: Fitted, change: NearItem, tools: Tools) -> StoredFit:
     """The quick fit of a change, parameters kept near their start; empty where no model has the change.
 
-    A fit that would not get below the given sum of squares ends early; its own is then only known to be above that.
+    A fit that would not get below its last limit ends early; its sum of squares is then only known to be above that. It is
+    empty too where an earlier stage ends above its limit.
     """
-    candidate, strength, above = change
+    candidate, strength, limits = change
     try:
         modified = base.modified.changed(candidate, strength)
-        near = modified.fit_near(above - base.left_out, base.near_path)
+        near = modified.fit_near([*limits[:-1], *(above - base.left_out for above in limits[-1:])], base.near_path)
         left_out = base.left_out + _misfit_left_out(base, modified, near.theta, is_near=True)
-        return {"theta": near.theta, "chi_square": near.chi_square + left_out}
+        return {"theta": near.theta, "chi_square": near.chi_square + left_out, "costs": np.array(near.costs)}
     except (StructidError, np.linalg.LinAlgError):
         return {}  # not a cause that could be offered
 

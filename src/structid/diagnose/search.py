@@ -47,10 +47,12 @@ from structid.diagnose.thresholds import (
     CAUSE_RISK,
     CLEAR,
     CLEARLY_BETTER,
+    FAR_BEHIND,
     FAR_BEYOND,
     FINALISTS,
     FIRST_CAUSE_TIME,
     LARGE_MODEL_REFITS,
+    LEAST_DROP,
     LEAST_REFITS,
     LEAST_SHARE,
     MORE_PAIRS,
@@ -401,17 +403,33 @@ def _fit_near_all(
     rest = sorted((k for k in originals if rank[k] >= FINALISTS), key=lambda k: (k not in kept, rank[k]))
     known: dict[int, StoredFit | None] = {}
     _ = base.near_path  # computed once, before it is sent to other processes
-    above, least = np.inf, LEAST_REFITS
+    limits, least = _near_limits(base, []), LEAST_REFITS
     for block in [first, *(rest[i : i + FINALISTS] for i in range(0, len(rest), FINALISTS))]:
-        items = [(*changes[k], np.inf if k in kept else above) for k in block]
+        items = [(*changes[k], () if k in kept else limits) for k in block]
         what = name if known else f"most promising {name}"
         known.update(zip(block, map_within_budget(time, work, what, fit_near, base, items, least), strict=True))
-        sizes = sorted(fit["chi_square"] for k, fit in known.items() if fit and not changes[k][0].is_always_fitted)
-        above, least = sizes[FINALISTS - 1] if len(sizes) >= FINALISTS else np.inf, 0
+        limits = _near_limits(base, [(changes[k][0], fit) for k, fit in known.items() if fit])
+        least = 0
     twins = [k for k in range(len(changes)) if k not in known and known[alike[k]] is not None]
-    asked = [(fit_near, (*changes[k], np.inf if k in kept else above), known[alike[k]] or StoredFit()) for k in twins]
+    asked = [(fit_near, (*changes[k], () if k in kept else limits), known[alike[k]] or StoredFit()) for k in twins]
     known.update(zip(twins, map_within_budget(time, work, f"{name}, alike", fit_mirrored, base, asked), strict=True))
     return [known.get(k) for k in range(len(changes))]
+
+
+def _near_limits(base: Fitted, fits: Sequence[tuple[Candidate, StoredFit]]) -> tuple[float, ...]:
+    """Sums of squares of the stages of a near fit from which on it is of no use beside those of the base and of others.
+
+    At each stage it is too far behind the best; at the last one it is not among the finalists, or explains nothing.
+    """
+    if base.near is None:
+        return ()
+    costs = [base.near.costs, *(fit["costs"] for candidate, fit in fits if not candidate.leaves_data_out)]
+    far = FAR_BEHIND * (
+        np.array([row for row in costs if len(row) == len(base.near.costs)]).min(axis=0) + n_parameters(base.modified)
+    )
+    sizes = sorted(fit["chi_square"] for candidate, fit in fits if not candidate.is_always_fitted)
+    nothing = (1 - LEAST_DROP) * base.near.chi_square + base.left_out
+    return *far[:-1].tolist(), min(far[-1] + base.left_out, nothing, *sizes[FINALISTS - 1 : FINALISTS])
 
 
 def _refits(
