@@ -30,7 +30,8 @@ from structid.fem.importers import (
 from structid.modal import ModalRecord
 from structid.modal.formats.files import write_modes
 from structid.records import FrfRecord, TimeRecord
-from structid.records.formats import LOGGERS, Geometry, write_record
+from structid.records.formats import LOGGERS, write_record
+from structid.records.formats.geometry import Geometry
 from structid.records.formats.layout import fields_of
 from structid.study.run.checkpoint import Checkpoint
 

@@ -19,7 +19,8 @@ from structid.modal.formats.files import read_modes
 from structid.modal.method import ModalOptions
 from structid.modal.spectral.fdd import fdd
 from structid.modal.subspace.stored_correlations import correlation_modes
-from structid.records.formats import ReadOptions, read_geometry, read_record
+from structid.records.formats import ReadOptions, read_record
+from structid.records.formats.geometry import read_geometry
 from structid.records.formats.spectra import read_correlation, read_spectrum
 from structid.records.on_disk import open_record
 from structid.study.run.checkpoint import Checkpoint

@@ -2,11 +2,11 @@
 
 from structid.records.correlation import CorrelationRecord as CorrelationRecord
 from structid.records.formats import CsvLayout as CsvLayout
-from structid.records.formats import Geometry as Geometry
 from structid.records.formats import ReadOptions as ReadOptions
-from structid.records.formats import read_geometry as read_geometry
 from structid.records.formats import read_record as read_record
 from structid.records.formats import write_record as write_record
+from structid.records.formats.geometry import Geometry as Geometry
+from structid.records.formats.geometry import read_geometry as read_geometry
 from structid.records.formats.spectra import read_correlation as read_correlation
 from structid.records.formats.spectra import read_spectrum as read_spectrum
 from structid.records.quality.findings import Finding as Finding

@@ -13,7 +13,7 @@ from scipy import sparse
 
 from structid.core.dof import Dof
 from structid.core.errors import FileError, InputError
-from structid.fem import Beam, Structure, importers
+from structid.fem import Beam, Structure
 from structid.fem.importers import (
     FORMATS,
     ImportedMatrix,
@@ -22,6 +22,7 @@ from structid.fem.importers import (
     dofs_of,
     group_from_exports,
     in_si,
+    matrix_files,
     on_dofs,
     read_matrices,
     read_matrix,
@@ -102,7 +103,7 @@ def test_a_new_format_is_a_module_and_a_line_in_the_registry(tmp_path, monkeypat
     (tmp_path / "rows_of_matrices.py").write_text(NEW_FORMAT)
     (tmp_path / "two.rows").write_text('{"K": [[2.0, -1.0], [-1.0, 2.0]], "M": [[1.0, 0.0], [0.0, 1.0]]}')
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(importers, "FORMATS", (*FORMATS, importlib.import_module("rows_of_matrices")))
+    monkeypatch.setattr(matrix_files, "FORMATS", (*FORMATS, importlib.import_module("rows_of_matrices")))
     assert list(read_matrices(tmp_path / "two.rows")) == ["K", "M"]
     np.testing.assert_array_equal(read_matrix(tmp_path / "two.rows", "K").matrix.toarray(), [[2, -1], [-1, 2]])
     (tmp_path / "a.xyz").write_text("1")

@@ -138,7 +138,7 @@ def _merge(
     from structid.modal.formats.files import read_modes
     from structid.modal.merging import merged_setups
     from structid.modal.survey.survey import MODES_PAGE
-    from structid.records.formats import read_geometry
+    from structid.records.formats.geometry import read_geometry
     from structid.report.modes import merged_text
     from structid.study.results.folder import staged_folder
     from structid.study.results.modes import write_merged

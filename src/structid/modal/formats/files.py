@@ -31,7 +31,7 @@ from structid.modal.formats.punch import modes_punch
 from structid.modal.formats.uff import modes_uff, read_modes_uff
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles.poles import modal_phase_collinearity
-from structid.records.formats import Geometry
+from structid.records.formats.geometry import Geometry
 
 _NASTRAN = (*F06_SUFFIXES, *PUNCH_SUFFIXES, *OP2_SUFFIXES)
 #: Suffixes of the files that an option is about, where these are not those of Nastran alone.

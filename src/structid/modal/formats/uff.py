@@ -29,7 +29,7 @@ from structid.files.uff import Block, UniversalNodes, read_blocks, read_nodes, r
 from structid.files.uff.fields import integers, read_reals
 from structid.modal.formats.options import ModeFileOptions
 from structid.modal.modal_record import ModalRecord, Scaling, unit_largest
-from structid.records.formats import Geometry
+from structid.records.formats.geometry import Geometry
 from structid.records.formats.uff.write import SI_UNITS, block, geometry_blocks
 
 _STRUCTURAL, _NORMAL, _COMPLEX, _DISPLACEMENT = 1, 2, 3, 8

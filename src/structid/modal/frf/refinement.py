@@ -14,16 +14,22 @@ maximum likelihood identification of modal parameters with confidence intervals,
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
+from structid.inversion.problems.eliminated import EliminatedProblem, NormalEquations
+from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.modal.frf.residues import OUTSIDE, slopes, terms, weighted
 
-_MAX_STEPS = 60
+_SEARCH = LevenbergMarquardt(
+    max_iterations=100, step_tolerance=1e-13, initial_damping=1e-6, largest_step=10.0, acceleration=0.0
+)
 _SMALL_GAIN = 1e-10
 
 
@@ -73,6 +79,13 @@ class PolesAndParticipation:
         moving = np.flatnonzero(~self.fixed)
         entries = np.flatnonzero(((np.arange(n_inputs)[:, None] != self.held) & ~self.fixed).ravel())
         return np.concatenate([moving, n + moving, 2 * n + entries, 2 * n + n_inputs * n + entries])
+
+    @property
+    def sizes(self) -> FloatArray:
+        """Magnitudes of the unknowns, in the order of `free`: of the pole, and of the largest participation of the mode."""
+        largest = np.abs(self.participation).max(axis=0)
+        entries = np.broadcast_to(largest, self.participation.shape).ravel()
+        return np.concatenate([np.abs(self.poles), np.abs(self.poles), entries, entries])[self.free]
 
     def moved(self, step: FloatArray) -> PolesAndParticipation:
         """Copy with `step` added to the unknowns in the order of `free`."""
@@ -131,8 +144,10 @@ class OutputBlock:
         return np.asarray(np.sum(self.basis**2, axis=1))
 
 
-def output_blocks(data: FrfData, at: PolesAndParticipation, with_slopes: bool = True) -> Iterator[OutputBlock]:
-    """Every output in turn.
+def output_blocks(
+    data: FrfData, at: PolesAndParticipation, free: IntArray | None = None, with_slopes: bool = True
+) -> Iterator[OutputBlock]:
+    """Every output in turn, with derivatives by the unknowns `free` (those of `at` by default) where they are wanted.
 
     Raises
     ------
@@ -140,7 +155,7 @@ def output_blocks(data: FrfData, at: PolesAndParticipation, with_slopes: bool = 
         If poles coincide.
     """
     columns = terms(data.laplace, at.poles, at.participation, data.power, data.outside)
-    n = len(at.poles)
+    n, unknowns = len(at.poles), at.free if free is None else free
     for o in range(data.values.shape[1]):
         weight = data.weights[:, o]
         matrix = weighted(columns, weight)
@@ -152,7 +167,7 @@ def output_blocks(data: FrfData, at: PolesAndParticipation, with_slopes: bool = 
             yield OutputBlock(own, residual, np.zeros((len(residual), 0)), q, r, np.zeros((len(own), 0)))
             continue
         shape = own[:n] + 1j * own[n : 2 * n]
-        change = weighted(slopes(data.laplace, at.poles, at.participation, shape, data.power)[:, :, at.free], weight)
+        change = weighted(slopes(data.laplace, at.poles, at.participation, shape, data.power)[:, :, unknowns], weight)
         shared = q.T @ change
         yield OutputBlock(own, residual, change - q @ shared, q, r, shared)
 
@@ -178,34 +193,25 @@ def misfit(data: FrfData, at: PolesAndParticipation) -> float:
 def refined(
     data: FrfData, start: PolesAndParticipation, gain: float = _SMALL_GAIN
 ) -> tuple[PolesAndParticipation, bool]:
-    """The nearest minimum of `misfit`, and whether it was reached: steps go on while each gains `gain` of the misfit."""
-    at, damping = start, 1e-6
-    best = misfit(data, at)
-    for _ in range(_MAX_STEPS):
-        n_free = len(at.free)
-        normal, gradient = np.zeros((n_free, n_free)), np.zeros(n_free)
-        for block in output_blocks(data, at):
-            normal = normal + block.slope.T @ block.slope
-            gradient = gradient + block.slope.T @ block.residual
-        if not len(at.free):
-            return at, True
-        size = np.sqrt(np.diag(normal))
-        if not np.isfinite(best) or not np.isfinite(size).all() or size.min() == 0:
-            return at, False
-        values, vectors = np.linalg.eigh(normal / np.outer(size, size))
-        values = np.maximum(values, 0.0)
-        seen = vectors.T @ (gradient / size)
-        while damping < 1e12:
-            step = vectors @ (seen / (values + damping)) / size
-            trial = at.moved(step)
-            cost = misfit(data, trial)
-            if cost <= best:
-                break
-            damping *= 10
-        else:
-            return at, True  # no step improves on the last digits
-        settled = best - cost <= gain * best
-        at, best, damping = trial, cost, max(damping / 30, 1e-12)
-        if settled:
-            return at, True
-    return at, False
+    """The nearest minimum of `misfit`, and True if it was reached: steps go on while each promises `gain` of the misfit."""
+    n_free = len(start.free)
+    if not n_free:
+        return start, True
+
+    @lru_cache(maxsize=1)  # the start is looked at first
+    def normal(changes: bytes) -> NormalEquations:
+        matrix, gradient, cost = np.zeros((n_free, n_free)), np.zeros(n_free), 0.0
+        for block in output_blocks(data, start.moved(np.frombuffer(changes)), start.free):
+            matrix = matrix + block.slope.T @ block.slope
+            gradient = gradient - block.slope.T @ block.residual
+            cost += float(block.residual @ block.residual)
+        return NormalEquations(matrix, gradient, cost)
+
+    lengths = normal(np.zeros(n_free).tobytes()).columns
+    if not np.isfinite(lengths).all() or lengths.min() == 0:
+        return start, False
+    problem = EliminatedProblem(
+        start.sizes, lambda changes: misfit(data, start.moved(changes)), lambda changes: normal(changes.tobytes())
+    )
+    end = minimize(problem, replace(_SEARCH, gain_tolerance=gain))
+    return start.moved(problem.changes(end.theta)), end.converged

@@ -15,18 +15,26 @@ Golub and Pereyra (2003), Separable nonlinear least squares, Inverse Problems 19
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
 from structid.core.arrays import ComplexArray, FloatArray
+from structid.inversion.problems.eliminated import EliminatedProblem, NormalEquations
+from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.modal.correlations import Outputs, displacement_rows
 from structid.modal.modal_record import ModalRecord, by_frequency
 from structid.modal.poles.poles import frequency_damping_slope
 
-_MAX_STEPS = 50
+#: Steps are those of Gauss-Newton while they gain; converged where a step promises this decrease of the whitened sum of squares.
+_SEARCH = LevenbergMarquardt(
+    max_iterations=50, step_tolerance=1e-13, initial_damping=1e-12, largest_step=10.0, acceleration=0.0
+)
+_CONVERGED = 1e-10
 _SHOWN = 1.0  # exponent of the fastest decay that tells free motion from motion kept up
 _FASTEST = 1.0  # nepers a sample: a faster decay is one sample
 _FAR = 0.05  # of its size: a pole that moves further has left its mode
@@ -227,60 +235,63 @@ def _directions(coefficients: FloatArray) -> FloatArray:
     return slopes
 
 
-def _normal(parts: Sequence[_Projected], sigma: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Normal equations J'J, J'r and r'r / 2 of residuals divided by `sigma` (n_channels,)."""
+def _normal(parts: Sequence[_Projected], sigma: FloatArray) -> NormalEquations:
+    """Normal equations of residuals divided by `sigma` (n_channels,), in all Re s, then all Im s."""
     size = len(parts[0].triangle)
-    matrix, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
+    matrix, gradient = np.zeros((size, size)), np.zeros(size)
     for p in parts:
         slopes = _directions(p.coefficients) / sigma
         matrix += (p.outside.T @ p.outside @ slopes).reshape(size, -1) @ slopes.reshape(size, -1).T
-        scaled = p.residual / sigma
-        gradient -= slopes.reshape(size, -1) @ (p.outside.T @ scaled).ravel()
-        cost += 0.5 * float(np.sum(scaled**2))
-    return matrix, gradient, cost
+        gradient -= slopes.reshape(size, -1) @ (p.outside.T @ (p.residual / sigma)).ravel()
+    return NormalEquations(matrix, gradient, _cost(parts, sigma))
+
+
+def _cost(parts: Sequence[_Projected], sigma: FloatArray) -> float:
+    """Sum of squares of residuals divided by `sigma` (n_channels,)."""
+    return sum(float(np.sum((p.residual / sigma) ** 2)) for p in parts)
 
 
 def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[ComplexArray, list[_Projected]] | None:
-    """Poles (rad/s) of least squared residual by Levenberg-Marquardt, and projections; None without convergence."""
-    poles, n, damping = start, len(start), 0.0
-    parts = _projected(data, poles)
-    matrix, gradient, cost = _normal(parts, sigma)
-    for _ in range(_MAX_STEPS):
-        scale = np.sqrt(np.diag(matrix))
-        if not (scale > 0).all():
+    """Poles (rad/s) of least squared residual, and projections; None without convergence."""
+    n = len(start)
+
+    @lru_cache(maxsize=1)  # a step is tried and taken at the same poles
+    def project(changes: bytes) -> tuple[ComplexArray, list[_Projected]] | None:
+        """The poles after changes of Re s and Im s, and projections; None where a pole is no mode or two are one."""
+        parts = np.frombuffer(changes)
+        poles = start + parts[:n] + 1j * parts[n:]
+        is_fast = -float(poles.real.min()) / data.sampling_rate > _FASTEST
+        if (poles.imag <= 0).any() or (poles.real * data.duration > _GROWTH).any() or is_fast:
             return None
-        scaled = matrix / np.outer(scale, scale)
         try:
-            step = -linalg.solve(scaled + damping * np.eye(2 * n), gradient / scale, assume_a="pos")
+            return poles, _projected(data, poles)
         except np.linalg.LinAlgError:
-            damping = max(10 * damping, 1e-8)
-            continue
-        if float(step @ scaled @ step) < 1e-10:  # in units of the standard deviation
-            return poles, parts
-        trial = poles + (step / scale)[:n] + 1j * (step / scale)[n:]
-        fastest = -float(trial.real.min()) / data.sampling_rate
-        if (trial.imag <= 0).any() or (trial.real * data.duration > _GROWTH).any() or fastest > _FASTEST:
-            damping = max(10 * damping, 1e-4)
-            continue
-        try:
-            tried = _projected(data, trial)
-        except np.linalg.LinAlgError:  # two poles in one
-            damping = max(10 * damping, 1e-4)
-            continue
-        new_matrix, new_gradient, new_cost = _normal(tried, sigma)
-        if np.isfinite(new_cost) and new_cost <= cost * (1 + 1e-14):
-            poles, parts, matrix, gradient, cost = trial, tried, new_matrix, new_gradient, new_cost
-            damping = 0.0 if damping < 1e-8 else damping / 10
-        else:
-            damping = max(10 * damping, 1e-4)
-    return None
+            return None
+
+    def cost(changes: FloatArray) -> float:
+        projected = project(changes.tobytes())
+        return np.inf if projected is None else _cost(projected[1], sigma)
+
+    @lru_cache(maxsize=1)  # the start is looked at first
+    def normal(changes: bytes) -> NormalEquations:
+        projected = project(changes)
+        assert projected is not None  # a search stays where the sum of squares is finite
+        return _normal(projected[1], sigma)
+
+    none = np.zeros(2 * n).tobytes()
+    if project(none) is None or not (normal(none).columns > 0).all():
+        return None
+    n_rows = sum(y.size for y in data.series)
+    problem = EliminatedProblem(np.tile(np.abs(start), 2), cost, lambda changes: normal(changes.tobytes()))
+    end = minimize(problem, replace(_SEARCH, gain_tolerance=_CONVERGED / n_rows))
+    return project(problem.changes(end.theta).tobytes()) if end.converged else None
 
 
 def _with_covariance(data: Outputs, poles: ComplexArray, parts: list[_Projected]) -> DecayFit | None:
     """Decay fit at its minimum `poles`, with covariance from the noise around each mode; None if singular."""
     n = len(poles)
     level = _noise(parts)
-    matrix, _, _ = _normal(parts, level)
+    matrix = _normal(parts, level).matrix
     scale = np.sqrt(np.diag(matrix))
     try:
         factors = linalg.cho_factor(matrix / np.outer(scale, scale))

@@ -8,7 +8,6 @@ from structid.core.errors import FileError, InputError
 from structid.files import damage_told, require_readable
 from structid.lazy import FormatModule
 from structid.records.formats.csv.layout import CsvLayout
-from structid.records.formats.geometry import Geometry, read_geometry
 from structid.records.formats.kept import keep_records, kept_or_read
 from structid.records.formats.loggers import LOGGERS, LoggerFormat
 from structid.records.formats.options import ReadOptions
@@ -37,10 +36,8 @@ __all__ = [
     "FORMATS",
     "LOGGERS",
     "CsvLayout",
-    "Geometry",
     "ReadOptions",
     "keep_records",
-    "read_geometry",
     "read_record",
     "write_record",
 ]

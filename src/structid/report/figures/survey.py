@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.quantities import DASH, number, value_words
 from structid.modal.poles.poles import modal_phase_collinearity
-from structid.modal.survey.survey import ModesResult
 from structid.records import FrfRecord
 from structid.report.drawing import palette, symbols
 from structid.report.rendering import plot
 from structid.similarity import mac
 from structid.similarity.shapes import real_turn
+
+if TYPE_CHECKING:
+    from structid.modal.survey.survey import ModesResult
 
 #: What a pole of the sweep is: shut out by the criteria, alone, in the cluster of a mode, or the mode itself.
 OUTSIDE, ALONE, CLUSTERED, CHOSEN = 0, 1, 2, 3

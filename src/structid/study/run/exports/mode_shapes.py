@@ -16,7 +16,7 @@ from structid.modal.formats.files import write_modes
 from structid.modal.formats.options import CSV_SUFFIXES, JSON_SUFFIXES
 from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.quantities import NaturalModes
-from structid.records.formats import Geometry
+from structid.records.formats.geometry import Geometry
 
 
 def model_modes(model: IdentifiedModel, n_modes: int) -> Modes:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from scipy import sparse
@@ -17,20 +17,7 @@ from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Plain
 from structid.core.units import FORCES, LENGTHS
-from structid.fem import MatrixGroup
-from structid.fem.importers import (
-    ImportedMatrix,
-    dof_table,
-    dofs_of,
-    group_from_exports,
-    in_si,
-    of_elements,
-    on_dofs,
-    read_matrices,
-    read_numbering,
-)
-from structid.fem.importers.definite import require_semidefinite
-from structid.fem.importers.imported import codes_of, complete_triangles, tables_of
+from structid.fem import MatrixGroup, importers
 from structid.study.schema.kinds import (
     BOOLEAN,
     INTEGER,
@@ -47,6 +34,9 @@ from structid.study.schema.kinds import (
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, kind_of_argument, table_of
+
+if TYPE_CHECKING:
+    from structid.fem.importers import ImportedMatrix
 
 _KEYS = ("mass", "stiffness", "damping")
 #: Names that files give by themselves, so that `matrix` need not say which.
@@ -129,7 +119,7 @@ class _Reader:
         """The matrices of the file `name` by their names; each file is read once."""
         path = self.files.folder / name
         if path not in self.known:
-            self.known[path] = read_matrices(self.files.path(name))
+            self.known[path] = importers.read_matrices(self.files.path(name))
         return self.known[path]
 
 
@@ -154,7 +144,7 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
     if "dofs" in given:
         with matrices.located("dofs"):
             text = given["dofs"]
-            dofs = read_numbering(files.path(text)) if isinstance(text, str) else parse_dofs(text)
+            dofs = importers.read_numbering(files.path(text)) if isinstance(text, str) else parse_dofs(text)
     units = (given.get("length_unit", "m"), given.get("force_unit", "N"))
     return _read_entries(entries, dofs, units, _Reader(files))
 
@@ -175,7 +165,7 @@ def _read_entries(
     if not constrained:
         return groups, []
     present = {dof.unsigned for _, group in groups for dof in group.dofs}
-    return groups, [dof for dof in dofs_of(np.unique(np.concatenate(constrained), axis=0)) if dof in present]
+    return groups, [dof for dof in importers.dofs_of(np.unique(np.concatenate(constrained), axis=0)) if dof in present]
 
 
 def _read_group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader) -> MatrixGroup:
@@ -193,7 +183,7 @@ def _read_group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, 
     if not values.get("indefinite", False):
         for key, matrix in group.given.items():
             with entry.located(key):
-                require_semidefinite(key, matrix, group.dofs)
+                importers.require_semidefinite(key, matrix, group.dofs)
     return group
 
 
@@ -212,7 +202,7 @@ def _own_numbering(entry: Section, parts: Mapping[str, list[ImportedMatrix]]) ->
     if not tables:
         return ()
     with entry.located():
-        return dofs_of(tables_of(np.unique(codes_of(np.concatenate(tables)))))
+        return importers.dofs_of(importers.tables_of(np.unique(importers.codes_of(np.concatenate(tables)))))
 
 
 def _sum_matrices(
@@ -226,13 +216,13 @@ def _sum_matrices(
                 raise InputError(
                     f"{item.name!r} must be {total.shape} like the degrees of freedom in `dofs`, got {item.matrix.shape}"
                 )
-            total = total + (item.matrix if item.dofs is None else on_dofs(item, _signed_table(dofs, item)))
-        return in_si(total, dofs, *units)
+            total = total + (item.matrix if item.dofs is None else importers.on_dofs(item, _signed_table(dofs, item)))
+        return importers.in_si(total, dofs, *units)
 
 
 def _signed_table(dofs: tuple[Dof, ...], item: ImportedMatrix) -> IntArray:
     """Node and component of `dofs` (n_dofs, 2) as the file numbers them; its scalar points (component 0) stand at RX."""
-    table = dof_table(dofs)
+    table = importers.dof_table(dofs)
     assert item.dofs is not None
     scalar = np.isin(table[:, 0], item.dofs[item.dofs[:, 1] == 0, 0]) & (table[:, 1] == 4)
     table[scalar, 1] = 0
@@ -249,7 +239,7 @@ def _read_matrix(entry: Section, key: str, value: Any, reader: _Reader) -> Impor
     source = section.read(SourceEntry)
     item = _require_real_square(_choose_matrix(key, source.path, source.matrix, reader), source.path)
     if source.elements is not None:
-        item = of_elements(item, _labels(source.elements))
+        item = importers.of_elements(item, _labels(source.elements))
     return _complete_triangle(item) if source.one_triangle else item
 
 
@@ -268,10 +258,10 @@ def _read_difference(entry: Section, key: str, section: Section, reader: _Reader
             raise InputError(f"`{name}` must have the numbering of `base`; export the same mesh")
         matrices[name] = item.matrix
     third = matrices.get("third")
-    group = group_from_exports(
+    group = importers.group_from_exports(
         matrices["base"], matrices["changed"], files_given.factor, third, files_given.third_factor
     )
-    return ImportedMatrix(base.name, group, base.dofs)
+    return importers.ImportedMatrix(base.name, group, base.dofs)
 
 
 def _choose_matrix(key: str, name: str, matrix: str | None, reader: _Reader) -> ImportedMatrix:
@@ -308,7 +298,7 @@ def _complete_triangle(item: ImportedMatrix) -> ImportedMatrix:
     upper, lower = sparse.triu(item.matrix, 1), sparse.tril(item.matrix, -1)
     if abs(upper).sum() > 0 and abs(lower).sum() > 0:
         raise InputError(f"{item.name!r} has entries on both sides of the diagonal; leave `one_triangle` out")
-    return ImportedMatrix(item.name, complete_triangles(item.matrix, item.name), item.dofs)
+    return importers.ImportedMatrix(item.name, importers.complete_triangles(item.matrix, item.name), item.dofs)
 
 
 def _labels(entries: Sequence[int | str] | int | str) -> set[int]:

@@ -20,9 +20,9 @@ from structid.fem import (
     MeasuredComponent,
     RigidLink,
     Structure,
+    importers,
 )
 from structid.fem.elements import ElementSet
-from structid.fem.importers import require_total_mass
 from structid.fem.meshes import Mesh
 from structid.fem.structure import MOST_PIECES
 from structid.fem.supports import Tie
@@ -244,7 +244,7 @@ def read_structure(
     if "total_mass" in given:
         whole = _make_structure(section, nodes, (elements, ties, [*fixed, *constrained], []), bases, [], given)
         with section.located("total_mass"):
-            require_total_mass(whole.mass_of(), given["total_mass"], "; ".join(taken.left_aside))
+            importers.require_total_mass(whole.mass_of(), given["total_mass"], "; ".join(taken.left_aside))
     if changes is not None:
         elements, ties, fixed, measured = _apply_changes(changes, nodes, (elements, ties, fixed, measured), mesh)
     aims = record is not None and "sensors" in record.table
