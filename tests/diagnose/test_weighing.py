@@ -177,3 +177,21 @@ def test_a_local_resonance_outside_the_lines_is_held_against_its_limit(base, tri
     assert _limit_of(base, one) is None
     ((candidate, _, _),) = _simpler(base, one)
     assert candidate.kind == limit
+
+
+@pytest.mark.parametrize("part, limit, causes", [(0.9, None, ["appendage"]), (1.1, "spring", [])])
+def test_a_local_resonance_heavier_than_the_structure_is_no_cause_and_its_spring_is_tried(
+    base, trials, part, limit, causes
+):
+    """A hose to the ground at no node was called a resonance of 1,232 kg: such a mass rests like the ground."""
+    modified = trials["appendage"]
+    total = 4.0 * (0.5 + 0.5 + 1.0) + 3.0 * 1.2  # kg, of columns and girder
+    names = [name.partition("[")[0] for name in modified.target.names]
+    theta = np.array(modified.target.theta_start)
+    theta[-1 - names[::-1].index("mass")] = np.log(part * total)
+    theta[-1 - names[::-1].index("stiffness")] = np.log(part * total * (2 * np.pi * 25.0) ** 2)
+    one = replace(base, modified=modified, theta=theta, chi_square=1000.0)
+    candidate = _limit_of(base, one)
+    assert (None if candidate is None else candidate.kind) == limit
+    assert [item[0].kind for item in _simpler(base, one)] == ([] if limit is None else [limit])
+    assert kinds(_weighed(replace(base, chi_square=5000.0), [one], 200).causes) == causes

@@ -91,3 +91,22 @@ def test_bad_input_is_named(tmp_path):
         sid.state_space(model, OUTPUTS, INPUTS, BAND, order=5000)
     with pytest.raises(FileError, match=r"\.mat, \.npz, \.h5"):
         sid.state_space(model, OUTPUTS, INPUTS, BAND, order=4).write(tmp_path / "beam.txt")
+
+
+def test_more_states_miss_less_and_all_are_stable():
+    """Balancing on the band alone makes unstable equations of some orders, whose poles outside the band are reflected."""
+    columns, rows = 8, 6
+    corners = np.array([0, 1, columns + 2, columns + 1])
+    cells = [(j * (columns + 1) + i + corners).tolist() for j in range(rows) for i in range(columns)]
+    nodes = {j * (columns + 1) + i: [0.15 * i, 0.15 * j] for j in range(rows + 1) for i in range(columns + 1)}
+    plate = sid.Plate(
+        "plate", cells, density=2700.0, youngs_modulus=7e10, thickness=4e-3, poisson=0.33, loss_factor=0.02
+    )
+    fixed = [f"{node}{d}" for node, (x, _) in nodes.items() if x == 0.0 for d in ("Z", "RX", "RY")]
+    structure = sid.Structure(nodes, [plate], fixed=fixed)
+    parameters = sid.parameters(structure, [sid.Unknown("youngs_modulus", "plate")])
+    model = identified_model(structure, parameters, parameters.start, np.zeros((1, 1)))
+    made = [sid.state_space(model, ["62Z", "33Z"], ["62Z", "13Z"], (5.0, 85.0), order=n) for n in range(20, 32, 2)]
+    errors = np.array([each.error for each in made])
+    assert (errors[1:] < 1.5 * errors[:-1]).all(), errors
+    assert max(np.linalg.eigvals(each.a).real.max() for each in made) < 0

@@ -112,6 +112,25 @@ def test_times_that_count_milliseconds_from_1970_are_not_read_as_seconds(tmp_pat
     assert read_record(path, ReadOptions(axis_unit="ms", time_column=1)).sampling_rate == pytest.approx(250, rel=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("head", "said", "stated"),
+    [("Hz", "rad/s", "Hz"), ("Angular frequency [rad/s]", "Hz", "rad/s"), ("X kHz", "Hz", "kHz"), ("ms", "s", "ms")],
+)
+def test_a_unit_in_the_head_of_an_axis_is_not_overruled_in_silence(tmp_path, head, said, stated):
+    path = tmp_path / "a.csv"
+    columns = "1X [g]" if head == "ms" else "1X/2X [g/N] re,1X/2X [g/N] im"
+    path.write_text(
+        f"{head},{columns}\n" + "".join(f"{4 * k},{k % 3}{'' if head == 'ms' else ',1'}\n" for k in range(1, 9))
+    )
+    times = {"time_column": 1} if head == "ms" else {}
+    with pytest.raises(InputError, match=f"`axis_unit` {said} was given; give `axis_unit = {stated}`"):
+        read_record(path, ReadOptions(axis_unit=said, **times))
+    read_record(path, ReadOptions(axis_unit=stated, **times))
+    if not times:
+        with pytest.raises(FileError, match=f"of frequency responses `axis_unit = {stated}`"):
+            read_record(path)
+
+
 def test_times_of_a_clock_go_on_after_midnight(tmp_path):
     path = tmp_path / "a.csv"
     clock = ["23:59:59.50", "23:59:59.75", "00:00:00.00", "00:00:00.25", "0:00:00.50", "0:00:00.75"]

@@ -127,6 +127,13 @@ def test_every_stage_of_the_search_is_in_the_table_of_the_convergence(series: Re
         assert number(float(stage.costs[-1])) in fold
 
 
+def test_a_window_that_changes_its_size_changes_no_limits_of_a_drawing(series: Report) -> None:
+    """Plotly widens limits of equal scales at each resize unless the domain gives way."""
+    for panel in json.loads(unpacked(series.page)["figures"])["figures"]["structure"]:
+        assert [panel["layout"][axis]["constrain"] for axis in ("xaxis", "yaxis")] == ["domain", "domain"]
+        assert panel["layout"]["yaxis"]["scaleanchor"] == "x"
+
+
 def test_names_and_title_cannot_become_markup(series: Report) -> None:
     assert "<1>" not in series.page
     assert "<b>7</b>" not in series.page

@@ -480,11 +480,11 @@ def _limit_of(base: Fitted, one: Fitted, ratio: float = RIGID_RATIO) -> Candidat
     """The mass that a local resonance is far above all lines, or the spring that it is far below them; None between.
 
     It is far where its frequency is `ratio` times beyond the lines. A spring with a loss factor of hundreds moves its mass
-    as rigidly as a stiff one.
+    as rigidly as a stiff one. A mass of more than the whole structure rests like the ground, and its spring is the limit.
     """
     if not isinstance(one.cause, Appendage):
         return None
-    added = {name.partition("[")[0]: value for name, value in one.values.items() if name not in base.values}
+    added = _added_values(base, one)
     dof, lines = (
         parse_dof(one.cause.where[0]),
         np.concatenate([problem.frequency for problem in base.modified.problems]),
@@ -495,9 +495,22 @@ def _limit_of(base: Fitted, one: Fitted, ratio: float = RIGID_RATIO) -> Candidat
         if dof.is_rotation:
             return AddedRotaryInertia(where=(dof.place,), strengths=np.array([size]))
         return Mass(where=(str(dof.node),), strengths=np.array([size]))
-    if own < lines[lines > 0].min() / ratio:
+    if own < lines[lines > 0].min() / ratio or _is_heavier(base, one):
         return SpringToGround(where=(dof.place,), strengths=np.array([added["stiffness"]]))
     return None
+
+
+def _added_values(base: Fitted, one: Fitted) -> dict[str, float]:
+    """Values of the parameters that a change adds, by property."""
+    return {name.partition("[")[0]: value for name, value in one.values.items() if name not in base.values}
+
+
+def _is_heavier(base: Fitted, one: Fitted) -> bool:
+    """True of a local resonance whose mass is more than that of the whole structure: nothing of that size is overlooked."""
+    dof = parse_dof(one.cause.where[0])
+    if dof.is_rotation:
+        return False
+    return bool(0 < base.modified.setups[0].structure.mass_of() < _added_values(base, one)["mass"])
 
 
 def _lossy(base: Fitted, one: Fitted) -> list[Item]:
@@ -601,11 +614,15 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
 def _has_simpler(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
     """True where a local resonance is the mass or spring that it has as a limit, or fits no better than it.
 
+    One that is heavier than the structure is never a cause: it stands for something that no change which was tried is.
+
     Where the residual of the simpler change is correlated over lines, a likelihood ratio that counts every line is too
     large: each stretch of lines as long as the correlation counts as one.
     """
     if not isinstance(one.cause, Appendage):
         return False
+    if _is_heavier(base, one):
+        return True
     limit, dof = _limit_of(base, one), parse_dof(one.cause.where[0])
     limits = {("mass", (str(dof.node),)), ("inertia", (dof.place,)), ("spring", (dof.place,))}
     for other in fits:

@@ -251,7 +251,7 @@ class FieldBasis:
         self._sketched = [self._sketching_matrix @ self.vectors] * len(self.matrices)
         self._projected = [np.zeros((0, 0))] * len(self.matrices)
         self._loads: FloatArray = np.zeros((0, right.shape[1]))
-        self._known: dict[int, ComplexArray] = {}
+        self._cache: dict[int, ComplexArray] = {}
 
     @property
     def size(self) -> int:
@@ -310,12 +310,12 @@ class FieldBasis:
 
     def coordinates(self, line: int) -> ComplexArray:
         """Coordinates of the fields in the basis at one line, (n_vectors, n_columns)."""
-        if line not in self._known:
+        if line not in self._cache:
             small = sum(
                 complex(factor[line]) * matrix for factor, matrix in zip(self.factors, self._projected, strict=True)
             )
-            self._known[line] = np.linalg.solve(np.asarray(small), self._loads.astype(np.complex128))
-        return self._known[line]
+            self._cache[line] = np.linalg.solve(np.asarray(small), self._loads.astype(np.complex128))
+        return self._cache[line]
 
     def fields(self, line: int) -> NumberArray:
         """Fields at one line, (n_dofs, n_columns); real if the model has no damping."""
@@ -347,7 +347,7 @@ class FieldBasis:
             self._products[k] = np.concatenate([self._products[k], product], axis=1)
             self._sketched[k] = np.concatenate([self._sketched[k], self._sketching_matrix @ product], axis=1)
         self._loads = self.vectors.T @ self.right
-        self._known = {}
+        self._cache = {}
 
 
 def _sketching_matrix(n: int) -> sparse.csr_array:

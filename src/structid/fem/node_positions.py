@@ -71,15 +71,25 @@ class LengthDependence:
         For each end with a variable position in some element: index of the position among the values of the structure;
         any index in an element where that end is fixed.
     slopes : tuple of (n_elements,) float arrays
-        Derivative of the length by that position: 1, -1, or 0 where the end is fixed.
+        Derivative of the length by that position: 1, -1, or 0 where the end is fixed. By a common factor on all lengths, which may
+        stand beside the positions, it is the length.
     nominal : tuple of (n_elements,) float arrays
-        Nominal positions, m.
+        Nominal positions, m; 1 of the factor.
     """
 
     lengths: FloatArray
     at: tuple[IntArray, ...]
     slopes: tuple[FloatArray, ...]
     nominal: tuple[FloatArray, ...]
+
+    def followed_by(self, other: LengthDependence) -> LengthDependence:
+        """The dependence on what both depend on, of the same elements."""
+        return LengthDependence(
+            self.lengths,
+            (*self.at, *other.at),
+            (*self.slopes, *other.slopes),
+            (*self.nominal, *other.nominal),
+        )
 
     def ratio(self, values: FloatArray) -> FloatArray:
         """Length of each element over its nominal length, (n_elements,), at the property `values`."""
@@ -162,7 +172,10 @@ def split_by_length_power(
     made = [terms_of({label: scale * position for label, position in positions.items()}) for scale in scales]
     nominal = made[scales.index(1.0)]
     if any(matrix_term.shear is not None for term in nominal for matrix_term in term.matrix_terms):
-        raise InputError(f"beams of {name!r} shear, so that no end of theirs can be in `sliding`; leave the shear out")
+        raise InputError(
+            f"beams of {name!r} shear, so that no end of theirs can be in `sliding`, nor their length have a tolerance; leave the"
+            " shear out"
+        )
     split: dict[int, list[ElementMatrixTerm]] = {}
     for number, term in enumerate(nominal):
         for position, matrix_term in enumerate(term.matrix_terms):
@@ -201,6 +214,13 @@ def _power_weights() -> FloatArray:
 
 
 _WEIGHTS = _power_weights()
+
+
+def stretched_lengths(element: ElementSet, positions: Positions, index: int) -> LengthDependence:
+    """The change of all lengths of a set by one common factor, whose index among the values of the structure is given."""
+    ends = np.array([[positions[int(n)] for n in row] for row in element.nodes])
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return LengthDependence(lengths, (np.full(len(lengths), index),), (lengths,), (np.ones(len(lengths)),))
 
 
 def length_dependence(

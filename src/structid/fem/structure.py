@@ -16,14 +16,20 @@ from structid.core.dof import DIRECTIONS, Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.fem.component import Component, Reduction, reductions
 from structid.fem.elements import ElementSet, MatrixGroup
-from structid.fem.elements.element import TRANSLATIONS, dof_code, dof_of_code, joined_codes
+from structid.fem.elements.element import LENGTH, TRANSLATIONS, Term, dof_code, dof_of_code, joined_codes
 from structid.fem.elements.matrix_group import GroupMatrices
 from structid.fem.matrices.blocks import Pattern, pattern
 from structid.fem.matrices.contribution import MATRIX_KINDS, Contribution, Property, rigid_mass, weigh_properties
 from structid.fem.matrices.strains import strain_operator
 from structid.fem.measured import MeasuredComponent
 from structid.fem.modal_damping import ALL_MODES, damping_term, modal_damping
-from structid.fem.node_positions import LengthDependence, NodePosition, length_dependence, node_positions
+from structid.fem.node_positions import (
+    LengthDependence,
+    NodePosition,
+    length_dependence,
+    node_positions,
+    stretched_lengths,
+)
 from structid.fem.numbering import Numbering, blocks_of_all, free_blocks, numbering, selection
 from structid.fem.subdivision import NumberedTerms, is_divisible, numbered_terms
 from structid.fem.supports import Base, Equations, Tie, tie_equations, tied_codes
@@ -205,6 +211,7 @@ class Structure(Shown, StructurePlots):
                 items.append(Property(name, term, slice(start, start + len(term.values))))
                 start += len(term.values)
         single = [(one.name, one.term) for one in self._node_positions]
+        single += [(e.name, Term(LENGTH, "length", "1", np.ones(1))) for e in self.elements if e.has_uncertain_length]
         single += [] if self.damping_ratio is None else [(ALL_MODES, damping_term(self.damping_ratio))]
         items += [Property(name, term, slice(start + i, start + i + 1)) for i, (name, term) in enumerate(single)]
         return tuple(items)
@@ -216,13 +223,22 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def _length_dependences(self) -> dict[str, LengthDependence]:
-        """The change of lengths of each element set that has an end at a node with variable position, by name."""
+        """The change of lengths of each element set whose lengths, or positions of nodes, are properties, by name."""
+        stretched = {
+            item.element: stretched_lengths(element, self.nodes, item.values.start)
+            for item in self.properties
+            if item.term.kind == "length"
+            for element in self.elements
+            if element.name == item.element
+        }
         if not self._node_positions:
-            return {}
+            return stretched
         of_node = {node_position.node: node_position for node_position in self._node_positions}
         index_of = {p.element: p.values.start for p in self.properties if p.term.kind == "position"}
         lines = [e for e in self.elements if e.is_line and np.isin(e.nodes, self.sliding).any()]
-        return {one.name: length_dependence(one, of_node, self.nodes, index_of) for one in lines}
+        sliding = {one.name: length_dependence(one, of_node, self.nodes, index_of) for one in lines}
+        both = {name: one.followed_by(stretched[name]) for name, one in sliding.items() if name in stretched}
+        return {**stretched, **sliding, **both}
 
     @cached_property
     def _numbered(self) -> NumberedTerms:

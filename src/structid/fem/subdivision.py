@@ -61,7 +61,8 @@ def numbered_terms(
 
     An element owns its pieces: it keeps one matrix for each property, on the nodes between them too. The end that a
     joint releases has a degree of freedom of its own in the element's matrices, in place of the node's; all others stay
-    the node's. Matrices of bars and beams with an end at one of the nodes `sliding` are split by powers of the length.
+    the node's. Matrices of bars and beams with an end at one of the nodes `sliding`, or with a tolerance of their lengths, are
+    split by powers of the length.
 
     Raises
     ------
@@ -75,7 +76,7 @@ def numbered_terms(
     for element in elements:
         is_cut = pieces > 1 and is_divisible(element, positions, active)
         terms_of = partial(_terms, element, used_codes, pieces if is_cut else 1, first + len(owners))
-        if element.is_line and np.isin(element.nodes, sliding).any():
+        if element.has_uncertain_length or (element.is_line and np.isin(element.nodes, sliding).any()):
             terms[element.name] = split_by_length_power(element.name, terms_of, positions)
         else:
             terms[element.name] = terms_of(positions)

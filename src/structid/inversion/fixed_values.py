@@ -24,6 +24,7 @@ _CALLED = {
     "stiffnesses": ("stiffness", "thickness"),
     "axial forces": ("axial_force",),
     "dampings": ("viscous_damping", "loss_factor", "damping_ratio", "friction"),
+    "lengths": ("length",),
     "places": ("position", "parameter"),
 }
 

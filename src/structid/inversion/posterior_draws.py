@@ -56,9 +56,9 @@ def drawn_uncertainty(
     InputError
         If `solved` names no parameter.
     """
-    places = [_place(problem.names, name) for name in solved]
+    indices = [_index_of(problem.names, name) for name in solved]
     generator = np.random.default_rng(seed)
-    precondition = preconditioner(at, np.zeros(at.n_params)) if draws or places or fixed is not None else None
+    precondition = preconditioner(at, np.zeros(at.n_params)) if draws or indices or fixed is not None else None
     sampled, determined, missed = counted_draws(at, draws, generator, precondition)
     (scale, share), few = row_law(problem.rows.averages), few_averages(problem.rows.averages)
     freedom = share * max(at.n_data - np.nan_to_num(determined), 1.0)
@@ -69,16 +69,16 @@ def drawn_uncertainty(
     wider = 1.0 if few is None else float(np.sqrt(score_factor(few).max()))
     noise = drawn_covariance(problem, theta, at, wider * sampled)
     std, error = np.array(noise.std), np.array(noise.std_error)
-    for place in () if misfit else places:
-        std[place] = wider * solved_std(at, place, precondition) * abs(problem.slope(theta)[place])
-        error[place] = 0.0
+    for index in () if misfit else indices:
+        std[index] = wider * solved_std(at, index, precondition) * abs(problem.slope(theta)[index])
+        error[index] = 0.0
     noise = DrawnCovariance(noise.draws, locked(std), locked(error))
     model, used = drawn_covariance(problem, theta, at, sampled[:0]), len(sampled)
     if misfit and used:
         sampled, more = posterior_draws(at, draws, generator, error_draws(problem, at), precondition)
         model = drawn_covariance(problem, theta, at, sampled[np.isfinite(sampled).all(axis=1)])
         missed, used = missed + more, len(model.draws)
-    words = [at.words, _std_words(used, 0 if misfit else len(places), missed), _MISFIT if misfit else "", exact]
+    words = [at.words, _std_words(used, 0 if misfit else len(indices), missed), _MISFIT if misfit else "", exact]
     identified = (model if misfit else noise).std <= problem.unknowns.sizes(problem.physical(theta))
     spread = Spread(
         noise=noise,
@@ -130,7 +130,7 @@ def drawn_covariance(
     return DrawnCovariance(locked(sampled * slope), locked(std * np.abs(slope)), locked(error))
 
 
-def _place(names: tuple[str, ...], name: str) -> int:
+def _index_of(names: tuple[str, ...], name: str) -> int:
     if name not in names:
         raise InputError(f"`solved` must name parameters, got {name!r}; the first of {len(names)} is {names[0]!r}")
     return names.index(name)
@@ -222,10 +222,10 @@ def error_draws(problem: Problem, at: OperatorLinearization) -> Callable[[np.ran
     return lambda generator: residual * (raised * generator.standard_normal(count))[block]
 
 
-def solved_std(at: OperatorLinearization, place: int, precondition: Solver | None = None) -> float:
-    """Standard deviation of parameter number `place` by conjugate gradients; NaN if these do not converge."""
+def solved_std(at: OperatorLinearization, index: int, precondition: Solver | None = None) -> float:
+    """Standard deviation of parameter number `index` by conjugate gradients; NaN if these do not converge."""
     unit = np.zeros(at.n_params)
-    unit[place] = 1.0
+    unit[index] = 1.0
     precondition = precondition or preconditioner(at, np.zeros(at.n_params))
     column, _, left = conjugate_gradients(at.information, unit, precondition, _SOLVED, _MOST_INNER)
-    return float(np.sqrt(column[place])) if left <= _SOLVED and column[place] > 0 else float("nan")
+    return float(np.sqrt(column[index])) if left <= _SOLVED and column[index] > 0 else float("nan")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,10 @@ from structid.records.record import MOTION_DERIVATIVES
 
 #: Lines of the band on which the error is looked at; and the least ratio of its ends.
 _LINES, _LEAST = 500, 1e-3
+#: Ends of the bands on which equations are balanced, in parts of the highest frequency.
+_BANDS = 1.0, 1.05, 1.15, 1.3
+#: Least decay of a pole that is made stable, in parts of its size.
+_LEAST_DECAY = 1e-4
 #: Lines across the half-power band of a resonance, three times as wide.
 _ACROSS = 25
 SUFFIXES = (".mat", ".npz", ".h5")
@@ -136,8 +140,8 @@ def state_space(
 ) -> StateSpace:
     """State equations of an identified model from loads to sensors, of the lowest order that the error allows.
 
-    They are balanced on that band (Gawronski and Juang 1990) and cut off; free rigid motions are kept whole. Loss factors act as
-    viscous dampings that take as much energy at each resonance.
+    They are balanced on that band and on some that end above it (Gawronski and Juang 1990) and cut off where this misses least;
+    free rigid motions are kept whole. Loss factors act as viscous dampings that take as much energy at each resonance.
 
     Parameters
     ----------
@@ -184,17 +188,18 @@ def state_space(
     nominal = reduce_structure(structure, model.values, basis, sides)
     whole = _Equations.from_reduced(nominal, MOTION_DERIVATIVES[motion])
     frequency = _judged_lines(nominal, max(low, _LEAST * high), high)
-    exact = whole.frf(frequency)
+    exact, balances = whole.frf(frequency), whole.balance(high)
     if order is None:
         orders = range(2, whole.n_states + 1, 2)
-        order = next((n for n in orders if whole.cut(n, high).miss(frequency, exact) <= error), 0)
+        cuts = (whole.cut(n, high, balances, frequency) for n in orders)
+        order = next((n for n, cut in zip(orders, cuts, strict=True) if cut.miss(frequency, exact) <= error), 0)
         if not order:
             raise NoAnswerError(
                 f"no order gives an error of at most {error:g} in the band; allow more, or name the order"
             )
     elif not 2 <= order <= whole.n_states:
         raise InputError(f"`order` must be from 2 to {whole.n_states} in this band, got {order}")
-    made = whole.cut(order, high)
+    made = whole.cut(order, high, balances, frequency)
     hysteretic = sum_over_poles(nominal).frf(frequency)
     hysteretic = hysteretic * ((2j * np.pi * frequency) ** MOTION_DERIVATIVES[motion])[:, None, None]
     largest = made.miss(frequency, hysteretic)
@@ -203,7 +208,7 @@ def state_space(
         other = _Equations.from_reduced(
             reduce_structure(structure, model.parameters.values(physical), basis, sides), MOTION_DERIVATIVES[motion]
         )
-        draws.append(other.cut(order, high).sampled(sampling_rate))
+        draws.append(other.cut(order, high, other.balance(high), frequency).sampled(sampling_rate))
     parts = made.sampled(sampling_rate)
     return StateSpace(*parts, sensors, loads, motion, (low, high), largest, sampling_rate, tuple(draws))
 
@@ -215,6 +220,14 @@ def _judged_lines(reduced: ReducedMatrices, low: float, high: float) -> FloatArr
     near = (omega + half * np.linspace(-3, 3, _ACROSS)[:, None]).ravel() / (2 * np.pi)
     lines = np.concatenate([np.linspace(low, high, _LINES), near[(near > low) & (near < high)]])
     return np.unique(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class _Balance:
+    """Balanced coordinates of equations, most important first: columns (n, n_balanced) to their states, and rows back."""
+
+    states: FloatArray
+    back: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,40 +283,39 @@ class _Equations:
         """Largest error over the largest value of exact FRFs."""
         return float(np.abs(self.frf(frequency) - exact).max() / np.abs(exact).max())
 
-    def cut(self, order: int, highest: float) -> _Equations:
-        """Stable equations with `order` states that keep most of the FRFs up to `highest` Hz.
+    def balance(self, highest: float) -> list[_Balance]:
+        """Balanced coordinates for bands that end at or above `highest` Hz, the last one for all frequencies."""
+        return [self._balance_states(highest * factor) for factor in _BANDS] + [self._balance_states(None)]
 
-        Balancing on a band may leave unstable equations; then all frequencies count.
+    def cut(self, order: int, highest: float, balances: Sequence[_Balance], frequency: FloatArray) -> _Equations:
+        """Stable equations with `order` states: those of the `balances` whose FRFs miss least at `frequency`, Hz.
+
+        Balancing on a band may lose a resonance just above it; balancing over all frequencies does not, but spends states on what
+        is outside the band.
         """
-        keep, r = max(order - self.n_rigid, 0), self.n_rigid
         if order >= self.n_states:
             return self
+        exact = self.frf(frequency)
+        cuts = (self._cut_states(order, highest, balance) for balance in balances)
+        return min(cuts, key=lambda cut: cut.miss(frequency, exact))
+
+    def _cut_states(self, order: int, highest: float, balance: _Balance) -> _Equations:
+        """The equations with the first `order` balanced states, made stable."""
+        keep, r = max(order - self.n_rigid, 0), self.n_rigid
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
-        into, out = self._balance_states(highest)
-        left, right = out[:keep], into[:, :keep]
-        reduced_a = left @ a @ right
-        if np.linalg.eigvals(reduced_a).real.max(initial=-1.0) >= 0:
-            into, out = self._balance_states(None)
-            left, right = out[:keep], into[:, :keep]
-            reduced_a = left @ a @ right
+        left, right = balance.back[:keep], balance.states[:, :keep]
+        reduced_a, keep = _reflect_unstable_poles(left @ a @ right), len(left)
         whole = np.zeros((r + keep,) * 2)
         whole[:r, :r], whole[r:, r:] = self.a[:r, :r], reduced_a
         made = np.vstack([self.b[:r], left @ b]), np.hstack([self.c[:, :r], c @ right])
-        direct = self.d if self.is_differentiated else self._direct(keep, left, right, highest)
-        return _Equations(whole, *made, direct, r, self.is_differentiated)
+        without = _Equations(whole, *made, np.zeros_like(self.d), r, self.is_differentiated)
+        if self.is_differentiated:
+            return without
+        middle = np.array([0.5 * highest])  # where the direct part makes up for what was cut
+        return replace(without, d=(self.frf(middle) - without.frf(middle))[0].real)
 
-    def _direct(self, keep: int, left: FloatArray, right: FloatArray, highest: float) -> FloatArray:
-        """The direct part (n_outputs, n_inputs) that makes up for the cut states at the middle of the band."""
-        r = self.n_rigid
-        s = 2j * np.pi * 0.5 * highest
-        a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
-        exact = c @ np.linalg.solve(s * np.eye(len(a)) - a, b.astype(complex))
-        small = left @ a @ right
-        cut = (c @ right) @ np.linalg.solve(s * np.eye(keep) - small, (left @ b).astype(complex))
-        return np.asarray(self.d + (exact - cut).real)
-
-    def _balance_states(self, highest: float | None) -> tuple[FloatArray, FloatArray]:
-        """Columns from balanced to own states and rows back, most important first; up to `highest` Hz or over all."""
+    def _balance_states(self, highest: float | None) -> _Balance:
+        """Balanced coordinates on the band up to `highest` Hz, or over all frequencies."""
         r = self.n_rigid
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
         one = np.eye(len(a))
@@ -316,7 +328,7 @@ class _Equations:
         roots = [square_root(matrix) for matrix in (reach, seen)]
         left, sizes, right = np.linalg.svd(roots[1].T @ roots[0])
         size = 1 / np.sqrt(np.maximum(sizes, np.finfo(float).tiny))
-        return roots[0] @ right.T * size, (roots[1] @ left * size).T
+        return _Balance(roots[0] @ right.T[:, : len(size)] * size, (roots[1] @ left[:, : len(size)] * size).T)
 
     def sampled(self, rate: float | None) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """The matrices (a, b, c, d) from sample to sample for loads constant in between; as they are without a rate."""
@@ -328,3 +340,16 @@ class _Equations:
         wide[:n, :n], wide[:n, n:] = self.a / rate, self.b / rate
         step = linalg.expm(wide)[:n]
         return step[:, :n], step[:, n:], c, d
+
+
+def _reflect_unstable_poles(a: FloatArray) -> FloatArray:
+    """A matrix with the poles of `a`, those that grow reflected to decay as fast.
+
+    Balancing on a band moves poles outside it across the imaginary axis; in the band the reflected ones act alike.
+    """
+    poles, vectors = np.linalg.eig(a)
+    if poles.real.max(initial=-1.0) < 0:
+        return a
+    decays = -np.maximum(np.abs(poles.real), _LEAST_DECAY * np.abs(poles))
+    stable = np.where(poles.real < 0, poles, decays + 1j * poles.imag)
+    return np.asarray(np.linalg.solve(vectors.T, (vectors * stable).T).T.real)

@@ -29,7 +29,10 @@ Kind = Literal[
     "parameter",
     "damping_ratio",
     "axial_force",
+    "length",
 ]
+#: Name of the common factor on the lengths of a set of bars or beams, a property where a tolerance of it is stated.
+LENGTH = "length"
 Positions = Mapping[int, FloatArray]
 
 TRANSLATIONS = DIRECTIONS[:3]
@@ -324,11 +327,17 @@ class ElementSet:
         """Raise `InputError` if `tolerance` names something that is no property of the type."""
         properties = [name for name, what in declarations(self).items() if what.kind is not None]
         named = self.tolerance if isinstance(self.tolerance, Mapping) else {}
+        properties += [LENGTH] if self.is_line else []
         for name in named:
             if name not in properties and properties:
                 raise InputError(
                     f"`tolerance` of {self.name!r} must name its properties, got {name!r}; they are {', '.join(properties)}"
                 )
+
+    @property
+    def has_uncertain_length(self) -> bool:
+        """True if a tolerance is stated of the lengths of its bars or beams, which are then a property of the set."""
+        return self.is_line and isinstance(self.tolerance, Mapping) and self.tolerance.get(LENGTH, 0.0) > 0
 
     @property
     def loosened(self) -> tuple[str, Dof] | None:

@@ -74,18 +74,18 @@ class Sliding:
         The readings (n_lines, n_sensors, 1) come from those without friction; None where that would lose digits.
         """
         key = physical.tobytes()
-        known = self._known.get(key)
-        if known is None:
+        cached = self._cache.get(key)
+        if cached is None:
             free, reach = self._free(physical)
             n_outputs, frictions = self.channels.n_outputs, self.matrix_indices
             force, floor = self.force(physical), self._stuck_amplitude
             amplitude = balanced_amplitudes(reach[:, n_outputs:], free[:, n_outputs:, 0], force, floor)
             coefficients = np.array(self.fixed_coefficients)
             coefficients[:, frictions] = 1j / amplitude
-            known = coefficients, slid_readings(free, reach, coefficients[:, frictions] * force)
-            self._known.clear()
-            self._known[key] = known
-        return known
+            cached = coefficients, slid_readings(free, reach, coefficients[:, frictions] * force)
+            self._cache.clear()
+            self._cache[key] = cached
+        return cached
 
     def add_change(
         self, derivative: ComplexArray, readings: NumberArray, reach: NumberArray, physical: FloatArray, part: slice
@@ -107,7 +107,7 @@ class Sliding:
         return self.parameters.values(physical)[[contact.value for contact in self.contacts]]
 
     @cached_property
-    def _known(self) -> dict[bytes, tuple[ComplexArray, ComplexArray | None]]:
+    def _cache(self) -> dict[bytes, tuple[ComplexArray, ComplexArray | None]]:
         """The last answer of `at`, by the parameters."""
         return {}
 

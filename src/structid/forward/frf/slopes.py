@@ -81,11 +81,11 @@ class StiffnessSlopes:
         """
         structure, parameters = self.structure, self.parameters
         key = parameters.values(physical)[self._steering].tobytes()
-        found = self._known_parts.get(key)
+        found = self._parts_cache.get(key)
         if found is None:
             found = weighted_elements(structure, parameters, self._sensitive, physical)
-            self._known_parts.clear()
-            self._known_parts[key] = found
+            self._parts_cache.clear()
+            self._parts_cache[key] = found
         factors = np.zeros((len(coefficients), len(found.uses)), dtype=np.complex128)
         for kind, uses in enumerate(found.uses):
             for matrix_kind, scale in uses:
@@ -94,12 +94,12 @@ class StiffnessSlopes:
 
     def forces_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[ParameterForces, ComplexArray]:
         """Derivative forces (dZ/dp) x of all parameters, and factors (n_lines, n_maps) of their maps at every line."""
-        found, factors = self.parts_at(physical, coefficients)
-        known = self._known_forces.get("last")
-        if known is None or (known[0] is not found and not known[0].same_slopes(found)):
-            forces = parameter_forces(found.parts, self.parameters.n_params, self.structure.n_dofs)
-            known = self._known_forces["last"] = found, forces
-        return known[1], factors
+        parts, factors = self.parts_at(physical, coefficients)
+        cached = self._forces_cache.get("last")
+        if cached is None or (cached[0] is not parts and not cached[0].same_slopes(parts)):
+            forces = parameter_forces(parts.parts, self.parameters.n_params, self.structure.n_dofs)
+            cached = self._forces_cache["last"] = parts, forces
+        return cached[1], factors
 
     def contracted(
         self, physical: FloatArray, coefficients: ComplexArray, x: NumberArray, y: NumberArray
@@ -127,11 +127,11 @@ class StiffnessSlopes:
         return steering_values(self.structure, self.parameters, self._sensitive)
 
     @cached_property
-    def _known_parts(self) -> dict[bytes, WeightedParts]:
+    def _parts_cache(self) -> dict[bytes, WeightedParts]:
         """The last `WeightedParts`, by the values that they depend on."""
         return {}
 
     @cached_property
-    def _known_forces(self) -> dict[str, tuple[WeightedParts, ParameterForces]]:
+    def _forces_cache(self) -> dict[str, tuple[WeightedParts, ParameterForces]]:
         """The last `ParameterForces`, and the weights that they were made for."""
         return {}

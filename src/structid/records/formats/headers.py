@@ -117,6 +117,12 @@ def frequency_factor(name: str, unit: str = "") -> float | None:
     return factor
 
 
+def factors_in_header(name: str, unit: str, parse: Callable[[str], float]) -> dict[str, float]:
+    """Units that a header, or a line of units below it, states anywhere, whatever the column is called, each with its factor."""
+    stated = {text: factor for text, factor, _ in units_in_name(name, parse)}
+    return stated | {text: factor for text in (name.strip(), unit) for factor in _read(parse, text)}
+
+
 def bare_unit(cell: str) -> str:
     """A unit without the brackets around it."""
     text = cell.strip()

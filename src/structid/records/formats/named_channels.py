@@ -18,7 +18,13 @@ from structid.core.errors import FileError, InputError, about
 from structid.core.units import Unit, parse_time_unit, parse_unit
 from structid.records.formats.bare import channel_units, require_same_rotation
 from structid.records.formats.gaps import Lines, source_with_note, whole
-from structid.records.formats.headers import level_word, name_and_unit, other_unit_in_name, time_factor
+from structid.records.formats.headers import (
+    factors_in_header,
+    level_word,
+    name_and_unit,
+    other_unit_in_name,
+    time_factor,
+)
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import select_channels
 from structid.records.record import FrfRecord, TimeRecord
@@ -101,9 +107,12 @@ def scale_of_times(described: str, name: str, unit: str, options: ReadOptions) -
         return by_file
     with about("axis_unit"):
         by_user = parse_time_unit(options.axis_unit)
-    if by_file is not None and abs(by_file / by_user - 1) > 1e-9:
+    stated = factors_in_header(name, unit, parse_time_unit) if by_file is None else {name: by_file}
+    other = next((text for text, factor in stated.items() if abs(factor / by_user - 1) > 1e-9), "")
+    if other:
         raise InputError(
-            f"{described} says the unit of its times, but `axis_unit` {options.axis_unit} was given; leave it out",
+            f"{described} says the unit of its times, but `axis_unit` {options.axis_unit} was given;"
+            f" {'leave it out' if by_file is not None else f'give {option_words(axis_unit=other)}'}",
             "axis_unit",
         )
     return by_user

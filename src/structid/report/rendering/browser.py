@@ -103,8 +103,9 @@ def _panel(figure: Figure, number: int, arrays: Arrays) -> Described:
         for trace in strip.traces:
             trace.draw(canvas)
     if panel.equal:
-        kept: Described = {} if panel.bare else {"constrain": "domain"}
-        axes = {name: axis | kept for name, axis in axes.items()}
+        axes = {
+            name: axis | {"constrain": "domain"} for name, axis in axes.items()
+        }  # else each resize widens the limits
         axes["yaxis"]["scaleanchor"] = "x"
     margin = {"l": 10, "r": 20, "t": _TOP, "b": 5 if panel.bare else _BOTTOM}
     layout: Described = {

@@ -56,7 +56,17 @@ function slim(plot, panel, data) {
   const height = Math.min(panel.layout.height, ((plot.clientWidth - 8) * length(yaxis)) / length(xaxis) + below);
   const layout = {...panel.layout, height, margin: {l: 4, r: 4, t: 4, b: below}, ...(axis ? {coloraxis} : {})};
   plot.style.height = `${height}px`;
-  return [data.filter((trace) => trace.mode !== "text"), layout];
+  return [data.filter((trace) => trace.mode !== "markers+text"), layout];
+}
+
+// The height in which a drawing with equal scales along both axes fills the width: a slender structure is no strip in a blank square.
+function filled(plot, panel) {
+  const {xaxis, yaxis, height} = panel.layout;
+  if (!yaxis?.scaleanchor || !xaxis.range || !yaxis.range) {
+    return panel.layout;
+  }
+  const [width, tall] = [xaxis, yaxis].map(({range}) => Math.abs(range[1] - range[0]));
+  return {...panel.layout, height: Math.min(height, Math.max(200, ((plot.clientWidth - 70) * tall) / width + 90))};
 }
 
 function startFigure(box, panels, arrays) {
@@ -102,10 +112,11 @@ function startFigure(box, panels, arrays) {
       const config = {...CONFIG, displayModeBar: plot.clientWidth < 340 ? false : "hover"};
       const data = panel.data.map(traceOf),
         isNarrow = plot.clientWidth < 520 && isBare(panel);
+      const layout = isBare(panel) ? panel.layout : filled(plot, panel);
       if (!isNarrow) {
-        plot.style.height = `${panel.layout.height}px`;
+        plot.style.height = `${layout.height}px`;
       }
-      react(plot, panel, ...(isNarrow ? slim(plot, panel, data) : [data, panel.layout]), config);
+      react(plot, panel, ...(isNarrow ? slim(plot, panel, data) : [data, layout]), config);
     });
   const step = (by) => {
     list.value = String((Number(list.value) + by + list.options.length) % list.options.length);

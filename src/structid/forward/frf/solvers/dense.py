@@ -72,17 +72,17 @@ class DenseSolver:
         """Fields under `loads` (n_dofs, n_loads), by default under all columns; the last ones are cached."""
         loads, laplace = self.channels.columns if loads is None else loads, coefficients[:, 1]
         key = physical.tobytes(), laplace.tobytes(), id(loads)
-        known = self._known.get(key)
-        if known is None:
+        cached = self._cache.get(key)
+        if cached is None:
             structure, values = self.slopes.structure, self.slopes.parameters.values(physical)
             matrices = structure.dense_matrices(self.slopes.matrix_kinds, values)
-            known = DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
-            self._known.clear()
-            self._known[key] = known
-        return known[0]
+            cached = DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
+            self._cache.clear()
+            self._cache[key] = cached
+        return cached[0]
 
     @cached_property
-    def _known(self) -> dict[tuple[bytes, bytes, int], tuple[DenseFields, sparse.csc_array]]:
+    def _cache(self) -> dict[tuple[bytes, bytes, int], tuple[DenseFields, sparse.csc_array]]:
         """The last fields, by values, Laplace variables and loads, which are kept so that their identity stands."""
         return {}
 

@@ -16,7 +16,7 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof, as_dof, parse_dof
 from structid.core.errors import FileError, InputError
-from structid.core.units import FrfUnit, parse_frf_unit
+from structid.core.units import FrfUnit, parse_frequency_unit, parse_frf_unit
 from structid.records.formats.bare import require_same_rotation
 from structid.records.formats.clocks import SURE, Rate, even_rate, resample, resampling_remedy
 from structid.records.formats.csv.layout import CsvLayout
@@ -26,6 +26,7 @@ from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import (
     LONGEST_NAME,
     bare_unit,
+    factors_in_header,
     is_read_by,
     is_time,
     level_word,
@@ -117,10 +118,11 @@ def _time_column(table: Table, options: ReadOptions) -> int | None:
             return j
     if options.sampling_rate is None:
         shown = ", ".join(table.names[:8])
+        stated = next(iter(factors_in_header(table.names[0], table.units[0], parse_frequency_unit)), "Hz")
         raise FileError(
             f"{table.path}: line {table.header_line}: no column is headed as time, as in time_s, nor the first as frequency, as in"
             f" Frequency [Hz]; the columns are {shown:.200}: give `time_column` (a name or number) or `sampling_rate` (Hz) of time"
-            f" histories, and of frequency responses {option_words(axis_unit='Hz')}"
+            f" histories, and of frequency responses {option_words(axis_unit=stated)}"
         )
     return None
 
@@ -641,9 +643,11 @@ def _require_sound(table: Table, columns: list[_Column]) -> None:
         wrong = np.zeros(0) if most is None else (table.values[:, j] < 0) | (table.values[:, j] > most)
         if wrong.any():
             i, words = int(np.argmax(wrong)), "from 0 to 1" if column.part == "coherence" else "at least 0"
+            is_level = column.part == "magnitude"
+            remedy = "export it as a linear magnitude, not in dB" if is_level else "repair or remove the line"
             raise FileError(
                 f"{table.path}: line {table.first_line + i}, column {j + 1} ({table.names[j]}) must be {words}, got"
-                f" {table.values[i, j]:.9g} at {table.values[i, 0]:.9g} Hz; repair or remove the line"
+                f" {table.values[i, j]:.9g} at {table.values[i, 0]:.9g} Hz; {remedy}"
             )
 
 
