@@ -158,6 +158,6 @@ def _merge(
     with staged_folder(folder, MODES_PAGE) as staged:
         write_merged(merging.modes, staged, nodes)
     show(merged_text(names, merging))
-    if nodes is not None and places.unit_words:
+    if nodes is not None and nodes.unit_words:
         say(nodes.unit_words)
     say(folder / "modes.json")
