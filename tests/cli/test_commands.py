@@ -102,6 +102,21 @@ def test_identify_writes_the_report_last(study, tmp_path):
     assert str(tmp_path) not in page
 
 
+@pytest.mark.parametrize("command_name", ["explain", "identify"])
+@pytest.mark.parametrize("limit", ["0", "-1", "nan"])
+def test_a_time_in_which_no_search_ends_is_refused(study, command_name, limit):
+    done = invoke(command_name, study, "--seconds", limit)
+    assert done.exit_code == 2
+    assert done.stderr.startswith(f"error: --seconds must be greater than 0, got {float(limit):g}; leave it out, or")
+
+
+def test_times_between_checkpoints_are_not_negative(study):
+    done = invoke("identify", study, "--checkpoint", "-1")
+    assert (done.exit_code, done.stderr) == (
+        2, "error: --checkpoint must be at least 0, got -1; 0 writes every checkpoint\n"
+    )  # fmt: skip
+
+
 def test_check_prints_the_prediction_and_writes_nothing(study, tmp_path):
     before = sorted(tmp_path.rglob("*"))
     done = invoke("check", study)

@@ -275,7 +275,10 @@ def without(text: str, line: str) -> str:
         ),
         (lambda t: t.replace('modes = "{stem}.csv"', 'modes = "{stem}.csv"\nmass = "x.mtx"'), "belongs to `gives"),
         (lambda t: t.replace("{deck}", "{dekc}"), "may hold {deck}, {stem} and {study}"),
-        (lambda t: t.replace("timeout = 60", "timeout = 0"), "timeout"),
+        (
+            lambda t: t.replace("timeout = 60", "timeout = 0"),
+            "timeout: must be a number greater than 0, got 0; leave it out for one hour",
+        ),
         (lambda t: t.replace('property = "k1"', 'property = "k9"'), "has no property 'k9'; it has k1, k2"),
         (lambda t: t.replace('gives = "modes"', 'gives = "matrices"'), "belongs to `gives"),
         (lambda t: t.replace('unit = "N/m"\n', 'unit = "N/m"\nbounds = [1.0, 2.0]\n'), "must lie within `bounds`"),

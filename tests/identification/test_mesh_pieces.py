@@ -121,6 +121,20 @@ def test_the_console_and_the_results_say_what_was_chosen(tmp_path, record):
     )
 
 
+def test_a_comparison_tells_of_both_states_what_the_mesh_moves(tmp_path, record):
+    """One state is run, the other read from its results folder; both carry the sentence of their identification."""
+    run, cut = CliRunner(), written(tmp_path, record, STUDY.replace('"auto"', "1"))
+    stored = tmp_path / "stored"
+    run.invoke(cli.app, ["identify", str(cut), "--out", str(stored), "--no-report", "--no-explain"])
+    run.invoke(cli.app, ["compare", str(cut), str(stored), "--out", str(tmp_path / "compared"), "--no-report"])
+    words = json.loads((stored / "estimate.json").read_text(encoding="utf-8"))["warnings"][0]
+    assert words.startswith("the mesh moves ")
+    warnings = json.loads((tmp_path / "compared" / "compare.json").read_text(encoding="utf-8"))["warnings"]
+    assert [one for one in warnings if "mesh" in one.partition(":")[2][:20]] == [
+        f"baseline: {words}", f"later state: {words}"
+    ]  # fmt: skip
+
+
 def test_where_nothing_can_be_cut_it_is_said(tmp_path):
     """Bars of a truss, whose pieces nothing would hold sideways."""
     bars = sid.Bar("bar", [[1, 2]], 1.0, 1e6)

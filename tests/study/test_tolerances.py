@@ -40,7 +40,14 @@ def test_a_record_states_its_calibration(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
-        ({"structure": "tolerance = -0.1"}, r"line 5: \[structure\] tolerance: must be a part from 0 to 1"),
+        (
+            {"structure": "tolerance = -0.1"},
+            r"line 5: \[structure\] tolerance: must be a part from 0 to 1.*got -0.1; write 0.015 for 1.5 %",
+        ),
+        (
+            {"structure": "tolerance = { mass = -0.2 }"},
+            "'mass': -0.2}; write 0.015 for 1.5 %, 0 for an exact value, or leave",
+        ),
         ({"structure": "tolerance = { length = 0.1 }"}, "takes mass, stiffness, damping, got 'length'"),
         ({"record": "calibration = 1.5"}, r"\[record\] calibration: must be a number of at least 0 and at most 1"),
         ({"upper": "tolerance = 1.5"}, r'"upper" tolerance: must be a part from 0 to 1'),

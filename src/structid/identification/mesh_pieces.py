@@ -21,6 +21,8 @@ from structid.inversion.covariance import inverse_information
 MOVED, _AIMED = 0.2, 0.1
 #: Power of a piece's length that errors of beams go with, most pieces, and degrees of freedom of the finest model that is solved.
 _ORDER, _MOST_PIECES, _MOST_DOFS = 4, 32, 3000
+#: How the warnings of an identification on its mesh begin: of values that it moves, of modes, of pieces that were not enough.
+MESH_WARNINGS = ("the mesh moves ", "the values carry an error of the mesh", '`subdivide = "auto"`')
 
 
 @dataclass(frozen=True)

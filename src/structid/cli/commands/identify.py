@@ -15,6 +15,7 @@ from structid.cli.base import (
     CHECKPOINT_SECONDS,
     INTERRUPTED,
     NOT_DETERMINED,
+    UNUSABLE_INPUT,
     WRONG_MODEL,
     Png,
     Report,
@@ -34,8 +35,30 @@ if TYPE_CHECKING:
     from structid.study.run.checkpoint import Checkpoint
     from structid.study.run.long_run import LongRun
 
+
+def _least_time(seconds: float) -> float:
+    """`seconds` unchanged; the command fails if it is negative or no number."""
+    if not seconds >= 0:
+        fail(f"--checkpoint must be at least 0, got {seconds:g}; 0 writes every checkpoint", UNUSABLE_INPUT)
+    return seconds
+
+
+def _time_limit(seconds: float | None) -> float | None:
+    """`seconds` unchanged; the command fails if no search ends in it."""
+    if seconds is not None and not seconds > 0:
+        remedy = "leave it out, or give --no-explain to `structid identify` for no search"
+        fail(f"--seconds must be greater than 0, got {seconds:g}; {remedy}", UNUSABLE_INPUT)
+    return seconds
+
+
 Seconds = Annotated[
-    float, typer.Option("--checkpoint", metavar="SECONDS", min=0, help="Least time between checkpoints; 0: all.")
+    float,
+    typer.Option(
+        "--checkpoint",
+        metavar="SECONDS",
+        callback=_least_time,
+        help="Least time between checkpoints; 0: all.",
+    ),
 ]
 
 Explain = Annotated[
@@ -51,8 +74,9 @@ CauseSeconds = Annotated[
     typer.Option(
         "--seconds",
         metavar="SECONDS",
-        min=0,
-        help="Processor time for the search for causes [default: the evaluations of three identifications and 8 s].",
+        callback=_time_limit,
+        help="Processor time for the search for causes; one look and two fits are made in any case [default: the"
+        " evaluations of three identifications and 8 s].",
     ),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print warnings, statistics, causes and modes too.")]

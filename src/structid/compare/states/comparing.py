@@ -255,6 +255,7 @@ def _warnings(comparison: Comparison, baseline: State, later: State) -> tuple[st
             warnings.append(
                 f"the answer of the {word} is not sound, and what is declared changed rests on it: {state.doubt}"
             )
+        warnings += [f"{word}: {words}" for words in state.mesh_warnings]
     regularizations = dict.fromkeys((*baseline.regularizations, *later.regularizations))
     if regularizations:
         warnings.append(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -17,6 +17,7 @@ from structid.core.errors import FileError, InputError
 from structid.diagnose.verdict import NOT_TRIED, Judgement, Verdict, judged
 from structid.fem import Structure
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
+from structid.identification.mesh_pieces import MESH_WARNINGS
 from structid.inversion import Estimate, Status
 from structid.inversion.comparison.comparison import Identified
 from structid.study.results.result import StudyResult
@@ -86,6 +87,8 @@ class State:
         None where the study of a results folder cannot be read without the files beside it.
     judgement : Judgement
         The verdict, and its words.
+    mesh_warnings : tuple of str
+        On what a coarse mesh does to its values.
     """
 
     title: str
@@ -96,6 +99,7 @@ class State:
     regularizations: tuple[str, ...]
     drawn: Drawn | None
     judgement: Judgement
+    mesh_warnings: tuple[str, ...] = ()
 
     @property
     def doubt(self) -> str:
@@ -124,7 +128,12 @@ def state_of(result: StudyResult) -> State:
         regularizations,
         drawn,
         judgement,
+        _on_mesh(identification.warnings),
     )
+
+
+def _on_mesh(warnings: Iterable[object]) -> tuple[str, ...]:
+    return tuple(words for words in map(str, warnings) if words.startswith(MESH_WARNINGS))
 
 
 def stored_state(folder: Path) -> State:
@@ -160,7 +169,8 @@ def stored_state(folder: Path) -> State:
         ) from error
     title, drawn = str(texts.get("title", folder.name)), _read_drawn(folder, channels)
     judgement = Judgement(cast(Verdict, texts.get("verdict", "sound")), str(texts.get("verdict_text", "")))
-    return State(title, folder, estimate, inputs, None, regularizations, drawn, judgement)
+    mesh_warnings = _on_mesh(texts.get("warnings", ()))
+    return State(title, folder, estimate, inputs, None, regularizations, drawn, judgement, mesh_warnings)
 
 
 def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEstimate, dict[str, tuple[str, ...]]]:

@@ -65,8 +65,6 @@ def run_from_start(
     if study.solved is not None:
         ready = solver.about_answer(ready, progress, work)
     ready, result = refine_mesh(ready, run_started(ready, progress, work), progress, work)
-    if ready.mesh is None and study.solved is None:
-        result = _with_mesh_warning(ready, result)
     if study.solved is not None:
         result = solver.with_solver(solver.from_nominal(result), work)
     return ready, result
@@ -75,9 +73,12 @@ def run_from_start(
 def refine_mesh(
     ready: Start, result: StudyResult, progress: StageProgress | None = None, work: Work = ALONE
 ) -> tuple[Start, StudyResult]:
-    """The study and its result with beams cut into more pieces, until finer ones move no value much; as they are without `mesh`."""
+    """The study and its result with beams cut into more pieces, until finer ones move no value much.
+
+    Where the study says how many pieces, they stay, with a warning if the mesh moves a value.
+    """
     if ready.mesh is None:
-        return ready, result
+        return ready, result if ready.study.solved is not None else _with_mesh_warning(ready, result)
     options, tried = ready.study.options, 0
     mesh = judge_pieces(ready.setups, result.identification, options, ready.mesh.count)
     while not mesh.is_enough and not mesh.obstacle and tried < _MOST_CUTS:

@@ -104,12 +104,15 @@ class Kind:
         What it cannot say, such as that two numbers increase.
     made : callable
         What is made of the value.
+    remedy : str
+        What to write in place of a value that is refused, where the words do not say it.
     """
 
     words: str
     schema: Schema
     rule: Callable[[Any], bool] = _any
     made: Callable[[Any], Any] = _same
+    remedy: str = ""
 
     def accepts(self, value: Plain) -> bool:
         """True if the key may hold `value`."""
@@ -237,6 +240,7 @@ TOLERANCE = Kind(
     "a part from 0 to 1, as in 0.02 for 2 %, or a table of them, as in { mass = 0.02 }",
     {"anyOf": [_PART, {"type": "object", "minProperties": 1, "additionalProperties": _PART}]},
     lambda value: not isinstance(value, Mapping) or (bool(value) and all(map(PART.accepts, value.values()))),
+    remedy="write 0.015 for 1.5 %, 0 for an exact value, or leave it out",
 )
 
 _PLAIN: dict[object, Kind] = {

@@ -132,7 +132,8 @@ class Section:
         for name, key in keys.items():
             if name in self.table and isinstance(key.holds, Kind):
                 if not key.holds.accepts(self.table[name]):
-                    raise self.error(f"must be {key.holds.words}, got {_shown(self.table[name])}", name)
+                    remedy = f"; {key.holds.remedy}" if key.holds.remedy else ""
+                    raise self.error(f"must be {key.holds.words}, got {_shown(self.table[name])}{remedy}", name)
                 values[name] = key.holds.made(self.table[name])
         return values
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from structid import external
 from structid.core.arrays import FloatArray
-from structid.core.constraints import Limits, Positive
+from structid.core.constraints import Limits
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Plain
@@ -40,7 +41,7 @@ from structid.study.schema.method import read_method
 from structid.study.schema.records.record import load_record, read_source
 from structid.study.schema.root import InputFiles, record_sections
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Given, Key, Table, kind_of_argument, table_of
+from structid.study.schema.tables import Given, Key, Table, table_of
 
 _MATRICES = ("stiffness", "mass", "damping")
 _FILE = Kind(
@@ -82,7 +83,11 @@ SOLVER = Table(
         "length_unit": Key(choice(*LENGTHS), "Of the deck", default="m"),
         "force_unit": Key(choice(*FORCES), "Of the deck", default="N"),
         "indefinite": Key(BOOLEAN, "Lets matrices through that are not positive semidefinite", default=False),
-        "timeout": Key(kind_of_argument(Positive), "Longest time of a run, s", default=3600.0),
+        "timeout": Key(
+            replace(limit_kind(NUMBER, Limits(above=0)), remedy="leave it out for one hour"),
+            "Longest time of a run, s",
+            default=3600.0,
+        ),
         "retries": Key(limit_kind(WHOLE, Limits(least=0)), "How often a run that fails is tried again", default=2),
         "runs": Key(TEXT, "Folder where finished runs are kept; STUDY.runs beside the study by default"),
         "parameter": Key(_PARAMETER, "A marked number of the deck, which [[unknown]] may name", listed=True),
