@@ -94,7 +94,7 @@ def heading(prediction: StudyPrediction) -> str:
 
 
 def _called(frf: Prediction | PredictedChange | None) -> str:
-    """What predicted FRFs are called: motion per motion of supports is no motion per force."""
+    """The name of predicted FRFs: motion per motion of supports is no motion per force."""
     part = frf.before if isinstance(frf, PredictedChange) else frf
     is_moved = part is not None and isinstance(part.quantity, Frf) and part.quantity.kind == "transmissibility"
     return "transmissibilities (motion per motion of the supports)" if is_moved else "FRFs"
