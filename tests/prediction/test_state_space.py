@@ -9,6 +9,7 @@ from scipy.io import loadmat
 import structid as sid
 from structid.core.errors import FileError, InputError
 from structid.prediction.identified_model import identified_model
+from structid.prediction.state_space import _Equations, _reflect_unstable_poles
 
 OUTPUTS, INPUTS, BAND = ("20Y", "7Y"), ("20Y", "13Y"), (0.5, 40.0)
 
@@ -110,3 +111,44 @@ def test_more_states_miss_less_and_all_are_stable():
     errors = np.array([each.error for each in made])
     assert (errors[1:] < 1.5 * errors[:-1]).all(), errors
     assert max(np.linalg.eigvals(each.a).real.max() for each in made) < 0
+
+
+def make_chain(n):
+    """Equal masses between two walls, the end springs uncertain: the middle moves in every second mode alone."""
+    ends, mid = [f"{i}X" for i in range(2, n + 1)], [f"{i}X" for i in range(1, n)]
+    parts = [
+        sid.PointMass("m", list(range(1, n + 1)), mass=[1.0] * n),
+        sid.Spring("k", ends, mid, stiffness=[900.0] * (n - 1)),
+        sid.Dashpot("c", ends, mid, viscous_damping=[0.5] * (n - 1)),
+        sid.Spring("feet", ["1X", f"{n}X"], stiffness=[900.0] * 2),
+        sid.Dashpot("air", ["1X", f"{n}X"], viscous_damping=[0.5] * 2),
+    ]
+    structure = sid.Structure({i: float(i) for i in range(1, n + 1)}, parts, active=["X"])
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "feet")])
+    return identified_model(structure, parameters, parameters.start, 90.0**2 * np.eye(len(parameters.start)))
+
+
+def test_states_that_cannot_be_had_are_named_and_draws_have_as_many_as_the_model():
+    model = make_chain(15)
+    with pytest.raises(InputError, match="see no more states"):
+        sid.state_space(model, ["8X"], ["8X"], (0.3, 4.0), order=20)
+    made = sid.state_space(model, ["8X"], ["8X"], (0.3, 4.0), order=18, n_draws=2)
+    assert {draw[0].shape for draw in made.draws} == {(18, 18)}
+    short = _Equations(*(np.array([[value]]) for value in (-3.0, 1.0, 2.0, 0.5)), 0, False)
+    padded = short.padded(3, 9.0)
+    assert padded.n_states == 3
+    assert padded.frf(np.array([1.0, 4.0])) == pytest.approx(short.frf(np.array([1.0, 4.0])))
+
+
+def test_poles_that_neither_grow_nor_decay_are_made_to_decay():
+    a = np.array([[-1e-14, 10.0, 1.0], [-10.0, -1e-14, 0.0], [0.0, 0.0, -2.0]])
+    poles = np.linalg.eigvals(_reflect_unstable_poles(a, 1e-4))
+    assert sorted(poles.real) == pytest.approx([-2.0, -1e-3, -1e-3], rel=1e-6)
+
+
+def test_a_free_mass_is_its_rigid_motion():
+    structure = sid.Structure({1: 0.0}, [sid.PointMass("m", [1], mass=2.0)], active=["X"])
+    parameters = sid.parameters(structure, [sid.Unknown("mass", "m")])
+    model = identified_model(structure, parameters, parameters.start, np.zeros((1, 1)))
+    made = sid.state_space(model, ["1X"], ["1X"], (0.5, 8.0))
+    assert made.frf(np.array([1.0, 5.0]))[:, 0, 0] == pytest.approx([0.5, 0.5])

@@ -48,7 +48,7 @@ class StateSpace(Shown):
     sampling_rate : float or None
         Samples per second; None in continuous time.
     draws : tuple of (a, b, c, d)
-        The same of models within the uncertainty, each in coordinates of its own.
+        The same of models within the uncertainty, each in coordinates of its own. One that needs fewer states has some at rest.
     """
 
     a: FloatArray
@@ -190,16 +190,20 @@ def state_space(
     frequency = _judged_lines(nominal, max(low, _LEAST * high), high)
     exact, balances = whole.frf(frequency), whole.balance(high)
     if order is None:
-        orders = range(2, whole.n_states + 1, 2)
+        orders = range(max(2, whole.n_rigid), whole.n_states + 1, 2)
         cuts = (whole.cut(n, high, balances, frequency) for n in orders)
         order = next((n for n, cut in zip(orders, cuts, strict=True) if cut.miss(frequency, exact) <= error), 0)
         if not order:
             raise NoAnswerError(
                 f"no order gives an error of at most {error:g} in the band; allow more, or name the order"
             )
-    elif not 2 <= order <= whole.n_states:
-        raise InputError(f"`order` must be from 2 to {whole.n_states} in this band, got {order}")
+    elif not max(2, whole.n_rigid) <= order <= whole.n_states:
+        raise InputError(f"`order` must be from {max(2, whole.n_rigid)} to {whole.n_states} in this band, got {order}")
     made = whole.cut(order, high, balances, frequency)
+    if len(made.a) < order:
+        raise InputError(
+            f"`order` must be at most {len(made.a)}, got {order}: these loads and sensors see no more states; ask for fewer"
+        )
     hysteretic = sum_over_poles(nominal).frf(frequency)
     hysteretic = hysteretic * ((2j * np.pi * frequency) ** MOTION_DERIVATIVES[motion])[:, None, None]
     largest = made.miss(frequency, hysteretic)
@@ -208,7 +212,7 @@ def state_space(
         other = _Equations.from_reduced(
             reduce_structure(structure, model.parameters.values(physical), basis, sides), MOTION_DERIVATIVES[motion]
         )
-        draws.append(other.cut(order, high, other.balance(high), frequency).sampled(sampling_rate))
+        draws.append(other.cut(order, high, other.balance(high), frequency).padded(order, high).sampled(sampling_rate))
     parts = made.sampled(sampling_rate)
     return StateSpace(*parts, sensors, loads, motion, (low, high), largest, sampling_rate, tuple(draws))
 
@@ -284,7 +288,12 @@ class _Equations:
         return float(np.abs(self.frf(frequency) - exact).max() / np.abs(exact).max())
 
     def balance(self, highest: float) -> list[_Balance]:
-        """Balanced coordinates for bands that end at or above `highest` Hz, the last one for all frequencies."""
+        """Balanced coordinates for bands that end at or above `highest` Hz, the last one for all frequencies.
+
+        None for rigid motions alone.
+        """
+        if self.n_states == self.n_rigid:
+            return []
         return [self._balance_states(highest * factor) for factor in _BANDS] + [self._balance_states(None)]
 
     def cut(self, order: int, highest: float, balances: Sequence[_Balance], frequency: FloatArray) -> _Equations:
@@ -304,7 +313,9 @@ class _Equations:
         keep, r = max(order - self.n_rigid, 0), self.n_rigid
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
         left, right = balance.back[:keep], balance.states[:, :keep]
-        reduced_a, keep = _reflect_unstable_poles(left @ a @ right), len(left)
+        poles = np.linalg.eigvals(a)
+        least = float(np.clip((-poles.real / np.abs(poles)).min(), 0.0, _LEAST_DECAY))
+        reduced_a, keep = _reflect_unstable_poles(left @ a @ right, least), len(left)
         whole = np.zeros((r + keep,) * 2)
         whole[:r, :r], whole[r:, r:] = self.a[:r, :r], reduced_a
         made = np.vstack([self.b[:r], left @ b]), np.hstack([self.c[:, :r], c @ right])
@@ -330,6 +341,13 @@ class _Equations:
         size = 1 / np.sqrt(np.maximum(sizes, np.finfo(float).tiny))
         return _Balance(roots[0] @ right.T[:, : len(size)] * size, (roots[1] @ left[:, : len(size)] * size).T)
 
+    def padded(self, order: int, highest: float) -> _Equations:
+        """The equations with states that stay at rest behind their own, `order` in all."""
+        extra = max(order - self.n_states, 0)
+        a = linalg.block_diag(self.a, -2 * np.pi * highest * np.eye(extra))
+        b, c = np.pad(self.b, ((0, extra), (0, 0))), np.pad(self.c, ((0, 0), (0, extra)))
+        return replace(self, a=a, b=b, c=c)
+
     def sampled(self, rate: float | None) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """The matrices (a, b, c, d) from sample to sample for loads constant in between; as they are without a rate."""
         c, d = (self.c @ self.a, self.d + self.c @ self.b) if self.is_differentiated else (self.c, self.d)
@@ -342,14 +360,15 @@ class _Equations:
         return step[:, :n], step[:, n:], c, d
 
 
-def _reflect_unstable_poles(a: FloatArray) -> FloatArray:
-    """A matrix with the poles of `a`, those that grow reflected to decay as fast.
+def _reflect_unstable_poles(a: FloatArray, least: float) -> FloatArray:
+    """A matrix with the poles of `a`, those that grow reflected to decay as fast, and by at least the part `least` of their size.
 
-    Balancing on a band moves poles outside it across the imaginary axis; in the band the reflected ones act alike.
+    Balancing on a band moves poles outside it across the imaginary axis, or onto it; in the band the reflected ones act alike.
     """
     poles, vectors = np.linalg.eig(a)
-    if poles.real.max(initial=-1.0) < 0:
+    slow = poles.real > -0.5 * least * np.abs(poles)
+    if not slow.any():
         return a
     decays = -np.maximum(np.abs(poles.real), _LEAST_DECAY * np.abs(poles))
-    stable = np.where(poles.real < 0, poles, decays + 1j * poles.imag)
+    stable = np.where(slow, decays + 1j * poles.imag, poles)
     return np.asarray(np.linalg.solve(vectors.T, (vectors * stable).T).T.real)
