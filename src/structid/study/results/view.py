@@ -121,6 +121,11 @@ class ParameterResult:
         return span_text(*map(self.scaled, self.interval))
 
     @property
+    def interval_with_unit(self) -> str:
+        """The interval as text, its ends with their unit."""
+        return span_text(*map(self.scaled, self.interval), self.unit_text)
+
+    @property
     def unit_text(self) -> str:
         """The unit with its prefix and raised powers; empty for a number without unit."""
         return self.scale[1]
