@@ -33,7 +33,13 @@ from structid.records.formats.headers import (
     name_and_unit,
     other_unit_in_name,
 )
-from structid.records.formats.named_channels import NamedChannels, choose_columns, record_of, scale_of_times
+from structid.records.formats.named_channels import (
+    NamedChannels,
+    choose_columns,
+    record_of,
+    require_no_dates,
+    scale_of_times,
+)
 from structid.records.formats.options import ReadOptions, layout_words, option_words
 from structid.records.formats.selection import select_channels
 from structid.records.record import COHERENCE_MOST, FrfKind, FrfRecord, TimeRecord
@@ -153,6 +159,7 @@ def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
         where = f"{table.path}: line {table.header_line}, column {axis + 1} ({table.names[axis]!r})"
         scale = scale_of_times(where, table.names[axis], table.units[axis], options)
         time = table.values[:, axis]
+        require_no_dates(where, time, scale, options)
         if not np.isfinite(time).all():
             i = int(np.argmin(np.isfinite(time)))
             raise FileError(
