@@ -228,8 +228,9 @@ def _split(given: Refined) -> Refined:
     old = {(p.element, p.term.property): given.values[p.values] for p in structure.properties}
     parts = []
     for p in finer.properties:
-        own_values = old[p.element, p.term.property]
-        parts.append(own_values[parents[p.element]] if p.element in parents else own_values)
+        values, parent = old[p.element, p.term.property], parents.get(p.element)
+        is_by_element = parent is not None and len(p.term.values) == len(parent)
+        parts.append(values[parent] if is_by_element else values)
     return Refined(finer, np.concatenate(parts), {})
 
 
