@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
 from structid.core.dof import Dof
@@ -49,8 +50,8 @@ def direction_of(*ends: tuple[Dof, float]) -> Directions:
 
 
 def all_directions(several: Sequence[Directions]) -> Directions:
-    """Several single directions as the columns of one set."""
-    return Directions(np.concatenate([one.codes for one in several]), np.eye(len(several)))
+    """The directions of several as the columns of one set."""
+    return Directions(np.concatenate([one.codes for one in several]), block_diag(*(one.weights for one in several)))
 
 
 def stiffness_scale(receptances: Receptances, directions: Directions, law: ComplexArray) -> float:

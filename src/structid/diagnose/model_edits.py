@@ -531,6 +531,8 @@ class SeparateElement:
         Elements of the set.
     nominal : mapping of str to tuple of float
         What the model says of the property, of each element of each set that has it.
+    follows : str, optional
+        Parameter whose factor it takes instead.
     """
 
     where: str
@@ -538,6 +540,7 @@ class SeparateElement:
     start: float
     count: int
     nominal: Mapping[str, tuple[float, ...]] = field(hash=False)
+    follows: str | None = None
 
     def _take_out(self, entries: Sequence[Tables]) -> None:
         """Take the element or set out of the unknowns (tables) that declare its property."""
@@ -571,7 +574,8 @@ class SeparateElement:
 
     @property
     def _entry(self) -> dict[str, Any]:
-        return {"property": self.property_name, "elements": self.where, "factor": True, "start": self.start}
+        what = {"property": self.property_name, "elements": self.where, "factor": True}
+        return what | ({"start": self.start} if self.follows is None else {"tied_to": self.follows})
 
     def write(self, study: Tables) -> None:
         self._take_out(study["unknown"])

@@ -14,6 +14,7 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import parse_dof
 from structid.diagnose.causes import (
     Dashpot,
+    DifferingElement,
     DryFriction,
     FaultyChannel,
     SpringToGround,
@@ -259,7 +260,9 @@ def _outstanding(base: Fitted) -> set[Hashable]:
 
 
 def _family(candidate: Candidate, held_nodes: Collection[int]) -> str:
-    """The kind of a candidate; "clamp" for a spring that holds one more direction of a node that is held."""
+    """The kind of a candidate; "clamp" for a spring that holds one more direction of a node that is held, "whole" of an element."""
+    if isinstance(candidate, DifferingElement) and candidate.is_whole:
+        return "whole"
     is_clamp = isinstance(candidate, SpringToGround) and candidate.is_clamp(held_nodes)
     return "clamp" if is_clamp else candidate.place[0]
 

@@ -307,7 +307,7 @@ def _completing(causes: Sequence[Cause], expected: float) -> Cause | None:
 
 def _is_scatter(cause: Cause) -> bool:
     """True where one element differs from its group no more than manufacture makes it, and no value moves."""
-    is_small = all(unit == "1" and abs(ratio - 1) < ELEMENT_SCATTER for _, ratio, unit in cause.found[:1])
+    is_small = all(unit == "1" and abs(ratio - 1) < ELEMENT_SCATTER for _, ratio, unit in cause.found)
     return cause.kind == "untied" and is_small and not any(map(_matters, cause.moved))
 
 
