@@ -189,7 +189,7 @@ class PoleSum:
         """Outputs per unit input at `frequency` in Hz, (n_frequencies, n_outputs, n_inputs)."""
         s = 2j * np.pi * frequency
         residues = self.out.T[:, :, None] * self.into[:, None, :]
-        flat = (1 / (s[:, None] - self.poles)) @ residues.reshape(len(self.poles), -1)
+        flat = (1 / (s[:, None] - self.poles)) @ residues.reshape(len(self.poles), int(np.prod(residues.shape[1:])))
         total = flat.reshape(len(s), *self.integrals.shape[1:])
         for power, part in zip((-2, -1, 0), self.integrals, strict=True):
             if part.any():
