@@ -89,8 +89,8 @@ class DifferingSet(Candidate):
         return self.place, self.shares
 
     def sentence(self, value: float | None) -> str:
+        if self.is_whole and len(self.shares) == 1:  # all of them are held
+            return f"the stiffnesses of all of {self.where[0]}, which the study fixes, are off by one factor"
         if self.is_whole:
-            return (
-                f"all of {self.where[0]} differs from its group, or from what the study holds, in all its stiffnesses"
-            )
+            return f"all of {self.where[0]} differs from its group in all its stiffnesses"
         return f"the {self.shares[0].property.replace('_', ' ')} of all of {self.where[0]} is not that of its group"
