@@ -777,7 +777,7 @@ band = [1.0, 9.0]
 
 
 def _kept(folder: Path) -> _Made:
-    owner = {"layout": "structid checkpoint 1", "versions": {}, "inputs": {"a": "b"}}
+    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {"a": "b"}}
     for name, mutations in (("run.json", TEXT), ("done-00001.npz", ARCHIVE), ("search.npz", ARCHIVE)):
         path = _place(folder, f"checkpoint/{name}", name)
         kept = Checkpoint(path.parent, owner, seconds=0.0)

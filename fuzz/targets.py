@@ -101,7 +101,7 @@ def study(path: Path) -> None:
 
 
 def checkpoint(path: Path) -> None:
-    owner = {"layout": "structid checkpoint 1", "versions": {}, "inputs": {"a": "b"}}
+    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {"a": "b"}}
     with_lock = Checkpoint(path.parent, owner, resume=True)
     with_lock.close()
 

@@ -139,7 +139,7 @@ def test_units_of_axes(parse, text, factor):
 @pytest.mark.parametrize("parse, text, words", [
     (parse_frequency_unit, "orders", "multiples of a speed"), (parse_frequency_unit, "1/s", "Hz, kHz, rad/s or rpm"),
     (parse_frequency_unit, "s", "rad/s"), (parse_frequency_unit, "MHZ", "kHz"), (parse_frequency_unit, "", "kHz"),
-    (parse_time_unit, "m", "s, ms, us or min"), (parse_time_unit, "Hz", "ms"), (parse_time_unit, "samples", "ms"),
+    (parse_time_unit, "m", "s, ms, us, min or day"), (parse_time_unit, "Hz", "ms"), (parse_time_unit, "samples", "ms"),
 ])  # fmt: skip
 def test_units_of_axes_refused(parse, text, words):
     with pytest.raises(InputError, match=words):

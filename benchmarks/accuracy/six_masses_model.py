@@ -22,7 +22,7 @@ from scipy import linalg
 import structid as sid
 from structid.forward import RecordProblem
 from structid.identification.joint_problem import harmonize_shared_parameters
-from structid.identification.search import Answer, answered
+from structid.identification.search import SearchOutcome, search_parameters
 from structid.inversion import Linearization
 from structid.inversion.comparison.comparison import Comparison, compare_jointly
 from structid.inversion.comparison.states import LATER, states_problem
@@ -257,11 +257,11 @@ def fitted(state: str, arrangements: Iterable[int], model: Model) -> sid.Estimat
     return sid.estimate(problem(state, arrangements, model))
 
 
-def answer(parts: Sequence[ResonanceProblem], titles: Sequence[str]) -> Answer:
+def answer(parts: Sequence[ResonanceProblem], titles: Sequence[str]) -> SearchOutcome:
     """All of them in one fit, with what varies among them."""
     options = sid.IdentifyOptions(restarts=0, pole_free_start=False, tolerances=EXACT)
     records = [ListOfFrequencies(title) for title in titles]
-    return answered(records, harmonize_shared_parameters(parts, titles), options, None, ALONE)
+    return search_parameters(records, harmonize_shared_parameters(parts, titles), options, None, ALONE)
 
 
 def scatter(found: sid.Estimate, state: str, arrangements: Iterable[int], model: Model) -> np.ndarray:

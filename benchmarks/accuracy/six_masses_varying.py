@@ -16,7 +16,7 @@ import numpy as np
 from six_masses_model import ERROR, LENGTH, MASSES, STATES, Model, ResonanceProblem, answer, loss, problems, shared
 
 import structid as sid
-from structid.identification.search import Answer
+from structid.identification.search import SearchOutcome
 from structid.inversion.comparison.states import LATER
 
 CHOICES = {
@@ -33,7 +33,7 @@ def of_state(state: str, arrangements: Sequence[int], model: Model) -> tuple[lis
     return problems(state, arrangements, model), [f"{state} {k + 1}" for k in arrangements]
 
 
-def healthy(arrangements: Sequence[int], model: Model) -> tuple[Answer, Model]:
+def healthy(arrangements: Sequence[int], model: Model) -> tuple[SearchOutcome, Model]:
     """The healthy state, with the error of a frequency at which chi-square is what it should be."""
     for _ in range(6):
         found = answer(*of_state("healthy", arrangements, model))
@@ -44,7 +44,7 @@ def healthy(arrangements: Sequence[int], model: Model) -> tuple[Answer, Model]:
     return found, model
 
 
-def predictive(found: Answer, arrangements: Sequence[int], model: Model) -> tuple[np.ndarray, float]:
+def predictive(found: SearchOutcome, arrangements: Sequence[int], model: Model) -> tuple[np.ndarray, float]:
     """Errors in % of arrangements that had no part in a fit, and the logarithm of their density, per frequency.
 
     The covariance of an arrangement's errors is that of its frequencies plus what its own clamp and the parameters add.
@@ -98,7 +98,7 @@ def report_choices(arrangements: Sequence[int], names: Sequence[str], model: Mod
         )
 
 
-def both(state: str, arrangements: Sequence[int], model: Model) -> Answer:
+def both(state: str, arrangements: Sequence[int], model: Model) -> SearchOutcome:
     """The healthy and a later state in one fit: masses are each state's own, all mountings differ."""
     first, titles = of_state("healthy", arrangements, model)
     later, more = of_state(state, arrangements, model)

@@ -25,6 +25,8 @@ from structid.external.solved import Units
 from structid.fem.elements.solver_model import FrfRuns
 from structid.records import FrfRecord
 from structid.records.formats import write_record
+from structid.study.run.run import run_study
+from structid.study.schema.study import load_study
 from structid.workbench.work.called import called
 
 RUN = CliRunner()
@@ -246,6 +248,15 @@ def test_check_says_what_frfs_alone_do_not_tell(tmp_path, monkeypatch):
     assert "FRFs of a solver alone, which tell no masses, modes or mesh" in words
     assert "160 lines from 0.3 to 11.5 Hz, 3 x 1 FRFs" in words
     assert "warning" not in words, words
+
+
+def test_results_say_that_the_model_of_the_solver_is_not_among_what_intervals_include(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = study(tmp_path, {"k1": 1180.0, "k2": 810.0})
+    path.write_text(path.read_text().replace("calibration = 0\n", ""))
+    words = "± includes 1 % of the calibration; the model behind the FRFs of the solver is taken as exact"
+    assert words in " ".join(RUN.invoke(cli.app, ["check", str(path)]).stdout.split())
+    assert words in run_study(load_study(path)).identification.assumption
 
 
 @pytest.mark.long

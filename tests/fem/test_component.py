@@ -373,6 +373,9 @@ def test_two_components_of_one_set_friction_sliding_and_mechanisms_are_refused()
     line = Structure({1: 0.0, 2: 1.0, 3: 2.0}, [Beam("beam", [[1, 2], [2, 3]], 1.0, 1.0)], sliding=[2])
     with pytest.raises(InputError, match="element set 'beam' has an end that slides"):
         replace(line, components=(Component("a", "beam", 9.0, "1Y"),))
+    made = Beam("beam", [[1, 2], [2, 3]], 1.0, 1.0, tolerance={"length": 0.01})
+    with pytest.raises(InputError, match="element set 'beam' has a `tolerance` of its length"):
+        replace(Structure({1: 0.0, 2: 1.0, 3: 2.0}, [made]), components=(Component("a", "beam", 9.0, "1Y"),))
     row = Spring("row", ["1X", "2X"], ["2X", "4X"], stiffness=[1.0, 0.0])
     sets = [row, PointMass("ends", [1, 4], 1.0), Dashpot("oil", "3X", "2X", viscous_damping=1.0)]
     loose = Structure({k: float(k) for k in (1, 2, 3, 4)}, sets, active=["X"])

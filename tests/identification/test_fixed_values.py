@@ -14,6 +14,7 @@ from scipy.linalg import eigh
 import structid as sid
 from structid.diagnose.verdict import judged
 from structid.forward.fixed_values import with_fixed_values
+from structid.identification.joint_problem import taken_as_exact
 from structid.inversion.fixed_values import FIXED
 from structid.modal import ModalRecord
 from structid.modal.modal_record import independent_errors
@@ -263,6 +264,21 @@ def test_records_share_what_is_held_and_have_a_calibration_each():
     assert (
         found.assumption
         == "± includes 1 % of fixed masses and stiffnesses, 10 % of fixed dampings, 2 % of the calibration"
+    )
+
+
+def test_values_that_a_method_does_not_carry_are_named():
+    """Fits that are linear in time leave the thickness of a plate out: whatever is not carried is named once."""
+    structure = chain()
+    unknown = sid.parameters(structure, SOUGHT)
+    record = measured((MASS, SPRING, DASHPOT), 1.0, np.random.default_rng(5))
+    found = sid.identify_together([sid.Setup(structure, unknown, record)], sid.IdentifyOptions(tolerances=TOLERANCES))
+    names = found.estimate.fixed.names
+    left_out = tuple(name for name in names if name not in ("mass[m2]", "stiffness[k4]"))
+    twice = found.problems * 2
+    assert taken_as_exact(twice, TOLERANCES, names) == taken_as_exact(twice, EXACT, left_out) == ""
+    assert taken_as_exact(twice, TOLERANCES, left_out) == (
+        "fixed mass[m2], stiffness[k4] taken as exact, without the tolerance"
     )
 
 

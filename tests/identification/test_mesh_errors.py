@@ -252,6 +252,20 @@ def test_split_cells_keep_base_and_damping_ratio_of_all_modes():
     assert modes(*matrices).damping_ratio[:4] == pytest.approx(0.03, rel=1e-6)
 
 
+@pytest.mark.parametrize("n_bars", [1, 2])
+def test_split_cells_keep_the_uncertain_length_of_a_line_set(n_bars):
+    """One value of the set, however many bars it has, and before the damping ratio of all modes."""
+    nodes, quads, rim = grid(2)
+    triangles = [t for q in quads for t in ([q[0], q[1], q[2]], [q[0], q[2], q[3]])]
+    skin = Membrane("skin", triangles, mass=1.0, tension=1.0)
+    edge = Bar("edge", [[1, 2], [2, 3]][:n_bars], 1.0, 1e3, tolerance={"length": 0.01})
+    whole = Structure(nodes, [skin, edge], [f"{n}Z" for n in rim], damping_ratio=0.02)
+    finer = refined(whole, np.append(whole.values[:-2], [1.005, 0.03]), 2, 10**6)
+    assert len(finer.values) == len(finer.structure.values)
+    assert finer.values[-2:].tolist() == [1.005, 0.03]
+    assert [p.element for p in finer.structure.properties][-2:] == ["edge", "all modes"]
+
+
 def test_sliding_nodes_beside_cells_are_not_judged():
     """Their places count from the next node, which would be another in a split line."""
     nodes, quads, _ = grid(2)

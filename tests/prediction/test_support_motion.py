@@ -1,5 +1,7 @@
 """Moving supports against a large mass under a force, two masses on a moving ground, and the quasi-static motion of a beam."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -11,6 +13,8 @@ from structid.fem import Base
 from structid.prediction.identified_model import identified_model
 from structid.prediction.linear_response import support_base
 from structid.prediction.quantities import support_acceleration
+from structid.report.prediction import heading
+from structid.study.run.predicting import StudyPrediction, kind_under
 
 RATE = 400.0
 
@@ -119,6 +123,18 @@ def test_motion_per_motion_of_a_support_is_that_of_one_mass():
     force = sid.predict(model, sid.Frf(["N[bars:1@1]"], [base], frequency, "transmissibility"), n_draws=50)
     assert force.values[:, 0, 0] == pytest.approx(-2.0 * exact, rel=1e-8)
     assert force.quantity.unit == "(N)/(m/s^2)"
+    modes = sid.predict(model, sid.NaturalModes(1), n_draws=50)
+    shown = StudyPrediction(Path("results"), "mass", modes, found, None, None, ())
+    assert heading(shown) == "transmissibilities (motion per motion of the supports) and modes predicted from results"
+
+
+def test_force_per_motion_is_refused_where_supports_move():
+    ground, load = Base("ground", ["0X"]), sid.parse_dof("1X")
+    assert kind_under([ground], "accelerance") == kind_under([ground], "transmissibility") == "transmissibility"
+    assert kind_under([load], "receptance") == "receptance"
+    for kind in ("receptance", "mobility"):
+        with pytest.raises(InputError, match=f"where a support moves, as 0X\\+ does, got {kind}; leave it out"):
+            kind_under([ground], kind)
 
 
 def test_damping_of_all_modes_is_of_motion_against_the_ground():

@@ -7,6 +7,7 @@ from scipy import linalg, signal
 import structid as sid
 from structid.core.errors import InputError, NoAnswerError
 from structid.prediction.identified_model import identified_model
+from structid.prediction.virtual_sensing import _sum_over_samples
 
 RATE, CORRELATION, FORCE = 50.0, 0.1, 20.0
 
@@ -56,9 +57,10 @@ def measured(states, rng, std):
     return acceleration[:, [0]] + std * rng.standard_normal((len(states), 1))
 
 
-def test_smoothed_motion_is_that_of_a_batch_estimate():
+@pytest.mark.parametrize("n", [360, 7])
+def test_smoothed_motion_is_that_of_a_batch_estimate(n):
     """Gaussian conditioning of all samples at once: E[x | y] = C_xy C_yy^-1 y, of a record that begins in motion."""
-    n, std = 360, 0.3
+    std = 0.3
     states, step, stationary, rng = simulate(n, 1)
     y = measured(states, rng, std)
     record = sid.TimeRecord(RATE, y, ["1X"], ["acceleration"], variance=np.array([std**2]))
@@ -130,6 +132,49 @@ def test_known_forces_leave_nothing_but_noise():
                             variance=np.array([0.0, 1e-12]))  # fmt: skip
     found = sid.sense(model, record, ["2X"], n_draws=0)
     assert found.values[:, 0] == pytest.approx(motion[:, 1], abs=1e-4 * np.abs(motion).max())
+
+
+@pytest.mark.parametrize("size", [0.0, 500.0])
+def test_known_forces_do_not_hide_the_size_of_unknown_ones(size):
+    """A known force at one mass, none to far larger than the unknown force at the other."""
+    rng, fade, n, model = np.random.default_rng(0), np.exp(-1 / RATE / CORRELATION), 800, make_model()
+    hidden = FORCE * signal.lfilter([1.0], [1.0, -fade], np.sqrt(1 - fade**2) * rng.standard_normal(n))
+    pushed = size * rng.standard_normal(n)
+    history = sid.History(["1X", "2X"], ["1X", "2X"], np.column_stack([pushed, hidden]), RATE)
+    motion = sid.predict(model, history, n_draws=50).values
+    noisy = motion + 0.05 * rng.standard_normal(motion.shape)
+    record = sid.TimeRecord(RATE, np.column_stack([pushed, noisy]), ["1X", "1X", "2X"],
+                            ["force", "acceleration", "acceleration"], variance=np.array([0.0, 0.0025, 0.0025]))  # fmt: skip
+    found = sid.sense(
+        model, record, ["2X"], unknown=sid.UnknownForces(["2X"], CORRELATION), n_draws=0, is_filtered=False
+    )
+    assert found.prior_std == pytest.approx(hidden.std(), rel=0.3)
+    assert not found.words
+
+
+@pytest.mark.parametrize("tap", [0.0, 1e-3])
+def test_a_decay_under_a_known_force_of_nothing_has_an_honest_deviation(tap):
+    """The record begins in motion that the force in it cannot have made."""
+    force = np.zeros((700, 1))
+    force[20] = 100.0
+    model = make_model()
+    history = sid.History(["1X", "2X"], ["2X"], force, RATE, "displacement")
+    motion = sid.predict(model, history, n_draws=50).values[60:460]
+    noise = 0.01 * motion[:, 0].std()
+    measured = motion[:, 0] + noise * np.random.default_rng(0).standard_normal(400)
+    known = np.eye(1, 400, 300)[0] * tap
+    record = sid.TimeRecord(RATE, np.column_stack([known, measured]), ["2X", "1X"], ["force", "displacement"],
+                            variance=np.array([0.0, noise**2]))  # fmt: skip
+    found = sid.sense(model, record, ["2X"], n_draws=0)
+    error = found.values[:, 0] - motion[:, 1]
+    assert np.abs(error).max() < 5 * noise
+    assert 0.2 < np.sqrt(np.mean((error / found.std[:, 0])[:30] ** 2)) < 2.5
+
+
+def test_information_on_states_that_hardly_fade_keeps_its_digits():
+    step, matrix = np.diag([1 - 1e-14, 0.5]), np.array([[1.0, 0.1], [0.1, 2.0]])
+    direct = sum(np.linalg.matrix_power(step.T, k) @ matrix @ np.linalg.matrix_power(step, k) for k in range(13))
+    assert _sum_over_samples(step, matrix, 13) == pytest.approx(direct, rel=1e-12)
 
 
 def test_uncertain_models_widen_the_deviation():

@@ -1,5 +1,7 @@
 """Tables of FRFs whose headers name sensors and loads, as a laboratory writes them."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -108,3 +110,19 @@ def test_what_could_be_an_estimator_or_a_name_is_asked_for(tmp_path, head, words
     path.write_text(f"Frequency [Hz],{head},{head.replace('Real', 'Imag')}\n{rows}")
     with pytest.raises(FileError, match=words):
         read_record(path)
+
+
+@pytest.mark.parametrize("names, words", [
+    (["P1", "2X", "P3"], "(outputs: P1, 2X, P3), in this order"),
+    ([f"P{k}" for k in range(1, 13)], "P7, P8 and 4 more), in this order"),
+])  # fmt: skip
+def test_all_names_that_need_a_meaning_are_listed_beside_degrees_of_freedom(tmp_path, names, words):
+    """As many as `outputs` must have."""
+    path = tmp_path / "lab.csv"
+    columns = [f"{name}/9X [g/N] {part}" for name in names for part in ("Real", "Imag")]
+    rows = "".join(f"{f}{',1' * len(columns)}\n" for f in FREQUENCY)
+    path.write_text(f"Frequency [Hz],{','.join(columns)}\n{rows}")
+    with pytest.raises(FileError, match=re.escape(words)):
+        read_record(path)
+    given = ReadOptions(outputs=tuple(f"{k}X" for k in range(11, 11 + len(names))))
+    assert len(read_record(path, given).outputs) == len(names)

@@ -146,6 +146,28 @@ def test_times_of_a_clock_go_on_after_midnight(tmp_path):
         read_record(path)
 
 
+@pytest.mark.parametrize("decimals", [7, 9])
+def test_clocks_of_more_decimals_than_microseconds_are_even(tmp_path, decimals):
+    """As .NET and LabVIEW write them: 3000 Hz, a step of 333.333333 us."""
+    path, step = tmp_path / "a.csv", 1 / 3000
+    for day in ("", "2026-11-27T"):
+        rows = [f"{day}12:00:{k * step:0{decimals + 3}.{decimals}f}+01:00;{k % 3}" for k in range(300)]
+        rows = rows if day else [row.replace("+01:00", "") for row in rows]
+        path.write_text("Time;1X [g]\n" + "\n".join(rows) + "\n")
+        assert read_record(path).sampling_rate == pytest.approx(3000, rel=1e-5)
+
+
+@pytest.mark.parametrize("hours", [23, 99, 100])
+def test_times_gone_by_may_be_longer_than_a_day(tmp_path, hours):
+    path = tmp_path / "a.csv"
+    seconds = 3599.5 + 0.25 * np.arange(8)
+    clock = [f"{hours + int(t // 3600)}:{int(t % 3600 // 60):02d}:{t % 60:05.2f}" for t in seconds]
+    path.write_text("Time;1X [g]\n" + "".join(f"{t};{k % 3},5\n" for k, t in enumerate(clock)))
+    record = read_record(path)
+    assert record.sampling_rate == pytest.approx(4)
+    assert len(record.values) == 8
+
+
 def run(*words):
     ran = CliRunner().invoke(app, list(map(str, words)))
     return ran.exit_code, " ".join(ran.output.split())

@@ -234,12 +234,22 @@ def test_a_waveform_of_labview_in_ms(tmp_path):
         read_record(path, ReadOptions(channels="1X"))
 
 
+def test_an_lvm_file_of_several_segments_is_sound_and_said_to_hold_them(tmp_path):
+    path = whole("lvm", tmp_path)
+    text = path.read_text(encoding="cp1252")
+    end = text.index("***End_of_Header***") + len("***End_of_Header***\n")
+    path.write_text(text + text[end:], encoding="cp1252")
+    with pytest.raises(FileError, match=r"it holds 2 segments, .*save each in a file of its own") as told:
+        read_record(path, options("lvm"))
+    assert "damaged" not in str(told.value)
+
+
 @pytest.mark.parametrize("old, new, words", [
     ("X_Dimension\tTime", "X_Dimension\tFrequency", "over Frequency, not over time"),
     ("X_Columns\tNo", "X_Columns\tMulti", "3 channels, and it has 2 names"), ("LabVIEW", "Lab", "does not begin with LabVIEW"),
     ("Samples\t300\t300\t300", "Samples\t150\t150\t150", "it holds 300; several writings without times"),
     ("Samples\t300", "Samples\t301", "says 301 samples of 'Acc A', and it holds 300"),
-    ("***End_of_Header***\nChannels", "***End_of_Header***\n***End_of_Header***\nChannels", "one segment, got 2"),
+    ("***End_of_Header***\nChannels", "***End_of_Header***\n***End_of_Header***\nChannels", "it holds 2 segments"),
 ])  # fmt: skip
 def test_text_of_labview_that_says_something_else_is_refused(tmp_path, old, new, words):
     path = whole("lvm", tmp_path)

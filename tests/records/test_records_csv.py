@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from structid.core.errors import FileError
+from structid.core.errors import FileError, InputError
 from structid.records import ReadOptions, read_record, write_record
 from structid.records.formats import CsvLayout
 
@@ -155,3 +155,23 @@ def test_a_unit_beside_one_in_the_header_is_that_one_or_refused(tmp_path):
     read_record(path, ReadOptions(unit="g/lbf"))
     with pytest.raises(FileError, match=r"line 1 says the unit of each column, but `unit` 'g/N' was given"):
         read_record(path, ReadOptions(unit="g/N"))
+
+
+def dated(step, head="Time [s]", first=46000.4):
+    """A table of eight samples whose times are days since 1900, as a spreadsheet counts them."""
+    return f"{head},1X [m/s^2]\n" + "".join(f"{first + step * i:.11f},{i % 3}\n" for i in range(8))
+
+
+def test_dates_of_a_spreadsheet_are_no_seconds(tmp_path):
+    """Days 46000.4 and on at 256 Hz would be seconds at 22 MHz; seconds of a day at 1 kHz stay what they are."""
+    step = 1 / 256 / 86400
+    with pytest.raises(InputError, match=r"from 46000.4 in steps of 4.5e-08, .* give `axis_unit = day`.*write \[day\]"):
+        read(tmp_path, dated(step))
+    assert read(tmp_path, dated(step, "Time [days]")).sampling_rate == pytest.approx(256, rel=1e-4)
+    path = tmp_path / "a.csv"
+    path.write_text(dated(step, "Time"))
+    assert read_record(path, ReadOptions(axis_unit="day")).sampling_rate == pytest.approx(256, rel=1e-4)
+    with pytest.raises(InputError, match="dates of a spreadsheet"):
+        read_record(path, ReadOptions(axis_unit="s"))
+    assert read(tmp_path, dated(1e-3)).sampling_rate == pytest.approx(1000)
+    assert read(tmp_path, dated(step, first=0.4)).sampling_rate == pytest.approx(256 * 86400, rel=1e-3)

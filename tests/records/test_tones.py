@@ -134,7 +134,36 @@ def test_forces_stay_and_channels_keep_their_places():
     assert "of the variance of 2X" in found.words
 
 
-@pytest.mark.parametrize("asked", [[0.0], [41.0], "all"])
+@pytest.mark.parametrize("asked", ["auto", [20.02]])
+def test_an_offset_is_no_tone_and_stays(asked):
+    """Gravity in a raw accelerometer, 5000 times the tone: the offset would leak into the windows at the ends."""
+    time, rng = np.arange(16000) / RATE, np.random.default_rng(9)
+    noise = 1e-3 * rng.standard_normal((16000, 2))
+    tone = 2e-3 * np.cos(2 * np.pi * 20.02 * time)[:, None]
+    done = remove_tones(record(noise + tone + 9.81, ("acceleration",) * 2), asked)
+    (found,) = done.tones
+    assert found.frequency == pytest.approx(20.02, abs=1e-4)
+    assert found.variance_fraction == pytest.approx([2 / 3, 2 / 3], rel=0.05)
+    assert (done.record.values - noise - 9.81).std() < 5e-5
+
+
+@pytest.mark.parametrize("quantity", ["force", "acceleration"])
+@pytest.mark.parametrize("asked", ["auto", [12.5]])
+def test_a_record_where_nothing_moves_has_no_tones(quantity, asked):
+    values = np.ones((4000, 2)) if quantity == "acceleration" else np.random.default_rng(6).standard_normal((4000, 2))
+    still = record(values, (quantity,) * 2)
+    done = remove_tones(still, asked)
+    assert done.tones == ()
+    assert done.record is still
+
+
+@pytest.mark.parametrize("asked", [50.0, "50"])
+def test_a_preparation_takes_a_list_of_tones(asked):
+    with pytest.raises(InputError, match=r"`remove_tones` must be a list .* got .*50.*; write one as \[50.0\]"):
+        Preparation(remove_tones=asked)
+
+
+@pytest.mark.parametrize("asked", [[0.0], [41.0], "all", 12.5])
 def test_what_is_no_frequency_is_refused(asked):
     with pytest.raises(InputError, match="`frequencies`"):
         remove_tones(record(np.random.default_rng(6).standard_normal((4000, 2)), ("velocity",) * 2), asked)

@@ -187,12 +187,21 @@ def test_attributes_of_the_array_and_the_file_are_not_contradicted_in_silence(tm
         read_record(stored(tmp_path / "b.h5", wf_increment=0.02), ReadOptions(**given, units="g"))
     with pytest.raises(InputError, match=r"stored scaled: test/acc@scale_factor is 0.001"):
         read_record(stored(tmp_path / "c.h5", scale_factor=0.001), ReadOptions(**given, units="g"))
-    for name, neutral in (("gain", 1.0), ("Calibration_Factor", 1.0), ("offset", 0.0)):
-        with pytest.raises(InputError, match=f"stored scaled: test/acc@{name} is 0.25"):
-            read_record(stored(tmp_path / "d.h5", **{name: 0.25}), ReadOptions(**given, units="g"))
-        read_record(stored(tmp_path / "d.h5", **{name: neutral}), ReadOptions(**given, units="g"))
+    for name, neutral in (("gain", 1.0), ("Calibration_Factor", 1.0), ("offset", 0.0), ("cal_factors", 1.0)):
+        scaled = stored(tmp_path / "d.h5", **{name: 0.25})
+        with pytest.raises(InputError, match=f"may be stored scaled: test/acc@{name} is 0.25; say .*`units = m/s.2`"):
+            read_record(scaled, ReadOptions(**given, quantities="acceleration"))
+        done = read_record(scaled, ReadOptions(**given, units="g"))
+        assert done.values == pytest.approx(HISTORY * GRAVITY)
+        assert f"test/acc@{name} is 0.25, which is not applied" in done.source
+        neutral_file = stored(tmp_path / "d.h5", **{name: neutral})
+        assert "not applied" not in read_record(neutral_file, ReadOptions(**given, quantities="acceleration")).source
+    taken_out = read_record(stored(tmp_path / "f.h5", unit="m/s^2", gain=10.0, offset=0.5), ReadOptions(**given))
+    assert taken_out.values == pytest.approx(HISTORY)
+    assert "gain is 10, which is not applied" in taken_out.source
+    assert "offset is 0.5, which is not applied" in taken_out.source
     sensed = stored(tmp_path / "e.h5", sensitivity=[0.1, 0.2])
-    with pytest.raises(InputError, match=r"acc@sensitivity is 0.1, 0.2; say what its samples are.*V at 100 mV/g"):
+    with pytest.raises(InputError, match=r"acc@sensitivity is 0.1, 0.2; say what its values are.*V at 100 mV/g"):
         read_record(sensed, ReadOptions(**given, quantities="acceleration"))
     assert (
         "sensitivity is 0.1, 0.2, which is not applied" in read_record(sensed, ReadOptions(**given, units="g")).source
@@ -201,6 +210,46 @@ def test_attributes_of_the_array_and_the_file_are_not_contradicted_in_silence(tm
         file.attrs["Sampling rate"] = 50.0
     with pytest.raises(InputError, match=r"@Sampling rate says 50 samples"):
         read_record(path, ReadOptions(**given))
+
+
+def test_tables_and_references_called_as_scales_are_left_alone(tmp_path):
+    path = stored(tmp_path / "a.h5")
+    with h5py.File(path, "a") as file:
+        file["bridge/calibration"] = np.zeros(3, dtype=[("sensor", "S8"), ("factor", float)])
+        file["bridge/scale"] = np.array([file["test/acc"].ref], dtype=h5py.ref_dtype)
+        file.create_dataset("bridge/offset", (2,), dtype=h5py.vlen_dtype(float))
+        file["bridge/gain"] = 3.0 + 1j
+    given = {"array": "test/acc", "sampling_rate": 100.0, "channels": "1X,2X", "quantities": "acceleration"}
+    assert read_record(path, ReadOptions(**given)).values == pytest.approx(HISTORY)
+
+
+def test_whole_numbers_of_a_gain_are_refused(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["acc"] = np.arange(40, dtype=np.int16).reshape(20, 2) % 7
+        file["acc"].attrs["gain"] = 0.01
+    with pytest.raises(InputError, match=r"is stored scaled: acc@gain is 0\.01"):
+        read_record(tmp_path / "a.h5", ReadOptions(sampling_rate=100.0, channels="1X,2X", units="g"))
+
+
+def test_an_array_is_no_scale_of_itself_nor_is_another_history(tmp_path):
+    """Arrays named as scales: the one that is read, one of as many values as samples, and complex ones."""
+    beside = {"gain": np.linspace(1.0, 2.0, 50), "offset": np.array([1j, 2.0]), "scale": 1.5}
+    path = save(tmp_path / "a.npz", {"calibration": HISTORY, **beside})
+    given = {"sampling_rate": 100.0, "channels": "1X,2X", "units": "g"}
+    source = read_record(path, ReadOptions(array="calibration", **given)).source
+    assert source.endswith("; scale is 1.5, which is not applied")
+    assert source.count("not applied") == 1
+
+
+def test_frequency_responses_with_a_sensitivity_ask_for_their_own_unit(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["h"], file["f"] = FRF, np.arange(1.0, 51.0)
+        file["h"].attrs["sensitivity"] = 0.1
+    given = {"array": "h", "frequency_array": "f", "outputs": "1X", "inputs": "1X"}
+    with pytest.raises(InputError, match=r"has a sensitivity, h@sensitivity is 0.1; .*`unit = \(m/s\^2\)/N`"):
+        read_record(tmp_path / "a.h5", ReadOptions(**given, kind="accelerance"))
+    read = read_record(tmp_path / "a.h5", ReadOptions(**given, unit="(m/s^2)/N"))
+    assert "sensitivity is 0.1, which is not applied" in read.source
 
 
 def test_whole_numbers_and_gains_beside_an_array_are_said(tmp_path):

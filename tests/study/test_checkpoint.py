@@ -106,7 +106,7 @@ def test_an_interrupted_run_tells_what_it_reached_and_how_to_go_on(tmp_path, num
 
 
 def test_an_interruption_among_tasks_says_how_many_are_done(tmp_path):
-    owner = {"layout": "structid checkpoint 1", "versions": {}, "inputs": {}}
+    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
     run = LongRun(checkpoint=Checkpoint(tmp_path / "c", owner, seconds=0.0))
 
     def task(shared, item, tools):
@@ -253,8 +253,23 @@ def test_a_checkpoint_of_another_version_is_refused_by_name(tmp_path):
         Checkpoint(tmp_path / "c", owner, resume=True)
 
 
+@pytest.mark.parametrize(
+    ("layout", "words"),
+    [
+        ("structid checkpoint 1", "c: was written by another version of structid; run without --resume to begin anew"),
+        ("something else", "c: is no checkpoint of this program; put it back, or run without --resume"),
+        (None, "c: is no checkpoint of this program; put it back, or run without --resume"),
+    ],
+)
+def test_a_checkpoint_of_another_layout_is_refused_with_the_remedy(tmp_path, layout, words):
+    owner = fingerprint(load_study(write_chain(tmp_path)))
+    Checkpoint(tmp_path / "c", {**owner, "layout": layout}).write()
+    with pytest.raises(FileError, match=words):
+        Checkpoint(tmp_path / "c", owner, resume=True)
+
+
 def test_a_damaged_or_missing_checkpoint_is_refused(tmp_path):
-    owner = {"layout": "structid checkpoint 1", "versions": {}, "inputs": {}}
+    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
     with pytest.raises(FileError, match="no checkpoint to go on from; run without --resume"):
         Checkpoint(tmp_path / "c", owner, resume=True)
     kept = Checkpoint(tmp_path / "c", owner, seconds=0.0)
@@ -274,7 +289,7 @@ def test_a_folder_that_is_no_checkpoint_is_left_alone(tmp_path):
 
 
 def test_what_is_kept_comes_back_bit_for_bit_however_many_files(tmp_path):
-    owner = {"layout": "structid checkpoint 1", "versions": {}, "inputs": {}}
+    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
     random = np.random.default_rng(0)
     trees = {
         f"task {k}": {
@@ -297,14 +312,14 @@ def test_what_is_kept_comes_back_bit_for_bit_however_many_files(tmp_path):
 
 
 def test_a_new_run_replaces_the_checkpoint_of_an_old_one(tmp_path):
-    owner = {"layout": "structid checkpoint 1", "versions": {}, "inputs": {}}
+    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
     Checkpoint(tmp_path / "c", owner, seconds=0.0).finished("a", 1)
     assert Checkpoint(tmp_path / "c", owner).entries == {}
     assert not (tmp_path / "c").exists()
 
 
 def test_what_was_reached_is_told_of_a_search_that_is_taken_from_a_checkpoint_and_json_has_no_nan(tmp_path):
-    owner = {"layout": "structid checkpoint 1", "versions": {}, "inputs": {}}
+    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
     [problem] = study_problems(load_study(write_chain(tmp_path / "study", SEVERAL)))
     first = LongRun(checkpoint=Checkpoint(tmp_path / "c", owner, seconds=0.0))
     minimum = first.minimize(problem, LevenbergMarquardt(max_iterations=3))

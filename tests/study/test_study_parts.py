@@ -13,6 +13,7 @@ from structid.records import write_record
 from structid.report.drawing.drawing import structure_picture
 from structid.report.identification.tables import element_table
 from structid.study.schema.records.record import load_histories, load_record
+from structid.workbench.work.scene import _describe_set
 from study_cases import CHAIN
 
 GIRDER = """
@@ -234,3 +235,11 @@ def test_shear_and_bending_stiffness_are_found_together(tmp_path):
 def test_a_shear_stiffness_is_positive_and_one_an_element(tmp_path, given):
     with pytest.raises(sid.InputError, match=r'"girder".*shear_stiffness'):
         written(tmp_path, replaced(GIRDER, ("loss_factor = 0.01", f"shear_stiffness = {given}")))
+
+
+def test_a_factor_of_lengths_is_no_nominal_property():
+    bars = sid.Bar("bars", [[1, 2]], 1.0, 1e3, tolerance={"length": 0.01})
+    structure = sid.Structure({1: 0.0, 2: 1.0}, [bars], ["1X"])
+    assert "length[bars]" in [f"{p.term.property}[{p.element}]" for p in structure.properties]
+    assert "length" not in element_table(structure).rows[0][3]
+    assert "length" not in [entry["name"] for entry in _describe_set(bars, structure, np.asarray)["properties"]]

@@ -242,7 +242,7 @@ def test_lines_are_spread_where_it_pays(beam, processes, monkeypatch):
 
 def test_finished_tasks_are_not_run_again(tmp_path):
     """The checkpoint of a run with three tasks, resumed with five: two are run."""
-    owner = {"layout": "structid checkpoint 1", "versions": {}, "inputs": {}}
+    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
     first = LongRun(checkpoint=Checkpoint(tmp_path / "c", owner, seconds=0.0))
     assert first.map("squares", squared, 1.0, [1.0, 2.0, 3.0]) == [1.0, 4.0, 9.0]
     told: list[tuple[str, int, int]] = []

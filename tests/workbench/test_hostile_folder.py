@@ -266,8 +266,8 @@ def test_no_edit_that_was_told_as_saved_is_lost(tmp_path):
     study = tmp_path / "study.toml"
     study.write_text("# a study\n", encoding="utf-8")
     saver = (
-        "import sys; from pathlib import Path; from structid.workbench.folder import opened, ChangedError\n"
-        "place = opened(Path(sys.argv[1]))\n"
+        "import sys; from pathlib import Path; from structid.workbench.folder import open_study_folder, ChangedError\n"
+        "place = open_study_folder(Path(sys.argv[1]))\n"
         "for k in range(70):\n"
         "    while True:\n"
         "        text, mark = place.text('study.toml')\n"

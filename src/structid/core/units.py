@@ -39,7 +39,7 @@ ACCELERATIONS = {
 #: Frequencies in Hz.
 FREQUENCIES = {"Hz": 1.0, "mHz": 1e-3, "kHz": 1e3, "MHz": 1e6, "rad/s": 1 / (2 * math.pi), "rpm": 1 / 60}
 #: Times in s.
-TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "day": 86400.0}
 _VOLTAGES = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
 #: How people write them, in small letters.
 _SPELLINGS = {
@@ -54,7 +54,7 @@ _SPELLINGS = {
     "rpm": "r/min rev/min revs/min 1/min cpm u/min min^-1",
     "s": "sec secs second seconds sek", "ms": "msec msecs millis millisec millisecs millisecond milliseconds",
     "us": "usec usecs micros microsec microsecs microsecond microseconds", "ns": "nsec nanosecond nanoseconds nanos",
-    "min": "mins minute minutes", "h": "hr hrs hour hours", "V": "volt volts", "mV": "millivolt millivolts",
+    "min": "mins minute minutes", "h": "hr hrs hour hours", "day": "days", "V": "volt volts", "mV": "millivolt millivolts",
 }  # fmt: skip
 _NAMES = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
 _UNITS = {**LENGTHS, **ANGLES, **FORCES, **ACCELERATIONS, **FREQUENCIES, **TIMES, **_VOLTAGES}
@@ -285,7 +285,7 @@ def parse_frequency_unit(text: str) -> float:
 
 
 def parse_time_unit(text: str) -> float:
-    """Factor from a time in the unit `text` (s, ms, us, ns, min, h in any common spelling) to s.
+    """Factor from a time in the unit `text` (s, ms, us, ns, min, h, day in any common spelling) to s.
 
     Raises
     ------
@@ -299,7 +299,7 @@ def parse_time_unit(text: str) -> float:
     """
     name = _unit_name(_without_brackets(_normalize_unit(text)), TIMES)
     if name is None:
-        raise InputError(f"cannot read {text!r} as the unit of a time; write s, ms, us or min")
+        raise InputError(f"cannot read {text!r} as the unit of a time; write s, ms, us, min or day")
     return TIMES[name]
 
 

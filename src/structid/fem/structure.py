@@ -279,6 +279,7 @@ class Structure(Shown, StructurePlots):
         """The reduction of each of the `components`."""
         if not self.components:
             return ()
+        _require_held_lengths(self)
         terms = self._numbered.terms
         codes = [
             matrix_term.codes for several in terms.values() for term in several for matrix_term in term.matrix_terms
@@ -570,3 +571,14 @@ def from_matrices(
     labels = {parse_dof(d).node for d in dofs}
     positions = dict.fromkeys(sorted(labels), (0.0, 0.0, 0.0)) if nodes is None else nodes
     return Structure(positions, elements, fixed)
+
+
+def _require_held_lengths(structure: Structure) -> None:
+    """Raise `InputError` if a line set of a component has a tolerance of its length, which changes its matrices."""
+    for component in structure.components:
+        for element in structure.elements:
+            if element.name in component.elements and element.has_uncertain_length:
+                raise InputError(
+                    f"component {component.name!r}: element set {element.name!r} has a `tolerance` of its length, which no"
+                    " reduction keeps; leave `length` out of it, or take the set out of `elements`"
+                )

@@ -26,7 +26,9 @@ class Dataset(NamedTuple):
 
 
 def hdf5_datasets(path: Path) -> dict[str, Dataset]:
-    """Every dataset of the file at `path` by its path without the leading slash; texts have the type of objects.
+    """Every dataset of the file at `path` by its path without the leading slash.
+
+    Texts have the type of objects, references and lists that of void.
 
     Raises
     ------

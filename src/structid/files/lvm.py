@@ -48,6 +48,10 @@ class LvmClock(NamedTuple):
     times: FloatArray = np.zeros(0)
 
 
+class OtherContentError(ValueError):
+    """Exception for a sound file that holds what is not read; the message says what, and the remedy."""
+
+
 class LvmChannel(NamedTuple):
     """A channel of an LVM file.
 
@@ -94,8 +98,10 @@ def read_lvm(path: Path) -> list[LvmChannel]:
 
     Raises
     ------
+    OtherContentError
+        If it holds several segments, or its channels are not over time.
     ValueError
-        If the file is no LVM file, holds several segments, its head and its rows differ, or its channels are not over time.
+        If the file is no LVM file, or its head and its rows differ.
     """
     segment = _take_apart(path)
     count = int(segment.entries["Channels"][0])
@@ -103,7 +109,9 @@ def read_lvm(path: Path) -> list[LvmChannel]:
     own_times, step = layout == "Multi", 2 if layout == "Multi" else 1
     other = set(segment.of_channels("X_Dimension", count, step)) - {"", "Time"}
     if other:
-        raise ValueError(f"its channels are over {join_words(sorted(other))}, not over time; write time histories")
+        raise OtherContentError(
+            f"its channels are over {join_words(sorted(other))}, not over time; write time histories"
+        )
     columns = [1 + step * j for j in range(count)]
     names = [segment.names[column] for column in columns if column < len(segment.names)]
     width = max(columns) + 1
@@ -136,7 +144,7 @@ def read_lvm(path: Path) -> list[LvmChannel]:
 
 
 def _take_apart(path: Path) -> _Segment:
-    """Head, segment and rows of the file at `path`; `ValueError` if it is no LVM file of one segment."""
+    """Head, segment and rows of the file at `path`; `ValueError` if it is no LVM file, or not of one segment."""
     text = path.read_text(encoding="cp1252")
     lines = text.splitlines()
     if not text.endswith("\n"):
@@ -144,8 +152,13 @@ def _take_apart(path: Path) -> _Segment:
     if not lines[0].startswith("LabVIEW Measurement"):
         raise ValueError("it does not begin with LabVIEW Measurement")
     ends = [i for i, line in enumerate(lines) if line.startswith(_END)]
-    if len(ends) != 2:
-        raise ValueError(f"it must hold one segment, got {max(len(ends) - 1, 0)}; write one a file")
+    if len(ends) > 2:
+        raise OtherContentError(
+            f"it holds {len(ends) - 1} segments, each a measurement with a head of its own, and one is read; save each in a file of"
+            " its own, or write with one header only"
+        )
+    if len(ends) < 2:
+        raise ValueError("it holds no segment")
     separator = "," if any(line.startswith("Separator,Comma") for line in lines[: ends[0]]) else "\t"
     head, entries = (
         {words[0].strip(): words[1:] for line in part if (words := line.split(separator))}

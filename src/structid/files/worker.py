@@ -71,7 +71,8 @@ def hdf5_shapes(path: str) -> dict[str, Entry]:
             text = h5py.check_string_dtype(item.dtype) is not None
             whole = dtype == item.dtype and not text and not item.dtype.hasobject and _why_unusable(item) is None
             offset = item.id.get_offset() if whole and item.chunks is None else None
-            found[name] = [list(item.shape), "text" if text else dtype.str, offset]
+            form = f"|V{dtype.itemsize}" if dtype.hasobject else dtype.str
+            found[name] = [list(item.shape), "text" if text else form, offset]
 
     with h5py.File(path, "r") as file:
         _require_own_links(file)

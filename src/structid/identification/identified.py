@@ -20,7 +20,7 @@ from structid.identification.fits.ratios import Ratios
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import Resonance
 from structid.identification.fits.truncation import Truncation
-from structid.identification.joint_problem import indices_of
+from structid.identification.joint_problem import indices_of, taken_as_exact
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import AppliedRegularization
 from structid.identification.setups.setup import AnySetup
@@ -204,7 +204,8 @@ class Identification(Shown, IdentificationPlots):
         """A clause on the errors of fixed values that the standard deviations include."""
         fixed = self.estimate.fixed
         if fixed is not None:
-            return f"± includes {fixed.words}"
+            exact = "" if self.options is None else taken_as_exact(self.problems, self.options.tolerances, fixed.names)
+            return "; ".join(words for words in (f"± includes {fixed.words}", exact) if words)
         can_tell = self.estimate.uncertainty.has_matrix
         return "± takes what the model holds as exact" + (
             "" if can_tell else ": this search does not tell what it changes"

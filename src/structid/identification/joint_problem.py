@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.display import join_words
 from structid.core.errors import InputError
 from structid.forward import RecordProblem
 from structid.forward.fixed_values import tolerances_of, with_fixed_values
@@ -19,7 +20,7 @@ from structid.inversion.problem import ContinuationPath, Schedule
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.unknowns.named_unknowns import N, NamedUnknowns
 from structid.unknowns.priors import Prior, priors_of
-from structid.unknowns.tolerances import Tolerances
+from structid.unknowns.tolerances import Tolerances, fixed_properties
 
 
 def joint_problem(problems: Sequence[RecordProblem]) -> Problem:
@@ -160,6 +161,19 @@ def freed_problems(
         with_fixed_values(problem, tolerances, setup.calibration if is_free else 0.0, title)
         for setup, title, problem, is_free in named
     )
+
+
+def taken_as_exact(problems: Sequence[RecordProblem], tolerances: Tolerances, carried: Sequence[str]) -> str:
+    """A clause on the fixed values with a tolerance that are not among those `carried`; "" where all are."""
+    if not all(problem.structure.has_matrices for problem in problems):
+        return "the model behind the FRFs of the solver is taken as exact"
+    labels = dict.fromkeys(
+        item.label
+        for problem in problems
+        for item in fixed_properties(problem.structure, problem.parameters, tolerances)
+        if item.label not in carried
+    )
+    return f"fixed {join_words(list(labels))} taken as exact, without the tolerance" if labels else ""
 
 
 def fixed_values(freed: Sequence[RecordProblem]) -> FixedValues | None:

@@ -152,7 +152,7 @@ def _deviation(found: Identification) -> FloatArray:
     """Standard deviations (n_params,) from noise and tolerances of fixed values, without model error."""
     fixed = found.estimate.fixed
     variance = found.estimate.std_noise**2
-    return np.sqrt(variance if fixed is None else variance + np.diag(fixed.covariance))
+    return np.sqrt(variance if fixed is None else variance + fixed.std**2)
 
 
 def _shift(jacobian: FloatArray, change: FloatArray) -> FloatArray:

@@ -85,6 +85,11 @@ class FixedValueInfluence:
         return self.changes @ self.changes.T
 
     @property
+    def std(self) -> FloatArray:
+        """Standard deviation that the fixed values add to each parameter, physical units, (n_params,)."""
+        return np.asarray(np.linalg.norm(self.changes, axis=1))
+
+    @property
     def beyond(self) -> tuple[int, ...]:
         """Positions of the fixed values that the data put farther off than tolerances leave by chance, the farthest first."""
         limit = limit_of(len(self.asked))

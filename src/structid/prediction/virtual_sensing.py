@@ -36,7 +36,9 @@ _STRAY = 1e-10
 _DOUBLINGS, _CONVERGED = 40, 1e-12
 #: Part of the variance far from the ends, below which what is missing at the end of the record no longer counts.
 _SETTLED = 1e-4
-#: Size of known forces before a record over that in it.
+#: Samples that are worked on together.
+_BLOCK = 256
+#: Size of known forces, and of motion without unknown ones, before a record over that in it.
 _BEFORE = 10.0
 #: Size of modal speeds, in sqrt(kg) m/s, where no unknown force gives one.
 _SPEED = 1e-6
@@ -500,7 +502,7 @@ class _Smoother:
         variance = np.tile(np.maximum(np.diag(wanted), 0.0), (len(mean), 1))
         at_end = _variance_beside_end(system.wanted, back, updated - covariance, variance)[::-1]
         onwards = _sum_of_powers(back, filtered.keep - back @ filtered.step, filtered.step)
-        at_start = _variance_beside_end(system.wanted @ onwards, filtered.step, filtered.start_covariance, variance)
+        at_start = _variance_of_start(system.wanted, onwards, back, filtered, variance)
         return _Smoothed(mean, variance + at_end + at_start, wanted)
 
     def mean(self, reduced: ReducedMatrices, std: float) -> FloatArray:
@@ -580,7 +582,7 @@ class _Smoother:
         Sensors that the forces hardly move hardly count.
         """
         system = self._system(reduced, 1.0)
-        made = np.einsum("ij,jk,ik->i", system.reading, self._stationary(system), system.reading)
+        made = np.einsum("ij,jk,ik->i", system.reading, self._stationary(system, system.noise), system.reading)
         if not made.max() > 0:
             raise NoAnswerError(
                 "no sensor moves with the unknown forces, so that their size cannot be told; give `std`"
@@ -614,10 +616,8 @@ class _Smoother:
         half = np.linalg.cholesky(innovation)
         error = linalg.solve_triangular(half, (read - before @ system.reading.T).T, lower=True).T
         seen = linalg.solve_triangular(half, system.reading, lower=True)
-        root = square_root(self._stationary(system) - predicted)
-        information = linalg.solve_discrete_lyapunov(step.T, seen.T @ seen)
-        faded = np.linalg.matrix_power(step, count)
-        information = information - faded.T @ information @ faded
+        root = square_root(self._first_covariance(system) - predicted)
+        information = _sum_over_samples(step, seen.T @ seen, count)
         score = root.T @ stepped(step.T, (error @ seen)[::-1], np.zeros(n))[-1]
         posterior = np.eye(root.shape[1]) + root.T @ information @ root
         start = np.linalg.solve(posterior, np.column_stack([score, root.T]))
@@ -634,18 +634,31 @@ class _Smoother:
             float(likelihood - count * np.log(np.diag(half)).sum()),
         )
 
-    def _stationary(self, system: _StateSpace) -> FloatArray:
+    def _first_covariance(self, system: _StateSpace) -> FloatArray:
         """Covariance (n_states, n_states) of the state at the start of the record.
 
-        Motions that last longer than the record fade over its length, so that those of a free structure are finite. Known forces
-        count as noise of ten times their size, since nobody says what they did before.
+        Known forces count as noise of ten times their size, since nobody says what they did before. Without unknown forces modes
+        may also have moved by themselves, so that the sensors read ten times what they read in the record.
         """
         constant, rising = np.hsplit(system.entry, 2)
         pushed = _BEFORE * (constant + rising) * np.sqrt(np.mean(self.channels.known**2, axis=0))
+        covariance = self._stationary(system, system.noise + pushed @ pushed.T)
+        if self.n_forces:
+            return covariance
+        free = self._stationary(system, np.eye(len(system.transition)))
+        made = np.einsum("ij,jk,ik->i", system.reading, free, system.reading)
+        seen = np.mean(self._measured**2, axis=0)
+        return covariance + _BEFORE**2 * float(seen @ made) / max(float(made @ made), np.finfo(float).tiny) * free
+
+    def _stationary(self, system: _StateSpace, noise: FloatArray) -> FloatArray:
+        """Covariance (n_states, n_states) of the state under a `noise` (n_states, n_states) that always acted.
+
+        Motions that last longer than the record fade over its length, so that those of a free structure are finite.
+        """
         count = len(self.channels.measured)
         lasting = float(np.abs(np.linalg.eigvals(system.transition)).max())
         fade = 1.0 if lasting < 1 - 0.1 / count else 1 - 1 / count
-        return np.asarray(linalg.solve_discrete_lyapunov(fade * system.transition, system.noise + pushed @ pushed.T))
+        return np.asarray(linalg.solve_discrete_lyapunov(fade * system.transition, noise))
 
     def _system(self, reduced: ReducedMatrices, std: float) -> _StateSpace:
         """The equations from sample to sample of modal displacements, speeds and unknown forces, in scaled units."""
@@ -731,6 +744,16 @@ def _symmetric(matrix: FloatArray) -> FloatArray:
     return np.asarray((matrix + matrix.T) / 2)
 
 
+def _sum_over_samples(step: FloatArray, matrix: FloatArray, count: int) -> FloatArray:
+    """Sum over k from 0 to count - 1 of (step^k)' matrix step^k, (n, n), by doubling so that no digits cancel."""
+    total, power = np.zeros_like(matrix), np.eye(len(step))
+    for digit in f"{count:b}":
+        total, power = total + power.T @ total @ power, power @ power
+        if digit == "1":
+            total, power = matrix + step.T @ total @ step, power @ step
+    return _symmetric(total)
+
+
 def _sum_of_powers(left: FloatArray, middle: FloatArray, right: FloatArray) -> FloatArray:
     """Sum over k from 0 of left^k middle right^k, whose powers fade, (n, n)."""
     total = middle
@@ -754,6 +777,34 @@ def _variance_beside_end(wanted: FloatArray, step: FloatArray, excess: FloatArra
         if (beyond[k] <= _SETTLED * steady[k]).all():
             break
         rows = rows @ step
+    return beyond
+
+
+def _variance_of_start(
+    wanted: FloatArray, onwards: FloatArray, back: FloatArray, filtered: _Filtered, steady: FloatArray
+) -> FloatArray:
+    """Variance (n_times, n) of outputs beyond the `steady` one by what the record leaves open of its first state.
+
+    The smoothed state k of N is off by onwards step^k + back^(N-1-k) (keep - onwards) step^(N-1) times the first one.
+    """
+    step, excess, count = filtered.step, filtered.start_covariance, len(steady)
+    late = (filtered.keep - onwards) @ np.linalg.matrix_power(step, count - 1)
+    beyond, early = np.zeros_like(steady), wanted @ onwards
+    has_late = np.abs(late @ excess @ late.T).max() > _CONVERGED * np.abs(onwards @ excess @ onwards.T).max()
+    for first in range(0, count, _BLOCK):
+        size = min(_BLOCK, count - first)
+        rows = np.zeros((size, *wanted.shape))
+        if has_late:
+            from_end = wanted @ np.linalg.matrix_power(back, count - first - size)
+            for k in range(size - 1, -1, -1):
+                rows[k] = from_end @ late
+                from_end = from_end @ back
+        for k in range(size):
+            rows[k] += early
+            early = early @ step
+        beyond[first : first + size] = np.maximum(np.einsum("kij,kij->ki", rows @ excess, rows), 0.0)
+        if not has_late and (beyond[first + size - 1] <= _SETTLED * steady[0]).all():
+            break
     return beyond
 
 

@@ -9,6 +9,7 @@ from rich.text import Text
 from structid.core.display import plural
 from structid.core.quantities import NOTHING, number, percent, unit_text, value_words
 from structid.prediction.predict import PredictedChange, Prediction
+from structid.prediction.quantities import Frf
 from structid.prediction.tuned_damper import TunedDamper
 from structid.report.figures.prediction import frf_figure, history_figure, spectrum_figure
 from structid.report.page import Page
@@ -81,11 +82,22 @@ def _interval(part: Prediction, index: tuple[int, ...], factor: float = 1.0) -> 
 
 def heading(prediction: StudyPrediction) -> str:
     """Heading in one line: the predicted quantities, the folder, loads and changes."""
-    kinds = (("FRFs", prediction.frf), ("history", prediction.history), ("spectra", prediction.spectrum))
+    kinds = (
+        (_called(prediction.frf), prediction.frf),
+        ("history", prediction.history),
+        ("spectra", prediction.spectrum),
+    )
     what = [name for name, part in kinds if part is not None]
     words = f"{' and '.join([*what, 'modes'])} predicted from {prediction.folder}"
     words += f", {prediction.loads}" if prediction.loads else ""
     return f"{words}; {', '.join(prediction.changes)}" if prediction.changes else words
+
+
+def _called(frf: Prediction | PredictedChange | None) -> str:
+    """The name of predicted FRFs: motion per motion of supports is no motion per force."""
+    part = frf.before if isinstance(frf, PredictedChange) else frf
+    is_moved = part is not None and isinstance(part.quantity, Frf) and part.quantity.kind == "transmissibility"
+    return "transmissibilities (motion per motion of the supports)" if is_moved else "FRFs"
 
 
 def width_words(prediction: StudyPrediction) -> str:

@@ -228,8 +228,9 @@ def _split(given: Refined) -> Refined:
     old = {(p.element, p.term.property): given.values[p.values] for p in structure.properties}
     parts = []
     for p in finer.properties:
-        own_values = old[p.element, p.term.property]
-        parts.append(own_values[parents[p.element]] if p.element in parents else own_values)
+        values, of_element = old[p.element, p.term.property], parents.get(p.element)
+        by_element = of_element is not None and len(p.term.values) == len(of_element)
+        parts.append(values[of_element] if by_element else values)
     return Refined(finer, np.concatenate(parts), {})
 
 

@@ -125,7 +125,9 @@ def _scaled(kinds: Sequence[str]) -> np.ndarray:
 
 def scale_words(names: list[str], reference: str = "") -> str:
     """A sentence on what follows if the common scale of the parameters `names` is undetermined."""
-    given = f" Their ratios to {reference} are given with intervals;" if reference else ""
+    given = (
+        f" Their ratios to {reference} are given with intervals that take fixed values as exact;" if reference else ""
+    )
     return (
         "what is measured without a force gives ratios of stiffness to mass, not kilograms: one common scale of"
         f" {_listed(names)} is free.{given or ' Ratios are determined as far as no other direction is free;'} a known"

@@ -91,7 +91,7 @@ def _with_tolerances(ends: FloatArray, estimate: Estimate, level: float) -> Floa
     """
     assert estimate.fixed is not None
     values, wide = estimate.values, np.array(ends)
-    added = float(special.ndtri(0.5 + level / 2)) * np.sqrt(np.diag(estimate.fixed.covariance))
+    added = float(special.ndtri(0.5 + level / 2)) * estimate.fixed.std
     for side, sign in ((0, -1.0), (1, 1.0)):
         end = ends[:, side]
         is_log = (values > 0) & (end > 0) & np.isfinite(end)

@@ -69,7 +69,7 @@ def read_bare(
     if "frequency_array" in options.given():
         name = _choose_array(path, shapes, options.array, {options.frequency_array, options.coherence_array})
         _require_present(path, shapes, options.frequency_array)
-        note = require_agreement(path, name, 0, statements or {}, options)
+        note = require_agreement(path, name, *shapes[name], statements or {}, options)
         frequency = load(options.frequency_array)
         unit = frequency_unit(path, options.frequency_array, options)
         words = (
@@ -84,8 +84,7 @@ def read_bare(
         return replace(frfs, source=source_with_note(path, note)) if note else frfs
     name = _choose_array(path, shapes, options.array, set())
     record = time_from_array(path, load(name), options)
-    n_points = shapes[name][0][0] if shapes[name][0] else 0
-    note = require_agreement(path, name, n_points, statements or {}, options)
+    note = require_agreement(path, name, *shapes[name], statements or {}, options)
     if shapes[name][1].kind in "iu":
         note = "; ".join(
             filter(None, (note, f"whole numbers ({shapes[name][1]}), taken as they are in the unit given"))

@@ -44,7 +44,8 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     loaded = hdf5_fields(
         path, _needed_datasets(shapes, {options.array, options.frequency_array, options.coherence_array})
     )
-    statements = attributes | statements_of(hdf5_fields(path, [name for name in shapes if is_statement(name)]))
+    beside = [name for name, (_, dtype) in shapes.items() if dtype.kind in "fiuO" and is_statement(name)]
+    statements = attributes | statements_of(hdf5_fields(path, beside))
     record = read_bare(path, shapes, lambda name: np.asarray(loaded[name]), options, statements)
     return replace(record, source=f"{record.source}; {words}") if words else record
 

@@ -17,9 +17,16 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import FileError, InputError
 from structid.files.contained import ReaderError, read_in_child
 from structid.files.loggers import PACKAGES, Channel
+from structid.files.lvm import OtherContentError
 from structid.records.formats.clocks import SURE, resample, resampling_remedy
 from structid.records.formats.headers import is_time
-from structid.records.formats.named_channels import NamedChannels, choose_columns, record_of, scale_of_times
+from structid.records.formats.named_channels import (
+    NamedChannels,
+    choose_columns,
+    record_of,
+    require_no_dates,
+    scale_of_times,
+)
 from structid.records.formats.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
@@ -79,6 +86,8 @@ class LoggerFormat:
         try:
             entries = read_in_child(path, "logger", seconds=_SECONDS, kind=self.kind)
         except ReaderError as error:
+            if error.kind == OtherContentError.__name__:
+                raise FileError(f"{path}: {error}") from error
             raise FileError(
                 f"{path}: cannot be read as {self.words} ({error}); it is damaged or of another kind, copy or export it again"
             ) from error
@@ -186,6 +195,7 @@ def _time_channel(path: Path, channels: Sequence[Channel], options: ReadOptions)
 def _clock_of(path: Path, channel: Channel, options: ReadOptions) -> tuple[float, float]:
     """Sampling rate in Hz and first time in s from a channel of times."""
     scale = scale_of_times(f"{path}: channel {channel.name!r}", channel.name, channel.unit, options)
+    require_no_dates(f"{path}: channel {channel.name!r}", channel.values, scale, options)
     time = channel.values * scale
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
     if not np.isfinite(time).all() or not step > 0 or np.abs(np.diff(time) - step).max() > _EVEN * step:

@@ -30,6 +30,9 @@ from structid.records.formats.selection import select_channels
 from structid.records.record import FrfRecord, TimeRecord
 
 _SHOWN = 8
+#: Between which dates of a spreadsheet lie, in days; the step, s, below which seconds of a day are not meant; and the part by which
+#: a stated sampling rate may differ from that of the times.
+_DATES, _SHORTEST, _NEAR_RATE = (20_000, 80_000), 2e-5, 0.01
 _NAMED_BY = '`channels`, in the order of the columns, as in channels = ["1X", "2X"]'
 
 
@@ -101,7 +104,7 @@ def scale_of_times(described: str, name: str, unit: str, options: ReadOptions) -
     if not options.axis_unit:
         if by_file is None:
             raise InputError(
-                f"{described} does not say the unit of its times; give {option_words(axis_unit=None)}: s, ms, us or min",
+                f"{described} does not say the unit of its times; give {option_words(axis_unit=None)}: s, ms, us, min or day",
                 "axis_unit",
             )
         return by_file
@@ -116,6 +119,23 @@ def scale_of_times(described: str, name: str, unit: str, options: ReadOptions) -
             "axis_unit",
         )
     return by_user
+
+
+def require_no_dates(described: str, times: FloatArray, scale: float, options: ReadOptions) -> None:
+    """Raise `InputError` for times in s that look like dates of a spreadsheet, days since 1900; `described` begins the message.
+
+    Seconds of a day lie between the same numbers, but hardly at 50 kHz and more.
+    """
+    step = float(times[-1] - times[0]) / max(len(times) - 1, 1)
+    if scale != 1.0 or not _DATES[0] < times[0] < _DATES[1] or not 0 < step < _SHORTEST:
+        return
+    stated = options.sampling_rate
+    if stated is None or abs(stated * step - 1) > _NEAR_RATE:
+        raise InputError(
+            f"{described} holds times from {times[0]:.6g} in steps of {step:.2g}, which look like dates of a spreadsheet in days:"
+            f" give {option_words(axis_unit='day')}, or write [day] where its head says s; if they are seconds, begin them at 0",
+            "axis_unit",
+        )
 
 
 def choose_columns(path: Path, wanted: Sequence[str | int], names: Sequence[str], numbers: Sequence[int]) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -36,24 +37,25 @@ _TIMES = {"t", "time", "times", "timevector", "zeit"}
 _NAMES = {"channels", "channelnames", "channellabels", "dofs", "labels", "names"}
 #: Names of angular frequencies.
 _ANGULAR = re.compile(r"omegas?|\u03c9|w|om|.*rad.*", re.IGNORECASE)
-#: Attributes by which stored values are multiplied or shifted, each with the value that leaves them as they are.
-_SCALES = {
-    **dict.fromkeys(
-        (
-            "scalefactor",
-            "scale",
-            "scaling",
-            "gain",
-            "slope",
-            "conversion",
-            "calibration",
-            "calibrationfactor",
-            "calfactor",
-        ),
-        1.0,
+#: Attributes by which stored values are to be multiplied or shifted (the CF conventions of NetCDF), in any array.
+_PACKED = {"scalefactor", "scalefactors", "addoffset", "addoffsets"}
+_FACTORS = {
+    *("scalefactor", "scalefactors", "scale", "scales", "scaling", "scalings", "scalingfactor", "scalingfactors"),
+    *("gain", "gains", "slope", "slopes", "conversion", "conversions", "multiplier", "multipliers"),
+    *(
+        "calibration",
+        "calibrations",
+        "calibrationfactor",
+        "calibrationfactors",
+        "calfactor",
+        "calfactors",
+        "calib",
+        "cal",
     ),
-    **dict.fromkeys(("addoffset", "offset", "intercept", "dcoffset"), 0.0),
 }
+_SHIFTS = {"addoffset", "addoffsets", "offset", "offsets", "intercept", "intercepts", "dcoffset", "dcoffsets"}
+#: Names by which stored values may be multiplied or shifted, each with the value that leaves them as they are.
+_SCALES = {**dict.fromkeys(_FACTORS, 1.0), **dict.fromkeys(_SHIFTS, 0.0)}
 _SENSITIVITIES = {"sensitivity", "sensitivities", "sensorsensitivity"}
 #: Places below the parent of an array where structs of test software keep its unit and step.
 _LABELS, _INCREMENTS = (("quantity", "label"),), (("xvalues", "increment"),)
@@ -75,15 +77,19 @@ def statements_of(fields: Mapping[str, np.ndarray | str | tuple[str, ...]]) -> d
     return {name: (field,) if isinstance(field, str) else field for name, field in fields.items()}
 
 
-def require_agreement(path: Path, array: str, n_points: int, statements: Statements, options: ReadOptions) -> str:
-    """Raise an error where the file says something else of an array of `n_points` than the options do.
+def require_agreement(
+    path: Path, array: str, shape: tuple[int, ...], dtype: np.dtype, statements: Statements, options: ReadOptions
+) -> str:
+    """Raise an error where the file says something else of an array than the options do.
 
     Parameters
     ----------
     path : Path
     array : str
         Where the array stands.
-    n_points : int
+    shape : tuple of int
+        Of the array, its points along the first axis.
+    dtype : dtype
     statements : mapping
         What stands beside it and above it.
     options : ReadOptions
@@ -91,23 +97,27 @@ def require_agreement(path: Path, array: str, n_points: int, statements: Stateme
     Returns
     -------
     str
-        A note on a unit beside the array that was overruled by the one given; "" for none.
+        Notes on a unit beside the array that was overruled by the one given, and on factors that are not applied; "" for none.
 
     Raises
     ------
     FileError
         If the array is stored scaled or shifted.
     InputError
-        If a rate, a step or times contradict `sampling_rate`; if a unit that is not SI stands there and no unit was given; if names
-        of channels are others than those given, or the array's own name says another unit.
+        If it may be, and no unit says what its values are; if a rate, a step or times contradict `sampling_rate`; if a unit that is
+        not SI stands there and no unit was given; if names of channels are others than those given, or the array's own name says
+        another unit.
     """
     parts, notes = _parts(array), list[str]()
     _require_name_agrees(path, array, options)
     for name, value in statements.items():
         where = _parts(name)
         key, is_own = _key(where, parts), "@" in name and where[:-1] == parts
+        if name == array:
+            continue
         if key in _SCALES or key in _SENSITIVITIES:
-            notes.append(_judge_scale(path, array, name, key, value, is_own, options))
+            if is_own or np.size(value) in {1, *shape[1:], math.prod(shape[1:])}:
+                notes.append(_judge_scale(path, array, dtype, name, key, value, is_own, options))
         elif key in _UNITS and isinstance(value, tuple):
             notes.append(_compare_units(path, array, name, value, options))
         elif key in _NAMES and isinstance(value, tuple):
@@ -119,7 +129,7 @@ def require_agreement(path: Path, array: str, n_points: int, statements: Stateme
                 name,
                 base if key else "",
                 value.astype(float) * factor,
-                n_points,
+                shape[0] if shape else 0,
                 options.sampling_rate,
                 _TIME_UNITS if base == key else (1.0,),
             )
@@ -226,6 +236,7 @@ def _key(where: tuple[str, ...], array: tuple[str, ...]) -> str:
 def _judge_scale(
     path: Path,
     array: str,
+    dtype: np.dtype,
     name: str,
     key: str,
     value: np.ndarray | tuple[str, ...],
@@ -234,27 +245,31 @@ def _judge_scale(
 ) -> str:
     """A note on a factor, an offset or a sensitivity of an array that is not applied; "" where it changes nothing.
 
-    Raises `FileError` where it is an attribute of the array itself; a sensitivity may stand beside units that say what samples are.
+    As an attribute of the array itself it may stand only beside units that say what the values are, since a gain may be taken out
+    already and an offset may be one of time; a packed array, and one of whole numbers, is refused by `FileError`.
     """
     try:
-        numbers = np.ravel(value).astype(float)
+        numbers = np.ravel(value)
+        numbers = numbers if numbers.dtype.kind == "c" else numbers.astype(float)
     except ValueError:  # words, or a date
         return ""
-    if np.all(numbers == _SCALES.get(key, 1.0)):
+    if numbers.dtype.kind == "c" or np.all(numbers == _SCALES.get(key, 1.0)):
         return ""
     shown = f"{name} is {', '.join(f'{number:g}' for number in numbers[:3])}{' ...' if numbers.size > 3 else ''}"
-    if key in _SENSITIVITIES:
-        given = (options.unit,) if options.frequency_array else options.units
-        if any(" at " in unit for unit in given):
-            return ""
-        if is_own and not any(given):
-            raise InputError(
-                f"{path}: array {array!r} has a sensitivity, {shown}; say what its samples are: {option_words(units=None)}, as in"
-                ' "V at 100 mV/g" for voltages'
-            )
-    elif is_own:
+    option, example = ("unit", "(m/s^2)/N") if options.frequency_array else ("units", "m/s^2")
+    units = (options.unit,) if options.frequency_array else options.units
+    if key in _SENSITIVITIES and any(" at " in unit for unit in units):
+        return ""
+    if is_own and key in _SCALES and (key in _PACKED or dtype.kind in "iu"):
         raise FileError(
             f"{path}: array {array!r} is stored scaled: {shown}; store the values themselves, without that attribute"
+        )
+    if is_own and not any(units):
+        problem = f"has a sensitivity, {shown}" if key in _SENSITIVITIES else f"may be stored scaled: {shown}"
+        volts = "" if options.frequency_array else ', or as in "V at 100 mV/g" for voltages'
+        raise InputError(
+            f"{path}: array {array!r} {problem}; say what its values are, as in {option_words(**{option: example})}{volts}",
+            option,
         )
     return f"{shown}, which is not applied"
 

@@ -91,6 +91,13 @@ class Preparation:
             raise InputError(f"`band` must be above 0 Hz, got {self.band!r}; write None for an open end")
         if self.longest_gap < 1:
             raise InputError(f"`longest_gap` must be at least 1 sample, got {self.longest_gap!r}")
+        asked = self.remove_tones
+        if asked is None or (isinstance(asked, str) and asked == "auto"):
+            return
+        if isinstance(asked, str) or np.ndim(asked) != 1:
+            raise InputError(
+                f'`remove_tones` must be a list of frequencies in Hz or "auto", got {asked!r}; write one as [50.0]'
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -195,25 +195,21 @@ def remove_tones(record: TimeRecord, frequencies: Sequence[float] | Literal["aut
     """
     swings = np.ptp(record.values, axis=0) > 0
     moving = [i for i, quantity in enumerate(record.quantities) if quantity != "force" and swings[i]]
-    search = _Search(record.sampling_rate, np.asarray(record.values[:, moving], dtype=float))
+    asked = _require_frequencies(frequencies, record.sampling_rate)
+    if not moving:
+        return TonesRemoved(record, ())
+    motion = np.asarray(record.values[:, moving], dtype=float)
+    mean = motion.mean(axis=0)
+    search = _Search(record.sampling_rate, motion - mean)
     absent: list[str] = []
-    if isinstance(frequencies, str):
-        if frequencies != "auto":
-            raise InputError(f'`frequencies` must be numbers in Hz or "auto", got {frequencies!r}')
+    if asked is None:
         search.remove_all()
     else:
-        for frequency in sorted(float(f) for f in frequencies):
-            if not 0 < frequency < record.sampling_rate / 2:
-                raise InputError(
-                    f"`frequencies` of tones must lie between 0 and {record.sampling_rate / 2:g} Hz, half the sampling rate, got"
-                    f" {frequency:g}; leave it out"
-                )
-            words = search.remove(frequency, is_automatic=False)
-            absent += [words] if words else []
+        absent = [words for frequency in asked if (words := search.remove(frequency, is_automatic=False))]
     if not search.taken:
         return TonesRemoved(record, (), tuple(absent))
     values = np.array(record.values, dtype=float)
-    values[:, moving] = search.values
+    values[:, moving] = search.values + mean
     variance = record.values.var(axis=0)
     tones = []
     for evidence, power in sorted(search.taken, key=lambda pair: pair[0].phase.frequency):
@@ -224,6 +220,22 @@ def remove_tones(record: TimeRecord, frequencies: Sequence[float] | Literal["aut
         fraction = np.divide(whole, variance, out=np.zeros(len(variance)), where=variance > 0)
         tones.append(Tone(record.channels, record.units, *ends, np.sqrt(2 * whole), fraction, evidence.kurtosis))
     return TonesRemoved(replace(record, values=values), tuple(tones), tuple(absent))
+
+
+def _require_frequencies(frequencies: Sequence[float] | Literal["auto"], rate: float) -> list[float] | None:
+    """Frequencies of tones in Hz, in order, checked against the sampling rate; None for "auto"."""
+    if isinstance(frequencies, str) and frequencies == "auto":
+        return None
+    if isinstance(frequencies, str) or np.ndim(frequencies) != 1:
+        raise InputError(f'`frequencies` must be a list of numbers in Hz or "auto", got {frequencies!r}')
+    asked = sorted(float(f) for f in frequencies)
+    for frequency in asked:
+        if not 0 < frequency < rate / 2:
+            raise InputError(
+                f"`frequencies` of tones must lie between 0 and {rate / 2:g} Hz, half the sampling rate, got {frequency:g};"
+                " leave it out"
+            )
+    return asked
 
 
 class _Search:

@@ -250,14 +250,14 @@ def structure_facts(structure: Structure) -> tuple[tuple[str, str], ...]:
 
 
 def element_table(structure: Structure) -> Table:
-    """Table of element sets with their types and nominal properties, without those that are all 0."""
+    """Table of element sets with their types and nominal properties, without those that are all 0 and factors of lengths."""
     rows = []
     for element in structure.sets:
         own = [p for p in structure.properties if p.element == element.name]
         texts = [
             f"{p.term.property.replace('_', ' ')} {with_unit(_range(p.term.values), p.term.unit)}"
             for p in own
-            if np.any(p.term.values)
+            if np.any(p.term.values) and p.term.kind != "length"
         ]
         rows.append((element.name, _type_words(element), str(len(element.nodes)), "; ".join(texts) or NOTHING))
     return Table(("Element set", "Type", "Elements", "Nominal properties"), tuple(rows), (2,))

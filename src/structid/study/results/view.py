@@ -334,7 +334,7 @@ def _parameters(identification: Identification) -> tuple[ParameterResult, ...]:
     n_params = len(estimate.names)
     chosen = range(n_params) if estimate.uncertainty.has_matrix else largest_changes(estimate, MOST_CHANGES)
     shares = np.full(n_params, np.nan) if identification.priors.share is None else identification.priors.share
-    tolerances = np.zeros(n_params) if estimate.fixed is None else np.sqrt(np.diag(estimate.fixed.covariance))
+    tolerances = np.zeros(n_params) if estimate.fixed is None else estimate.fixed.std
     bounds = {bound.index: bound for bound in estimate.spread.at_bound}
     parts = [problem.parameters for problem in identification.problems]
     elements = {name: tuple(own) for part in parts for name, own in zip(part.names, part.elements, strict=True)}

@@ -16,7 +16,14 @@ from structid.forward import ModalProblem, RecordProblem
 from structid.identification.fits.model_modes import response_rounding, rounding_warnings, structure_modes
 from structid.identification.fits.ratios import common_scale, scale_words
 from structid.identification.identify import mass_deviation
-from structid.identification.joint_problem import first_values, fixed_values, freed_problems, indices_of, joint_problem
+from structid.identification.joint_problem import (
+    first_values,
+    fixed_values,
+    freed_problems,
+    indices_of,
+    joint_problem,
+    taken_as_exact,
+)
 from structid.identification.regularizing import coupled, unit_penalties
 from structid.identification.setups.setup import AnySetup, prefixes
 from structid.identification.warning_words import unused_damping
@@ -260,6 +267,8 @@ def _predict_by_jacobian(ready: Start) -> Predicted:
     if fixed is not None:
         influence = fixed.sensitivities_at(problem.names, theta).influence(theta, linearization, problem.slope(theta))
         covariance, assumption = DenseCovariance(of_data.matrix + influence.covariance), f"± includes {influence.words}"
+        exact = taken_as_exact(ready.problems, ready.study.options.tolerances, influence.names)
+        assumption += f"; {exact}" if exact else ""
     relative = relative_jacobian(problem, theta, linearization)
     identified_directions = identifiability(relative, problem.physical(theta), problem.names)
     identified = of_data.std <= problem.unknowns.sizes(problem.physical(theta))

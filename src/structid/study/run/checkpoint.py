@@ -24,7 +24,8 @@ from structid.files.worker import fill_tree, plain
 from structid.inversion.search.minimum import State
 from structid.study.schema.study import Study
 
-_LAYOUT = "structid checkpoint 1"
+_LAYOUTS = "structid checkpoint "
+_LAYOUT = f"{_LAYOUTS}2"
 _RUN, _SEARCH, _SO_FAR = "run.json", "search.npz", "so_far.json"
 _WHOLE, _ANEW = "a whole checkpoint", "run without --resume to begin anew"
 _MOST_FILES = 64
@@ -198,8 +199,11 @@ def _part(folder: Path, number: int) -> Path:
 def _require_same_run(folder: Path, this_run: Owner, owner: Plain) -> None:
     """Raise `FileError` if the checkpoint is of another run, and name what differs."""
     anew = f"put it back, or {_ANEW}"
-    if not isinstance(owner, dict) or owner.get("layout") != _LAYOUT:
+    layout = owner.get("layout") if isinstance(owner, dict) else None
+    if not isinstance(owner, dict) or not isinstance(layout, str) or not layout.startswith(_LAYOUTS):
         raise FileError(f"{folder}: is no checkpoint of this program; {anew}")
+    if layout != _LAYOUT:
+        raise FileError(f"{folder}: was written by another version of structid; {_ANEW}")
     inputs, versions = owner.get("inputs"), owner.get("versions")
     if not isinstance(inputs, dict) or not isinstance(versions, dict):
         raise FileError(f"{folder / _RUN}: is not {_WHOLE} (no inputs and versions); {_ANEW}")

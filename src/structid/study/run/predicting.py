@@ -17,6 +17,7 @@ from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.isolation import absolute_paths
 from structid.core.json_types import Entry
+from structid.core.units import FrfKind
 from structid.fem import Base, Structure
 from structid.files import csv_text
 from structid.prediction.changes import Change, changed_model
@@ -141,8 +142,7 @@ def predict_study(
         names = split_commas(options.loads) or stored_loads(folder, is_needed=loaded is None)
         if linear and names:
             inputs = _inputs(model.structure, names, options)
-            is_moved = all(isinstance(each, Base) for each in inputs)
-            quantity = Frf(linear, inputs, _lines(band, options), "transmissibility" if is_moved else options.kind)
+            quantity = Frf(linear, inputs, _lines(band, options), kind_under(inputs, options.kind))
             [frf] = of(quantity)
         elif not linear and loaded is None:
             raise InputError(
@@ -214,6 +214,26 @@ def _lines(band: tuple[float | None, float | None], options: PredictOptions) -> 
             "band",
         )
     return np.linspace(low, high, options.lines)
+
+
+def kind_under(inputs: Sequence[Input], kind: FrfKind) -> FrfKind:
+    """The kind of the FRFs under these inputs: motion per motion where all are supports, in place of the default.
+
+    Raises
+    ------
+    InputError
+        If `kind` is motion per force, and not the default, where supports move.
+    """
+    moved = [dof for each in inputs if isinstance(each, Base) for dof in each.supports]
+    if not all(isinstance(each, Base) for each in inputs):
+        return kind
+    if kind in ("receptance", "mobility"):
+        raise InputError(
+            f"`kind` must be transmissibility where a support moves, as {moved[0]} does, got {kind}; leave it out, or name loads"
+            " that are no supports",
+            "kind",
+        )
+    return "transmissibility"
 
 
 def _inputs(structure: Structure, names: Sequence[str | Dof], options: PredictOptions) -> tuple[Input, ...]:

@@ -145,7 +145,7 @@ def _describe_set(element: ElementSet, structure: Structure, rows: Any) -> dict[
             "high": float(np.max(item.term.values)),
         }
         for item in structure.properties
-        if item.element == element.name
+        if item.element == element.name and item.term.kind != "length"
     ]
     found: dict[str, Entry] = {
         "name": element.name,

@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import datetime
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -33,7 +32,13 @@ from structid.records.formats.headers import (
     name_and_unit,
     other_unit_in_name,
 )
-from structid.records.formats.named_channels import NamedChannels, choose_columns, record_of, scale_of_times
+from structid.records.formats.named_channels import (
+    NamedChannels,
+    choose_columns,
+    record_of,
+    require_no_dates,
+    scale_of_times,
+)
 from structid.records.formats.options import ReadOptions, layout_words, option_words
 from structid.records.formats.selection import select_channels
 from structid.records.record import COHERENCE_MOST, FrfKind, FrfRecord, TimeRecord
@@ -62,8 +67,12 @@ _PART_WORD = re.compile(
     rf"(?<![^\W\d_])(?:{'|'.join(sorted(_PART_WORDS, key=len, reverse=True))})(?![^\W\d_])", re.IGNORECASE
 )
 _PHASE_UNITS = {"deg": math.pi / 180, "°": math.pi / 180, "degree": math.pi / 180, "degrees": math.pi / 180, "rad": 1.0}
+#: Seconds at the end of a date or time, before its zone; and what of their fraction is less than a microsecond.
+_SECONDS = re.compile(r"(\d\d(?:[.,]\d+)?)\s*(?:Z|[+-][\d:]+)?\s*$")
+_BELOW_MICROSECOND = re.compile(r"[.,]\d{6}(\d+)")
 #: Rounding of phases in rad that is let pass.
 _PHASE_ROUNDING = 0.01
+_MOST_LISTED = 8  # names in a message
 #: Units of a number that has none.
 _RATIOS = ("1", "-")
 
@@ -147,12 +156,13 @@ def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
         return _Clock(stated or 1.0, 0.0, "sampling rate as given")
     texts = table.column(axis)
     if as_date(texts[0]) is not None:
-        time, scale = _seconds(table, axis, [as_date(text) for text in texts]), 1.0
-        texts = [text[11 * (":" not in text[:3]) :].partition("+")[0].rstrip("Z").rpartition(":")[2] for text in texts]
+        time, scale = _seconds(table, axis, texts), 1.0
+        texts = [match[1] if (match := _SECONDS.search(text)) else "00" for text in texts]
     else:
         where = f"{table.path}: line {table.header_line}, column {axis + 1} ({table.names[axis]!r})"
         scale = scale_of_times(where, table.names[axis], table.units[axis], options)
         time = table.values[:, axis]
+        require_no_dates(where, time, scale, options)
         if not np.isfinite(time).all():
             i = int(np.argmin(np.isfinite(time)))
             raise FileError(
@@ -204,17 +214,20 @@ def last_digits(texts: Sequence[str]) -> FloatArray:
     return 10.0 ** -n_digits.astype(float)
 
 
-def _seconds(table: Table, axis: int, dates: Sequence[datetime | None]) -> FloatArray:
+def _seconds(table: Table, axis: int, texts: Sequence[str]) -> FloatArray:
     """Dates or times of a clock as seconds after the first one, (n_rows,); a clock goes on after midnight."""
-    first = dates[0]
-    seconds = np.empty(len(dates))
-    for i, date in enumerate(dates):
+    first = as_date(texts[0])
+    seconds = np.empty(len(texts))
+    for i, text in enumerate(texts):
+        date = as_date(text)
         if date is None or first is None or (date.tzinfo is None) != (first.tzinfo is None):
             raise FileError(
                 f"{table.path}: line {table.first_line + i}, column {axis + 1} ({table.names[axis]}) must be a date like those"
                 " above; repair or remove the line"
             )
-        seconds[i] = (date - first).total_seconds()
+        rest = _BELOW_MICROSECOND.search(text)
+        seconds[i] = (date - first).total_seconds() + (1e-6 * float(f"0.{rest[1]}") if rest else 0.0)
+    seconds -= seconds[0]
     if first is not None and first.year == 1:
         midnights = np.diff(seconds, prepend=0.0) < -_DAY / 2
         seconds += _DAY * np.cumsum(midnights)
@@ -457,18 +470,25 @@ def _require_meanings(table: Table, heads: Sequence[_Head], outputs: dict[str, s
         "outputs": dict.fromkeys(head.output for head in heads if head.output not in outputs),
         "inputs": dict.fromkeys(head.input for head in heads if head.input not in inputs),
     }
-    unclear = {role: [name for name in own if not as_dof(name)] for role, own in names.items()}
-    unclear = {role: own for role, own in unclear.items() if own}
+    unclear = {role: [name for name in of_role if not as_dof(name)] for role, of_role in names.items()}
+    unclear = {role: of_role for role, of_role in unclear.items() if of_role}
     if not unclear:
         return
-    role, own = next(iter(unclear.items()))
-    first = next(j for j, head in enumerate(heads, 1) if own[0] == (head.output if role == "outputs" else head.input))
-    listed = "; ".join(f"{role}: {', '.join(own)}" for role, own in unclear.items())
+    role, name = next((role, of_role[0]) for role, of_role in unclear.items())
+    first = next(j for j, head in enumerate(heads, 1) if name == (head.output if role == "outputs" else head.input))
+    listed = "; ".join(f"{role}: {_listed(tuple(names[role]))}" for role in unclear)
     text = (
-        f"cannot read {own[0]!r} as a degree of freedom; write node, direction and sense, as in 12Z+ or 3RX-; or say what"
+        f"cannot read {name!r} as a degree of freedom; write node, direction and sense, as in 12Z+ or 3RX-; or say what"
         f" the names of the table are ({listed}), in this order, by {option_words(**dict.fromkeys(unclear))}"
     )
     raise _column(table, first, text=text)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """The first names, and how many more there are."""
+    return ", ".join(names[:_MOST_LISTED]) + (
+        f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
+    )
 
 
 def _require_name_agrees(name: str, unit: FrfUnit) -> None:

@@ -6,7 +6,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import NamedTuple, overload
 
@@ -21,8 +21,8 @@ from structid.records.formats.options import layout_words
 _TIMES = ("time_s", "time [s]", "time (s)")
 _REAL = r"(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?"
 _NUMBER = re.compile(rf"[+-]?{_REAL}|[+-]?(nan|inf|infinity)", re.IGNORECASE)
-#: Hours, minutes and seconds of a clock.
-_CLOCK = re.compile(r"\d{1,2}:\d\d:\d\d(\.\d+)?")
+#: Hours, minutes and seconds of a clock, or of a time that has gone by, which may be longer than a day.
+_CLOCK = re.compile(r"(\d{1,4}):([0-5]\d):([0-5]\d)(?:\.(\d+))?")
 _COMPLEX = re.compile(
     rf"\(?\s*(?P<re>[+-]?{_REAL})\s*(?P<sign>[+-])\s*[ij]?\s*\*?\s*(?P<im>{_REAL})\s*\*?\s*[ij]?\s*\)?"
 )
@@ -106,11 +106,16 @@ def is_axis(name: str) -> bool:
 
 
 def as_date(cell: str) -> datetime | None:
-    """The date and time in a cell in ISO 8601, or the time of a clock such as ``12:00:01.25`` on day 1 of year 1; else None."""
+    """The date and time in a cell in ISO 8601, or the time of a clock such as ``12:00:01.25`` from day 1 of year 1 on; else None.
+
+    Cut to microseconds.
+    """
     text = cell.strip().replace(",", ".")
-    if _CLOCK.fullmatch(text):
-        text = f"0001-01-01T{'0' if text[1] == ':' else ''}{text}"
-    elif not re.match(r"\d{4}-\d\d-\d\d[T ]\d", text):
+    if clock := _CLOCK.fullmatch(text):
+        hours, minutes, seconds = (int(part) for part in clock.groups()[:3])
+        microseconds = int((clock[4] or "")[:6].ljust(6, "0"))
+        return datetime(1, 1, 1) + timedelta(hours=hours, minutes=minutes, seconds=seconds, microseconds=microseconds)
+    if not re.match(r"\d{4}-\d\d-\d\d[T ]\d", text):
         return None
     try:
         return datetime.fromisoformat(text)
