@@ -180,7 +180,7 @@ def _mounts(structure: Structure) -> dict[tuple[str, int], tuple[int, ...]]:
 
 
 def stiff_parts(receptances: Receptances, moved: Sequence[Moved]) -> list[Moved]:
-    """Those element matrices that are stiffnesses of something that moves."""
+    """Element matrices that are stiffnesses of something that moves."""
     return [
         (one, moved_by)
         for one, moved_by in moved
