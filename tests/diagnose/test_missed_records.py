@@ -8,11 +8,14 @@ from frame_cases import STUDY, off, written, written_modes
 
 from structid.diagnose.verdict import Cause, are_causes
 from structid.identification.fits.missed import missed_parts
+from structid.identification.joint_problem import freed_problems
+from structid.inversion.fixed_values import FixedValueInfluence
 from structid.modal.formats.files import read_modes, write_modes
 from structid.study.run.diagnosis import diagnose_study
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
+from structid.unknowns.tolerances import Tolerances
 
 _MODES = '[[record]]\nname = "ambient"\npath = "modes.json"\n\n[record.modes]\n\n[method]'
 
@@ -61,6 +64,20 @@ def test_a_part_is_missed_where_its_values_are_far_beyond_their_errors(tmp_path,
     problem = replace(modal, record=record)
     told = missed_parts(["hammer", "ambient"], (found.problems[0], problem), found.estimate)
     assert bool(told) == is_missed
+
+
+def test_fixed_values_whose_influence_could_not_be_solved_for_are_exact(tmp_path):
+    ready = started(load_study(both_records(tmp_path, 1.005)))
+    found = run_started(ready).identification
+    names, count = ["hammer", "ambient"], len(found.estimate.names)
+    freed = freed_problems(ready.setups, found.problems, Tolerances(mass=0.01, stiffness=0.01))
+    assert any(name.startswith("fixed ") for problem in freed for name in problem.names)
+    none, zeros = np.zeros(0), np.zeros(count)
+    unsolved = FixedValueInfluence((), (), none, np.zeros((count, 0)), none, found.estimate.theta, zeros)
+    estimate = replace(found.estimate, spread=replace(found.estimate.spread, fixed=unsolved))
+    [told] = missed_parts(names, found.problems, estimate, freed)
+    [exact] = missed_parts(names, found.problems, estimate)
+    assert told.chi_square_per_value == pytest.approx(exact.chi_square_per_value)
 
 
 def test_what_removes_a_hidden_misfit_is_a_cause_though_nothing_moves():

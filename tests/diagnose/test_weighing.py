@@ -9,10 +9,11 @@ from frame_cases import written
 from scipy import stats
 from test_each_cause import begun
 
+import structid as sid
 from structid.diagnose import search
 from structid.diagnose.causes import Appendage, FaultyChannel, Mass
 from structid.diagnose.causes.rotary_inertia import AddedRotaryInertia
-from structid.diagnose.search import _limit_of, _simpler, _weighed
+from structid.diagnose.search import _is_heavier, _limit_of, _simpler, _weighed
 from structid.diagnose.thresholds import ALIKE
 from structid.diagnose.verdict import Cause, ParameterShift, find_moving_change
 
@@ -195,3 +196,15 @@ def test_a_local_resonance_heavier_than_the_structure_is_no_cause_and_its_spring
     assert (None if candidate is None else candidate.kind) == limit
     assert [item[0].kind for item in _simpler(base, one)] == ([] if limit is None else [limit])
     assert kinds(_weighed(replace(base, chi_square=5000.0), [one], 200).causes) == causes
+
+
+def test_a_local_resonance_is_weighed_against_the_masses_that_the_fit_identified():
+    """A mass whose start is 1 kg is identified as 5 kg: 4 kg beside it are less than the structure, 6 kg are more."""
+    structure = sid.Structure({1: 0.0}, [sid.PointMass("a", [1], mass=1.0)], active=["X"])
+    sought = sid.parameters(structure, [sid.Unknown("mass", "a")])
+    problem = SimpleNamespace(names=sought.names, property_values=sought.values, structure=structure)
+    identified = {"mass[a]": 5.0}
+    base = SimpleNamespace(modified=SimpleNamespace(problems=[problem]), values=identified)
+    for added, is_heavier in ((4.0, False), (6.0, True)):
+        one = SimpleNamespace(cause=SimpleNamespace(where=("1X",)), values={**identified, "mass[hose]": added})
+        assert _is_heavier(base, one) is is_heavier

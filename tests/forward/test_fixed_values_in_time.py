@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 import structid as sid
-from structid.forward import TimeOptions, identify_time
+from structid.forward import TimeOptions, identify_time, simulated_time_record
 from structid.forward.fixed_values import with_fixed_values
 from structid.forward.time.output_error import output_error_problem
 from structid.unknowns.tolerances import EXACT, Tolerances
@@ -128,3 +128,26 @@ def test_gain_of_the_calibration_has_the_derivative_of_output_error():
             rtol=1e-3,
             atol=1e-3 * np.linalg.norm(change) * np.linalg.norm(linearization.jacobian, axis=0).max(),
         )
+
+
+def test_a_search_that_stops_at_a_negative_mass_says_so_and_does_not_fail():
+    """One iteration from ten noisy samples ends at a mass with which no motion can be simulated; tolerances need none there."""
+    parts = [
+        sid.PointMass("m", [1], mass=2.0),
+        sid.Spring("k", "1X", stiffness=50.0),
+        sid.Dashpot("c", "1X", viscous_damping=1.0),
+    ]
+    structure = sid.Structure({1: 0.0}, parts, active=["X"])
+    kinds = [("mass", "m"), ("stiffness", "k"), ("viscous_damping", "c")]
+    sought = sid.parameters(structure, [sid.Unknown(*kind) for kind in kinds])
+    options = TimeOptions(method="instrumental", max_iterations=1, tolerances=Tolerances(calibration=0.01))
+    quantities = ("acceleration", "velocity", "displacement", "force")
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        values = np.column_stack([np.zeros((10, 3)), rng.standard_normal(10)])
+        blank = sid.TimeRecord(10.0, values, ("1X",) * 4, quantities, variance=[4.0, 0.5, 0.1, 1e-6])
+        found = identify_time(structure, sought, simulated_time_record(structure, sought, blank, rng=rng), options)
+        assert found.status is sid.Status.NOT_CONVERGED
+        assert found.values[0] < 0
+        assert found.fixed is not None
+        assert np.isfinite(found.fixed.std).all()

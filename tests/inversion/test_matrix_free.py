@@ -1,6 +1,6 @@
 """A search without a Jacobian against the one with it, and against dense linear algebra."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -24,6 +24,7 @@ from structid.inversion.estimate import estimate
 from structid.inversion.posterior_draws import posterior_draws, solved_std
 from structid.inversion.search.conjugate_gradients import conjugate_gradients, preconditioner
 from structid.inversion.search.matrix_free import dense_search_fits
+from structid.inversion.search.within_tolerances import FixedValues
 
 EXACT = MatrixFree(gain_tolerance=1e-13, inner_tolerance=1e-9)
 
@@ -118,6 +119,31 @@ def test_standard_deviations_equal_the_dense_covariance(stored):
     assert "400 posterior draws" in found.message
     assert "no covariance matrix" in found.message
     assert found.goodness.chi_square == pytest.approx((problem.residual(found.theta)[:25] ** 2).sum())
+
+
+class Loaded(Field):
+    """A field whose last unknown is the factor of a load, which the model of the field holds at 1."""
+
+    @property
+    def unknowns(self):
+        free = super().unknowns
+        return Exponential((*free.names[:-1], "fixed load"), free.theta_start, free.kinds)
+
+
+def test_fixed_values_are_freed_by_the_test_that_judges_a_misfit():
+    """Rows less parameters are 24 degrees of freedom, and the data leave 10: by these alone a chi-square of 37 misses the noise."""
+    problem, truth = field(True)
+    load = 8 * np.cos(3.0 * np.arange(25))
+    data = problem.windows @ truth + np.random.default_rng(0).standard_normal(25) + load * (np.exp(0.15) - 1)
+    rows = sparse.block_diag([problem.smoothness, [[1 / 0.3]]], format="csr")
+    loaded = Loaded(np.column_stack([problem.windows, load]), data + load, rows, True)
+    problem = replace(problem, data=data)
+    assert not MatrixFree().misfits(problem, minimize(problem, MatrixFree()), 1e-3)
+    assert estimate(problem, MatrixFree()).covariance_basis == "model_error"
+    found = estimate(problem, MatrixFree(), fixed=FixedValues(loaded, {"fixed load": 0.3}))
+    assert found.covariance_basis == "noise"
+    assert found.fixed.asked * 0.3 == pytest.approx([0.15], abs=0.1)
+    assert found.goodness.least_chi_square < 10 < found.goodness.chi_square
 
 
 def test_without_draws_and_without_convergence_nothing_is_zero():

@@ -1,5 +1,7 @@
 """Bands against closed forms, shared errors that cancel, and changes against structures made with them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -10,6 +12,7 @@ from structid.prediction.changes import changed_model
 from structid.prediction.identified_model import identified_model
 from structid.prediction.model_error import ModelError
 from structid.prediction.predict import predict_together
+from structid.study.run import predicting
 
 NODES = {i: float(i) for i in range(4)}
 
@@ -248,3 +251,12 @@ def test_what_a_model_misses_widens_histories_maxima_and_spectra():
     assert "what the fit misses" in motion.words
     [sure] = predict_together(make_oscillator(1e-9), [sid.NaturalModes(1)], 50, model_error=error)
     assert "what the fit misses" not in sure.words
+
+
+@pytest.mark.parametrize(
+    ("stated", "expected"), [((0.0, 40.0), (0.0, 40.0)), ((None, 40.0), (2.0, 40.0)), (None, (2.0, 50.0))]
+)
+def test_a_band_that_the_study_states_from_0_hz_is_taken_as_stated(monkeypatch, tmp_path, stated, expected):
+    monkeypatch.setattr(predicting, "stored_band", lambda folder: (2.0, 50.0))
+    study = SimpleNamespace(options=SimpleNamespace(band=stated))
+    assert predicting._predicted_band(tmp_path, study) == expected

@@ -194,6 +194,7 @@ def test_check_predicts_without_a_jacobian(plate):
     assert "for one that `identify` will choose by the data" in done.output
     assert "50 parameters, of which the data determine about" in done.output
     assert "not at all" not in done.output
+    assert "± includes 1 % of fixed" in done.output
 
 
 @pytest.mark.long
@@ -212,6 +213,8 @@ def test_check_counts_smoothness_of_given_strength(plate, tmp_path):
     off = free.of_data.std / dense.of_data.std - 1
     assert np.abs(off).max() < 4.5 / np.sqrt(32)
     assert np.abs(off.mean()) < 0.1
+    assert free.assumption == dense.assumption
+    assert free.fixed.changes[:, :-1] == pytest.approx(dense.fixed.changes[:, :-1], rel=0.01, abs=1e6)
     unheld = check_study(load_study(changed(tmp_path, ("strength = 150.0", 'strength = "discrepancy"'))))
     assert (unheld.std > 1.05 * dense.std).any()
     assert any("predicted without the smoothness" in words for words in unheld.warnings)

@@ -73,7 +73,9 @@ def test_an_unknown_kind_of_interval_is_told_with_its_place(tmp_path):
 def test_an_interval_without_a_limit_is_told_in_words():
     assert span_text(2.0, np.inf) == "above 2.000, no upper limit"
     assert span_text(-np.inf, 2.0) == "below 2.000, no lower limit"
-    assert span_text(-np.inf, np.inf) == "no limits"
+    assert span_text(-np.inf, np.inf, "MN/m") == "no limits"
+    assert span_text(2.0, np.inf, "MN/m") == "above 2.000 MN/m, no upper limit"
+    assert span_text(1.0, 2.5, "N/m^2") == "1.00 to 2.50 N/m²"
     assert span_text(1.0, 2.5) == "1.00 to 2.50"
     assert span_text(999.62, 1001.18) == "999.62 to 1001.18"
     assert span_text(np.nan, 1.0) == "\u2013"

@@ -188,7 +188,7 @@ def test_of_many_runs_two_compute_and_the_others_wait_in_order(tmp_path, monkeyp
         "    (folder / 'begun').touch()\n"
         "    while not (folder / 'go').exists(): time.sleep(0.02)\n"
         "    return 0\n"
-        "runner._executed = executed\n"
+        "runner._run_command = executed\n"
         "runner.main()\n"
     )
     folders, processes = [tmp_path / str(k) for k in range(5)], []

@@ -115,4 +115,5 @@ def _prediction(result: CheckResult) -> str:
             f"; predicted standard deviations with the smoothness above: median {format_number(100 * median(known), 2)} %,"
             f" largest {format_number(100 * known[-1], 2)} %"
         )
-    return words + (f"; {lost} that neither data nor smoothness see" if lost else "")
+    words += f"; {lost} that neither data nor smoothness see" if lost else ""
+    return words + (f"; {result.assumption}" if result.assumption else "")

@@ -115,16 +115,16 @@ def span_digits(low: float, high: float) -> tuple[int, int]:
     return min(max(first, 1), 10), min(max(second, 1), 10)
 
 
-def span_text(low: float, high: float) -> str:
-    """An interval, its ends to a hundredth of its width; what the data leave without a limit is told."""
+def span_text(low: float, high: float, unit: str = "") -> str:
+    """An interval, its ends to a hundredth of its width, with their unit; what the data leave without a limit is told."""
     if math.isnan(low) or math.isnan(high):
         return NOTHING
     if not math.isfinite(low):
-        return f"below {number(high)}, no lower limit" if math.isfinite(high) else "no limits"
+        return f"below {with_unit(number(high), unit)}, no lower limit" if math.isfinite(high) else "no limits"
     if not math.isfinite(high):
-        return f"above {number(low)}, no upper limit"
+        return f"above {with_unit(number(low), unit)}, no upper limit"
     first, second = span_digits(low, high)
-    return f"{number(low, first)} to {number(high, second)}"
+    return with_unit(f"{number(low, first)} to {number(high, second)}", unit)
 
 
 def unit_text(unit: str) -> str:

@@ -510,7 +510,9 @@ def _is_heavier(base: Fitted, one: Fitted) -> bool:
     dof = parse_dof(one.cause.where[0])
     if dof.is_rotation:
         return False
-    return bool(0 < base.modified.setups[0].structure.mass_of() < _added_values(base, one)["mass"])
+    problem, values = base.modified.problems[0], base.values
+    identified = problem.property_values(np.array([values[name] for name in problem.names]))
+    return bool(0 < problem.structure.mass_of(identified) < _added_values(base, one)["mass"])
 
 
 def _lossy(base: Fitted, one: Fitted) -> list[Item]:

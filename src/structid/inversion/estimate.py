@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -584,9 +585,7 @@ def estimate(
         """Refit of a misfitting minimum with fixed values free within their tolerances; None where it is not needed."""
         if sampled is None or not chosen.misfits(searched, minimum, misfit_probability):
             return None
-        if minimum not in refits:
-            refits[minimum] = sampled.refit(searched.names, minimum.theta)
-        return refits[minimum]
+        return _refit_once(refits, sampled, searched.names, minimum)
 
     def fits(minimum: Minimum) -> bool:
         """True if the data allow `minimum`, with fixed values free within tolerances, and it is a new answer."""
@@ -618,13 +617,16 @@ def estimate(
         best = work.minimize(problem, chosen.for_polishing(), best.theta, named(progress, "all data"))
         best = replace(best, stages=of_sample)
         n_iterations += len(best.costs) - 1
-    columns, within = None, None
+    columns = None
     if fixed is not None:
-        within = refits.get(best)
-        if within is None and chosen.misfits(problem, best, misfit_probability if chosen.is_matrix_free else _DOUBTFUL):
-            within = fixed.refit(problem.names, best.theta)
-        columns = fixed.sensitivities_at(problem.names, best.theta, within)
+        refit_best = partial(_refit_once, refits, fixed, problem.names, best)
+        if not chosen.is_matrix_free and chosen.misfits(problem, best, _DOUBTFUL):
+            refit_best()
+        columns = fixed.sensitivities_at(problem.names, best.theta, refits.get(best))
+        # without a Jacobian, the draws tell first how many degrees of freedom the residual has
+        columns = replace(columns, refit=refit_best) if chosen.is_matrix_free else columns
     uncertainty = chosen.uncertainty(problem, best, misfit_probability, search.seed, columns)
+    within = refits.get(best)
     theta, residual = best.theta, best.linearization.residual
     data = residual[: problem.n_data]
     parameters = parameters_at(problem, theta)
@@ -664,6 +666,15 @@ def estimate(
         status=_status(best, uncertainty, searches),
         message="; ".join(words for words in (best.message, *uncertainty.words) if words),
     )
+
+
+def _refit_once(
+    refits: dict[Minimum, FitWithinTolerances], fixed: FixedValues, names: tuple[str, ...], minimum: Minimum
+) -> FitWithinTolerances:
+    """Refit of `minimum` with fixed values free within their tolerances, from `refits` or made and kept there."""
+    if minimum not in refits:
+        refits[minimum] = fixed.refit(names, minimum.theta)
+    return refits[minimum]
 
 
 def _status(best: Minimum, uncertainty: Uncertainty, searches: SearchRecord) -> Status:

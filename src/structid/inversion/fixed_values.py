@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -182,6 +182,8 @@ class FixedColumns:
         Derivative of the whitened data rows with respect to the logarithm of each.
     within : FitWithinTolerances or None
         The fit with all of them free, where noise alone does not explain the residual.
+    refit : callable or None
+        Makes that fit, where it is not known beforehand if noise explains the residual.
     """
 
     names: tuple[str, ...]
@@ -189,6 +191,11 @@ class FixedColumns:
     tolerance: FloatArray
     columns: FloatArray
     within: FitWithinTolerances | None
+    refit: Callable[[], FitWithinTolerances] | None = None
+
+    def refitted(self) -> FixedColumns:
+        """A copy with the fit where all of them are free, made now if it can be made and is not there."""
+        return self if self.within is not None or self.refit is None else replace(self, within=self.refit())
 
     def only(self, kept: Sequence[int]) -> FixedColumns:
         """The values at positions `kept` alone; the others are exact."""

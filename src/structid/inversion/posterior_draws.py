@@ -63,6 +63,7 @@ def drawn_uncertainty(
     (scale, share), few = row_law(problem.rows.averages), few_averages(problem.rows.averages)
     freedom = share * max(at.n_data - np.nan_to_num(determined), 1.0)
     misfit = misses_noise(problem, at.residual, scale, freedom, misfit_probability)
+    fixed = fixed.refitted() if misfit and fixed is not None else fixed
     if misfit and fixed is not None and fixed.within is not None:
         misfit = fixed.within.misfits_law(misfit_probability, scale, freedom)
     influence, exact = (None, "") if fixed is None else solved_influence(problem, theta, at, fixed, precondition)

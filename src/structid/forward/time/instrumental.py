@@ -266,7 +266,7 @@ def identified_by_instruments(
         message = "the samples do not determine the parameters"
     rows, known, fixed = end.rows or _plain_rows(fit), fit.noise is not None, None
     if end.values is not None and end.rows is not None:
-        fixed = fixed_rows(structure, unknown, options.tolerances, end.values, fit.rows_with)
+        fixed = fixed_rows(structure, unknown, options.tolerances, end.place, fit.rows_with)
     return linear_estimate(
         rows, end.values, end.history, end.converged, message, known, options.misfit_probability, len(ends), fixed
     )
@@ -274,11 +274,12 @@ def identified_by_instruments(
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """End of the iteration from one start; `rows` is None where motion cannot be simulated there."""
+    """End of the iteration from one start; `rows`, made at the values `place`, is None where motion cannot be simulated there."""
 
     values: FloatArray | None
     converged: bool
     rows: WhitenedRows | None
+    place: FloatArray
     history: list[FloatArray]
 
     @property
@@ -312,17 +313,16 @@ def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, st
     """Instrumental fit from `size` samples and parameters `values` on, samples doubling up to all of them."""
     history = [values]
     while size < fit.motion.n_times:
-        stage, _, _ = _iterated(fit.first(size), values, _STEPS_A_STAGE, history, steps)
+        stage, *_ = _iterated(fit.first(size), values, _STEPS_A_STAGE, history, steps)
         values = values if stage is None else stage
         size *= 2
-    found, converged, rows = _iterated(fit, values, most, history, steps)
-    return _End(found, converged, rows, history)
+    return _End(*_iterated(fit, values, most, history, steps), history)
 
 
 def _iterated(
     fit: InstrumentalFit, values: FloatArray, most: int, history: list[FloatArray], steps: InstrumentalSteps
-) -> tuple[FloatArray | None, bool, WhitenedRows | None]:
-    """Parameters after at most `most` iterations, True if converged, and the rows of the last iteration.
+) -> tuple[FloatArray | None, bool, WhitenedRows | None, FloatArray]:
+    """Parameters after at most `most` iterations, True if converged, and the rows of the last iteration with their parameters.
 
     Solutions that swing to and fro are halved in between.
     """
@@ -330,9 +330,9 @@ def _iterated(
     for _ in range(most):
         at = steps.taken(fit, values)
         if at.outcome == UNSTABLE:
-            return None, False, None
+            return None, False, None, values
         if at.outcome == UNDETERMINED:
-            return None, False, at.rows or fit.rows(values)
+            return None, False, at.rows or fit.rows(values), values
         history.append(at.solution)
         step = (at.solution - values) / at.deviation
         swings = last is not None and float(step @ last) < -0.5 * float(last @ last)
@@ -341,7 +341,7 @@ def _iterated(
         if np.abs(step).max(initial=0.0) < _TOLERANCE:
             converged = True
             break
-    return values, converged, at.rows or fit.rows(before)
+    return values, converged, at.rows or fit.rows(before), before
 
 
 def _no_rows(unknown: Parameters) -> WhitenedRows:

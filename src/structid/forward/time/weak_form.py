@@ -269,9 +269,9 @@ def identified_by_weak_form(
     form = weak_form(structure, unknown, record, options)
     values: FloatArray = np.array(unknown.start)
     history: list[FloatArray] = [values]
-    converged, found = False, None
+    converged, found, before = False, None, values
     for _ in range(options.max_iterations):
-        rows = form.rows(values)
+        rows, before = form.rows(values), values
         if len(history) == 1:  # the given start serves for the weight alone: its residual says nothing of the noise
             rows = replace(rows, instruments=rows.regressors)
         found = rows.solution()
@@ -286,5 +286,5 @@ def identified_by_weak_form(
     message = "the parameters stay" if converged else f"stopped after {options.max_iterations} iterations"
     if found is None:
         message = "the windows do not determine the parameters"
-    fixed = None if found is None else fixed_rows(structure, unknown, options.tolerances, found, form.rows_with)
+    fixed = None if found is None else fixed_rows(structure, unknown, options.tolerances, before, form.rows_with)
     return linear_estimate(rows, found, history, converged, message, True, options.misfit_probability, fixed=fixed)

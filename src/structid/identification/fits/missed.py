@@ -12,7 +12,6 @@ from structid.core.arrays import FloatArray
 from structid.core.display import plural
 from structid.forward import ModalProblem, RecordProblem
 from structid.forward.modal.problem import row_kinds
-from structid.identification.joint_problem import indices_of
 from structid.inversion import Estimate
 from structid.inversion.averaging import expected_square
 from structid.inversion.fixed_values import FIXED
@@ -81,13 +80,15 @@ def missed_parts(
     if is_whole or not found.goodness.misfit < _HIDES:
         return ()
     parts = []
-    all_names, theta = found.names, found.theta
-    if freed and found.fixed is not None:
-        problems, asked = freed, found.fixed.asked * found.fixed.tolerance
-        all_names = (*all_names, *(FIXED + name for name in found.fixed.names))
-        theta = np.concatenate([found.fixed.theta, asked])
+    free = dict(zip(found.names, found.theta.tolist(), strict=True))
+    if freed and (fixed := found.fixed) is not None:
+        problems, asked = freed, fixed.asked * fixed.tolerance
+        free = dict(zip(found.names, fixed.theta.tolist(), strict=True))
+        free |= zip((FIXED + name for name in fixed.names), asked.tolist(), strict=True)
     for name, problem in zip(names, problems, strict=True):
-        residual = problem.residual(theta[indices_of(all_names, problem.names)])[: problem.n_data]
+        # a fixed value whose influence could not be solved for is exact
+        theta = np.array([free.get(key, 0.0) if key.startswith(FIXED) else free[key] for key in problem.names])
+        residual = problem.residual(theta)[: problem.n_data]
         parts += [(what, rows, least) for what, rows, least in _parts(name, problem, residual) if len(rows)]
     if len(parts) < 2:
         return ()

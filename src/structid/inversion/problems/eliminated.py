@@ -56,6 +56,9 @@ class NormalEquations(NamedTuple):
 class EliminatedProblem(Problem):
     """The nonlinear unknowns of separable least squares, as they change from where a search begins.
 
+    The residual is one row and a linearization has n_params + 1 compressed rows: a search must go without acceleration, which
+    needs the rows of both to be the same.
+
     Attributes
     ----------
     sizes : (n_params,) float array

@@ -213,5 +213,6 @@ def refined(
     problem = EliminatedProblem(
         start.sizes, lambda changes: misfit(data, start.moved(changes)), lambda changes: normal(changes.tobytes())
     )
+    assert _SEARCH.acceleration == 0, "residual and linearization have other rows"
     end = minimize(problem, replace(_SEARCH, gain_tolerance=gain))
     return start.moved(problem.changes(end.theta)), end.converged

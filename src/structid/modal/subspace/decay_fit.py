@@ -283,6 +283,7 @@ def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[Com
         return None
     n_rows = sum(y.size for y in data.series)
     problem = EliminatedProblem(np.tile(np.abs(start), 2), cost, lambda changes: normal(changes.tobytes()))
+    assert _SEARCH.acceleration == 0, "residual and linearization have other rows"
     end = minimize(problem, replace(_SEARCH, gain_tolerance=_CONVERGED / n_rows))
     return project(problem.changes(end.theta).tobytes()) if end.converged else None
 

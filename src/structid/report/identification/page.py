@@ -164,7 +164,7 @@ def _record_figures(identification: Identification) -> dict[str, plot.Figure]:
         prefix = f"record_{count}_" if count > 1 else ""
         figures[f"{prefix}frf"] = responses_figure(fit)
         figures[f"{prefix}residual_by_channel"] = residual_channels_figure(fit)
-        if number == 1:
+        if count == 1:
             figures["residual_map"] = residual_map_figure(fit)
     return figures
 

@@ -64,7 +64,7 @@ def value_table(view: ResultsView) -> Table:
         (
             one.name,
             f"{one.value_text} {one.unit_text}".strip(),
-            f"{one.interval_text} {one.unit_text}".strip(),
+            one.interval_with_unit,
             f"{exact(one.scaled(one.initial))} {one.unit_text}".strip(),
             one.state,
         )

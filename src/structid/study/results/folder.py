@@ -346,7 +346,7 @@ def _parameter(parameter: ParameterResult) -> dict[str, Entry]:
         "identified": parameter.identified,
         "state": parameter.state,
         "text": with_unit(parameter.value_text, parameter.unit_text),
-        "interval_text": with_unit(parameter.interval_text, parameter.unit_text),
+        "interval_text": parameter.interval_with_unit,
         "at_bound": _at_bound(parameter.bound),
         "ran_away": parameter.ran_away,
         "prior_mean": parameter.prior_mean,

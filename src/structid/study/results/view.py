@@ -118,7 +118,14 @@ class ParameterResult:
     @property
     def interval_text(self) -> str:
         """The interval as text, lower and upper end without their unit."""
-        return span_text(*map(self.scaled, self.interval))
+        low, high = map(self.scaled, self.interval)
+        return span_text(low, high)
+
+    @property
+    def interval_with_unit(self) -> str:
+        """The interval as text, its ends with their unit."""
+        low, high = map(self.scaled, self.interval)
+        return span_text(low, high, self.unit_text)
 
     @property
     def unit_text(self) -> str:

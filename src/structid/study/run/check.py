@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from structid.inversion import Covariance, DenseCovariance, Identifiability, Lin
 from structid.inversion.covariance import inverse_information
 from structid.inversion.diagnostics.identifiability import identifiability
 from structid.inversion.fixed_values import FixedValueInfluence
-from structid.inversion.posterior_draws import counted_draws, drawn_covariance
+from structid.inversion.posterior_draws import counted_draws, drawn_covariance, solved_influence
 from structid.inversion.uncertainty import relative_jacobian
 from structid.study.run.before import RecordCheck, checked_mesh, checked_record
 from structid.study.run.run import is_matrix_free
@@ -303,9 +303,17 @@ def _predict_by_draws(ready: Start) -> Predicted:
         + (", for one that `identify` will choose by the data" if term.given is None else ", as given")
         for term, strength in zip(terms, strengths, strict=True)
     ]
-    covariance = drawn_covariance(problem, theta, linearization, draws)
+    of_data = covariance = drawn_covariance(problem, theta, linearization, draws)
+    fixed = fixed_values(freed_problems(ready.setups, ready.problems, ready.study.options.tolerances))
+    assumption, influence = "", None
+    if fixed is not None:
+        columns = replace(fixed, is_matrix_free=True).sensitivities_at(problem.names, theta)
+        influence, unsolved = solved_influence(problem, theta, linearization, columns)
+        words += [unsolved] if unsolved else []
+    if influence is not None:
+        covariance, assumption = of_data.with_changes(influence.changes), f"± includes {influence.words}"
     rank = Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ())
-    return Predicted(problem, _start(problem, ready), covariance, rank, tuple(words), covariance, "", None)
+    return Predicted(problem, _start(problem, ready), covariance, rank, tuple(words), of_data, assumption, influence)
 
 
 def _start(problem: Problem, ready: Start) -> FloatArray:

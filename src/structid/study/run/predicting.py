@@ -202,7 +202,7 @@ def _predicted_band(folder: Path, study: Study) -> tuple[float | None, float | N
     """Ends of the band that was fitted, Hz: as the study states them, else those of the record; None where neither says."""
     low, high = study.options.band or (None, None)
     lowest, highest = stored_band(folder) or (None, None)
-    return low or lowest, high or highest
+    return lowest if low is None else low, highest if high is None else high
 
 
 def _lines(band: tuple[float | None, float | None], options: PredictOptions) -> FloatArray:

@@ -176,11 +176,11 @@ function verdict(found) {
 // The fit of the worst and of the best channel, and of others by choice: measured, initial and fitted magnitude.
 async function fits(folder) {
   const found = await get("fits", {results: folder}),
-    {length} = found.channels,
-    x = unpacked(found.frequency, "f64");
+    {length} = found.channels;
   if (!length) {
     return null;
   }
+  const x = unpacked(found.frequency, "f64");
   return h(
     "section",
     {class: "card"},

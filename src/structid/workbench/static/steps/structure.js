@@ -494,7 +494,7 @@ function leaking(app, warnings) {
 
 // Where the mesh is too coarse: beams cut as finely as the values need, by a click.
 function coarse(app, warnings) {
-  return app.folder.writable && warnings.some((one) => /too coarse.*`subdivide = /.test(one))
+  return app.folder.writable && warnings.some((one) => /(too coarse|smaller elements).*`subdivide = /.test(one))
     ? h(
         "div",
         {class: "row", id: "coarse"},
