@@ -5,7 +5,8 @@ import pytest
 from test_kindred_causes import SPACE, written_in_space
 
 import structid as sid
-from structid.diagnose.causes import DifferingElement, candidates
+from structid.diagnose.causes import DifferingElement, DifferingSet, candidates
+from structid.diagnose.causes.separate_element import Share
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.receptances import receptances_at
 from structid.diagnose.score_test import point_at
@@ -141,7 +142,7 @@ ALONE = PLANES.replace('"legs"\n', '"legs"\neach = true\n')
 
 
 def wholes(records):
-    return [one for one in candidates(records) if isinstance(one, DifferingElement) and one.is_whole]
+    return [one for one in candidates(records) if isinstance(one, DifferingElement | DifferingSet) and one.is_whole]
 
 
 @pytest.mark.parametrize(("simulated", "model", "soft", "where", "ratios"), RIGS)
@@ -172,6 +173,17 @@ def test_what_is_soft_in_all_stiffnesses_ranks_first(simulated, model, soft, whe
                 ("bending_stiffness_z", None),
                 ("axial_stiffness", None),
                 ("torsional_stiffness", "axial_stiffness[legs:1]"),
+            ],
+        ),
+        ("", ("girder",), [("stiffness", None)]),
+        (
+            PLANES.replace('"legs"', '["legs", "girder"]'),
+            ("legs",),
+            [
+                ("bending_stiffness_y", None),
+                ("bending_stiffness_z", None),
+                ("axial_stiffness", None),
+                ("torsional_stiffness", "axial_stiffness[legs]"),
             ],
         ),
         (
@@ -221,8 +233,9 @@ def test_what_has_values_of_its_own_or_no_group_is_not_offered(tmp_path):
         offered[name] = {one.where for one in wholes([receptances_at(problem, problem.theta_start)])}
     girder = {("girder:1",), ("girder:2",)}
     legs = {("legs:1",), ("legs:2",)}
-    assert offered["held"] == offered["plane"] == offered["lone"] == legs | girder
-    assert offered["alone"] == girder
+    assert offered["held"] == offered["lone"] == legs | girder | {("legs",), ("girder",)}
+    assert offered["plane"] == legs | girder | {("girder",)}
+    assert offered["alone"] == girder | {("girder",)}
 
 
 def test_words_name_the_element_or_the_node_of_the_mount():
@@ -232,6 +245,10 @@ def test_words_name_the_element_or_the_node_of_the_mount():
     assert between.sentence(None) == "all springs between nodes 4 and 14 differ from their groups: a:1, b:1"
     element = DifferingElement(where=("arm:1",), shares=(), is_whole=True)
     assert element.sentence(None) == "arm:1 differs from its group in all its stiffnesses"
+    column = DifferingSet(where=("column",), shares=(), is_whole=True)
+    assert column.sentence(None) == "all of column differs from its group in all its stiffnesses"
+    held = DifferingSet(where=("column",), shares=(Share("column", "stiffness"),), is_whole=True)
+    assert held.sentence(None) == "the stiffnesses of all of column, which the study fixes, are off by one factor"
 
 
 @pytest.mark.long

@@ -15,6 +15,7 @@ from structid.core.dof import parse_dof
 from structid.diagnose.causes import (
     Dashpot,
     DifferingElement,
+    DifferingSet,
     DryFriction,
     FaultyChannel,
     SpringToGround,
@@ -260,9 +261,12 @@ def _outstanding(base: Fitted) -> set[Hashable]:
 
 
 def _family(candidate: Candidate, held_nodes: Collection[int]) -> str:
-    """The kind of a candidate; "clamp" for a spring that holds one more direction of a node that is held, "whole" of an element."""
-    if isinstance(candidate, DifferingElement) and candidate.is_whole:
-        return "whole"
+    """The kind of a candidate; "clamp" for a spring that holds one more direction of a node that is held.
+
+    Elements and sets that differ in all stiffnesses are families of their own.
+    """
+    if isinstance(candidate, DifferingElement | DifferingSet) and candidate.is_whole:
+        return f"whole {candidate.kind}"
     is_clamp = isinstance(candidate, SpringToGround) and candidate.is_clamp(held_nodes)
     return "clamp" if is_clamp else candidate.place[0]
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
@@ -17,15 +17,15 @@ from structid.diagnose.effects import all_directions, effect_of_addition, effect
 from structid.diagnose.model_edits import Edits, SeparateElement, rounded
 from structid.diagnose.receptances import ElementMatrix, Receptances
 from structid.diagnose.tested_model import TestedModel
-from structid.fem import Spring
+from structid.fem import Spring, Structure
 
 #: Parts of what an element has by which it may differ.
 PARTS = np.array([-0.9, -0.7, -0.5, -0.3, -0.15, -0.05, 0.05, 0.2, 0.4, 0.8, 1.5, 3.0, 8.0])
 #: Difference by which an element that differs in all stiffnesses gives way to one that differs in one.
-_AS_A_WHOLE = 0.25
+AS_A_WHOLE = 0.25
 
 #: An element matrix and the positions of the parameters that move it.
-_Moved: TypeAlias = tuple[ElementMatrix, tuple[int, ...]]
+Moved: TypeAlias = tuple[ElementMatrix, tuple[int, ...]]
 
 
 class Share(NamedTuple):
@@ -77,16 +77,29 @@ class DifferingElement(Candidate):
                 where = _label(one)
                 share = Share(where, one.property)
                 yield cls(where=(where,), strengths=PARTS, shares=(share,), matrices=(matrix,))
-        for nodes, group in spread(list(_wholes(first, moved)), MOST_ELEMENTS):
-            whole = [one for one, _ in group]
-            made = [factored(first, one) for one in (whole if nodes else [summed(whole)])]
+        mounts = _mounts(first.structure)
+
+        def unit_of(one: ElementMatrix) -> Hashable:
+            return mounts.get((one.element, one.number), (one.element, one.number))
+
+        stiff = stiff_parts(first, moved)
+        units: dict[str, set[Hashable]] = {}
+        for one, _ in stiff:
+            units.setdefault(one.element, set()).add(unit_of(one))
+        whole_groups = [
+            group
+            for group in several_stiffnesses(stiff, unit_of, lambda one: (one.element, one.number) in mounts)
+            if any(moved_by for _, moved_by in group) or all(len(units[one.element]) > 1 for one, _ in group)
+        ]
+        for group in spread(whole_groups, MOST_ELEMENTS):
+            parts = [one for one, _ in group]
+            nodes = mounts.get((parts[0].element, parts[0].number), ())
+            made = [factored(first, one) for one in (parts if nodes else [summed(parts)])]
             matrices = tuple(matrix for matrix in made if matrix is not None)
             if matrices:
-                where_all = tuple(dict.fromkeys(map(_label, whole)))
-                shares = _shares(group)
-                yield cls(
-                    where=where_all, strengths=PARTS, shares=shares, matrices=matrices, is_whole=True, nodes=nodes
-                )
+                labels = tuple(dict.fromkeys(map(_label, parts)))
+                shares = shares_of(group, _label)
+                yield cls(where=labels, strengths=PARTS, shares=shares, matrices=matrices, is_whole=True, nodes=nodes)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
         directions = all_directions([one.directions for one in self.matrices])
@@ -97,14 +110,11 @@ class DifferingElement(Candidate):
         return effect_of_coupling(receptances, directions, strengths[:, None, None, None] * law)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        return [
-            replace(separation(model, share.element, share.property, strength), follows=share.follows)
-            for share in self.shares
-        ]
+        return separations(model, self.shares, strength)
 
     @property
     def handicap(self) -> float:
-        return _AS_A_WHOLE if self.is_whole else 0.0
+        return AS_A_WHOLE if self.is_whole else 0.0
 
     @property
     def place(self) -> tuple[str, tuple[str, ...]]:
@@ -128,8 +138,13 @@ class DifferingElement(Candidate):
         return f"the {self._what} of {self.where[0]} is not that of its group"
 
 
-def separation(model: TestedModel, where: str, prop: str, strength: float) -> SeparateElement:
-    """The edit that gives an element (``girder:2``) or a set a factor on a property, started at 1 + strength."""
+def separations(model: TestedModel, shares: Sequence[Share], strength: float) -> Edits:
+    """The edits that give elements (``girder:2``) or sets factors on what differs, started at 1 + strength."""
+    return [_separation(model, share, rounded(1 + strength)) for share in shares]
+
+
+def _separation(model: TestedModel, share: Share, start: float) -> SeparateElement:
+    where, prop, follows = share
     nominal: dict[str, tuple[float, ...]] = {}
     count = 1
     for setup in model.setups:
@@ -138,14 +153,14 @@ def separation(model: TestedModel, where: str, prop: str, strength: float) -> Se
                 nominal[item.element] = tuple(item.term.values.tolist())
             if item.element == where.rpartition(":")[0]:
                 count = max(count, len(item.term.values))
-    return SeparateElement(where, prop, rounded(1 + strength), count, nominal)
+    return SeparateElement(where, prop, start, count, nominal, follows)
 
 
 def _label(one: ElementMatrix) -> str:
     return f"{one.element}:{one.number + 1}"
 
 
-def _of_elements(moved: Sequence[_Moved]) -> Iterator[ElementMatrix]:
+def _of_elements(moved: Sequence[Moved]) -> Iterator[ElementMatrix]:
     """Stiffness and mass matrices of elements, summed over properties that the same parameters change."""
     parts: dict[tuple[object, ...], list[ElementMatrix]] = {}
     for one, moved_by in moved:
@@ -154,50 +169,63 @@ def _of_elements(moved: Sequence[_Moved]) -> Iterator[ElementMatrix]:
         yield summed(items)
 
 
-def _wholes(receptances: Receptances, moved: Sequence[_Moved]) -> Iterator[tuple[tuple[int, ...], list[_Moved]]]:
-    """Nodes of each mount, none of another element, and its stiffness matrices, where several of a group differ by themselves.
-
-    Of elements with one unknown stiffness a single held one is no second: that of a bent beam along its axis hardly matters.
-    """
-    mounts = {
+def _mounts(structure: Structure) -> dict[tuple[str, int], tuple[int, ...]]:
+    """Nodes that each spring joins, the ground apart, by set and number of the spring."""
+    return {
         (element.name, number): tuple(sorted({node for node in ends if node >= 0}))
-        for element in receptances.structure.elements
+        for element in structure.elements
         if isinstance(element, Spring)
         for number, ends in enumerate(element.nodes.tolist())
     }
-    wholes: dict[tuple[object, ...], list[_Moved]] = {}
-    moving: dict[int, set[tuple[object, ...]]] = {}
-    in_set: dict[str, set[tuple[object, ...]]] = {}
-    for one, moved_by in moved:
-        if one.kind != "stiffness" or not receptances.reached(one.codes).any() or not one.matrix.any():
-            continue
-        whole = mounts.get((one.element, one.number), (one.element, one.number))
-        wholes.setdefault(whole, []).append((one, moved_by))
-        in_set.setdefault(one.element, set()).add(whole)
+
+
+def stiff_parts(receptances: Receptances, moved: Sequence[Moved]) -> list[Moved]:
+    """Element matrices that are stiffnesses of something that moves."""
+    return [
+        (one, moved_by)
+        for one, moved_by in moved
+        if one.kind == "stiffness" and one.matrix.any() and receptances.reached(one.codes).any()
+    ]
+
+
+def several_stiffnesses(
+    stiff: Sequence[Moved],
+    unit_of: Callable[[ElementMatrix], Hashable],
+    is_spring: Callable[[ElementMatrix], bool],
+) -> Iterator[list[Moved]]:
+    """Stiffness matrices of each unit, such as an element, that has several which differ by themselves, none with its own unknown.
+
+    One held stiffness does not count, springs apart: that of a bent beam along its axis hardly matters.
+    """
+    groups: dict[Hashable, list[Moved]] = {}
+    moving: dict[int, set[Hashable]] = {}
+    for one, moved_by in stiff:
+        groups.setdefault(unit_of(one), []).append((one, moved_by))
         for number in moved_by:
-            moving.setdefault(number, set()).add(whole)
-    for group in wholes.values():
-        nodes = mounts.get((group[0][0].element, group[0][0].number), ())
-        ways = {(one.element, one.number, moved_by or one.property) for one, moved_by in group}
-        n_held = len({(one.element, one.number, one.property) for one, moved_by in group if not moved_by})
-        n_ways = len(ways) - (n_held == 1 and not nodes)
+            moving.setdefault(number, set()).add(unit_of(one))
+    for group in groups.values():
+        springs = [is_spring(one) for one, _ in group]
+        ways = {
+            (one.element, one.number if spring else 0, moved_by or one.property)
+            for (one, moved_by), spring in zip(group, springs, strict=True)
+        }
+        has_held = not all(moved_by for _, moved_by in group) and not all(springs)
         movers = {number for _, moved_by in group for number in moved_by}
-        others = [moving[number] for number in movers] or [in_set[one.element] for one, _ in group]
-        if n_ways > 1 and all(len(sharing) > 1 for sharing in others):
-            yield nodes, group
+        if len(ways) - has_held > 1 and all(len(moving[number]) > 1 for number in movers):
+            yield group
 
 
-def _shares(group: Sequence[_Moved]) -> tuple[Share, ...]:
-    """Properties of an element or mount, with one factor for those that the same parameters move, and one for all held ones."""
-    if not any(moved_by for _, moved_by in group) and len({_label(one) for one, _ in group}) == 1:
-        return (Share(_label(group[0][0]), "stiffness"),)
+def shares_of(group: Sequence[Moved], label: Callable[[ElementMatrix], str]) -> tuple[Share, ...]:
+    """Properties of a unit by its labels, with one factor for those that the same parameters move, and one for all held ones."""
+    if not any(moved_by for _, moved_by in group) and len({label(one) for one, _ in group}) == 1:
+        return (Share(label(group[0][0]), "stiffness"),)
     shares = dict[tuple[str, str], Share]()
     leaders = dict[tuple[int, ...], str]()
     for one, moved_by in sorted(group, key=lambda pair: not pair[1]):
-        if (_label(one), one.property) in shares:
+        if (label(one), one.property) in shares:
             continue
         follows = leaders.get(moved_by)
-        shares[_label(one), one.property] = Share(_label(one), one.property, follows)
+        shares[label(one), one.property] = Share(label(one), one.property, follows)
         if follows is None:
-            leaders[moved_by] = f"{one.property}[{_label(one)}]"
+            leaders[moved_by] = f"{one.property}[{label(one)}]"
     return tuple(shares.values())
