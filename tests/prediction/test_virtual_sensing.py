@@ -303,12 +303,15 @@ def test_records_that_cannot_be_used_are_named():
         sid.sense(make_model(), record, ["2X"], leave_out=["2X"])
 
 
-def test_the_likeliest_correlation_time_is_that_of_the_force():
-    """Neither time nor size is stated; the force that they give is off by its stated deviation."""
+@pytest.mark.parametrize("std", [None, FORCE])
+def test_the_likeliest_correlation_time_is_that_of_the_force(std):
+    """Its size is stated or not; the force that they give is off by its stated deviation."""
     states, _, _, rng = simulate(3000, 11)
     y = np.hstack([measured(states, rng, 0.05), states[:, [1]] + 1e-4 * rng.standard_normal((3000, 1))])
     record = sid.TimeRecord(RATE, y, ["1X", "2X"], ["acceleration", "displacement"], variance=np.array([0.0025, 1e-8]))
-    found = sid.sense(make_model(), record, ["1X"], unknown=sid.UnknownForces(["2X"]), n_draws=0, is_filtered=False)
+    found = sid.sense(
+        make_model(), record, ["1X"], unknown=sid.UnknownForces(["2X"], std=std), n_draws=0, is_filtered=False
+    )
     assert found.correlation_time == pytest.approx(CORRELATION, rel=0.35)
     assert found.prior_std == pytest.approx(FORCE, rel=0.25)
     z = (found.forces[:, 0] - states[:, 4]) / found.force_std[:, 0]

@@ -560,18 +560,26 @@ class _Smoother:
         times = np.linspace(shortest, longest, _TIMES).tolist()
         by_motion = [likelihood(time, 0.0) for time in times]
         first = times[int(np.argmax(by_motion))]
-        if std is not None:
-            return of_time(first), std, True
-        simplex = np.array(
-            [[first, 0.0], [first + (times[0] - times[1]) * (1 if first > shortest else -1), 0.0], [first, -0.3]]
-        )
-        options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": 60}
-        log_time, decades = minimize(unlikely, simplex[0], method="Nelder-Mead", options=options).x.tolist()
-        if decades > above - 3 * _SURE:
-            return of_time(first), size(first, 0.0), False
-        largest, most = size(log_time, decades), likelihood(log_time, decades)
-        for step in range(_STEPS, 0, -1):  # with the same density beyond the correlation time
-            shorter, smaller = log_time + step * np.log(_SHORTER), largest * _SHORTER ** (step / 2)
+        if std is None:
+            simplex = np.array(
+                [[first, 0.0], [first + (times[0] - times[1]) * (1 if first > shortest else -1), 0.0], [first, -0.3]]
+            )
+            options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": 60}
+            log_time, decades = minimize(unlikely, simplex[0], method="Nelder-Mead", options=options).x.tolist()
+            if decades > above - 3 * _SURE:
+                return of_time(first), size(first, 0.0), False
+            largest = size(log_time, decades)
+        else:
+            beside = max(first + times[0] - times[1], shortest), min(first + times[1] - times[0], longest)
+            search = minimize_scalar(
+                lambda log_time: -likelihood(log_time, 0.0), bounds=beside, method="bounded", options={"xatol": _SURE}
+            )
+            log_time, largest = float(search.x), std
+        most = of_time(log_time)._log_likelihood(reduced, largest)
+        for step in range(_STEPS, 0, -1):
+            shorter = log_time + step * np.log(_SHORTER)
+            # with the same density beyond the correlation time
+            smaller = largest * _SHORTER ** (step / 2) if std is None else std
             if shorter > shortest and of_time(shorter)._log_likelihood(reduced, smaller) >= most - _LESS_LIKELY:
                 return of_time(shorter), float(smaller), True
         return of_time(log_time), largest, True
