@@ -2,6 +2,7 @@
 
 from collections import Counter
 
+import numpy as np
 import pytest
 from fuzz.headers import read_case
 from header_cases import judge
@@ -10,6 +11,8 @@ from laboratory_cases import WRITERS
 from structid.core.errors import InputError
 from structid.core.units import parse_unit
 from structid.records.formats.headers import units_in_name
+from structid.records.formats.named_channels import scale_of_times
+from structid.records.formats.options import ReadOptions
 
 
 @pytest.mark.parametrize("kind", WRITERS)
@@ -36,3 +39,11 @@ def test_a_word_in_brackets_that_may_be_a_side_or_a_direction_is_no_sure_unit(na
 @pytest.mark.parametrize("name", ["Acc_g", "Acc [g]", "a / g", "disp_mm"])
 def test_a_unit_in_a_name_is_seen(name):
     assert units_in_name(name, parse_unit)
+
+
+@pytest.mark.parametrize("name", ["", "Time"])
+def test_a_unit_of_times_that_the_option_contradicts_is_told_whatever_the_channel_is_called(name):
+    with pytest.raises(
+        InputError, match="channel 1 says the unit of its times, but `axis_unit` s was given; leave it out"
+    ):
+        scale_of_times("channel 1", name, "ms", np.arange(3.0), ReadOptions(axis_unit="s"))

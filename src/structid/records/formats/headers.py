@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from structid.core.errors import InputError
 from structid.core.units import FrfUnit, Unit, parse_frequency_unit, parse_time_unit
+from structid.records.formats.options import option_words
 
 T = TypeVar("T")
 
@@ -121,6 +123,38 @@ def factors_in_header(name: str, unit: str, parse: Callable[[str], float]) -> di
     """Units that a header, or a line of units below it, states anywhere, whatever the column is called, each with its factor."""
     stated = {text: factor for text, factor, _ in units_in_name(name, parse)}
     return stated | {text: factor for text in (name.strip(), unit) for factor in _read(parse, text)}
+
+
+def require_axis_unit(
+    described: str,
+    name: str,
+    unit: str,
+    known: float | None,
+    axis_unit: str,
+    factor: float,
+    parse: Callable[[str], float],
+) -> None:
+    """Raise `InputError` where the header of a column says another unit than the option `axis_unit`.
+
+    Parameters
+    ----------
+    described : str
+        Begins the message, as in ``table.csv: column 1 (f) says the unit of its frequencies``.
+    name, unit : str
+        The header, and what stands in a line of units below it.
+    known : float or None
+        Factor of the unit that the header says; None or NaN where it says none of the kind of the column.
+    axis_unit : str
+    factor : float
+        Of `axis_unit`.
+    parse : callable
+        It gives the factor of a unit, or raises `InputError`.
+    """
+    stated = factors_in_header(name, unit, parse) if known is None or math.isnan(known) else {"": known}
+    for text, other in stated.items():
+        if abs(other / factor - 1) > 1e-9:
+            remedy = f"give {option_words(axis_unit=text)}" if text else "leave it out"
+            raise InputError(f"{described}, but `axis_unit` {axis_unit} was given; {remedy}", "axis_unit")
 
 
 def bare_unit(cell: str) -> str:

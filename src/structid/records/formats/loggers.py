@@ -24,7 +24,6 @@ from structid.records.formats.named_channels import (
     NamedChannels,
     choose_columns,
     record_of,
-    require_no_dates,
     scale_of_times,
 )
 from structid.records.formats.options import ReadOptions
@@ -146,9 +145,7 @@ def _uneven_times(
         return None
     if time is not None:
         channel = channels[time]
-        times = channel.values * scale_of_times(
-            f"{path}: channel {channel.name!r}", channel.name, channel.unit, options
-        )
+        times = channel.values * _scale_of_times(path, channel, options)
         step = (times[-1] - times[0]) / max(len(times) - 1, 1)
         is_even = np.isfinite(times).all() and step > 0 and np.abs(np.diff(times) - step).max() <= _EVEN * step
         return None if is_even else times
@@ -192,11 +189,14 @@ def _time_channel(path: Path, channels: Sequence[Channel], options: ReadOptions)
     return next((j for j, name in enumerate(names) if is_time(name)), None)
 
 
+def _scale_of_times(path: Path, channel: Channel, options: ReadOptions) -> float:
+    """Factor from the values of a channel of times to s."""
+    return scale_of_times(f"{path}: channel {channel.name!r}", channel.name, channel.unit, channel.values, options)
+
+
 def _clock_of(path: Path, channel: Channel, options: ReadOptions) -> tuple[float, float]:
     """Sampling rate in Hz and first time in s from a channel of times."""
-    scale = scale_of_times(f"{path}: channel {channel.name!r}", channel.name, channel.unit, options)
-    require_no_dates(f"{path}: channel {channel.name!r}", channel.values, scale, options)
-    time = channel.values * scale
+    time = channel.values * _scale_of_times(path, channel, options)
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
     if not np.isfinite(time).all() or not step > 0 or np.abs(np.diff(time) - step).max() > _EVEN * step:
         raise FileError(f"{path}: channel {channel.name!r} must hold even, increasing times; {resampling_remedy()}")

@@ -19,10 +19,10 @@ from structid.core.units import Unit, parse_time_unit, parse_unit
 from structid.records.formats.bare import channel_units, require_same_rotation
 from structid.records.formats.gaps import Lines, source_with_note, whole
 from structid.records.formats.headers import (
-    factors_in_header,
     level_word,
     name_and_unit,
     other_unit_in_name,
+    require_axis_unit,
     time_factor,
 )
 from structid.records.formats.options import ReadOptions, option_words
@@ -87,14 +87,22 @@ class NamedChannels:
         return self.numbers[j] if self.numbers else j + 1
 
 
-def scale_of_times(described: str, name: str, unit: str, options: ReadOptions) -> float:
-    """Factor from times to s, by the column's name and unit or by the option `axis_unit`; `described` begins error messages.
+def scale_of_times(described: str, name: str, unit: str, times: FloatArray, options: ReadOptions) -> float:
+    """Factor from `times` to s, by the column's name and unit or by the option `axis_unit`.
 
     Raises
     ------
     InputError
-        If nothing says their unit, the unit is none of times, or the option contradicts the file; `described` begins the message.
+        If nothing says their unit, the unit is none of times, the option contradicts the file, or times in s look like dates of a
+        spreadsheet; `described` begins the message.
     """
+    scale = _stated_scale_of_times(described, name, unit, options)
+    _require_no_dates(described, times, scale, options)
+    return scale
+
+
+def _stated_scale_of_times(described: str, name: str, unit: str, options: ReadOptions) -> float:
+    """Factor from times to s that the column or the option `axis_unit` says."""
     try:
         by_file = time_factor(name, unit)
     except InputError as error:
@@ -110,18 +118,13 @@ def scale_of_times(described: str, name: str, unit: str, options: ReadOptions) -
         return by_file
     with about("axis_unit"):
         by_user = parse_time_unit(options.axis_unit)
-    stated = factors_in_header(name, unit, parse_time_unit) if by_file is None else {name: by_file}
-    other = next((text for text, factor in stated.items() if abs(factor / by_user - 1) > 1e-9), "")
-    if other:
-        raise InputError(
-            f"{described} says the unit of its times, but `axis_unit` {options.axis_unit} was given;"
-            f" {'leave it out' if by_file is not None else f'give {option_words(axis_unit=other)}'}",
-            "axis_unit",
-        )
+    require_axis_unit(
+        f"{described} says the unit of its times", name, unit, by_file, options.axis_unit, by_user, parse_time_unit
+    )
     return by_user
 
 
-def require_no_dates(described: str, times: FloatArray, scale: float, options: ReadOptions) -> None:
+def _require_no_dates(described: str, times: FloatArray, scale: float, options: ReadOptions) -> None:
     """Raise `InputError` for times in s that look like dates of a spreadsheet, days since 1900; `described` begins the message.
 
     Seconds of a day lie between the same numbers, but hardly at 50 kHz and more.

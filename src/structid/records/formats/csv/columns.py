@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.core.display import join_words
 from structid.core.dof import Dof, as_dof, parse_dof
 from structid.core.errors import FileError, InputError
 from structid.core.units import FrfUnit, parse_frequency_unit, parse_frf_unit
@@ -36,7 +37,6 @@ from structid.records.formats.named_channels import (
     NamedChannels,
     choose_columns,
     record_of,
-    require_no_dates,
     scale_of_times,
 )
 from structid.records.formats.options import ReadOptions, layout_words, option_words
@@ -160,9 +160,8 @@ def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
         texts = [match[1] if (match := _SECONDS.search(text)) else "00" for text in texts]
     else:
         where = f"{table.path}: line {table.header_line}, column {axis + 1} ({table.names[axis]!r})"
-        scale = scale_of_times(where, table.names[axis], table.units[axis], options)
         time = table.values[:, axis]
-        require_no_dates(where, time, scale, options)
+        scale = scale_of_times(where, table.names[axis], table.units[axis], time, options)
         if not np.isfinite(time).all():
             i = int(np.argmin(np.isfinite(time)))
             raise FileError(
@@ -476,19 +475,12 @@ def _require_meanings(table: Table, heads: Sequence[_Head], outputs: dict[str, s
         return
     role, name = next((role, of_role[0]) for role, of_role in unclear.items())
     first = next(j for j, head in enumerate(heads, 1) if name == (head.output if role == "outputs" else head.input))
-    listed = "; ".join(f"{role}: {_listed(tuple(names[role]))}" for role in unclear)
+    listed = "; ".join(f"{role}: {join_words(tuple(names[role]), _MOST_LISTED)}" for role in unclear)
     text = (
         f"cannot read {name!r} as a degree of freedom; write node, direction and sense, as in 12Z+ or 3RX-; or say what"
         f" the names of the table are ({listed}), in this order, by {option_words(**dict.fromkeys(unclear))}"
     )
     raise _column(table, first, text=text)
-
-
-def _listed(names: Sequence[str]) -> str:
-    """The first names, and how many more there are."""
-    return ", ".join(names[:_MOST_LISTED]) + (
-        f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
-    )
 
 
 def _require_name_agrees(name: str, unit: FrfUnit) -> None:

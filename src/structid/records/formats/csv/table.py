@@ -24,8 +24,8 @@ from structid.records.formats.csv.recognition import (
     is_number,
     recognise_layout,
 )
-from structid.records.formats.headers import bare_unit, factors_in_header, frequency_factor
-from structid.records.formats.options import layout_words, option_words
+from structid.records.formats.headers import bare_unit, frequency_factor, require_axis_unit
+from structid.records.formats.options import layout_words
 
 _FEW = 20
 
@@ -107,17 +107,8 @@ def _to_hertz(path: Path, name: str, unit: str, axis_unit: str) -> float | None:
         by_user = None  # it is one of times, which is judged with them
     if by_user is None:
         return by_table
-    is_known = by_table is not None and not np.isnan(by_table)
-    stated = {name: by_table} if is_known else factors_in_header(name, unit, parse_frequency_unit)
-    other = next(
-        (text for text, factor in stated.items() if factor is not None and abs(factor / by_user - 1) > 1e-9), ""
-    )
-    if other:
-        raise InputError(
-            f"{path}: column 1 ({name}) says the unit of its frequencies, but `axis_unit` {axis_unit} was given;"
-            f" {'leave it out' if is_known else f'give {option_words(axis_unit=other)}'}",
-            "axis_unit",
-        )
+    described = f"{path}: column 1 ({name}) says the unit of its frequencies"
+    require_axis_unit(described, name, unit, by_table, axis_unit, by_user, parse_frequency_unit)
     return by_user
 
 
