@@ -37,23 +37,19 @@ _TIMES = {"t", "time", "times", "timevector", "zeit"}
 _NAMES = {"channels", "channelnames", "channellabels", "dofs", "labels", "names"}
 #: Names of angular frequencies.
 _ANGULAR = re.compile(r"omegas?|\u03c9|w|om|.*rad.*", re.IGNORECASE)
+
+
+def _with_plurals(words: str) -> set[str]:
+    """The words of a text, each with its plural."""
+    return {word + end for word in words.split() for end in ("", "s")}
+
+
 #: Attributes by which stored values are to be multiplied or shifted (the CF conventions of NetCDF), in any array.
-_PACKED = {"scalefactor", "scalefactors", "addoffset", "addoffsets"}
-_FACTORS = {
-    *("scalefactor", "scalefactors", "scale", "scales", "scaling", "scalings", "scalingfactor", "scalingfactors"),
-    *("gain", "gains", "slope", "slopes", "conversion", "conversions", "multiplier", "multipliers"),
-    *(
-        "calibration",
-        "calibrations",
-        "calibrationfactor",
-        "calibrationfactors",
-        "calfactor",
-        "calfactors",
-        "calib",
-        "cal",
-    ),
-}
-_SHIFTS = {"addoffset", "addoffsets", "offset", "offsets", "intercept", "intercepts", "dcoffset", "dcoffsets"}
+_PACKED = _with_plurals("scalefactor addoffset")
+_FACTORS = {"cal", "calib"} | _with_plurals(
+    "scalefactor scale scaling scalingfactor gain slope conversion multiplier calibration calibrationfactor calfactor"
+)
+_SHIFTS = _with_plurals("addoffset offset intercept dcoffset")
 #: Names by which stored values may be multiplied or shifted, each with the value that leaves them as they are.
 _SCALES = {**dict.fromkeys(_FACTORS, 1.0), **dict.fromkeys(_SHIFTS, 0.0)}
 _SENSITIVITIES = {"sensitivity", "sensitivities", "sensorsensitivity"}
@@ -111,10 +107,10 @@ def require_agreement(
     parts, notes = _parts(array), list[str]()
     _require_name_agrees(path, array, options)
     for name, value in statements.items():
-        where = _parts(name)
-        key, is_own = _key(where, parts), "@" in name and where[:-1] == parts
         if name == array:
             continue
+        where = _parts(name)
+        key, is_own = _key(where, parts), "@" in name and where[:-1] == parts
         if key in _SCALES or key in _SENSITIVITIES:
             if is_own or np.size(value) in {1, *shape[1:], math.prod(shape[1:])}:
                 notes.append(_judge_scale(path, array, dtype, name, key, value, is_own, options))
