@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError
-from structid.fem.elements.element import ElementMatrixTerm, ElementSet, Positions, Term
+from structid.fem.elements.element import ElementMatrixTerm, ElementSet, Positions, Term, element_vectors
 from structid.fem.supports import RigidLink, Tie
 
 #: Powers of its length that a matrix of a bar or beam has.
@@ -100,7 +100,7 @@ class LengthDependence:
 
 
 def node_positions(
-    nodes: Sequence[int], elements: Sequence[ElementSet], positions: Positions, ties: Sequence[Tie] = ()
+    nodes: Sequence[int], elements: Sequence[ElementSet], positions: Positions, ties: Sequence[Tie]
 ) -> tuple[NodePosition, ...]:
     """The line and nominal position of each of the `nodes` whose position is a property, in that order, each once.
 
@@ -218,8 +218,7 @@ _WEIGHTS = _power_weights()
 
 def stretched_lengths(element: ElementSet, positions: Positions, index: int) -> LengthDependence:
     """The change of all lengths of a set by one common factor, whose index among the values of the structure is given."""
-    ends = np.array([[positions[int(n)] for n in row] for row in element.nodes])
-    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    lengths, _ = element_vectors(element.name, element.nodes, positions)
     return LengthDependence(lengths, (np.full(len(lengths), index),), (lengths,), (np.ones(len(lengths)),))
 
 
@@ -230,8 +229,7 @@ def length_dependence(
     index_of_value: Mapping[str, int],
 ) -> LengthDependence:
     """The change of lengths of a set with positions of nodes; `index_of_value` maps the name of each to the index of its value."""
-    ends = np.array([[positions[int(n)] for n in row] for row in element.nodes])
-    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    lengths, along = element_vectors(element.name, element.nodes, positions)
     moving_ends = [end for end in (0, 1) if np.isin(element.nodes[:, end], list(position_of_node)).any()]
     value_index = np.full((len(moving_ends), len(lengths)), next(iter(index_of_value.values())))
     slope, nominal = np.zeros(value_index.shape), np.zeros(value_index.shape)
@@ -239,7 +237,7 @@ def length_dependence(
         for e, node in enumerate(element.nodes[:, end].tolist()):
             if node in position_of_node:
                 node_position = position_of_node[node]
-                away = ends[e, end] - ends[e, 1 - end]
+                away = along[e] if end else -along[e]
                 value_index[k, e], nominal[k, e] = index_of_value[node_position.name], node_position.position
                 slope[k, e] = np.sign(away @ node_position.direction)
     return LengthDependence(lengths, tuple(value_index), tuple(slope), tuple(nominal))

@@ -224,21 +224,18 @@ class Structure(Shown, StructurePlots):
     @cached_property
     def _length_dependences(self) -> dict[str, LengthDependence]:
         """The change of lengths of each element set whose lengths, or positions of nodes, are properties, by name."""
-        stretched = {
-            item.element: stretched_lengths(element, self.nodes, item.values.start)
-            for item in self.properties
-            if item.term.kind == "length"
-            for element in self.elements
-            if element.name == item.element
-        }
-        if not self._node_positions:
-            return stretched
+        index_of_length = {p.element: p.values.start for p in self.properties if p.term.kind == "length"}
+        index_of_position = {p.element: p.values.start for p in self.properties if p.term.kind == "position"}
         of_node = {node_position.node: node_position for node_position in self._node_positions}
-        index_of = {p.element: p.values.start for p in self.properties if p.term.kind == "position"}
-        lines = [e for e in self.elements if e.is_line and np.isin(e.nodes, self.sliding).any()]
-        sliding = {one.name: length_dependence(one, of_node, self.nodes, index_of) for one in lines}
-        both = {name: one.followed_by(stretched[name]) for name, one in sliding.items() if name in stretched}
-        return {**stretched, **sliding, **both}
+        dependences: dict[str, LengthDependence] = {}
+        for element in self.elements:
+            if element.name in index_of_length:
+                dependences[element.name] = stretched_lengths(element, self.nodes, index_of_length[element.name])
+            if element.is_line and np.isin(element.nodes, self.sliding).any():
+                sliding = length_dependence(element, of_node, self.nodes, index_of_position)
+                stretched = dependences.get(element.name)
+                dependences[element.name] = sliding if stretched is None else sliding.followed_by(stretched)
+        return dependences
 
     @cached_property
     def _numbered(self) -> NumberedTerms:
