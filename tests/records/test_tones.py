@@ -173,7 +173,7 @@ def test_preparation_says_what_it_took_off_and_what_is_not_there():
     time = np.arange(16000) / RATE
     hum = np.outer(np.cos(2 * np.pi * 12.5 * time), [1.0, 0.5]) + np.random.default_rng(7).standard_normal((16000, 2))
     ready = prepare(record(hum, ("velocity",) * 2), Preparation(remove_tones=[12.5, 7.0]))
-    assert [tone.place for tone in ready.tones] == ["12.5 Hz"]
+    assert [tone.frequency_words for tone in ready.tones] == ["12.5 Hz"]
     assert ready.steps[1].startswith("tone at 12.5 Hz taken off: 3")
     assert any(f.kind == "tone" and "no tone stands out at 7 Hz" in f.words for f in ready.findings)
     slow = prepare(record(hum, ("velocity",) * 2), Preparation(sampling_rate=20.0, remove_tones=[12.5]))

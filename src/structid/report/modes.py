@@ -93,7 +93,7 @@ def tones_table(result: ModesResult) -> Table | None:
         most = int(tone.variance_fraction.argmax())
         rows.append(
             (
-                tone.place,
+                tone.frequency_words,
                 f"{tone.kurtosis:.2f}",
                 exact(float(f"{100 * tone.variance_fraction[most]:.3g}")),
                 str(tone.channels[most]),

@@ -98,6 +98,8 @@ class Preparation:
             raise InputError(
                 f'`remove_tones` must be a list of frequencies in Hz or "auto", got {asked!r}; write one as [50.0]'
             )
+        if not all(np.isfinite(f) and f > 0 for f in asked):
+            raise InputError(f"`remove_tones` must be greater than 0 Hz, got {list(asked)}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,24 +15,22 @@ from structid.core.errors import InputError
 from structid.records.record import TimeRecord
 
 #: Damping ratio of the least damped mode that is told from a tone.
-LEAST_DAMPING = 1e-3
+_LEAST_DAMPING = 1e-3
 #: Greatest kurtosis of a tone whose frequency wanders: between 1.5 of a tone and 3 of a mode under random forces.
 _MOST_KURTOSIS = 1.75
 _BLOCK = 200  # periods of a tone under one Hann window
 _QUARTERS = 4  # steps of a block from one window to the next
-_FEWEST = 5.0  # memories of the least damped mode that a record must hold
+_FEWEST = 5.0  # time constants of the least damped mode that a record must hold
 _RANGE = 0.006  # of a frequency, to either side of it, in which its tone is looked for
-_PROBABILITY = {True: 1e-6, False: 1e-3}  # that random motion passes for a tone looked for, or asked for
+_SEARCHED_RISK, _ASKED_RISK = 1e-6, 1e-3  # that random motion passes for a tone looked for, or asked for
 _LORENTZ = 1.6  # line at the top of a half-power bandwidth over the mean of the lines that are compared with it
 _SPLINES = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96)  # coefficients of a wandering phase that are tried
 _STANDS_OUT, _PASSES, _MOST_TONES = 12.0, 3, 40
 _MEDIAN_LINES = 64
 _MULTIPLES = (2.0, 3.0, 4.0, 5.0, 6.0, 0.5, 1.5, 1 / 3, 2 / 3)
 _DEGREES = (1, 2, 4, 8)  # of polynomials in time by which amplitudes may change
-_LEAST_SEGMENTS, _PEAK = (
-    12,
-    2.0,
-)  # of a spectrum in which bands of steady motion are looked for, and height of their peaks
+_LEAST_SEGMENTS = 12  # of a spectrum in which bands of steady motion are looked for
+_PEAK = 2.0  # height of such a band over what lies around
 _CHUNK = 1 << 17
 _DOUBTFUL = -2.0  # log probability from which on a phase is not worth refining
 
@@ -69,7 +67,7 @@ class Tone:
     kurtosis: float
 
     @property
-    def place(self) -> str:
+    def frequency_words(self) -> str:
         """Frequency of the tone in words, with its range if it wanders."""
         if not self.highest > self.lowest:
             return f"{format_number(self.frequency, 6)} Hz"
@@ -80,9 +78,7 @@ class Tone:
         """The tone in words: its frequency and its greatest part of a channel's variance."""
         most = int(self.variance_fraction.argmax())
         fraction = f"{100 * self.variance_fraction[most]:.3g} % of the variance of {self.channels[most]}"
-        return (
-            f"tone at {self.place} taken off: {fraction}{', less of other channels' if len(self.channels) > 1 else ''}"
-        )
+        return f"tone at {self.frequency_words} taken off: {fraction}{', less of other channels' if len(self.channels) > 1 else ''}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +107,14 @@ class _Phase:
     duration: float
     coefficients: FloatArray
 
+    @property
+    def wanders(self) -> bool:
+        """True where the frequency changes in the course of the record."""
+        return len(self.coefficients) > 0
+
     def spline(self, time: FloatArray, derivative: int = 0) -> FloatArray:
-        if not len(self.coefficients):
+        """Part of the phase beside 2 pi f t, rad, or a derivative of it; 0 for a steady tone."""
+        if not self.wanders:
             return np.zeros(len(time))
         from scipy.interpolate import BSpline
 
@@ -120,6 +122,7 @@ class _Phase:
         return np.asarray(curve(np.clip(time, 0, self.duration), derivative))
 
     def at(self, time: FloatArray) -> FloatArray:
+        """Phase at each time, rad."""
         return 2 * np.pi * self.frequency * time + self.spline(time)
 
     def course(self, time: FloatArray) -> FloatArray:
@@ -133,21 +136,29 @@ class _Phase:
         return replace(finer, coefficients=np.linalg.lstsq(_basis(time, finer), self.spline(time), rcond=None)[0])
 
     def multiple(self, factor: float) -> _Phase:
+        """Phase of a tone at `factor` times the frequency."""
         return _Phase(factor * self.frequency, self.duration, factor * self.coefficients)
 
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """Evidence that the motion beside a phase is one tone: log probability of random motion, kurtosis, and gain in noise lines."""
+    """Evidence that motion with a phase is one tone.
+
+    Attributes
+    ----------
+    phase : _Phase
+    log_probability : float
+        Logarithm of the probability that random motion shows as strong a line.
+    kurtosis : float
+        1.5 for a tone alone, 3 for random motion.
+    gain : float
+        Log-likelihood that the tone adds for each channel, less what its fitted numbers cost (Schwarz's criterion).
+    """
 
     phase: _Phase
     log_probability: float
     kurtosis: float
     gain: float
-
-    @property
-    def wanders(self) -> bool:
-        return len(self.phase.coefficients) > 0
 
 
 def remove_tones(record: TimeRecord, frequencies: Sequence[float] | Literal["auto"] = "auto") -> TonesRemoved:
@@ -213,7 +224,7 @@ def remove_tones(record: TimeRecord, frequencies: Sequence[float] | Literal["aut
     variance = record.values.var(axis=0)
     tones = []
     for evidence, power in sorted(search.taken, key=lambda pair: pair[0].phase.frequency):
-        course = evidence.phase.course(np.linspace(0, search.duration, 512 if evidence.wanders else 1))
+        course = evidence.phase.course(np.linspace(0, search.duration, 512 if evidence.phase.wanders else 1))
         ends = float(course.mean()), float(course.min()), float(course.max())
         whole = np.zeros(len(variance))
         whole[moving] = power
@@ -254,14 +265,14 @@ class _Search:
         refused: list[float] = []
         for _ in range(_PASSES):
             before = len(self.taken)
-            for frequency in tone_candidates(self.values, self.rate):
+            for frequency in _tone_candidates(self.values, self.rate):
                 if len(self.taken) >= _MOST_TONES:
                     return
                 if any(abs(frequency / other - 1) < _RANGE for other in refused):
                     continue
                 if self.remove(frequency, is_automatic=True):
                     refused.append(frequency)
-                elif self.taken[-1][0].wanders:
+                elif self.taken[-1][0].phase.wanders:
                     fundamental = self.taken[-1][0].phase
                     for factor in _MULTIPLES:
                         self.remove_multiple(fundamental.multiple(factor))
@@ -272,21 +283,22 @@ class _Search:
         """Take the tone near `frequency` (Hz) off and return no words, or words why there is none."""
         if not self.is_inside(frequency):
             return f"no tone is taken off at {frequency:g} Hz, which is too near to half the sampling rate"
-        if _memories(frequency, self.duration) < _FEWEST:
-            seconds = _FEWEST / _memories(frequency, 1.0)
+        if _count_time_constants(frequency, self.duration) < _FEWEST:
+            seconds = _FEWEST / _count_time_constants(frequency, 1.0)
             return (
                 f"no tone is taken off at {frequency:g} Hz: a record of {self.duration:.4g} s does not tell a tone from a mode of"
                 f" little damping there; {seconds:.3g} s would"
             )
-        limit, surely = np.log(_PROBABILITY[is_automatic]), np.log(_PROBABILITY[True])
+        surely = np.log(_SEARCHED_RISK)
+        limit = surely if is_automatic else np.log(_ASKED_RISK)
         phases = [evidence.phase for evidence, _ in self.taken]
         shared = [phase.multiple(ratio) for phase in phases for ratio in _ratios(frequency / phase.frequency)]
-        tried = [*(self.evidence(phase, 0) for phase in shared), *self.fits(frequency)]
+        tried = [*(self.evidence(phase) for phase in shared), *self.fits(frequency)]
         good = [
             part
             for part in tried
-            if part.log_probability < (surely if part.wanders else limit)
-            and (not part.wanders or part.kurtosis < _MOST_KURTOSIS)
+            if part.log_probability < (surely if part.phase.wanders else limit)
+            and (not part.phase.wanders or part.kurtosis < _MOST_KURTOSIS)
         ]
         if not good:
             kurtosis = min(tried, key=lambda part: part.log_probability).kurtosis
@@ -299,41 +311,42 @@ class _Search:
 
     def remove_multiple(self, phase: _Phase) -> None:
         """Take off a tone with the given phase where there is one."""
-        if not self.is_inside(phase.frequency) or _memories(phase.frequency, self.duration) < _FEWEST:
+        if not self.is_inside(phase.frequency) or _count_time_constants(phase.frequency, self.duration) < _FEWEST:
             return
-        evidence = self.evidence(phase, 0)
-        if evidence.log_probability < np.log(_PROBABILITY[True]):
+        evidence = self.evidence(phase)
+        if evidence.log_probability < np.log(_SEARCHED_RISK):
             self.take_off(evidence)
 
     def is_inside(self, frequency: float) -> bool:
         """True if a frequency (Hz) and its surroundings lie below half the sampling rate."""
         return (1 + 4 / _BLOCK) * frequency < self.rate / 2
 
-    def evidence(self, phase: _Phase, n_fitted: int) -> _Evidence:
-        """Evidence that there is a tone with this phase, of which `n_fitted` numbers were fitted."""
-        _, blocks = demodulated(self.values, self.rate, phase)
-        return _evidence(blocks, phase, n_fitted, self.duration, _line_noise(blocks))
+    def evidence(self, phase: _Phase) -> _Evidence:
+        """Evidence that there is a tone with this phase, of which nothing was fitted."""
+        _, blocks = _demodulated(self.values, self.rate, phase)
+        return _judge_blocks(blocks, phase, 0, _line_noise(blocks))
 
     def fits(self, frequency: float) -> list[_Evidence]:
         """Evidence of a steady tone near `frequency` (Hz), and of a tone that wanders about it."""
         start = _Phase(frequency, self.duration, np.zeros(0))
-        time, blocks = demodulated(self.values, self.rate, start)
-        frequency += np.clip(_mean_offset(time, blocks), -_RANGE * frequency, _RANGE * frequency)
+        time, blocks = _demodulated(self.values, self.rate, start)
+        frequency += np.clip(_mean_frequency_offset(time, blocks), -_RANGE * frequency, _RANGE * frequency)
         start = replace(start, frequency=frequency)
-        time, blocks = demodulated(self.values, self.rate, start)
-        track = _tracked_phase(blocks)
-        noise = np.minimum(_line_noise(blocks), _line_noise(_turned(blocks, track)))
+        time, blocks = _demodulated(self.values, self.rate, start)
+        noise = _line_noise(blocks)
+        track = _tracked_phase(blocks / np.sqrt(noise))
+        noise = np.minimum(noise, _line_noise(_turned(blocks, track)))
         offset = _strongest_line(time, blocks / np.sqrt(noise), _RANGE * frequency)
         steady = replace(start, frequency=frequency + offset)
-        tried = [_evidence(_turned(blocks, 2 * np.pi * offset * time), steady, 1, self.duration, noise)]
+        tried = [_judge_blocks(_turned(blocks, 2 * np.pi * offset * time), steady, 1, noise)]
         for n in _SPLINES:
             if n > len(time) / 2.5:
                 break
             phase = _fitted_spline(time, blocks / np.sqrt(noise), track, _Phase(frequency, self.duration, np.zeros(n)))
-            tried.append(_evidence(_turned(blocks, phase.spline(time)), phase, n, self.duration, noise))
+            tried.append(_judge_blocks(_turned(blocks, phase.spline(time)), phase, n, noise))
         best = max(tried[1:], key=lambda part: part.gain, default=tried[0])
         line, wandering = (self.improved(rough, noise) for rough in (tried[0], best))
-        while wandering.wanders and wandering.log_probability < _DOUBTFUL:
+        while wandering.phase.wanders and wandering.log_probability < _DOUBTFUL:
             more = [n for n in _SPLINES if len(wandering.phase.coefficients) < n <= len(time) / 2.5]
             if not more:
                 break
@@ -344,19 +357,19 @@ class _Search:
         return [line, wandering]
 
     def improved(self, rough: _Evidence, noise: FloatArray) -> _Evidence:
-        """Evidence with its phase refined, or as it is where that is in vain."""
+        """Evidence with its phase refined, or as it is where it is too weak (`_DOUBTFUL`)."""
         if rough.log_probability > _DOUBTFUL:
             return rough
         phase = self.refined(rough.phase)
-        _, blocks = demodulated(self.values, self.rate, phase)
-        return _evidence(blocks, phase, max(1, len(phase.coefficients)), self.duration, noise)
+        _, blocks = _demodulated(self.values, self.rate, phase)
+        return _judge_blocks(blocks, phase, max(1, len(phase.coefficients)), noise)
 
     def refined(self, phase: _Phase) -> _Phase:
         """Phase after two Gauss-Newton steps, each with the motion brought to baseband anew."""
         for _ in range(2):
-            time, blocks = demodulated(self.values, self.rate, phase)
+            time, blocks = _demodulated(self.values, self.rate, phase)
             error = _phase_error(time, blocks / np.sqrt(_line_noise(blocks)), phase)
-            if len(phase.coefficients):
+            if phase.wanders:
                 phase = replace(phase, coefficients=phase.coefficients + error)
             else:
                 phase = replace(phase, frequency=phase.frequency + error[1] / (2 * np.pi))
@@ -369,21 +382,21 @@ class _Search:
         chunks = [slice(first, first + _CHUNK) for first in range(0, len(self.values), _CHUNK)]
         gram, cross = np.zeros(()), np.zeros(())
         for chunk in chunks:
-            columns = _tone_columns(np.arange(len(self.values))[chunk] / self.rate, phase, degrees)
+            columns = _tone_columns(np.arange(*chunk.indices(len(self.values))) / self.rate, phase, degrees)
             gram, cross = gram + columns.T @ columns, cross + columns.T @ self.values[chunk]
         amplitudes = np.linalg.lstsq(gram, cross, rcond=1e-12)[0]
         power, values = np.zeros(self.values.shape[1]), np.empty_like(self.values)
         for chunk in chunks:
-            motion = _tone_columns(np.arange(len(self.values))[chunk] / self.rate, phase, degrees) @ amplitudes
+            motion = _tone_columns(np.arange(*chunk.indices(len(self.values))) / self.rate, phase, degrees) @ amplitudes
             power += (motion**2).sum(axis=0) / len(values)
             values[chunk] = self.values[chunk] - motion
         self.values = values
         self.taken.append((evidence, power))
 
 
-def _memories(frequency: float, duration: float) -> float:
-    """Memories 1 / (zeta omega) of the least damped mode at a frequency (Hz) that `duration` (s) holds."""
-    return 2 * np.pi * frequency * duration * LEAST_DAMPING
+def _count_time_constants(frequency: float, duration: float) -> float:
+    """Number of time constants 1 / (zeta omega) of a mode of `_LEAST_DAMPING` at a frequency (Hz) in `duration` (s)."""
+    return 2 * np.pi * frequency * duration * _LEAST_DAMPING
 
 
 def _ratios(ratio: float) -> list[float]:
@@ -392,7 +405,7 @@ def _ratios(ratio: float) -> list[float]:
     return sorted(near)
 
 
-def demodulated(values: FloatArray, rate: float, phase: _Phase) -> tuple[FloatArray, ComplexArray]:
+def _demodulated(values: FloatArray, rate: float, phase: _Phase) -> tuple[FloatArray, ComplexArray]:
     """Times (s) of blocks of 200 periods, and complex amplitudes of `values` beside a phase in them, (n_blocks, n_channels)."""
     n = len(values)
     hop = max(1, round(rate * _BLOCK / _QUARTERS / phase.frequency))
@@ -407,13 +420,16 @@ def demodulated(values: FloatArray, rate: float, phase: _Phase) -> tuple[FloatAr
     inside = (np.arange(n_hops * hop) < n).reshape(n_hops, hop)
     weight = (parts * inside).sum(axis=2).T[:, :, None]
     moment = (parts * (inside * time.reshape(n_hops, hop))).sum(axis=2).T[:, :, None]
-    mass = _of_windows(weight)
-    total = _of_windows(sums[:, :_QUARTERS]) + 1j * _of_windows(sums[:, _QUARTERS:])
-    return np.asarray((_of_windows(moment) / mass)[:, 0]), np.asarray(2 * total / mass)
+    mass = _sum_quarters(weight)
+    total = _sum_quarters(sums[:, :_QUARTERS]) + 1j * _sum_quarters(sums[:, _QUARTERS:])
+    return np.asarray((_sum_quarters(moment) / mass)[:, 0]), np.asarray(2 * total / mass)
 
 
-def _of_windows(quarters: FloatArray) -> FloatArray:
-    """Sums over the quarters of each window from those of each hop, (n_hops, 4, n_columns); half windows at the ends."""
+def _sum_quarters(quarters: FloatArray) -> FloatArray:
+    """Sum over each window, (n_hops + 1, n_columns), from sums over its quarters; half windows at the ends.
+
+    Each hop (n_hops, 4, n_columns) is a quarter of four windows in turn.
+    """
     n, half = len(quarters), _QUARTERS // 2
     ends = np.zeros((half, *quarters.shape[1:]))
     padded = np.concatenate([ends, quarters, ends])
@@ -421,6 +437,7 @@ def _of_windows(quarters: FloatArray) -> FloatArray:
 
 
 def _turned(blocks: ComplexArray, angle: FloatArray) -> ComplexArray:
+    """Blocks (n_blocks, n_channels) with their phase reduced by `angle` (n_blocks,), rad."""
     return np.asarray(blocks * np.exp(-1j * angle)[:, None])
 
 
@@ -433,12 +450,12 @@ def _line_noise(blocks: ComplexArray) -> FloatArray:
     return np.asarray(np.maximum(np.median(around, axis=0) / np.log(2), 1e-13 * power.sum(axis=0) + 1e-300))
 
 
-def _evidence(blocks: ComplexArray, phase: _Phase, n_fitted: int, duration: float, noise: FloatArray) -> _Evidence:
+def _judge_blocks(blocks: ComplexArray, phase: _Phase, n_fitted: int, noise: FloatArray) -> _Evidence:
     """Evidence for a tone in `blocks` whose phase was taken off, against random motion of the damping of a mode or more."""
     n = len(blocks)
     lines = np.fft.fft(blocks / np.sqrt(noise), axis=0) / np.sqrt(n)
     power = (np.abs(lines) ** 2).sum(axis=1)
-    reach = max(2, int(np.ceil(_memories(phase.frequency, duration) / 4)), n_fitted)
+    reach = max(2, int(np.ceil(_count_time_constants(phase.frequency, phase.duration) / 4)), n_fitted)
     reach = min(reach, (n - 1) // 2)
     beside = np.r_[1 : reach + 1, n - reach : n]
     count = 1 + len(beside)
@@ -455,8 +472,8 @@ def _evidence(blocks: ComplexArray, phase: _Phase, n_fitted: int, duration: floa
     return _Evidence(phase, log_probability, kurtosis, gain)
 
 
-def _mean_offset(time: FloatArray, blocks: ComplexArray) -> float:
-    """Mean frequency (Hz) of the motion in blocks, from its turn between one and the next."""
+def _mean_frequency_offset(time: FloatArray, blocks: ComplexArray) -> float:
+    """Mean frequency (Hz) of the motion in blocks beyond the one taken off, from its turn between one and the next."""
     blocks = blocks / np.sqrt(_line_noise(blocks))
     return float(np.angle(np.vdot(blocks[:-1], blocks[1:])) / (2 * np.pi * np.median(np.diff(time))))
 
@@ -471,8 +488,7 @@ def _strongest_line(time: FloatArray, blocks: ComplexArray, reach: float) -> flo
 
 
 def _tracked_phase(blocks: ComplexArray) -> FloatArray:
-    """Phase (n_blocks,) that is common to all channels, from block to block, smoothed over a few blocks."""
-    blocks = blocks / np.sqrt(_line_noise(blocks))
+    """Phase (n_blocks,) that is common to all channels of unit noise, from block to block, smoothed over a few blocks."""
     turn = (blocks[:-2].conj() * blocks[2:]).sum(axis=1)
     step = 0.5 * np.angle(_smoothed(turn))
     track = np.concatenate([[0.0], np.cumsum(np.concatenate([step[:1], 0.5 * (step[1:] + step[:-1]), step[-1:]]))])
@@ -482,6 +498,7 @@ def _tracked_phase(blocks: ComplexArray) -> FloatArray:
 
 
 def _smoothed(series: ComplexArray) -> ComplexArray:
+    """A series under a Gaussian of 1.5 blocks standard deviation."""
     weights = np.exp(-0.5 * (np.arange(-4, 5) / 1.5) ** 2)
     return np.convolve(np.pad(series, 4, mode="edge"), weights / weights.sum(), mode="valid")
 
@@ -493,7 +510,7 @@ def _knots(n: int, duration: float) -> FloatArray:
 
 def _basis(time: FloatArray, phase: _Phase) -> FloatArray:
     """Derivatives of the phase by its coefficients, or of a steady phase by its constant and its angular frequency."""
-    if not len(phase.coefficients):
+    if not phase.wanders:
         return np.stack([np.ones(len(time)), time], axis=1)
     from scipy.interpolate import BSpline
 
@@ -542,9 +559,9 @@ def _tone_columns(time: FloatArray, phase: _Phase, degrees: tuple[int, int]) -> 
 
 def _amplitude_degrees(search: _Search, phase: _Phase) -> tuple[int, int]:
     """Degrees of the polynomials in time and in frequency that pay (Schwarz's criterion)."""
-    time, blocks = demodulated(search.values, search.rate, phase)
+    time, blocks = _demodulated(search.values, search.rate, phase)
     blocks = blocks / np.sqrt(_line_noise(blocks))
-    of_frequency = (0, 1, 2, 3) if len(phase.coefficients) else (0,)
+    of_frequency = (0, 1, 2, 3) if phase.wanders else (0,)
     best, most = (0, 0), -np.inf
     for in_time in (0, *_DEGREES):
         for in_frequency in of_frequency:
@@ -558,7 +575,7 @@ def _amplitude_degrees(search: _Search, phase: _Phase) -> tuple[int, int]:
     return best
 
 
-def tone_candidates(values: FloatArray, rate: float) -> list[float]:
+def _tone_candidates(values: FloatArray, rate: float) -> list[float]:
     """Frequencies (Hz) where a tone may be, the most prominent first: sharp lines, and narrow bands of steady motion."""
     lines, height = _whitened_lines(values, rate)
     tops = 1 + np.flatnonzero(
@@ -596,23 +613,24 @@ def _steady_bands(values: FloatArray, rate: float) -> list[tuple[float, float]]:
     """Heights and frequencies (Hz) of spectral peaks in segments of some 200 periods whose power hardly changes."""
     n, peaks = len(values), []
     top = rate / 2
-    while _memories(top, n / rate) > _FEWEST:
+    while _count_time_constants(top, n / rate) > _FEWEST:
         segment = round(1.5 * _BLOCK * rate / top)
         starts = range(0, n - segment + 1, segment // 2)
-        if segment > 16 and len(starts) >= _LEAST_SEGMENTS:
-            window = np.sin(np.pi * np.arange(segment) / segment) ** 2
-            power = np.stack(
-                [np.abs(np.fft.rfft(window[:, None] * values[k : k + segment], axis=0)) ** 2 for k in starts]
-            )  # (n_segments, n_lines, n_channels)
-            lines = np.fft.rfftfreq(segment, 1 / rate)
-            level = power.mean(axis=0)
-            height = np.stack([_over_surroundings(column) for column in level.T]).mean(axis=0)
-            series = (power / np.maximum(level.mean(axis=0), 1e-300)).sum(axis=2)
-            for k in range(2, len(lines) - 2):
-                if not top / 2 <= lines[k] < top or height[k] < max(_PEAK, height[k - 1], height[k + 1]):
-                    continue
-                course = series[:, k - 1 : k + 2].sum(axis=1)
-                if 1.5 * np.mean(course**2) / np.mean(course) ** 2 < _MOST_KURTOSIS:
-                    peaks.append((float(height[k]), float(lines[k])))
+        if len(starts) < _LEAST_SEGMENTS:
+            break  # longer segments are fewer still
+        window = np.sin(np.pi * np.arange(segment) / segment) ** 2
+        power = np.stack(
+            [np.abs(np.fft.rfft(window[:, None] * values[k : k + segment], axis=0)) ** 2 for k in starts]
+        )  # (n_segments, n_lines, n_channels)
+        lines = np.fft.rfftfreq(segment, 1 / rate)
+        level = power.mean(axis=0)
+        height = np.stack([_over_surroundings(column) for column in level.T]).mean(axis=0)
+        series = (power / np.maximum(level.mean(axis=0), 1e-300)).sum(axis=2)
+        for k in np.flatnonzero((lines[:-2] >= top / 2) & (lines[:-2] < top)):
+            if height[k] < max(_PEAK, height[k - 1], height[k + 1]):
+                continue
+            course = series[:, k - 1 : k + 2].sum(axis=1)
+            if 1.5 * np.mean(course**2) / np.mean(course) ** 2 < _MOST_KURTOSIS:
+                peaks.append((float(height[k]), float(lines[k])))
         top /= 2
     return peaks
