@@ -158,8 +158,7 @@ class InstrumentalFit:
             If motion cannot be simulated with these parameters.
         """
         n_times, n = self.motion.n_times, self.equations.n_dofs
-        fields = self.equations.fields(self.motion)
-        regressors, right = dense_rows(self.equations, fields)
+        regressors, right = dense_rows(self.equations, self.equations.fields(self.motion))
         with np.errstate(over="ignore", invalid="ignore"):
             readings = self.model.readings(values, self.force, self.initial, n_times)
         if not np.isfinite(readings).all():
@@ -169,13 +168,12 @@ class InstrumentalFit:
         if self.initial is not None:
             instruments[0] = 0.0  # it starts from the noisy state of this sample
         weight = self._whitening(values, right - regressors @ values)
-        _, force = dense_rows(self.equations, np.concatenate([np.zeros((3 * n, n_times)), fields[3 * n :]]))
         return whitened_rows(
             self.equations.unknown,
             weight @ regressors,
             right @ weight.T,
             np.asarray(weight @ instruments),
-            force @ weight.T,
+            self.motion.force @ weight.T,
         )
 
     def rows_with(self, unknown: Parameters, values: FloatArray) -> WhitenedRows:
@@ -353,4 +351,4 @@ def _no_rows(unknown: Parameters) -> WhitenedRows:
 def _plain_rows(fit: InstrumentalFit) -> WhitenedRows:
     """The equations as they are, with the noisy regressors in place of instruments."""
     regressors, right = dense_rows(fit.equations, fit.equations.fields(fit.motion))
-    return whitened_rows(fit.equations.unknown, regressors, right, regressors, right)
+    return whitened_rows(fit.equations.unknown, regressors, right, regressors, fit.motion.force)

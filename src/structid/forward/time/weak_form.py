@@ -134,7 +134,6 @@ class WeakForm:
             return np.asarray(linalg.solve_triangular(factor, scaled, lower=True))
 
         wide, single = whitened(regressors), whitened(right)[:, 0]
-        _, force = dense_rows(self.equations, np.concatenate([np.zeros((3 * n, self.n_windows)), self.fields[3 * n :]]))
         weighted = linalg.solve_triangular(factor, single - wide @ values, lower=True, trans="T") / size
         noise = self.noise(values, -weighted.reshape(self.n_windows, n))
         instruments, _ = dense_rows(self.equations, self.fields - noise)
@@ -144,7 +143,7 @@ class WeakForm:
             wide,
             single.reshape(shape),
             whitened(instruments),
-            whitened(force)[:, 0].reshape(shape),
+            whitened(self.fields[3 * n :].T)[:, 0].reshape(shape),
         )
 
     def rows_with(self, unknown: Parameters, values: FloatArray) -> WhitenedRows:
