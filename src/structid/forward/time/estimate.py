@@ -40,7 +40,8 @@ class WhitenedRows(Problem):
     labels : DataRows
         Instant (or window), and twice the degree of freedom, of each row.
     force : (n_rows,) float array
-        Measured force in the rows, which `right` holds beside what is known of the structure.
+        Measured force in the rows, which `right` holds beside what is known of the structure. The derivative of the residual by a
+        relative error of the calibration is its negative.
     """
 
     parameters: Parameters
@@ -52,6 +53,7 @@ class WhitenedRows(Problem):
 
     @property
     def rows(self) -> DataRows:
+        """Labels of the rows."""
         return self.labels
 
     @property
@@ -63,6 +65,7 @@ class WhitenedRows(Problem):
         return self.regressors @ theta - self.right
 
     def linearize(self, theta: FloatArray) -> Linearization:
+        """Residual, with the instruments in place of the Jacobian."""
         return Linearization(self.residual(theta), self.instruments)
 
     @cached_property
@@ -85,9 +88,9 @@ class WhitenedRows(Problem):
 
     def solution(self) -> FloatArray | None:
         """Instrumental-variables solution (n_params,): residual orthogonal to all instruments; None if not unique."""
-        return None if self._system is None else self.solved(self.right)
+        return None if self._system is None else self.solve_for(self.right)
 
-    def solved(self, right: FloatArray) -> FloatArray:
+    def solve_for(self, right: FloatArray) -> FloatArray:
         """(Z'B)^-1 Z' of right-hand sides (n_rows, ...), with the instruments Z; NaN where rows determine too little."""
         if self._system is None:
             return np.full((len(self.parameters.names), *right.shape[1:]), np.nan)
@@ -123,7 +126,7 @@ class FixedRows:
 
     def influence(self, rows: WhitenedRows, values: FloatArray) -> FixedValueInfluence:
         """Change of the solution with each of them: K = -(Z'B)^-1 Z'B_h with the instruments Z; none of them is asked for."""
-        slope = -rows.solved(self.regressors)
+        slope = -rows.solve_for(self.regressors)
         nothing = np.zeros(len(self.names))
         return FixedValueInfluence(
             self.names, self.kinds, self.tolerance, slope, nothing, values, np.zeros(len(values))
@@ -165,7 +168,7 @@ def fixed_rows(
     tolerances : Tolerances
     values : (n_params,) float array
     rows_with : callable
-        The equations with other unknowns, at values of these.
+        Gives the rows for other unknowns, weighted at their `values`.
     """
     is_nonlinear = nonlinear_values(structure)
     properties = fixed_properties(structure, unknown, tolerances)
@@ -185,10 +188,17 @@ def fixed_rows(
     )
 
 
-def whitened_rows(
+def stack_rows(
     unknown: Parameters, regressors: FloatArray, right: FloatArray, instruments: FloatArray, force: FloatArray
 ) -> WhitenedRows:
-    """Stacked, scaled regression rows with instruments, as `WhitenedRows`."""
+    """Scaled regression rows of all instants (or windows), one under another, with their instruments.
+
+    Parameters
+    ----------
+    unknown : Parameters
+    regressors, instruments : (n_times, n_dofs, n_params) or (n_times n_dofs, n_params) float arrays
+    right, force : (n_times, n_dofs) float arrays
+    """
     lines, series = np.divmod(np.arange(right.size), right.shape[1])
     flat = (right.size, unknown.n_params)
     labels = DataRows(lines, 2 * series)
