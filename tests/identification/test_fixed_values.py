@@ -14,7 +14,7 @@ from scipy.linalg import eigh
 import structid as sid
 from structid.diagnose.verdict import judged
 from structid.forward.fixed_values import with_fixed_values
-from structid.identification.joint_problem import taken_as_exact
+from structid.identification.joint_problem import taken_as_exact, tolerances_clause
 from structid.inversion.fixed_values import FIXED
 from structid.modal import ModalRecord
 from structid.modal.modal_record import independent_errors
@@ -279,6 +279,20 @@ def test_values_that_a_method_does_not_carry_are_named():
     assert taken_as_exact(twice, TOLERANCES, names) == taken_as_exact(twice, EXACT, left_out) == ""
     assert taken_as_exact(twice, TOLERANCES, left_out) == (
         "fixed mass[m2], stiffness[k4] taken as exact, without the tolerance"
+    )
+    index = [names.index(name) for name in left_out]
+    fixed = found.estimate.fixed
+    part = replace(
+        fixed,
+        names=left_out,
+        kinds=tuple(fixed.kinds[i] for i in index),
+        tolerance=fixed.tolerance[index],
+        slope=fixed.slope[:, index],
+    )
+    assert tolerances_clause(fixed, twice, TOLERANCES) == f"± includes {fixed.words}" == found.assumption
+    assert tolerances_clause(part, twice, None) == f"± includes {part.words}"
+    assert tolerances_clause(part, twice, TOLERANCES) == (
+        f"± includes {part.words}; fixed mass[m2], stiffness[k4] taken as exact, without the tolerance"
     )
 
 

@@ -20,7 +20,9 @@ from structid.cli import app as cli
 from structid.core.errors import InputError
 from structid.identification import search
 from structid.inversion.fixed_values import FixedValueInfluence
+from structid.inversion.posterior_draws import solved_influence
 from structid.inversion.search import matrix_free
+from structid.study.run import check
 from structid.study.run.check import check_study
 from structid.study.run.checkpoint import checkpoint_folder
 from structid.study.run.run import is_matrix_free, run_study
@@ -195,6 +197,22 @@ def test_check_predicts_without_a_jacobian(plate):
     assert "50 parameters, of which the data determine about" in done.output
     assert "not at all" not in done.output
     assert "± includes 1 % of fixed" in done.output
+
+
+def test_check_says_which_fixed_values_it_takes_as_exact(plate, monkeypatch):
+    folder, *_ = plate
+    lost = []
+
+    def unsolved(problem, theta, at, fixed, precondition=None):
+        lost.append(fixed.names[0])
+        return solved_influence(problem, theta, at, fixed.only(range(1, len(fixed.names))), precondition)
+
+    monkeypatch.setattr(check, "solved_influence", unsolved)
+    found = check_study(load_study(folder / "study.toml"))
+    assert found.fixed.names
+    assert found.assumption == (
+        f"± includes {found.fixed.words}; fixed {lost[0]} taken as exact, without the tolerance"
+    )
 
 
 @pytest.mark.long

@@ -20,7 +20,7 @@ from structid.identification.fits.ratios import Ratios
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import Resonance
 from structid.identification.fits.truncation import Truncation
-from structid.identification.joint_problem import indices_of, taken_as_exact
+from structid.identification.joint_problem import indices_of, tolerances_clause
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import AppliedRegularization
 from structid.identification.setups.setup import AnySetup
@@ -204,8 +204,7 @@ class Identification(Shown, IdentificationPlots):
         """A clause on the errors of fixed values that the standard deviations include."""
         fixed = self.estimate.fixed
         if fixed is not None:
-            exact = "" if self.options is None else taken_as_exact(self.problems, self.options.tolerances, fixed.names)
-            return "; ".join(words for words in (f"± includes {fixed.words}", exact) if words)
+            return tolerances_clause(fixed, self.problems, None if self.options is None else self.options.tolerances)
         can_tell = self.estimate.uncertainty.has_matrix
         return "± takes what the model holds as exact" + (
             "" if can_tell else ": this search does not tell what it changes"

@@ -30,6 +30,7 @@ from structid.inversion.intervals.intervals import intervals
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
+from structid.unknowns.named_unknowns import begun_at
 
 __all__ = ["Identification", "IdentifyOptions", "Setup", "identify", "identify_together"]
 
@@ -207,8 +208,7 @@ def _own(problem: RecordProblem, found: Estimate) -> Own:
     place = indices_of(found.names, problem.names)
     values, theta = found.values[place], found.theta[place]
     if found.parameters.slope is None:
-        start, ranges = problem.physical(problem.theta_start), problem.unknowns.transforms
-        theta = ranges.free(np.where((values > ranges.lower) & (values < ranges.upper), values, start))
+        theta = begun_at(problem.unknowns, dict(zip(found.names, found.values.tolist(), strict=True))).theta_start
     return Own(theta, values, found.initial[place])
 
 

@@ -16,6 +16,7 @@ from structid.forward.scatter import ScatterProblem, scatter_problems
 from structid.identification.setups.setup import AnySetup, titles
 from structid.identification.varying import varying
 from structid.inversion import JointProblem, Problem
+from structid.inversion.fixed_values import FixedValueInfluence
 from structid.inversion.problem import ContinuationPath, Schedule
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.unknowns.named_unknowns import N, NamedUnknowns
@@ -38,11 +39,11 @@ def joint_schedules(problems: Sequence[RecordProblem]) -> Sequence[Schedule]:
     if len(parts) == 1:
         return problems[0].schedules()
     schedules = [part.schedules() if isinstance(part, RecordProblem) else () for part in parts]
-    join_unknowns = []
+    joint = []
     for number in range(max(map(len, schedules))):
         chosen = [every[min(number, len(every) - 1)] if every else () for every in schedules]
-        join_unknowns.append(tuple(_joint_stage(parts, chosen, k) for k in range(max(map(len, chosen)))))
-    return tuple(join_unknowns)
+        joint.append(tuple(_joint_stage(parts, chosen, k) for k in range(max(map(len, chosen)))))
+    return tuple(joint)
 
 
 def joint_paths(problems: Sequence[RecordProblem]) -> Sequence[ContinuationPath]:
@@ -174,6 +175,14 @@ def taken_as_exact(problems: Sequence[RecordProblem], tolerances: Tolerances, ca
         if item.label not in carried
     )
     return f"fixed {join_words(list(labels))} taken as exact, without the tolerance" if labels else ""
+
+
+def tolerances_clause(
+    influence: FixedValueInfluence, problems: Sequence[RecordProblem], tolerances: Tolerances | None
+) -> str:
+    """A clause on the tolerances that standard deviations include, and on what they take as exact where `tolerances` are known."""
+    exact = "" if tolerances is None else taken_as_exact(problems, tolerances, influence.names)
+    return f"± includes {influence.words}" + (f"; {exact}" if exact else "")
 
 
 def fixed_values(freed: Sequence[RecordProblem]) -> FixedValues | None:

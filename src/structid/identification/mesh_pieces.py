@@ -22,7 +22,10 @@ MOVED, _AIMED = 0.2, 0.1
 #: Power of a piece's length that errors of beams go with, most pieces, and degrees of freedom of the finest model that is solved.
 _ORDER, _MOST_PIECES, _MOST_DOFS = 4, 32, 3000
 #: How the warnings of an identification on its mesh begin: of values that it moves, of modes, of pieces that were not enough.
-MESH_WARNINGS = ("the mesh moves ", "the values carry an error of the mesh", '`subdivide = "auto"`')
+MESH_MOVES = "the mesh moves"
+MESH_ERROR = "the values carry an error of the mesh"
+SUBDIVIDE_AUTO = '`subdivide = "auto"`'
+MESH_WARNINGS = (MESH_MOVES, MESH_ERROR, SUBDIVIDE_AUTO)
 
 
 @dataclass(frozen=True)
@@ -61,8 +64,8 @@ class MeshPieces:
         if not self.moved >= MOVED:
             return ""
         return (
-            f"the mesh moves {self.name} by {self.moved:.2g} standard deviations, which its interval does not include:"
-            f' write `subdivide = "auto"`, or {self.needed} for {self.count}'
+            f"{MESH_MOVES} {self.name} by {self.moved:.2g} standard deviations, which its interval does not include:"
+            f" write {SUBDIVIDE_AUTO}, or {self.needed} for {self.count}"
         )
 
     @property

@@ -646,17 +646,18 @@ def estimate(
         n_values=(n_values := problem.n_data - best.linearization.n_eliminated),
         test_freedom=n_values - uncertainty.taken if np.isfinite(uncertainty.taken) else np.inf,
     )
+    courses = tuple(
+        StageCourse(stage.name, locked(np.array([problem.physical(t) for t in stage.history])), locked(stage.costs))
+        for stage in (*best.stages, StageCourse("final", best.history, best.costs))
+    )
     searches = SearchRecord(
         n_iterations=n_iterations,
         n_starts=len(minima),
         n_agreeing=answers[0].n_searches if answers else 0,
-        history=locked(np.array([problem.physical(t) for t in best.history])),
+        history=courses[-1].history,
         answers=answers,
         is_exhaustive=found.is_complete,
-        stages=tuple(
-            StageCourse(stage.name, locked(np.array([problem.physical(t) for t in stage.history])), locked(stage.costs))
-            for stage in (*best.stages, StageCourse("final", best.history, best.costs))
-        ),
+        stages=courses,
     )
     return Estimate(
         parameters=parameters,

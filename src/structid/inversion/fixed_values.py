@@ -162,7 +162,7 @@ class FitWithinTolerances:
         return self.misfits_law(probability, *chi_square_law(self.problem, self.theta, self.at))
 
     def misfits_law(self, probability: float, scale: float, freedom: float) -> bool:
-        """Copy for a chi-square that is `scale` times that of `freedom` degrees of freedom; see `chi_square_law`."""
+        """`misfits` for a chi-square that is `scale` times that of `freedom` degrees of freedom; see `chi_square_law`."""
         if np.abs(self.asked).max() > limit_of(len(self.asked), probability):
             return True
         more = float(self.asked @ self.asked)
@@ -199,15 +199,15 @@ class FixedColumns:
 
     def only(self, kept: Sequence[int]) -> FixedColumns:
         """The values at positions `kept` alone; the others are exact."""
-        if len(kept) == len(self.names):
-            return self
         index, within = list(kept), self.within
-        return FixedColumns(
-            tuple(self.names[i] for i in index),
-            tuple(self.kinds[i] for i in index),
-            self.tolerance[index],
-            self.columns[:, index],
-            None if within is None else replace(within, asked=within.asked[index]),
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in index),
+            kinds=tuple(self.kinds[i] for i in index),
+            tolerance=self.tolerance[index],
+            columns=self.columns[:, index],
+            within=None if within is None else replace(within, asked=within.asked[index]),
+            refit=None,
         )
 
     def influence(self, theta: FloatArray, at: Linearization, slope: FloatArray) -> FixedValueInfluence:

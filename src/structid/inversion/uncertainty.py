@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -207,7 +208,7 @@ class Spread:
         """The one that `covariance_basis` names."""
         return self.noise if self.covariance_basis == "noise" else self.model_error
 
-    @property
+    @cached_property
     def uncertainty(self) -> Covariance:
         """Covariance of the parameters from the data with the tolerances of fixed values added."""
         data = self.of_data
@@ -318,9 +319,11 @@ def dense_uncertainty(
     held = at_bounds(problem, theta, at, noise_scale)
     free = is_free(held, len(values))
     at = replace(at, jacobian=np.where(free, at.jacobian, 0.0)) if held else at
-    tested = agreement(problem, at)
-    if within is not None and isinstance(within.at, Linearization):
-        tested = agreement(within.problem, within.at)
+    tested = (
+        agreement(within.problem, within.at)
+        if within is not None and isinstance(within.at, Linearization)
+        else agreement(problem, at)
+    )
     disagreement = None if tested is None or tested.probability >= misfit_probability else tested
     is_doubted = misfit or disagreement is not None
     noise = DenseCovariance(noise_covariance(problem, theta, at) * np.outer(slope, slope))

@@ -133,7 +133,7 @@ class NamedUnknowns:
 
 
 def begun_at(unknowns: N, values: Mapping[str, float]) -> N:
-    """Copy that starts at the `values` values of its names, where these lie in their range."""
+    """A copy that starts at the `values` of its names, where these lie in their range."""
     start = np.array([values.get(name, own) for name, own in zip(unknowns.names, unknowns.start, strict=True)])
     inside = (start > unknowns.transforms.lower) & (start < unknowns.transforms.upper)
     return unknowns.started_at(np.where(inside, start, unknowns.start))

@@ -215,7 +215,7 @@ def joint_prior(
         All parameters, in order.
     own_names : tuple of str
         Names of the parameters that the prior is about.
-    mean, covariance : (n_known,), (n_known, n_known) float arrays
+    mean, covariance : (n_own,), (n_own, n_own) float arrays
         Physical units.
     logarithmic : bool
         True if the logarithms are Gaussian, with means log(mean) and covariance C_ij / (mean_i mean_j).
@@ -227,7 +227,7 @@ def joint_prior(
     """
     missing = [label for label in own_names if label not in names]
     if missing:
-        raise InputError(f"`known` must name parameters, got {missing[0]!r}; they are {', '.join(names)}")
+        raise InputError(f"`own_names` must name parameters, got {missing[0]!r}; they are {', '.join(names)}")
     require_shape("covariance", covariance, (len(own_names), len(own_names)))
     require_finite("covariance", covariance, "a parameter that was not determined cannot be carried; leave it out")
     if logarithmic:

@@ -26,6 +26,7 @@ from structid.study.schema.root import InputFiles, read_study_text
 from structid.study.schema.section import Section
 from structid.study.schema.unknowns import read_parameters
 from structid.unknowns import Parameters, joint_prior
+from structid.unknowns.named_unknowns import begun_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,14 +262,10 @@ def carried(baseline: Identified, later: Parameters, unchanged: Sequence[str]) -
     InputError
         If the baseline does not determine one of them.
     """
-    index_of = {name: i for i, name in enumerate(baseline.names)}
-    start = np.array(
-        [baseline.values[index_of[n]] if n in index_of else later.start[i] for i, n in enumerate(later.names)]
-    )
-    inside = (start > later.transforms.lower) & (start < later.transforms.upper)
-    later = later.started_at(np.where(inside, start, later.start))
+    later = begun_at(later, dict(zip(baseline.names, baseline.values.tolist(), strict=True)))
     if not unchanged:
         return later
+    index_of = {name: i for i, name in enumerate(baseline.names)}
     rows = [index_of[name] for name in unchanged]
     return later.coupled(
         joint_prior(

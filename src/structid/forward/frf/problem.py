@@ -330,10 +330,12 @@ class FrfProblem(RecordProblem):
         at = response_products(self.model, physical[:n], whitening, stored_bytes)
         values = at.values * factor
         columns = np.zeros((2 * values.size, 0))
+        jacobian = None if at.jacobian is None else at.jacobian * of_structure
         if self.channels is not None:
             relative = values[..., None] * self.channels.log_slopes(physical[n:], laplace)
             changes = whitened.whitening(values).rows(relative)
             columns = stack_real(changes.reshape(values.size, -1)) * of_channels
+            jacobian = None if jacobian is None else np.hstack([jacobian, columns])
         residual, prior = self.prior_rows(theta)
         return OperatorLinearization(
             residual=np.concatenate([stack_real(whitened.residual(values).ravel()), residual]),
@@ -342,7 +344,7 @@ class FrfProblem(RecordProblem):
             data_squares=np.concatenate([of_structure**2 * at.squares, (columns**2).sum(axis=0)]),
             prior=prior,
             words=at.words,
-            jacobian=None if at.jacobian is None else np.hstack([at.jacobian * of_structure, columns]),
+            jacobian=jacobian,
         )
 
     def schedules(self) -> tuple[FrfSchedule, ...]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import special
 
 from structid.core.arrays import FloatArray, locked
 from structid.fem import Structure
@@ -17,8 +16,9 @@ from structid.forward.sensitive import nonlinear_values
 from structid.inversion import DataRows, DenseCovariance, Estimate, FreeUnknowns, Linearization, Problem, Status
 from structid.inversion.covariance import correlation_length, inverse_information, model_error_covariance
 from structid.inversion.diagnostics.identifiability import identifiability
+from structid.inversion.diagnostics.residual_tests import is_misfit
 from structid.inversion.estimate import Goodness, ParameterValues, SearchRecord
-from structid.inversion.fixed_values import FixedValueInfluence, limit_of
+from structid.inversion.fixed_values import FitWithinTolerances, FixedColumns, FixedValueInfluence
 from structid.inversion.uncertainty import Spread
 from structid.unknowns import Parameters
 from structid.unknowns.tolerances import Tolerances, fixed_properties
@@ -40,7 +40,8 @@ class WhitenedRows(Problem):
     labels : DataRows
         Instant (or window), and twice the degree of freedom, of each row.
     force : (n_rows,) float array
-        Measured force in the rows, which `right` holds beside what is known of the structure.
+        Measured force in the rows, which `right` holds beside what is known of the structure. The derivative of the residual by a
+        relative error of the calibration is its negative.
     """
 
     parameters: Parameters
@@ -52,6 +53,7 @@ class WhitenedRows(Problem):
 
     @property
     def rows(self) -> DataRows:
+        """Labels of the rows."""
         return self.labels
 
     @property
@@ -63,6 +65,7 @@ class WhitenedRows(Problem):
         return self.regressors @ theta - self.right
 
     def linearize(self, theta: FloatArray) -> Linearization:
+        """Residual, with the instruments in place of the Jacobian."""
         return Linearization(self.residual(theta), self.instruments)
 
     @cached_property
@@ -85,9 +88,9 @@ class WhitenedRows(Problem):
 
     def solution(self) -> FloatArray | None:
         """Instrumental-variables solution (n_params,): residual orthogonal to all instruments; None if not unique."""
-        return None if self._system is None else self.solved(self.right)
+        return None if self._system is None else self.solve_for(self.right)
 
-    def solved(self, right: FloatArray) -> FloatArray:
+    def solve_for(self, right: FloatArray) -> FloatArray:
         """(Z'B)^-1 Z' of right-hand sides (n_rows, ...), with the instruments Z; NaN where rows determine too little."""
         if self._system is None:
             return np.full((len(self.parameters.names), *right.shape[1:]), np.nan)
@@ -109,42 +112,36 @@ class FixedRows:
 
     Attributes
     ----------
-    names, kinds : tuple of str
-    tolerance : (n_fixed,) float array
-    regressors, instruments : (n_rows, n_fixed) float arrays
-        Derivative of the whitened rows with respect to each relative error, and that part of it that is free of noise.
+    fixed : FixedColumns
+        With the derivative of the whitened rows with respect to each relative error.
+    instruments : (n_rows, n_fixed) float array
+        The part of that derivative that is free of noise.
     """
 
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
-    tolerance: FloatArray
-    regressors: FloatArray
+    fixed: FixedColumns
     instruments: FloatArray
 
     def influence(self, rows: WhitenedRows, values: FloatArray) -> FixedValueInfluence:
         """Change of the solution with each of them: K = -(Z'B)^-1 Z'B_h with the instruments Z; none of them is asked for."""
-        slope = -rows.solved(self.regressors)
-        nothing = np.zeros(len(self.names))
-        return FixedValueInfluence(
-            self.names, self.kinds, self.tolerance, slope, nothing, values, np.zeros(len(values))
-        )
+        return self.fixed.influence_by(values, -rows.solve_for(self.fixed.columns), np.ones(len(values)))
 
-    def influence_within_tolerances(self, rows: WhitenedRows, values: FloatArray) -> tuple[FixedValueInfluence, float]:
-        """Influence of fixed values, each free within its tolerance, with the pull of the rows and the sum of squares there."""
-        n, n_fixed = len(values), len(self.names)
+    def refit(self, rows: WhitenedRows) -> FitWithinTolerances | None:
+        """Solution with each of them free within its tolerance, and counted in tolerances; None if not unique.
+
+        The rows of its problem still name the parameters alone as their unknowns.
+        """
+        tolerance, n, n_fixed = self.fixed.tolerance, rows.parameters.n_params, len(self.fixed.names)
         stated = np.hstack([np.zeros((n_fixed, n)), np.eye(n_fixed)])
         together = replace(
             rows,
-            regressors=np.vstack([np.hstack([rows.regressors, self.regressors * self.tolerance]), stated]),
-            instruments=np.vstack([np.hstack([rows.instruments, self.instruments * self.tolerance]), stated]),
+            regressors=np.vstack([np.hstack([rows.regressors, self.fixed.columns * tolerance]), stated]),
+            instruments=np.vstack([np.hstack([rows.instruments, self.instruments * tolerance]), stated]),
             right=np.concatenate([rows.right, np.zeros(n_fixed)]),
         )
         solution = together.solution()
         if solution is None:
-            residual = rows.residual(values)
-            return self.influence(rows, values), float(residual @ residual)
-        residual = together.residual(solution)
-        return replace(self.influence(rows, values), asked=solution[n:], theta=solution[:n]), float(residual @ residual)
+            return None
+        return FitWithinTolerances(together, solution, together.linearize(solution), solution[n:], solution[:n])
 
 
 def fixed_rows(
@@ -165,7 +162,7 @@ def fixed_rows(
     tolerances : Tolerances
     values : (n_params,) float array
     rows_with : callable
-        The equations with other unknowns, at values of these.
+        Gives the rows for other unknowns, weighted at their `values`.
     """
     is_nonlinear = nonlinear_values(structure)
     properties = fixed_properties(structure, unknown, tolerances)
@@ -176,19 +173,27 @@ def fixed_rows(
     rows = rows_with(freed, np.concatenate([values, np.ones(len(properties))]))
     n, has_gain = unknown.n_params, tolerances.calibration > 0
     gain = -rows.force[:, None] if has_gain else np.zeros((rows.n_data, 0))
-    return FixedRows(
-        (*(item.label for item in properties), *(["calibration[record]"] if has_gain else [])),
-        (*(item.kind for item in properties), *(["gain"] if has_gain else [])),
-        np.array([*(item.tolerance for item in properties), *([tolerances.calibration] if has_gain else [])]),
-        np.hstack([rows.regressors[:, n:], gain]),
-        np.hstack([rows.instruments[:, n:], gain]),
+    fixed = FixedColumns(
+        names=(*(item.label for item in properties), *(["calibration[record]"] if has_gain else [])),
+        kinds=(*(item.kind for item in properties), *(["gain"] if has_gain else [])),
+        tolerance=np.array([*(item.tolerance for item in properties), *([tolerances.calibration] if has_gain else [])]),
+        columns=np.hstack([rows.regressors[:, n:], gain]),
+        within=None,
     )
+    return FixedRows(fixed, np.hstack([rows.instruments[:, n:], gain]))
 
 
-def whitened_rows(
+def stack_rows(
     unknown: Parameters, regressors: FloatArray, right: FloatArray, instruments: FloatArray, force: FloatArray
 ) -> WhitenedRows:
-    """Stacked, scaled regression rows with instruments, as `WhitenedRows`."""
+    """Scaled regression rows of all instants (or windows), one under another, with their instruments.
+
+    Parameters
+    ----------
+    unknown : Parameters
+    regressors, instruments : (n_times, n_dofs, n_params) or (n_times n_dofs, n_params) float arrays
+    right, force : (n_times, n_dofs) float arrays
+    """
     lines, series = np.divmod(np.arange(right.size), right.shape[1])
     flat = (right.size, unknown.n_params)
     labels = DataRows(lines, 2 * series)
@@ -231,17 +236,16 @@ def linear_estimate(
     found = np.full(n_params, np.nan) if values is None else values
     residual = rows.residual(found) if determined else np.full(rows.n_data, np.nan)
     chi_square, freedom = float(residual @ residual), max(rows.n_data - n_params, 0)
-    misfit = (
-        bool(freedom and special.gammaincc(freedom / 2, chi_square / 2) < misfit_probability) if determined else False
-    )
+    misfit = determined and freedom > 0 and is_misfit(chi_square, freedom, misfit_probability)
     blank = np.full((n_params, n_params), np.nan)
     noise = rows.covariance() if determined else blank
     model = model_error_covariance(rows, rows.linearize(found)) if determined else blank
     influence, least = None if fixed is None or not determined else fixed.influence(rows, found), float("nan")
     if fixed is not None and influence is not None and misfit and known_noise:
-        influence, least = fixed.influence_within_tolerances(rows, found)
-        beyond = special.gammaincc(freedom / 2, least / 2) < misfit_probability
-        misfit = bool(beyond or np.abs(influence.asked).max() > limit_of(len(influence.names), misfit_probability))
+        within, least = fixed.refit(rows), chi_square
+        if within is not None:
+            misfit, least = within.misfits_law(misfit_probability, 1.0, freedom), within.chi_square
+            influence = replace(influence, asked=within.asked, theta=within.parameters)
     basis = "model_error" if misfit or not known_noise else "noise"
     adopted = np.sqrt(np.diag(model if basis == "model_error" else noise))
     identified = adopted <= np.abs(found)

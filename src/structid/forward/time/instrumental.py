@@ -28,7 +28,7 @@ from structid.fem import Structure
 from structid.forward.motion.equations import TimeEquations, time_equations
 from structid.forward.motion.fit import identify_motion
 from structid.forward.motion.motion import MOTION_QUANTITIES, Motion, field_map, recorded_motion
-from structid.forward.time.estimate import WhitenedRows, dense_rows, fixed_rows, linear_estimate, whitened_rows
+from structid.forward.time.estimate import WhitenedRows, dense_rows, fixed_rows, linear_estimate, stack_rows
 from structid.forward.time.model import TimeModel
 from structid.forward.time.options import TimeOptions
 from structid.forward.time.output_error import declared_variance, time_model
@@ -158,8 +158,7 @@ class InstrumentalFit:
             If motion cannot be simulated with these parameters.
         """
         n_times, n = self.motion.n_times, self.equations.n_dofs
-        fields = self.equations.fields(self.motion)
-        regressors, right = dense_rows(self.equations, fields)
+        regressors, right = dense_rows(self.equations, self.equations.fields(self.motion))
         with np.errstate(over="ignore", invalid="ignore"):
             readings = self.model.readings(values, self.force, self.initial, n_times)
         if not np.isfinite(readings).all():
@@ -169,13 +168,12 @@ class InstrumentalFit:
         if self.initial is not None:
             instruments[0] = 0.0  # it starts from the noisy state of this sample
         weight = self._whitening(values, right - regressors @ values)
-        _, force = dense_rows(self.equations, np.concatenate([np.zeros((3 * n, n_times)), fields[3 * n :]]))
-        return whitened_rows(
+        return stack_rows(
             self.equations.unknown,
             weight @ regressors,
             right @ weight.T,
             np.asarray(weight @ instruments),
-            force @ weight.T,
+            self.motion.force @ weight.T,
         )
 
     def rows_with(self, unknown: Parameters, values: FloatArray) -> WhitenedRows:
@@ -266,7 +264,7 @@ def identified_by_instruments(
         message = "the samples do not determine the parameters"
     rows, known, fixed = end.rows or _plain_rows(fit), fit.noise is not None, None
     if end.values is not None and end.rows is not None:
-        fixed = fixed_rows(structure, unknown, options.tolerances, end.place, fit.rows_with)
+        fixed = fixed_rows(structure, unknown, options.tolerances, end.at, fit.rows_with)
     return linear_estimate(
         rows, end.values, end.history, end.converged, message, known, options.misfit_probability, len(ends), fixed
     )
@@ -274,12 +272,12 @@ def identified_by_instruments(
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """End of the iteration from one start; `rows`, made at the values `place`, is None where motion cannot be simulated there."""
+    """End of the iteration from one start; `rows`, made at the values `at`, is None where motion cannot be simulated there."""
 
     values: FloatArray | None
     converged: bool
     rows: WhitenedRows | None
-    place: FloatArray
+    at: FloatArray
     history: list[FloatArray]
 
     @property
@@ -313,44 +311,44 @@ def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, st
     """Instrumental fit from `size` samples and parameters `values` on, samples doubling up to all of them."""
     history = [values]
     while size < fit.motion.n_times:
-        stage, *_ = _iterated(fit.first(size), values, _STEPS_A_STAGE, history, steps)
+        stage = _iterated(fit.first(size), values, _STEPS_A_STAGE, history, steps).values
         values = values if stage is None else stage
         size *= 2
-    return _End(*_iterated(fit, values, most, history, steps), history)
+    return _iterated(fit, values, most, history, steps)
 
 
 def _iterated(
     fit: InstrumentalFit, values: FloatArray, most: int, history: list[FloatArray], steps: InstrumentalSteps
-) -> tuple[FloatArray | None, bool, WhitenedRows | None, FloatArray]:
-    """Parameters after at most `most` iterations, True if converged, and the rows of the last iteration with their parameters.
+) -> _End:
+    """End after at most `most` iterations from `values`, with the rows of the last one; solutions are appended to `history`.
 
     Solutions that swing to and fro are halved in between.
     """
     converged, last, before = False, None, values
     for _ in range(most):
-        at = steps.taken(fit, values)
-        if at.outcome == UNSTABLE:
-            return None, False, None, values
-        if at.outcome == UNDETERMINED:
-            return None, False, at.rows or fit.rows(values), values
-        history.append(at.solution)
-        step = (at.solution - values) / at.deviation
+        taken = steps.taken(fit, values)
+        if taken.outcome == UNSTABLE:
+            return _End(None, False, None, values, history)
+        if taken.outcome == UNDETERMINED:
+            return _End(None, False, taken.rows or fit.rows(values), values, history)
+        history.append(taken.solution)
+        step = (taken.solution - values) / taken.deviation
         swings = last is not None and float(step @ last) < -0.5 * float(last @ last)
         before, last = values, step
-        values = 0.5 * (values + at.solution) if swings else at.solution
+        values = 0.5 * (values + taken.solution) if swings else taken.solution
         if np.abs(step).max(initial=0.0) < _TOLERANCE:
             converged = True
             break
-    return values, converged, at.rows or fit.rows(before), before
+    return _End(values, converged, taken.rows or fit.rows(before), before, history)
 
 
 def _no_rows(unknown: Parameters) -> WhitenedRows:
     """Empty rows of the parameters, which then keep their values."""
     none = np.zeros((0, 1, unknown.n_params))
-    return whitened_rows(unknown, none, np.zeros((0, 1)), none, np.zeros((0, 1)))
+    return stack_rows(unknown, none, np.zeros((0, 1)), none, np.zeros((0, 1)))
 
 
 def _plain_rows(fit: InstrumentalFit) -> WhitenedRows:
     """The equations as they are, with the noisy regressors in place of instruments."""
     regressors, right = dense_rows(fit.equations, fit.equations.fields(fit.motion))
-    return whitened_rows(fit.equations.unknown, regressors, right, regressors, right)
+    return stack_rows(fit.equations.unknown, regressors, right, regressors, fit.motion.force)

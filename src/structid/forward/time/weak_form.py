@@ -29,7 +29,7 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward.motion.equations import TimeEquations, time_equations
-from structid.forward.time.estimate import WhitenedRows, dense_rows, fixed_rows, linear_estimate, whitened_rows
+from structid.forward.time.estimate import WhitenedRows, dense_rows, fixed_rows, linear_estimate, stack_rows
 from structid.forward.time.model import require_viscous
 from structid.forward.time.options import TimeOptions
 from structid.forward.time.output_error import declared_variance
@@ -134,17 +134,16 @@ class WeakForm:
             return np.asarray(linalg.solve_triangular(factor, scaled, lower=True))
 
         wide, single = whitened(regressors), whitened(right)[:, 0]
-        _, force = dense_rows(self.equations, np.concatenate([np.zeros((3 * n, self.n_windows)), self.fields[3 * n :]]))
         weighted = linalg.solve_triangular(factor, single - wide @ values, lower=True, trans="T") / size
         noise = self.noise(values, -weighted.reshape(self.n_windows, n))
         instruments, _ = dense_rows(self.equations, self.fields - noise)
         shape = self.n_windows, n
-        return whitened_rows(
+        return stack_rows(
             self.equations.unknown,
             wide,
             single.reshape(shape),
             whitened(instruments),
-            whitened(force)[:, 0].reshape(shape),
+            whitened(self.fields[3 * n :].T)[:, 0].reshape(shape),
         )
 
     def rows_with(self, unknown: Parameters, values: FloatArray) -> WhitenedRows:

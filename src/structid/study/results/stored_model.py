@@ -116,11 +116,8 @@ def stored_model(folder: Path, study: Study) -> IdentifiedModel:
     covariance = np.asarray(stored[f"covariance_{texts_of(stored['covariance_basis'])[0]}"], dtype=float)
     fixed, changes, words = None, None, "± takes what the model holds as exact"
     if all(name in stored for name in _FIXED):
-        tolerances = [
-            *np.asarray(stored["fixed_tolerances"], dtype=float).tolist(),
-            0.0,
-        ]  # of the second order, which is last
-        fixed = dict(zip(texts_of(stored["fixed_names"]), tolerances, strict=True))
+        tolerances = np.append(np.asarray(stored["fixed_tolerances"], dtype=float), 0.0)  # the second order is last
+        fixed = dict(zip(texts_of(stored["fixed_names"]), tolerances.tolist(), strict=True))
         changes = np.asarray(stored["fixed_changes"], dtype=float)[index]
         words = "± includes the tolerances of fixed values"
     values, spread = np.asarray(stored["values"], dtype=float)[index], covariance[np.ix_(index, index)]

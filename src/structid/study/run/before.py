@@ -14,6 +14,7 @@ from structid.diagnose.checks.mesh import MeshErrors, mesh_errors
 from structid.dynamics import Modes
 from structid.forward import ModalProblem, RecordProblem
 from structid.identification.fits.resonances import LEAST_DAMPING
+from structid.identification.mesh_pieces import MESH_ERROR
 from structid.identification.setups.setup import AnySetup
 from structid.inversion.averaging import expected_square
 from structid.records import FrfRecord, TimeRecord
@@ -126,7 +127,7 @@ def mesh_warnings(
         if isinstance(problem, ModalProblem) and setup.structure.n_dofs <= _SMALL:
             errors = checked_mesh(setup, problem, theta_of_record)
             messages.append("" if isinstance(errors, str) else errors.words)
-    return tuple(f"the values carry an error of the mesh: {words}" for words in dict.fromkeys(messages) if words)
+    return tuple(f"{MESH_ERROR}: {words}" for words in dict.fromkeys(messages) if words)
 
 
 def _resonances(comparison: InitialComparison, modes: Modes) -> tuple[ResonanceCheck, ...]:

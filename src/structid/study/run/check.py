@@ -22,7 +22,7 @@ from structid.identification.joint_problem import (
     freed_problems,
     indices_of,
     joint_problem,
-    taken_as_exact,
+    tolerances_clause,
 )
 from structid.identification.regularizing import coupled, unit_penalties
 from structid.identification.setups.setup import AnySetup, prefixes
@@ -266,9 +266,8 @@ def _predict_by_jacobian(ready: Start) -> Predicted:
     covariance, assumption, influence = of_data, "", None
     if fixed is not None:
         influence = fixed.sensitivities_at(problem.names, theta).influence(theta, linearization, problem.slope(theta))
-        covariance, assumption = DenseCovariance(of_data.matrix + influence.covariance), f"± includes {influence.words}"
-        exact = taken_as_exact(ready.problems, ready.study.options.tolerances, influence.names)
-        assumption += f"; {exact}" if exact else ""
+        covariance = DenseCovariance(of_data.matrix + influence.covariance)
+        assumption = tolerances_clause(influence, ready.problems, ready.study.options.tolerances)
     relative = relative_jacobian(problem, theta, linearization)
     identified_directions = identifiability(relative, problem.physical(theta), problem.names)
     identified = of_data.std <= problem.unknowns.sizes(problem.physical(theta))
@@ -311,7 +310,8 @@ def _predict_by_draws(ready: Start) -> Predicted:
         influence, unsolved = solved_influence(problem, theta, linearization, columns)
         words += [unsolved] if unsolved else []
     if influence is not None:
-        covariance, assumption = of_data.with_changes(influence.changes), f"± includes {influence.words}"
+        covariance = of_data.with_changes(influence.changes)
+        assumption = tolerances_clause(influence, ready.problems, ready.study.options.tolerances)
     rank = Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ())
     return Predicted(problem, _start(problem, ready), covariance, rank, tuple(words), of_data, assumption, influence)
 

@@ -10,7 +10,7 @@ from structid.core.errors import NoAnswerError, SingularModelError
 from structid.forward import ModalProblem
 from structid.identification.identify import identify_together
 from structid.identification.joint_problem import indices_of
-from structid.identification.mesh_pieces import MeshPieces, judge_pieces
+from structid.identification.mesh_pieces import SUBDIVIDE_AUTO, MeshPieces, judge_pieces
 from structid.identification.search import chosen_method
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.study.results.result import StudyResult, provenance
@@ -89,7 +89,7 @@ def refine_mesh(
     if not mesh.is_enough and not mesh.obstacle:
         mesh = replace(mesh, obstacle="no more pieces are tried")
     found = result.identification
-    warnings = found.warnings if mesh.is_enough else (f'`subdivide = "auto"`: {mesh.words}', *found.warnings)
+    warnings = found.warnings if mesh.is_enough else (f"{SUBDIVIDE_AUTO}: {mesh.words}", *found.warnings)
     return replace(ready, mesh=mesh), replace(result, identification=replace(found, mesh=mesh.words, warnings=warnings))
 
 

@@ -17,7 +17,7 @@ from structid.fem.elements.solver_model import SolverModel
 from structid.forward import RecordProblem, ResponseCache
 from structid.identification.checks import require_sound_model
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
-from structid.identification.mesh_pieces import MeshPieces
+from structid.identification.mesh_pieces import SUBDIVIDE_AUTO, MeshPieces
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.modal import ModalSetup
 from structid.identification.setups.setup import AnySetup, Prepared, prefixes, prepared_warnings, titles
@@ -98,7 +98,7 @@ def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPi
     with study.root.located():
         same = harmonize_shared_parameters([ready.problem for ready in prepared], titles(setups))
         joint_problem(same)
-    warnings = [f'`subdivide = "auto"`: {mesh.words}'] if mesh is not None and mesh.obstacle else []
+    warnings = [f"{SUBDIVIDE_AUTO}: {mesh.words}"] if mesh is not None and mesh.obstacle else []
     return Start(study, setups, same, (*warnings, *prepared_warnings(setups, prepared)), comparisons, mesh)
 
 
