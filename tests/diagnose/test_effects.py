@@ -292,6 +292,16 @@ def test_an_element_whose_stiffness_is_one_parameter_differs_as_a_whole(tmp_path
     assert found[1].effect(fields, np.array([0.4]))[0] == pytest.approx(own, rel=1e-6, abs=1e-9 * np.abs(own).max())
 
 
+def test_degrees_of_freedom_move_where_they_follow_free_ones(trial):
+    fields = receptances_at(trial.views[0].problem, trial.views[0].problem.theta_start)
+    codes = np.unique(np.concatenate([one.codes for one in fields.elements(("stiffness",))]))
+    following = fields.reached(codes).any(axis=1)
+    assert set(following) == {False, True}
+    assert [fields.moves(codes[k : k + 1]) for k in range(len(codes))] == following.tolist()
+    assert fields.moves(codes)
+    assert not fields.moves(np.append(codes[~following], 10**9))
+
+
 def test_cables_exchanged_and_sensors_turned_read_as_their_studies(trial):
     """The misfit of a study that calls channels otherwise is that of the responses read the other way."""
     _, chosen = some_candidates(trial)

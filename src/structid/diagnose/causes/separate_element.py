@@ -184,7 +184,7 @@ def stiff_parts(receptances: Receptances, moved: Sequence[Moved]) -> list[Moved]
     return [
         (one, moved_by)
         for one, moved_by in moved
-        if one.kind == "stiffness" and one.matrix.any() and receptances.reached(one.codes).any()
+        if one.kind == "stiffness" and one.matrix.any() and receptances.moves(one.codes)
     ]
 
 
