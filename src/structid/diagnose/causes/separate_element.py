@@ -13,7 +13,7 @@ from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.display import join_words
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.places import MOST_ELEMENTS, Factored, factored, moved_elements, spread, summed
-from structid.diagnose.effects import all_directions, effect_of_addition, effect_of_coupling
+from structid.diagnose.effects import all_directions, effect_of_addition
 from structid.diagnose.model_edits import Edits, SeparateElement, rounded
 from structid.diagnose.receptances import ElementMatrix, Receptances
 from structid.diagnose.tested_model import TestedModel
@@ -37,30 +37,61 @@ class Share(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class DifferingElement(Candidate):
-    """An element whose stiffness, mass or stiffnesses are not those of its group; the strength is a part of what it has.
+class Differing(Candidate):
+    """An element, mount or set that is not like its group; the strength is a part of what it has.
 
-    The springs between the same two nodes, or one and the ground, are one mount, which differs as one element does. The
-    look takes one factor on all stiffnesses; a fit has a factor for each that is an unknown of its own, since a factor is one
-    on the initial value of the study and other elements have left theirs. Held ones have one together.
+    The look takes one factor on all stiffnesses; a fit has a factor for each that is an unknown of its own, since a factor is
+    one on the initial value of the study and the others of the group have left theirs. Held ones have one together.
 
     Attributes
     ----------
     shares : tuple of Share
         What differs.
     matrices : tuple of Factored
-        That of the element, or one for each spring of a mount.
+        The matrix of what differs, or one for each spring of a mount.
     is_whole : bool
         Whether all its stiffnesses differ.
+    """
+
+    bounds: tuple[float, float] = (-1.0, np.inf)
+    shares: tuple[Share, ...]
+    matrices: tuple[Factored, ...] = field(default=(), repr=False)
+    is_whole: bool = False
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        directions = all_directions([one.directions for one in self.matrices])
+        laws = np.stack([one.law(receptances) for one in self.matrices], axis=-1)
+        return effect_of_addition(receptances, directions, laws, strengths)
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        return [_separation(model, one, rounded(1 + strength)) for one in self.shares]
+
+    @property
+    def handicap(self) -> float:
+        return AS_A_WHOLE if self.is_whole else 0.0
+
+    @property
+    def key(self) -> Hashable:
+        return self.place, self.shares
+
+    @property
+    def family(self) -> str:
+        return f"whole {self.kind}" if self.is_whole else super().family
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DifferingElement(Differing):
+    """An element whose stiffness, mass or stiffnesses are not those of its group.
+
+    The springs between the same two nodes, or one and the ground, are one mount, which differs as one element does.
+
+    Attributes
+    ----------
     nodes : tuple of int
         Those of a mount.
     """
 
     kind: ClassVar[str] = "untied"
-    bounds: tuple[float, float] = (-1.0, np.inf)
-    shares: tuple[Share, ...]
-    matrices: tuple[Factored, ...] = field(default=(), repr=False)
-    is_whole: bool = False
     nodes: tuple[int, ...] = ()
 
     @classmethod
@@ -101,28 +132,9 @@ class DifferingElement(Candidate):
                 shares = shares_of(group, _label)
                 yield cls(where=labels, strengths=PARTS, shares=shares, matrices=matrices, is_whole=True, nodes=nodes)
 
-    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        directions = all_directions([one.directions for one in self.matrices])
-        laws = [one.law(receptances) for one in self.matrices]
-        if len(laws) == 1:
-            return effect_of_addition(receptances, directions, laws[0], strengths)
-        law = np.stack(laws, axis=-1)[:, :, None] * np.eye(len(laws))
-        return effect_of_coupling(receptances, directions, strengths[:, None, None, None] * law)
-
-    def edits(self, model: TestedModel, strength: float) -> Edits:
-        return separations(model, self.shares, strength)
-
-    @property
-    def handicap(self) -> float:
-        return AS_A_WHOLE if self.is_whole else 0.0
-
     @property
     def place(self) -> tuple[str, tuple[str, ...]]:
         return f"{self.kind} {self._what}", self.where
-
-    @property
-    def key(self) -> Hashable:
-        return self.place, self.shares
 
     @property
     def _what(self) -> str:
@@ -136,11 +148,6 @@ class DifferingElement(Candidate):
         if self.is_whole:
             return f"{self.where[0]} differs from its group in all its stiffnesses"
         return f"the {self._what} of {self.where[0]} is not that of its group"
-
-
-def separations(model: TestedModel, shares: Sequence[Share], strength: float) -> Edits:
-    """The edits that give elements (``girder:2``) or sets factors on what differs, started at 1 + strength."""
-    return [_separation(model, share, rounded(1 + strength)) for share in shares]
 
 
 def _separation(model: TestedModel, share: Share, start: float) -> SeparateElement:

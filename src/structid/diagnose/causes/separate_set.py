@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from structid.core.arrays import ComplexArray, FloatArray
 from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.places import MOST_ELEMENTS, Factored, factored, moved_elements, spread, summed
+from structid.diagnose.causes.places import MOST_ELEMENTS, factored, moved_elements, spread, summed
 from structid.diagnose.causes.separate_element import (
-    AS_A_WHOLE,
     PARTS,
+    Differing,
     Share,
-    separations,
     several_stiffnesses,
     shares_of,
     stiff_parts,
 )
-from structid.diagnose.effects import effect_of_addition
-from structid.diagnose.model_edits import Edits
 from structid.diagnose.receptances import ElementMatrix, Receptances
-from structid.diagnose.tested_model import TestedModel
 from structid.fem import Spring
 
 #: Degrees of freedom of a set, and in how many ways it may move to be tried as a whole.
@@ -31,15 +24,11 @@ _MOST_CODES, _MOST_WAYS = 300, 60
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class DifferingSet(Candidate):
-    """A whole set whose property, or whose stiffnesses, are not those of its group; the strength is a part of what it has."""
+class DifferingSet(Differing):
+    """A whole set whose property, or whose stiffnesses, are not those of its group."""
 
     kind: ClassVar[str] = "untied set"
     result_kind: ClassVar[str] = "untied"
-    bounds: tuple[float, float] = (-1.0, np.inf)
-    shares: tuple[Share, ...]
-    matrix: Factored | None = field(default=None, repr=False)
-    is_whole: bool = False
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
@@ -71,22 +60,8 @@ class DifferingSet(Candidate):
         """A candidate for what a matrix of a set changes, where that is not too large."""
         matrix = factored(first, one, _MOST_WAYS) if len(one.codes) <= _MOST_CODES else None
         if matrix is not None:
-            yield cls(where=(one.element,), strengths=PARTS, shares=shares, matrix=matrix, is_whole=is_whole)
-
-    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        assert self.matrix is not None
-        return effect_of_addition(receptances, self.matrix.directions, self.matrix.law(receptances), strengths)
-
-    def edits(self, model: TestedModel, strength: float) -> Edits:
-        return separations(model, self.shares, strength)
-
-    @property
-    def handicap(self) -> float:
-        return AS_A_WHOLE if self.is_whole else 0.0
-
-    @property
-    def key(self) -> Hashable:
-        return self.place, self.shares
+            where = (one.element,)
+            yield cls(where=where, strengths=PARTS, shares=shares, matrices=(matrix,), is_whole=is_whole)
 
     def sentence(self, value: float | None) -> str:
         if self.is_whole and len(self.shares) == 1:  # all of them are held
