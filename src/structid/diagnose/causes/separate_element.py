@@ -111,6 +111,7 @@ class DifferingElement(Differing):
         mounts = _mounts(first.structure)
 
         def unit_of(one: ElementMatrix) -> Hashable:
+            """The nodes of the mount that a spring belongs to; otherwise the element itself."""
             return mounts.get((one.element, one.number), (one.element, one.number))
 
         stiff = stiff_parts(first, moved)
@@ -119,7 +120,7 @@ class DifferingElement(Differing):
             units.setdefault(one.element, set()).add(unit_of(one))
         whole_groups = [
             group
-            for group in several_stiffnesses(stiff, unit_of, lambda one: (one.element, one.number) in mounts)
+            for group in groups_of_stiffnesses(stiff, unit_of, _label)
             if any(moved_by for _, moved_by in group) or all(len(units[one.element]) > 1 for one, _ in group)
         ]
         for group in spread(whole_groups, MOST_ELEMENTS):
@@ -195,14 +196,15 @@ def stiff_parts(receptances: Receptances, moved: Sequence[Moved]) -> list[Moved]
     ]
 
 
-def several_stiffnesses(
+def groups_of_stiffnesses(
     stiff: Sequence[Moved],
     unit_of: Callable[[ElementMatrix], Hashable],
-    is_spring: Callable[[ElementMatrix], bool],
+    label: Callable[[ElementMatrix], str],
 ) -> Iterator[list[Moved]]:
-    """Stiffness matrices of each unit, such as an element, that has several which differ by themselves, none with its own unknown.
+    """Groups of stiffness matrices, one for each element, set or mount (`unit_of`), that can change in two ways or more.
 
-    One held stiffness does not count, springs apart: that of a bent beam along its axis hardly matters.
+    Units with a parameter of their own are left out. One fixed stiffness does not count, but for springs of a mount, which
+    have a label each: that of a bent beam along its axis hardly matters.
     """
     groups: dict[Hashable, list[Moved]] = {}
     moving: dict[int, set[Hashable]] = {}
@@ -211,14 +213,11 @@ def several_stiffnesses(
         for number in moved_by:
             moving.setdefault(number, set()).add(unit_of(one))
     for group in groups.values():
-        springs = [is_spring(one) for one, _ in group]
-        ways = {
-            (one.element, one.number if spring else 0, moved_by or one.property)
-            for (one, moved_by), spring in zip(group, springs, strict=True)
-        }
-        has_held = not all(moved_by for _, moved_by in group) and not all(springs)
+        labels = {label(one) for one, _ in group}
+        ways = {(label(one), moved_by or one.property) for one, moved_by in group}
+        has_fixed = len(labels) == 1 and not all(moved_by for _, moved_by in group)
         movers = {number for _, moved_by in group for number in moved_by}
-        if len(ways) - has_held > 1 and all(len(moving[number]) > 1 for number in movers):
+        if len(ways) - has_fixed > 1 and all(len(moving[number]) > 1 for number in movers):
             yield group
 
 

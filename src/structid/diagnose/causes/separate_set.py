@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import ClassVar
 
 from structid.diagnose.causes.candidate import Candidate
@@ -12,7 +13,7 @@ from structid.diagnose.causes.separate_element import (
     PARTS,
     Differing,
     Share,
-    several_stiffnesses,
+    groups_of_stiffnesses,
     shares_of,
     stiff_parts,
 )
@@ -21,6 +22,8 @@ from structid.fem import Spring
 
 #: Degrees of freedom of a set, and in how many ways it may move to be tried as a whole.
 _MOST_CODES, _MOST_WAYS = 300, 60
+
+_set_of = attrgetter("element")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -46,11 +49,11 @@ class DifferingSet(Differing):
         stiff = [pair for pair in stiff_parts(first, moved) if pair[0].element not in springs]
         wholes = [
             group
-            for group in several_stiffnesses(stiff, lambda one: one.element, lambda one: False)
+            for group in groups_of_stiffnesses(stiff, _set_of, _set_of)
             if len({one.number for one, _ in group}) > 1 or not any(moved_by for _, moved_by in group)
         ]
         for group in spread(wholes, MOST_ELEMENTS):
-            shares = shares_of(group, lambda one: one.element)
+            shares = shares_of(group, _set_of)
             yield from cls._of_matrix(first, summed([one for one, _ in group]), shares, is_whole=True)
 
     @classmethod
