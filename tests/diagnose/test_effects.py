@@ -285,7 +285,9 @@ def test_an_element_whose_stiffness_is_one_parameter_differs_as_a_whole(tmp_path
     found = [
         one for one in candidates([fields]) if one.place[0] == "untied stiffness" and one.where[0].startswith("girder")
     ]
-    assert [(one.where, one.shares[0].property) for one in found] == [((f"girder:{k}",), "stiffness") for k in (1, 2)]
+    assert [(one.where, one.properties[0].property) for one in found] == [
+        ((f"girder:{k}",), "stiffness") for k in (1, 2)
+    ]
     [problem] = trial.changed(found[1], 0.4).problems
     lines = np.searchsorted(base.frequency, fields.problem.frequency)
     own = problem.with_lines(np.arange(len(base.frequency))).predicted(problem.theta_start)[lines] - fields.frf

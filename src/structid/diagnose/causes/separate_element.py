@@ -28,8 +28,8 @@ AS_A_WHOLE = 0.25
 Moved: TypeAlias = tuple[ElementMatrix, tuple[int, ...]]
 
 
-class Share(NamedTuple):
-    """One property of one element that differs, by a factor of its own or, in `follows`, by that of another parameter."""
+class DifferingProperty(NamedTuple):
+    """One property of an element or set that differs, by a factor of its own or, in `follows`, by that of another parameter."""
 
     element: str
     property: str
@@ -41,11 +41,12 @@ class Differing(Candidate):
     """An element, mount or set that is not like its group; the strength is a part of what it has.
 
     The look takes one factor on all stiffnesses; a fit has a factor for each that is an unknown of its own, since a factor is
-    one on the initial value of the study and the others of the group have left theirs. Held ones have one together.
+    one on the initial value of the study and the others of the group have left theirs. Those that the study fixes have one
+    together.
 
     Attributes
     ----------
-    shares : tuple of Share
+    properties : tuple of DifferingProperty
         What differs.
     matrices : tuple of Factored
         The matrix of what differs, or one for each spring of a mount.
@@ -54,7 +55,7 @@ class Differing(Candidate):
     """
 
     bounds: tuple[float, float] = (-1.0, np.inf)
-    shares: tuple[Share, ...]
+    properties: tuple[DifferingProperty, ...]
     matrices: tuple[Factored, ...] = field(default=(), repr=False)
     is_whole: bool = False
 
@@ -64,7 +65,7 @@ class Differing(Candidate):
         return effect_of_addition(receptances, directions, laws, strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        return [_separation(model, one, rounded(1 + strength)) for one in self.shares]
+        return [_separation(model, one, rounded(1 + strength)) for one in self.properties]
 
     @property
     def handicap(self) -> float:
@@ -72,7 +73,7 @@ class Differing(Candidate):
 
     @property
     def key(self) -> Hashable:
-        return self.place, self.shares
+        return self.place, self.properties
 
     @property
     def family(self) -> str:
@@ -105,9 +106,8 @@ class DifferingElement(Differing):
         for one in spread(several, 2 * MOST_ELEMENTS):
             matrix = factored(first, one)
             if matrix is not None:
-                where = _label(one)
-                share = Share(where, one.property)
-                yield cls(where=(where,), strengths=PARTS, shares=(share,), matrices=(matrix,))
+                what = DifferingProperty(_label(one), one.property)
+                yield cls(where=(what.element,), strengths=PARTS, properties=(what,), matrices=(matrix,))
         mounts = _mounts(first.structure)
 
         def unit_of(one: ElementMatrix) -> Hashable:
@@ -130,15 +130,17 @@ class DifferingElement(Differing):
             matrices = tuple(matrix for matrix in made if matrix is not None)
             if matrices:
                 labels = tuple(dict.fromkeys(map(_label, parts)))
-                shares = shares_of(group, _label)
-                yield cls(where=labels, strengths=PARTS, shares=shares, matrices=matrices, is_whole=True, nodes=nodes)
+                properties = differing_properties(group, _label)
+                yield cls(
+                    where=labels, strengths=PARTS, properties=properties, matrices=matrices, is_whole=True, nodes=nodes
+                )
 
     @property
     def place(self) -> tuple[str, tuple[str, ...]]:
-        return f"{self.kind} {self._what}", self.where
+        return f"{self.kind} {self._kind_of_matrix}", self.where
 
     @property
-    def _what(self) -> str:
+    def _kind_of_matrix(self) -> str:
         return self.matrices[0].kind if self.matrices else "stiffness"
 
     def sentence(self, value: float | None) -> str:
@@ -148,11 +150,12 @@ class DifferingElement(Differing):
             return f"all springs {ends} differ from their groups: {join_words(self.where)}"
         if self.is_whole:
             return f"{self.where[0]} differs from its group in all its stiffnesses"
-        return f"the {self._what} of {self.where[0]} is not that of its group"
+        return f"the {self._kind_of_matrix} of {self.where[0]} is not that of its group"
 
 
-def _separation(model: TestedModel, share: Share, start: float) -> SeparateElement:
-    where, prop, follows = share
+def _separation(model: TestedModel, differing: DifferingProperty, start: float) -> SeparateElement:
+    """The edit for one property; it needs the nominal values of all sets that have it and the number of elements of the set."""
+    where, prop, follows = differing
     nominal: dict[str, tuple[float, ...]] = {}
     count = 1
     for setup in model.setups:
@@ -221,17 +224,19 @@ def groups_of_stiffnesses(
             yield group
 
 
-def shares_of(group: Sequence[Moved], label: Callable[[ElementMatrix], str]) -> tuple[Share, ...]:
-    """Properties of a unit by its labels, with one factor for those that the same parameters move, and one for all held ones."""
+def differing_properties(
+    group: Sequence[Moved], label: Callable[[ElementMatrix], str]
+) -> tuple[DifferingProperty, ...]:
+    """Properties of a unit by its labels, with one factor for those that the same parameters move, and one for all fixed ones."""
     if not any(moved_by for _, moved_by in group) and len({label(one) for one, _ in group}) == 1:
-        return (Share(label(group[0][0]), "stiffness"),)
-    shares = dict[tuple[str, str], Share]()
+        return (DifferingProperty(label(group[0][0]), "stiffness"),)
+    found = dict[tuple[str, str], DifferingProperty]()
     leaders = dict[tuple[int, ...], str]()
     for one, moved_by in sorted(group, key=lambda pair: not pair[1]):
-        if (label(one), one.property) in shares:
+        if (label(one), one.property) in found:
             continue
         follows = leaders.get(moved_by)
-        shares[label(one), one.property] = Share(label(one), one.property, follows)
+        found[label(one), one.property] = DifferingProperty(label(one), one.property, follows)
         if follows is None:
             leaders[moved_by] = f"{one.property}[{label(one)}]"
-    return tuple(shares.values())
+    return tuple(found.values())

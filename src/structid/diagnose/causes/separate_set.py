@@ -12,9 +12,9 @@ from structid.diagnose.causes.places import MOST_ELEMENTS, factored, moved_eleme
 from structid.diagnose.causes.separate_element import (
     PARTS,
     Differing,
-    Share,
+    DifferingProperty,
+    differing_properties,
     groups_of_stiffnesses,
-    shares_of,
     stiff_parts,
 )
 from structid.diagnose.receptances import ElementMatrix, Receptances
@@ -44,7 +44,7 @@ class DifferingSet(Differing):
                 groups.setdefault((one.kind, moved_by), {}).setdefault(one.element, []).append(one)
         tied = [summed(items) for sets in groups.values() if len(sets) > 1 for items in sets.values()]
         for one in spread(tied, MOST_ELEMENTS):
-            yield from cls._of_matrix(first, one, (Share(one.element, one.property),), is_whole=False)
+            yield from cls._of_matrix(first, one, (DifferingProperty(one.element, one.property),), is_whole=False)
         springs = {element.name for element in first.structure.elements if isinstance(element, Spring)}
         stiff = [pair for pair in stiff_parts(first, moved) if pair[0].element not in springs]
         wholes = [
@@ -53,22 +53,22 @@ class DifferingSet(Differing):
             if len({one.number for one, _ in group}) > 1 or not any(moved_by for _, moved_by in group)
         ]
         for group in spread(wholes, MOST_ELEMENTS):
-            shares = shares_of(group, _set_of)
-            yield from cls._of_matrix(first, summed([one for one, _ in group]), shares, is_whole=True)
+            properties = differing_properties(group, _set_of)
+            yield from cls._of_matrix(first, summed([one for one, _ in group]), properties, is_whole=True)
 
     @classmethod
     def _of_matrix(
-        cls, first: Receptances, one: ElementMatrix, shares: tuple[Share, ...], is_whole: bool
+        cls, first: Receptances, one: ElementMatrix, properties: tuple[DifferingProperty, ...], is_whole: bool
     ) -> Iterator[Candidate]:
         """A candidate for what a matrix of a set changes, where that is not too large."""
         matrix = factored(first, one, _MOST_WAYS) if len(one.codes) <= _MOST_CODES else None
         if matrix is not None:
             where = (one.element,)
-            yield cls(where=where, strengths=PARTS, shares=shares, matrices=(matrix,), is_whole=is_whole)
+            yield cls(where=where, strengths=PARTS, properties=properties, matrices=(matrix,), is_whole=is_whole)
 
     def sentence(self, value: float | None) -> str:
-        if self.is_whole and len(self.shares) == 1:  # all of them are held
+        if self.is_whole and len(self.properties) == 1:  # the study fixes all of them
             return f"the stiffnesses of all of {self.where[0]}, which the study fixes, are off by one factor"
         if self.is_whole:
             return f"all of {self.where[0]} differs from its group in all its stiffnesses"
-        return f"the {self.shares[0].property.replace('_', ' ')} of all of {self.where[0]} is not that of its group"
+        return f"the {self.properties[0].property.replace('_', ' ')} of all of {self.where[0]} is not that of its group"
