@@ -602,7 +602,7 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     """The explanation from refitted changes: the causes among them, and those that may be the truth."""
     scale = _scale(base, fits)
-    fits = [one for one in fits if not _has_simpler(base, one, fits, scale)]
+    fits = [one for one in fits if not _is_no_cause_of_its_own(base, one, fits, scale)]
     priced = sorted(
         ((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1] + pair[0].cause.handicap
     )
@@ -614,7 +614,7 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     return Explanation(base, tuple(one for one, _ in causes), tuple(c for _, c in causes), tried, likely)
 
 
-def _has_simpler(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
+def _is_no_cause_of_its_own(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
     """True where a local resonance is the mass or spring that it has as a limit, or fits no better than it.
 
     One that is heavier than the structure is never a cause: it stands for something that no change which was tried is.
