@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from test_causes_elsewhere import beam
 from test_kindred_causes import SPACE, written_in_space
 
 import structid as sid
@@ -71,18 +72,14 @@ def beam_matrices(length, mass, stiffnesses, polar):
     """Mass and stiffness matrices (12, 12) of a beam along local x: its axis, its torsion and its two planes, by the textbook."""
     along_z, along_y, axial, torsion = stiffnesses
     stretch, share = np.array([[1, -1], [-1, 1]]) / length, np.array([[2, 1], [1, 2]]) * length / 6
-    h = length
-    bend = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2],
-                     [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]) / h**3  # fmt: skip
-    heavy = np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
-                      [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]]) * h / 420  # fmt: skip
+    heavy, bend = beam(1.0, mass, length, 1)
     sign = np.diag([1, -1, 1, -1])
     m, k = np.zeros((12, 12)), np.zeros((12, 12))
     for rows, elastic, inertial in (
         ([0, 6], axial * stretch, mass * share),
         ([3, 9], torsion * stretch, polar * share),
-        ([1, 5, 7, 11], along_y * bend, mass * heavy),
-        ([2, 4, 8, 10], along_z * sign @ bend @ sign, mass * sign @ heavy @ sign),
+        ([1, 5, 7, 11], along_y * bend, heavy),
+        ([2, 4, 8, 10], along_z * sign @ bend @ sign, sign @ heavy @ sign),
     ):
         k[np.ix_(rows, rows)] += elastic
         m[np.ix_(rows, rows)] += inertial
