@@ -285,11 +285,23 @@ def test_an_element_whose_stiffness_is_one_parameter_differs_as_a_whole(tmp_path
     found = [
         one for one in candidates([fields]) if one.place[0] == "untied stiffness" and one.where[0].startswith("girder")
     ]
-    assert [(one.where, one.shares[0].property) for one in found] == [((f"girder:{k}",), "stiffness") for k in (1, 2)]
+    assert [(one.where, one.properties[0].property) for one in found] == [
+        ((f"girder:{k}",), "stiffness") for k in (1, 2)
+    ]
     [problem] = trial.changed(found[1], 0.4).problems
     lines = np.searchsorted(base.frequency, fields.problem.frequency)
     own = problem.with_lines(np.arange(len(base.frequency))).predicted(problem.theta_start)[lines] - fields.frf
     assert found[1].effect(fields, np.array([0.4]))[0] == pytest.approx(own, rel=1e-6, abs=1e-9 * np.abs(own).max())
+
+
+def test_degrees_of_freedom_move_where_they_follow_free_ones(trial):
+    fields = receptances_at(trial.views[0].problem, trial.views[0].problem.theta_start)
+    codes = np.unique(np.concatenate([one.codes for one in fields.elements(("stiffness",))]))
+    following = fields.reached(codes).any(axis=1)
+    assert set(following) == {False, True}
+    assert [fields.moves(codes[k : k + 1]) for k in range(len(codes))] == following.tolist()
+    assert fields.moves(codes)
+    assert not fields.moves(np.append(codes[~following], 10**9))
 
 
 def test_cables_exchanged_and_sensors_turned_read_as_their_studies(trial):

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from test_causes_elsewhere import beam
 from test_kindred_causes import SPACE, written_in_space
 
 import structid as sid
 from structid.diagnose.causes import DifferingElement, DifferingSet, candidates
-from structid.diagnose.causes.separate_element import Share
+from structid.diagnose.causes.separate_element import DifferingProperty
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.receptances import receptances_at
 from structid.diagnose.score_test import point_at
@@ -71,18 +72,14 @@ def beam_matrices(length, mass, stiffnesses, polar):
     """Mass and stiffness matrices (12, 12) of a beam along local x: its axis, its torsion and its two planes, by the textbook."""
     along_z, along_y, axial, torsion = stiffnesses
     stretch, share = np.array([[1, -1], [-1, 1]]) / length, np.array([[2, 1], [1, 2]]) * length / 6
-    h = length
-    bend = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2],
-                     [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]) / h**3  # fmt: skip
-    heavy = np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
-                      [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]]) * h / 420  # fmt: skip
+    heavy, bend = beam(1.0, mass, length, 1)
     sign = np.diag([1, -1, 1, -1])
     m, k = np.zeros((12, 12)), np.zeros((12, 12))
     for rows, elastic, inertial in (
         ([0, 6], axial * stretch, mass * share),
         ([3, 9], torsion * stretch, polar * share),
-        ([1, 5, 7, 11], along_y * bend, mass * heavy),
-        ([2, 4, 8, 10], along_z * sign @ bend @ sign, mass * sign @ heavy @ sign),
+        ([1, 5, 7, 11], along_y * bend, heavy),
+        ([2, 4, 8, 10], along_z * sign @ bend @ sign, sign @ heavy @ sign),
     ):
         k[np.ix_(rows, rows)] += elastic
         m[np.ix_(rows, rows)] += inertial
@@ -162,7 +159,7 @@ def test_what_is_soft_in_all_stiffnesses_ranks_first(simulated, model, soft, whe
 
 
 @pytest.mark.parametrize(
-    ("more", "several", "shares"),
+    ("more", "several", "properties"),
     [
         ("", ("legs:1",), [("stiffness", None)]),
         (
@@ -198,7 +195,7 @@ def test_what_is_soft_in_all_stiffnesses_ranks_first(simulated, model, soft, whe
         ),
     ],
 )
-def test_the_look_the_edited_model_and_the_edited_study_say_the_same(tmp_path, more, several, shares):
+def test_the_look_the_edited_model_and_the_edited_study_say_the_same(tmp_path, more, several, properties):
     path = written_in_space(tmp_path, SPACE)
     path.write_text(SPACE.replace("[[unknown]]", more + "[[unknown]]", 1), encoding="utf-8")
     ready = started(load_study(path))
@@ -206,9 +203,9 @@ def test_the_look_the_edited_model_and_the_edited_study_say_the_same(tmp_path, m
     base = trial.views[0].problem
     fields = receptances_at(base, base.theta_start)
     [whole] = [one for one in wholes([fields]) if one.where == several]
-    assert [share[1:] for share in sorted(whole.shares, key=lambda share: share.element)] == shares
+    assert [one[1:] for one in sorted(whole.properties, key=lambda one: one.element)] == properties
     changed = trial.changed(whole, -0.3)
-    assert len(changed.target.names) == len(trial.target.names) + sum(follows is None for _, follows in shares)
+    assert len(changed.target.names) == len(trial.target.names) + sum(follows is None for _, follows in properties)
     [problem] = changed.problems
     lines = np.searchsorted(base.frequency, fields.problem.frequency)
     change = problem.predicted(problem.theta_start)[lines] - fields.frf
@@ -239,15 +236,15 @@ def test_what_has_values_of_its_own_or_no_group_is_not_offered(tmp_path):
 
 
 def test_words_name_the_element_or_the_node_of_the_mount():
-    mount = DifferingElement(where=("a:1", "b:1"), shares=(), is_whole=True, nodes=(4,))
-    between = DifferingElement(where=("a:1", "b:1"), shares=(), is_whole=True, nodes=(4, 14))
+    mount = DifferingElement(where=("a:1", "b:1"), properties=(), is_whole=True, nodes=(4,))
+    between = DifferingElement(where=("a:1", "b:1"), properties=(), is_whole=True, nodes=(4, 14))
     assert mount.sentence(None) == "all springs at node 4 differ from their groups: a:1, b:1"
     assert between.sentence(None) == "all springs between nodes 4 and 14 differ from their groups: a:1, b:1"
-    element = DifferingElement(where=("arm:1",), shares=(), is_whole=True)
+    element = DifferingElement(where=("arm:1",), properties=(), is_whole=True)
     assert element.sentence(None) == "arm:1 differs from its group in all its stiffnesses"
-    column = DifferingSet(where=("column",), shares=(), is_whole=True)
+    column = DifferingSet(where=("column",), properties=(), is_whole=True)
     assert column.sentence(None) == "all of column differs from its group in all its stiffnesses"
-    held = DifferingSet(where=("column",), shares=(Share("column", "stiffness"),), is_whole=True)
+    held = DifferingSet(where=("column",), properties=(DifferingProperty("column", "stiffness"),), is_whole=True)
     assert held.sentence(None) == "the stiffnesses of all of column, which the study fixes, are off by one factor"
 
 

@@ -35,6 +35,7 @@ from study_cases import CHAIN, chain_record, complaints, write_chain
 
 RUN = CliRunner()
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+OWNER = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
 SEVERAL = CHAIN + "uniqueness_starts = 2\n"
 
 
@@ -106,8 +107,7 @@ def test_an_interrupted_run_tells_what_it_reached_and_how_to_go_on(tmp_path, num
 
 
 def test_an_interruption_among_tasks_says_how_many_are_done(tmp_path):
-    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
-    run = LongRun(checkpoint=Checkpoint(tmp_path / "c", owner, seconds=0.0))
+    run = LongRun(checkpoint=Checkpoint(tmp_path / "c", OWNER, seconds=0.0))
 
     def task(shared, item, tools):
         if item == 2:
@@ -269,15 +269,14 @@ def test_a_checkpoint_of_another_layout_is_refused_with_the_remedy(tmp_path, lay
 
 
 def test_a_damaged_or_missing_checkpoint_is_refused(tmp_path):
-    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
     with pytest.raises(FileError, match="no checkpoint to go on from; run without --resume"):
-        Checkpoint(tmp_path / "c", owner, resume=True)
-    kept = Checkpoint(tmp_path / "c", owner, seconds=0.0)
+        Checkpoint(tmp_path / "c", OWNER, resume=True)
+    kept = Checkpoint(tmp_path / "c", OWNER, seconds=0.0)
     kept.finished("a", {"x": np.arange(3.0)})
     part = tmp_path / "c" / "done-00001.npz"
     part.write_bytes(part.read_bytes()[:100])
     with pytest.raises(FileError, match=r"done-00001\.npz: is not a whole checkpoint"):
-        Checkpoint(tmp_path / "c", owner, resume=True)
+        Checkpoint(tmp_path / "c", OWNER, resume=True)
 
 
 def test_a_folder_that_is_no_checkpoint_is_left_alone(tmp_path):
@@ -289,7 +288,6 @@ def test_a_folder_that_is_no_checkpoint_is_left_alone(tmp_path):
 
 
 def test_what_is_kept_comes_back_bit_for_bit_however_many_files(tmp_path):
-    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
     random = np.random.default_rng(0)
     trees = {
         f"task {k}": {
@@ -299,11 +297,11 @@ def test_what_is_kept_comes_back_bit_for_bit_however_many_files(tmp_path):
         for k in range(150)
     }
     trees["odd"] = [np.nan, np.inf, np.array([np.nan, -0.0, 5e-324]), {"deep": (1, 2)}, "two\nlines"]
-    kept = Checkpoint(tmp_path / "c", owner, seconds=0.0)
+    kept = Checkpoint(tmp_path / "c", OWNER, seconds=0.0)
     for name, tree in trees.items():
         kept.finished(name, tree)
     assert len(list((tmp_path / "c").glob("done-*"))) <= 64
-    again = Checkpoint(tmp_path / "c", owner, resume=True)
+    again = Checkpoint(tmp_path / "c", OWNER, resume=True)
     assert list(again.entries) == list(trees)
     for name in trees:
         assert repr(again.entries[name]) == repr(trees[name]).replace("(1, 2)", "[1, 2]")
@@ -312,18 +310,16 @@ def test_what_is_kept_comes_back_bit_for_bit_however_many_files(tmp_path):
 
 
 def test_a_new_run_replaces_the_checkpoint_of_an_old_one(tmp_path):
-    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
-    Checkpoint(tmp_path / "c", owner, seconds=0.0).finished("a", 1)
-    assert Checkpoint(tmp_path / "c", owner).entries == {}
+    Checkpoint(tmp_path / "c", OWNER, seconds=0.0).finished("a", 1)
+    assert Checkpoint(tmp_path / "c", OWNER).entries == {}
     assert not (tmp_path / "c").exists()
 
 
 def test_what_was_reached_is_told_of_a_search_that_is_taken_from_a_checkpoint_and_json_has_no_nan(tmp_path):
-    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
     [problem] = study_problems(load_study(write_chain(tmp_path / "study", SEVERAL)))
-    first = LongRun(checkpoint=Checkpoint(tmp_path / "c", owner, seconds=0.0))
+    first = LongRun(checkpoint=Checkpoint(tmp_path / "c", OWNER, seconds=0.0))
     minimum = first.minimize(problem, LevenbergMarquardt(max_iterations=3))
-    again = Checkpoint(tmp_path / "c", owner, resume=True, seconds=0.0)
+    again = Checkpoint(tmp_path / "c", OWNER, resume=True, seconds=0.0)
     run = LongRun(checkpoint=again)
     again.write(run.so_far())
     text = (tmp_path / "c" / "so_far.json").read_text(encoding="utf-8")

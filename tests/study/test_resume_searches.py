@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_checkpoint import Stopped, Stopping, command, signalled_when
+from test_checkpoint import OWNER, Stopped, Stopping, command, signalled_when
 from test_study_time import CHAIN as TIME_CHAIN
 from test_study_time import sampled_record, write_study
 
@@ -29,7 +29,6 @@ from structid.study.run.run import run_study
 from structid.study.run.workers import Processes
 from structid.study.schema.study import load_study
 
-OWNER = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
 OUTPUT_ERROR = TIME_CHAIN.replace("relative_noise = 0.01", 'fit = "output_error"\nrelative_noise = [0.0, 0.01, 0.01]')
 OUTPUT_ERROR = OUTPUT_ERROR.replace("band = [0.1, 12.0]", "restarts = 3")
 

@@ -16,6 +16,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from test_checkpoint import OWNER
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import structid as sid
@@ -242,11 +243,10 @@ def test_lines_are_spread_where_it_pays(beam, processes, monkeypatch):
 
 def test_finished_tasks_are_not_run_again(tmp_path):
     """The checkpoint of a run with three tasks, resumed with five: two are run."""
-    owner = {"layout": "structid checkpoint 2", "versions": {}, "inputs": {}}
-    first = LongRun(checkpoint=Checkpoint(tmp_path / "c", owner, seconds=0.0))
+    first = LongRun(checkpoint=Checkpoint(tmp_path / "c", OWNER, seconds=0.0))
     assert first.map("squares", squared, 1.0, [1.0, 2.0, 3.0]) == [1.0, 4.0, 9.0]
     told: list[tuple[str, int, int]] = []
-    kept = Checkpoint(tmp_path / "c", owner, resume=True)
+    kept = Checkpoint(tmp_path / "c", OWNER, resume=True)
     second = LongRun(checkpoint=kept, progress=lambda *words: told.append(words))
     assert second.map("squares", squared, -1.0, [1.0, 2.0, 3.0, 4.0, 5.0]) == [1.0, 4.0, 9.0, -16.0, -25.0]
     assert told == [("squares", 3, 5), ("squares", 4, 5), ("squares", 5, 5)]

@@ -64,23 +64,24 @@ def stiffness_scale(receptances: Receptances, directions: Directions, law: Compl
 def effect_of_addition(
     receptances: Receptances, directions: Directions, law: ComplexArray, strengths: FloatArray
 ) -> ComplexArray:
-    """Change of the FRF for a part q a(s) D D' added to Z: dh = -(D'y)' q a (I + q a G)^-1 D'x.
+    """Change of the FRF for a part q D a(s) D' added to Z: dh = -(D'y)' q a (I + q G a)^-1 D'x.
 
     Parameters
     ----------
     receptances : Receptances
     directions : Directions
-        D.
-    law : (n_lines,) complex array
-        a.
+        D, of m directions.
+    law : (n_lines,), (n_lines, 1) or (n_lines, m) complex array
+        a, one for all directions or, as the diagonal of a matrix, one for each.
     strengths : (n_strengths,) float array
         q.
     """
     m = directions.weights.shape[1]
+    each = strengths[:, None, None] * law.reshape(len(law), -1)  # (n_strengths, n_lines, 1 or m)
     if m > 1:
-        return effect_of_coupling(receptances, directions, (strengths[:, None] * law)[:, :, None, None] * np.eye(m))
+        return effect_of_coupling(receptances, directions, each[..., None] * np.eye(m))
     x, y, g = directions.projected(receptances)
-    weight = strengths[:, None] * law
+    weight = each[..., 0]
     inner = (weight / (1 + weight * g[:, 0, 0]))[:, :, None, None]
     change: ComplexArray = inner * (-np.swapaxes(y, 1, 2) * x * receptances.factor)
     return change

@@ -254,19 +254,20 @@ class ModifiedModel:
         SearchEndedError
             If a stage on smoothed data ends above its limit.
         """
-        stages = [(stage, QUICK) for _, stage in self.smoothed(NEAR_LEVELS)]
-        above = limits[-1] if limits else np.inf
-        stages.append((self.anchored(), replace(QUICK, above=above)))
-        ends = [self.theta_of(values) for values in path] if len(path) == len(stages) else []
+        problems = [*(stage for _, stage in self.smoothed(NEAR_LEVELS)), self.anchored()]
+        *far, above = limits or [np.inf]
+        if len(far) != len(problems) - 1:  # the changed model has other stages than that of the limits
+            far = [np.inf] * (len(problems) - 1)
+        methods = [QUICK] * len(far) + [replace(QUICK, above=above)]
+        ends = [self.theta_of(values) for values in path] if len(path) == len(problems) else []
         theta, steps = np.asarray(self.target.theta_start), list[Minimum]()
-        for number, (problem, method) in enumerate(stages):
+        for number, (problem, method, most) in enumerate(zip(problems, methods, [*far, np.inf], strict=True)):
             starts = [theta, *ends[number : number + 1]]
             if len(starts) > 1:
                 starts.sort(key=lambda start: squared(residual_at(problem, start)))
             steps.append(self.minimize(problem, method, starts[0]))
             theta = steps[-1].theta
-            is_raced = len(limits) == len(stages) and problem is not stages[-1][0]
-            if is_raced and steps[-1].costs[-1] > limits[number]:
+            if steps[-1].costs[-1] > most:
                 raise SearchEndedError("other changes are far better on smoothed data")
         return NearFit(tuple(step.theta for step in steps), tuple(float(step.costs[-1]) for step in steps))
 

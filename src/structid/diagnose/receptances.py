@@ -234,9 +234,24 @@ class Receptances:
 
     def reached(self, codes: IntArray) -> FloatArray:
         """Weights (n_codes, n_dofs) by which degrees of freedom, by code, follow the free ones; zero where held."""
+        place, is_known = self._found(codes)
+        return np.where(is_known[:, None], self._follow[place], 0.0)
+
+    def moves(self, codes: IntArray) -> bool:
+        """True where any of these degrees of freedom, by code, can move."""
+        place, is_known = self._found(codes)
+        return bool(self._can_move[place[is_known]].any())
+
+    def _found(self, codes: IntArray) -> tuple[IntArray, np.ndarray]:
+        """Rows (n_codes,) of degrees of freedom in `_follow`, and whether the model has them; rows of others mean nothing."""
         known = self.structure.numbering.codes
-        place = np.minimum(np.searchsorted(known, codes), len(known) - 1)
-        return np.where((known[place] == codes)[:, None], self._follow[place], 0.0)
+        place: IntArray = np.minimum(np.searchsorted(known, codes), len(known) - 1)
+        return place, known[place] == codes
+
+    @cached_property
+    def _can_move(self) -> np.ndarray:
+        """Mask (n_codes,) of the degrees of freedom that follow free ones."""
+        return np.asarray(self._follow.any(axis=1))
 
     @cached_property
     def _follow(self) -> FloatArray:

@@ -104,7 +104,7 @@ class Fitted:
         except (StructidError, np.linalg.LinAlgError):
             return None
 
-    @cached_property
+    @property
     def near_path(self) -> tuple[dict[str, float], ...]:
         """Physical values, by name, at the end of each stage of the quick fit of the same model; none where it fails."""
         return () if self.near is None else tuple(self.modified.values(theta) for theta in self.near.path)
@@ -213,7 +213,7 @@ def fit_near(base: Fitted, change: NearItem, tools: Tools) -> StoredFit:
     candidate, strength, limits = change
     try:
         modified = base.modified.changed(candidate, strength)
-        near = modified.fit_near([*limits[:-1], *(above - base.left_out for above in limits[-1:])], base.near_path)
+        near = modified.fit_near(limits, base.near_path)
         left_out = base.left_out + _misfit_left_out(base, modified, near.theta, is_near=True)
         return {"theta": near.theta, "chi_square": near.chi_square + left_out, "costs": np.array(near.costs)}
     except (StructidError, np.linalg.LinAlgError):

@@ -14,8 +14,6 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import parse_dof
 from structid.diagnose.causes import (
     Dashpot,
-    DifferingElement,
-    DifferingSet,
     DryFriction,
     FaultyChannel,
     SpringToGround,
@@ -261,14 +259,9 @@ def _outstanding(base: Fitted) -> set[Hashable]:
 
 
 def _family(candidate: Candidate, held_nodes: Collection[int]) -> str:
-    """The kind of a candidate; "clamp" for a spring that holds one more direction of a node that is held.
-
-    Elements and sets that differ in all stiffnesses are families of their own.
-    """
-    if isinstance(candidate, DifferingElement | DifferingSet) and candidate.is_whole:
-        return f"whole {candidate.kind}"
+    """The family of a candidate; "clamp" for a spring that holds one more direction of a node that is held."""
     is_clamp = isinstance(candidate, SpringToGround) and candidate.is_clamp(held_nodes)
-    return "clamp" if is_clamp else candidate.place[0]
+    return "clamp" if is_clamp else candidate.family
 
 
 def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:

@@ -402,7 +402,7 @@ def _fit_near_all(
     first = [k for k in originals if rank[k] < FINALISTS]
     rest = sorted((k for k in originals if rank[k] >= FINALISTS), key=lambda k: (k not in kept, rank[k]))
     known: dict[int, StoredFit | None] = {}
-    _ = base.near_path  # computed once, before it is sent to other processes
+    # computes `base.near` once, before it is sent to other processes
     limits, least = _near_limits(base, []), LEAST_REFITS
     for block in [first, *(rest[i : i + FINALISTS] for i in range(0, len(rest), FINALISTS))]:
         items = [(*changes[k], () if k in kept else limits) for k in block]
@@ -419,7 +419,8 @@ def _fit_near_all(
 def _near_limits(base: Fitted, fits: Sequence[tuple[Candidate, StoredFit]]) -> tuple[float, ...]:
     """Sums of squares of the stages of a near fit from which on it is of no use beside those of the base and of others.
 
-    At each stage it is too far behind the best; at the last one it is not among the finalists, or explains nothing.
+    Data that `base` leaves out are not part of them. At each stage it is too far behind the best; at the last one it is not
+    among the finalists, or explains nothing.
     """
     if base.near is None:
         return ()
@@ -427,9 +428,9 @@ def _near_limits(base: Fitted, fits: Sequence[tuple[Candidate, StoredFit]]) -> t
     far = FAR_BEHIND * (
         np.array([row for row in costs if len(row) == len(base.near.costs)]).min(axis=0) + n_parameters(base.modified)
     )
-    sizes = sorted(fit["chi_square"] for candidate, fit in fits if not candidate.is_always_fitted)
-    nothing = (1 - LEAST_DROP) * base.near.chi_square + base.left_out
-    return *far[:-1].tolist(), min(far[-1] + base.left_out, nothing, *sizes[FINALISTS - 1 : FINALISTS])
+    sizes = sorted(fit["chi_square"] - base.left_out for candidate, fit in fits if not candidate.is_always_fitted)
+    nothing = (1 - LEAST_DROP) * base.near.chi_square
+    return *far[:-1].tolist(), min(far[-1], nothing, *sizes[FINALISTS - 1 : FINALISTS])
 
 
 def _refits(
@@ -601,7 +602,7 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     """The explanation from refitted changes: the causes among them, and those that may be the truth."""
     scale = _scale(base, fits)
-    fits = [one for one in fits if not _has_simpler(base, one, fits, scale)]
+    fits = [one for one in fits if not _is_no_cause_of_its_own(base, one, fits, scale)]
     priced = sorted(
         ((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1] + pair[0].cause.handicap
     )
@@ -613,7 +614,7 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     return Explanation(base, tuple(one for one, _ in causes), tuple(c for _, c in causes), tried, likely)
 
 
-def _has_simpler(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
+def _is_no_cause_of_its_own(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
     """True where a local resonance is the mass or spring that it has as a limit, or fits no better than it.
 
     One that is heavier than the structure is never a cause: it stands for something that no change which was tried is.

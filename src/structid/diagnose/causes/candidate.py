@@ -97,6 +97,11 @@ class Candidate:
         return self.place, self.record
 
     @property
+    def family(self) -> str:
+        """Name of the group of candidates of which a screen keeps the best few, however many others promise more."""
+        return self.place[0]
+
+    @property
     def places(self) -> tuple[str, ...]:
         """Places of the change as results list them."""
         return self.where

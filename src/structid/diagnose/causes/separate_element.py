@@ -13,7 +13,7 @@ from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.display import join_words
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.places import MOST_ELEMENTS, Factored, factored, moved_elements, spread, summed
-from structid.diagnose.effects import all_directions, effect_of_addition, effect_of_coupling
+from structid.diagnose.effects import all_directions, effect_of_addition
 from structid.diagnose.model_edits import Edits, SeparateElement, rounded
 from structid.diagnose.receptances import ElementMatrix, Receptances
 from structid.diagnose.tested_model import TestedModel
@@ -28,8 +28,8 @@ AS_A_WHOLE = 0.25
 Moved: TypeAlias = tuple[ElementMatrix, tuple[int, ...]]
 
 
-class Share(NamedTuple):
-    """One property of one element that differs, by a factor of its own or, in `follows`, by that of another parameter."""
+class DifferingProperty(NamedTuple):
+    """One property of an element or set that differs, by a factor of its own or, in `follows`, by that of another parameter."""
 
     element: str
     property: str
@@ -37,30 +37,62 @@ class Share(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class DifferingElement(Candidate):
-    """An element whose stiffness, mass or stiffnesses are not those of its group; the strength is a part of what it has.
+class Differing(Candidate):
+    """An element, mount or set that is not like its group; the strength is a part of what it has.
 
-    The springs between the same two nodes, or one and the ground, are one mount, which differs as one element does. The
-    look takes one factor on all stiffnesses; a fit has a factor for each that is an unknown of its own, since a factor is one
-    on the initial value of the study and other elements have left theirs. Held ones have one together.
+    The look takes one factor on all stiffnesses; a fit has a factor for each that is an unknown of its own, since a factor is
+    one on the initial value of the study and the others of the group have left theirs. Those that the study fixes have one
+    together.
 
     Attributes
     ----------
-    shares : tuple of Share
+    properties : tuple of DifferingProperty
         What differs.
     matrices : tuple of Factored
-        That of the element, or one for each spring of a mount.
+        The matrix of what differs, or one for each spring of a mount.
     is_whole : bool
         Whether all its stiffnesses differ.
+    """
+
+    bounds: tuple[float, float] = (-1.0, np.inf)
+    properties: tuple[DifferingProperty, ...]
+    matrices: tuple[Factored, ...] = field(default=(), repr=False)
+    is_whole: bool = False
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        directions = all_directions([one.directions for one in self.matrices])
+        laws = np.stack([one.law(receptances) for one in self.matrices], axis=-1)
+        return effect_of_addition(receptances, directions, laws, strengths)
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        return [_separation(model, one, rounded(1 + strength)) for one in self.properties]
+
+    @property
+    def handicap(self) -> float:
+        return AS_A_WHOLE if self.is_whole else 0.0
+
+    @property
+    def key(self) -> Hashable:
+        return self.place, self.properties
+
+    @property
+    def family(self) -> str:
+        return f"whole {self.kind}" if self.is_whole else super().family
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DifferingElement(Differing):
+    """An element whose stiffness, mass or stiffnesses are not those of its group.
+
+    The springs between the same two nodes, or one and the ground, are one mount, which differs as one element does.
+
+    Attributes
+    ----------
     nodes : tuple of int
         Those of a mount.
     """
 
     kind: ClassVar[str] = "untied"
-    bounds: tuple[float, float] = (-1.0, np.inf)
-    shares: tuple[Share, ...]
-    matrices: tuple[Factored, ...] = field(default=(), repr=False)
-    is_whole: bool = False
     nodes: tuple[int, ...] = ()
 
     @classmethod
@@ -74,12 +106,12 @@ class DifferingElement(Candidate):
         for one in spread(several, 2 * MOST_ELEMENTS):
             matrix = factored(first, one)
             if matrix is not None:
-                where = _label(one)
-                share = Share(where, one.property)
-                yield cls(where=(where,), strengths=PARTS, shares=(share,), matrices=(matrix,))
+                what = DifferingProperty(_label(one), one.property)
+                yield cls(where=(what.element,), strengths=PARTS, properties=(what,), matrices=(matrix,))
         mounts = _mounts(first.structure)
 
         def unit_of(one: ElementMatrix) -> Hashable:
+            """The nodes of the mount that a spring belongs to; otherwise the element itself."""
             return mounts.get((one.element, one.number), (one.element, one.number))
 
         stiff = stiff_parts(first, moved)
@@ -88,7 +120,7 @@ class DifferingElement(Candidate):
             units.setdefault(one.element, set()).add(unit_of(one))
         whole_groups = [
             group
-            for group in several_stiffnesses(stiff, unit_of, lambda one: (one.element, one.number) in mounts)
+            for group in groups_of_stiffnesses(stiff, unit_of, _label)
             if any(moved_by for _, moved_by in group) or all(len(units[one.element]) > 1 for one, _ in group)
         ]
         for group in spread(whole_groups, MOST_ELEMENTS):
@@ -98,34 +130,17 @@ class DifferingElement(Candidate):
             matrices = tuple(matrix for matrix in made if matrix is not None)
             if matrices:
                 labels = tuple(dict.fromkeys(map(_label, parts)))
-                shares = shares_of(group, _label)
-                yield cls(where=labels, strengths=PARTS, shares=shares, matrices=matrices, is_whole=True, nodes=nodes)
-
-    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        directions = all_directions([one.directions for one in self.matrices])
-        laws = [one.law(receptances) for one in self.matrices]
-        if len(laws) == 1:
-            return effect_of_addition(receptances, directions, laws[0], strengths)
-        law = np.stack(laws, axis=-1)[:, :, None] * np.eye(len(laws))
-        return effect_of_coupling(receptances, directions, strengths[:, None, None, None] * law)
-
-    def edits(self, model: TestedModel, strength: float) -> Edits:
-        return separations(model, self.shares, strength)
-
-    @property
-    def handicap(self) -> float:
-        return AS_A_WHOLE if self.is_whole else 0.0
+                properties = differing_properties(group, _label)
+                yield cls(
+                    where=labels, strengths=PARTS, properties=properties, matrices=matrices, is_whole=True, nodes=nodes
+                )
 
     @property
     def place(self) -> tuple[str, tuple[str, ...]]:
-        return f"{self.kind} {self._what}", self.where
+        return f"{self.kind} {self._kind_of_matrix}", self.where
 
     @property
-    def key(self) -> Hashable:
-        return self.place, self.shares
-
-    @property
-    def _what(self) -> str:
+    def _kind_of_matrix(self) -> str:
         return self.matrices[0].kind if self.matrices else "stiffness"
 
     def sentence(self, value: float | None) -> str:
@@ -135,16 +150,12 @@ class DifferingElement(Candidate):
             return f"all springs {ends} differ from their groups: {join_words(self.where)}"
         if self.is_whole:
             return f"{self.where[0]} differs from its group in all its stiffnesses"
-        return f"the {self._what} of {self.where[0]} is not that of its group"
+        return f"the {self._kind_of_matrix} of {self.where[0]} is not that of its group"
 
 
-def separations(model: TestedModel, shares: Sequence[Share], strength: float) -> Edits:
-    """The edits that give elements (``girder:2``) or sets factors on what differs, started at 1 + strength."""
-    return [_separation(model, share, rounded(1 + strength)) for share in shares]
-
-
-def _separation(model: TestedModel, share: Share, start: float) -> SeparateElement:
-    where, prop, follows = share
+def _separation(model: TestedModel, differing: DifferingProperty, start: float) -> SeparateElement:
+    """The edit for one property; it needs the nominal values of all sets that have it and the number of elements of the set."""
+    where, prop, follows = differing
     nominal: dict[str, tuple[float, ...]] = {}
     count = 1
     for setup in model.setups:
@@ -184,18 +195,19 @@ def stiff_parts(receptances: Receptances, moved: Sequence[Moved]) -> list[Moved]
     return [
         (one, moved_by)
         for one, moved_by in moved
-        if one.kind == "stiffness" and one.matrix.any() and receptances.reached(one.codes).any()
+        if one.kind == "stiffness" and one.matrix.any() and receptances.moves(one.codes)
     ]
 
 
-def several_stiffnesses(
+def groups_of_stiffnesses(
     stiff: Sequence[Moved],
     unit_of: Callable[[ElementMatrix], Hashable],
-    is_spring: Callable[[ElementMatrix], bool],
+    label: Callable[[ElementMatrix], str],
 ) -> Iterator[list[Moved]]:
-    """Stiffness matrices of each unit, such as an element, that has several which differ by themselves, none with its own unknown.
+    """Groups of stiffness matrices, one for each element, set or mount (`unit_of`), that can change in two ways or more.
 
-    One held stiffness does not count, springs apart: that of a bent beam along its axis hardly matters.
+    Units with a parameter of their own are left out. One fixed stiffness does not count, but for springs of a mount, which
+    have a label each: that of a bent beam along its axis hardly matters.
     """
     groups: dict[Hashable, list[Moved]] = {}
     moving: dict[int, set[Hashable]] = {}
@@ -204,28 +216,27 @@ def several_stiffnesses(
         for number in moved_by:
             moving.setdefault(number, set()).add(unit_of(one))
     for group in groups.values():
-        springs = [is_spring(one) for one, _ in group]
-        ways = {
-            (one.element, one.number if spring else 0, moved_by or one.property)
-            for (one, moved_by), spring in zip(group, springs, strict=True)
-        }
-        has_held = not all(moved_by for _, moved_by in group) and not all(springs)
+        labels = {label(one) for one, _ in group}
+        ways = {(label(one), moved_by or one.property) for one, moved_by in group}
+        has_fixed = len(labels) == 1 and not all(moved_by for _, moved_by in group)
         movers = {number for _, moved_by in group for number in moved_by}
-        if len(ways) - has_held > 1 and all(len(moving[number]) > 1 for number in movers):
+        if len(ways) - has_fixed > 1 and all(len(moving[number]) > 1 for number in movers):
             yield group
 
 
-def shares_of(group: Sequence[Moved], label: Callable[[ElementMatrix], str]) -> tuple[Share, ...]:
-    """Properties of a unit by its labels, with one factor for those that the same parameters move, and one for all held ones."""
+def differing_properties(
+    group: Sequence[Moved], label: Callable[[ElementMatrix], str]
+) -> tuple[DifferingProperty, ...]:
+    """Properties of a unit by its labels, with one factor for those that the same parameters move, and one for all fixed ones."""
     if not any(moved_by for _, moved_by in group) and len({label(one) for one, _ in group}) == 1:
-        return (Share(label(group[0][0]), "stiffness"),)
-    shares = dict[tuple[str, str], Share]()
+        return (DifferingProperty(label(group[0][0]), "stiffness"),)
+    found = dict[tuple[str, str], DifferingProperty]()
     leaders = dict[tuple[int, ...], str]()
     for one, moved_by in sorted(group, key=lambda pair: not pair[1]):
-        if (label(one), one.property) in shares:
+        if (label(one), one.property) in found:
             continue
         follows = leaders.get(moved_by)
-        shares[label(one), one.property] = Share(label(one), one.property, follows)
+        found[label(one), one.property] = DifferingProperty(label(one), one.property, follows)
         if follows is None:
             leaders[moved_by] = f"{one.property}[{label(one)}]"
-    return tuple(shares.values())
+    return tuple(found.values())
