@@ -625,7 +625,7 @@ class _Smoother:
         error = linalg.solve_triangular(half, (read - before @ system.reading.T).T, lower=True).T
         seen = linalg.solve_triangular(half, system.reading, lower=True)
         root = square_root(self._first_covariance(system) - predicted)
-        information = _sum_over_samples(step, seen.T @ seen, count)
+        information = _symmetric(_sum_of_powers(step.T, seen.T @ seen, step, count))
         score = root.T @ stepped(step.T, (error @ seen)[::-1], np.zeros(n))[-1]
         posterior = np.eye(root.shape[1]) + root.T @ information @ root
         start = np.linalg.solve(posterior, np.column_stack([score, root.T]))
@@ -752,25 +752,17 @@ def _symmetric(matrix: FloatArray) -> FloatArray:
     return np.asarray((matrix + matrix.T) / 2)
 
 
-def _sum_over_samples(step: FloatArray, matrix: FloatArray, count: int) -> FloatArray:
-    """Sum over k from 0 to count - 1 of (step^k)' matrix step^k, (n, n), by doubling so that no digits cancel."""
-    total, power = np.zeros_like(matrix), np.eye(len(step))
+def _sum_of_powers(left: FloatArray, middle: FloatArray, right: FloatArray, count: int = 2**_DOUBLINGS) -> FloatArray:
+    """Sum over k from 0 to count - 1 of left^k middle right^k, (n, n), by doubling so that no digits cancel.
+
+    By default that of all k, where the powers fade.
+    """
+    total, before, after = np.zeros_like(middle), np.eye(len(left)), np.eye(len(right))
     for digit in f"{count:b}":
-        total, power = total + power.T @ total @ power, power @ power
+        total, before, after = total + before @ total @ after, before @ before, after @ after
         if digit == "1":
-            total, power = matrix + step.T @ total @ step, power @ step
-    return _symmetric(total)
-
-
-def _sum_of_powers(left: FloatArray, middle: FloatArray, right: FloatArray) -> FloatArray:
-    """Sum over k from 0 of left^k middle right^k, whose powers fade, (n, n)."""
-    total = middle
-    for _ in range(_DOUBLINGS):
-        more = left @ total @ right
-        total, left, right = total + more, left @ left, right @ right
-        if np.abs(more).max() <= _CONVERGED * np.abs(total).max():
-            break
-    return np.asarray(total)
+            total, before, after = middle + left @ total @ right, before @ left, after @ right
+    return total
 
 
 def _variance_beside_end(wanted: FloatArray, step: FloatArray, excess: FloatArray, steady: FloatArray) -> FloatArray:
@@ -793,24 +785,23 @@ def _variance_of_start(
 ) -> FloatArray:
     """Variance (n_times, n) of outputs beyond the `steady` one by what the record leaves open of its first state.
 
-    The smoothed state k of N is off by onwards step^k + back^(N-1-k) (keep - onwards) step^(N-1) times the first one.
+    In a record without end an error of the first state leaves `onwards` (n_states, n_states) of itself when all readings from it
+    onwards are smoothed. Of N samples the smoothed state k is off by onwards step^k + back^(N-1-k) (keep - onwards) step^(N-1)
+    times that error.
     """
     step, excess, count = filtered.step, filtered.start_covariance, len(steady)
     late = (filtered.keep - onwards) @ np.linalg.matrix_power(step, count - 1)
-    beyond, early = np.zeros_like(steady), wanted @ onwards
+    beyond, early = np.zeros_like(steady), (wanted @ onwards).T
     has_late = np.abs(late @ excess @ late.T).max() > _CONVERGED * np.abs(onwards @ excess @ onwards.T).max()
     for first in range(0, count, _BLOCK):
         size = min(_BLOCK, count - first)
-        rows = np.zeros((size, *wanted.shape))
+        nothing = np.zeros((size, *early.shape))
+        columns = stepped(step.T, nothing, early)
+        columns, early = columns[:-1], columns[-1]
         if has_late:
-            from_end = wanted @ np.linalg.matrix_power(back, count - first - size)
-            for k in range(size - 1, -1, -1):
-                rows[k] = from_end @ late
-                from_end = from_end @ back
-        for k in range(size):
-            rows[k] += early
-            early = early @ step
-        beyond[first : first + size] = np.maximum(np.einsum("kij,kij->ki", rows @ excess, rows), 0.0)
+            from_end = (wanted @ np.linalg.matrix_power(back, count - first - size)).T
+            columns = columns + late.T @ stepped(back.T, nothing[1:], from_end)[::-1]
+        beyond[first : first + size] = np.maximum(np.einsum("kji,kji->ki", excess @ columns, columns), 0.0)
         if not has_late and (beyond[first + size - 1] <= _SETTLED * steady[0]).all():
             break
     return beyond
