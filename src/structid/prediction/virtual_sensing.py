@@ -557,10 +557,12 @@ class _Smoother:
         return float(size * 10**search.x), True
 
     def with_likeliest_time(self, reduced: ReducedMatrices, std: float | None) -> tuple[_Smoother, float, bool]:
-        """The smoother with the likeliest correlation time of forces, their standard deviation, N, and whether it can be trusted.
+        """The smoother with a correlation time that the record tells, the forces' standard deviation, N, and if it can be trusted.
 
-        Where records are as likely but for chance, the forces are as short and small as they can be: accelerations hardly tell slow
-        forces from none. A stated `std` is kept. See `likeliest_std` for the trust.
+        From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is at
+        most `_LESS_LIKELY` below the greatest: accelerations hardly tell slow forces from none. The size falls with the square root
+        of the time, so that the spectral density at high frequencies stays; a stated `std` is kept. For the trust see
+        `likeliest_std`.
         """
         shortest, longest = np.log(_SHORTEST / self.rate), np.log(len(self.channels.measured) / self.rate / 4)
         above = _decades_above(reduced)
@@ -630,7 +632,7 @@ class _Smoother:
         return self._filter(self._system(reduced, std)).log_likelihood
 
     def _filter(self, system: _StateSpace) -> _Filtered:
-        """States before and after the reading of each sample, by steady gains and an initial state that the record tells.
+        """States before the reading of each sample, by steady gains, and the initial state that the record tells.
 
         A record begins in motion: its initial state has the stationary covariance. That is the covariance of the steady filter and
         an independent part, on which all innovations depend linearly: de Jong (1991), Annals of Statistics 19, 1073-1083.
@@ -716,11 +718,11 @@ class _Smoother:
         acceleration = dynamics[n : 2 * n]
         n_sensors, n_left = len(self.channels.sensors), len(self.channels.left)
         orders = np.array([*self.channels.derivatives, *self.channels.left_derivatives])
-        rows, direct = _readings(reduced.outputs[: len(orders)], orders, acceleration, known)
+        rows, direct = _output_matrices(reduced.outputs[: len(orders)], orders, acceleration, known)
         groups = np.split(reduced.outputs[len(orders) :], len(self.read.orders))
         asked, asked_direct = np.zeros((self.read.n_rows, size)), np.zeros((self.read.n_rows, n_known))
         for order, group in zip(self.read.orders, groups, strict=True):
-            parts = _readings(group, np.full(len(group), order), acceleration, known)
+            parts = _output_matrices(group, np.full(len(group), order), acceleration, known)
             asked, asked_direct = asked + parts[0], asked_direct + parts[1]
         left = slice(n_sensors, n_sensors + n_left)
         forces = np.hstack([np.zeros((n_forces, 2 * n)), pushing])
@@ -836,7 +838,7 @@ def _variance_of_start(
     return beyond
 
 
-def _readings(
+def _output_matrices(
     outputs: FloatArray, orders: IntArray, acceleration: FloatArray, forces: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Matrices of outputs over states (n_outputs, n_states) and over known forces (n_outputs, n_known).
