@@ -1,10 +1,12 @@
 """Problems whose linear unknowns are eliminated: what the search sees is what all rows would give."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from structid.inversion import LevenbergMarquardt, minimize
-from structid.inversion.problems.eliminated import EliminatedProblem, NormalEquations
+from structid.inversion.problems.eliminated import EliminatedProblem, NormalEquations, minimize_eliminated
 
 
 def test_compressed_rows_have_the_steps_and_the_sum_of_squares_of_all_rows():
@@ -55,3 +57,32 @@ def test_a_search_does_not_go_where_there_is_no_model():
     )
     end = minimize(problem, LevenbergMarquardt(max_iterations=30, acceleration=0.0))
     assert 0.4 <= problem.changes(end.theta)[0] <= 0.5
+
+
+def line(slopes, made):
+    """Least squares of a straight line whose columns have these lengths, from 0 to a minimum at 2; each call is told to `made`."""
+
+    def normal(changes):
+        made.append(changes.copy())
+        residual = slopes * (changes - 2.0)
+        return NormalEquations(np.diag(slopes**2), slopes * residual, float(residual @ residual))
+
+    return EliminatedProblem(
+        np.ones(len(slopes)), lambda changes: float(np.sum((slopes * (changes - 2.0)) ** 2)), normal
+    )
+
+
+def test_the_changes_to_the_minimum_are_found_and_no_equations_are_made_twice_in_a_row():
+    made = []
+    changes, has_converged = minimize_eliminated(
+        line(np.array([1.0, 30.0]), made), LevenbergMarquardt(largest_step=10.0, acceleration=0.0)
+    )
+    assert has_converged
+    assert changes == pytest.approx([2.0, 2.0], rel=1e-6)
+    assert not np.any(made[0])
+    assert all((first != second).any() for first, second in pairwise(made))
+
+
+@pytest.mark.parametrize("slope", [0.0, np.inf, np.nan])
+def test_unknowns_without_an_effect_at_the_start_are_not_searched_for(slope):
+    assert minimize_eliminated(line(np.array([1.0, slope]), []), LevenbergMarquardt(acceleration=0.0)) is None

@@ -7,7 +7,7 @@ from scipy import linalg, signal
 import structid as sid
 from structid.core.errors import InputError, NoAnswerError
 from structid.prediction.identified_model import identified_model
-from structid.prediction.virtual_sensing import _sum_over_samples
+from structid.prediction.virtual_sensing import _sum_of_powers
 
 RATE, CORRELATION, FORCE = 50.0, 0.1, 20.0
 
@@ -174,7 +174,7 @@ def test_a_decay_under_a_known_force_of_nothing_has_an_honest_deviation(tap):
 def test_information_on_states_that_hardly_fade_keeps_its_digits():
     step, matrix = np.diag([1 - 1e-14, 0.5]), np.array([[1.0, 0.1], [0.1, 2.0]])
     direct = sum(np.linalg.matrix_power(step.T, k) @ matrix @ np.linalg.matrix_power(step, k) for k in range(13))
-    assert _sum_over_samples(step, matrix, 13) == pytest.approx(direct, rel=1e-12)
+    assert _sum_of_powers(step.T, matrix, step, 13) == pytest.approx(direct, rel=1e-12)
 
 
 def test_uncertain_models_widen_the_deviation():

@@ -131,3 +131,12 @@ def require_declared(thing: object) -> None:
 def split_commas(text: str) -> tuple[str, ...]:
     """The parts of a text between its commas, without blanks around them; empty ones are left out."""
     return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def part_of_one(value: float | str) -> float:
+    """A part of 1 from a number or a text such as ``1 %``; NaN where it is no number."""
+    text = str(value).strip()
+    try:
+        return float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+    except ValueError:
+        return float("nan")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from structid.core.constraints import Limits, require_declared
+from structid.core.constraints import Limits, part_of_one, require_declared
 from structid.core.errors import InputError
 
 #: Models within the uncertainty behind a band.
@@ -180,11 +180,7 @@ class ExportOptions:
     @property
     def largest_error(self) -> float:
         """`error` as a number: 0.01 of ``1%``."""
-        text = self.error.strip()
-        try:
-            part = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
-        except ValueError:
-            part = float("nan")
+        part = part_of_one(self.error)
         if not 0 < part < 1:
             raise InputError(f"`error` must be a part of 1, as 1% or 0.01, got {self.error!r}", "error")
         return part

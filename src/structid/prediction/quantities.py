@@ -542,7 +542,7 @@ class ReferenceModes:
         shared = [(row, index[dof]) for row, dof in enumerate(self.dofs) if dof in index]
         own, their = np.array(shared, dtype=np.int64).reshape(-1, 2).T
         first, second = self.mode_shapes[own], others[their]
-        mass = sparse.csc_array(self.mass)[own, :][:, own]
+        mass = self.mass[own, :][:, own]
         energy, energy_of_others = (np.einsum("ij,ij->j", each, mass @ each) for each in (first, second))
         sizes = np.outer(energy, energy_of_others)  # 0 of a mode in which nothing shared moves
         alike = np.divide((first.T @ (mass @ second)) ** 2, sizes, out=np.zeros(sizes.shape), where=sizes > 0)

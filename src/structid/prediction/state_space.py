@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -189,21 +190,25 @@ def state_space(
     whole = _Equations.from_reduced(nominal, MOTION_DERIVATIVES[motion])
     frequency = _judged_lines(nominal, max(low, _LEAST * high), high)
     exact, balances = whole.frf(frequency), whole.balance(high)
+    fewest = max(2, whole.n_rigid)
     if order is None:
-        orders = range(max(2, whole.n_rigid), whole.n_states + 1, 2)
-        cuts = (whole.cut(n, high, balances, frequency) for n in orders)
-        order = next((n for n, cut in zip(orders, cuts, strict=True) if cut.miss(frequency, exact) <= error), 0)
-        if not order:
+        orders = range(fewest, whole.n_states + 1, 2)
+        cuts = (whole.cut(n, high, balances, frequency, exact) for n in orders)
+        first = next((cut for cut in cuts if cut.miss(frequency, exact) <= error), None)
+        if first is None:
             raise NoAnswerError(
                 f"no order gives an error of at most {error:g} in the band; allow more, or name the order"
             )
-    elif not max(2, whole.n_rigid) <= order <= whole.n_states:
-        raise InputError(f"`order` must be from {max(2, whole.n_rigid)} to {whole.n_states} in this band, got {order}")
-    made = whole.cut(order, high, balances, frequency)
-    if len(made.a) < order:
-        raise InputError(
-            f"`order` must be at most {len(made.a)}, got {order}: these loads and sensors see no more states; ask for fewer"
-        )
+        made = first
+    else:
+        if not fewest <= order <= whole.n_states:
+            raise InputError(f"`order` must be from {fewest} to {whole.n_states} in this band, got {order}")
+        made = whole.cut(order, high, balances, frequency, exact)
+        if made.n_states < order:
+            raise InputError(
+                f"`order` must be at most {made.n_states}, got {order}: these loads and sensors see no more states; ask for"
+                " fewer"
+            )
     hysteretic = sum_over_poles(nominal).frf(frequency)
     hysteretic = hysteretic * ((2j * np.pi * frequency) ** MOTION_DERIVATIVES[motion])[:, None, None]
     largest = made.miss(frequency, hysteretic)
@@ -212,7 +217,8 @@ def state_space(
         other = _Equations.from_reduced(
             reduce_structure(structure, model.parameters.values(physical), basis, sides), MOTION_DERIVATIVES[motion]
         )
-        draws.append(other.cut(order, high, other.balance(high), frequency).padded(order, high).sampled(sampling_rate))
+        cut = other.cut(made.n_states, high, other.balance(high), frequency, other.frf(frequency))
+        draws.append(cut.padded(made.n_states, high).sampled(sampling_rate))
     parts = made.sampled(sampling_rate)
     return StateSpace(*parts, sensors, loads, motion, (low, high), largest, sampling_rate, tuple(draws))
 
@@ -296,15 +302,16 @@ class _Equations:
             return []
         return [self._balance_states(highest * factor) for factor in _BANDS] + [self._balance_states(None)]
 
-    def cut(self, order: int, highest: float, balances: Sequence[_Balance], frequency: FloatArray) -> _Equations:
-        """Stable equations with `order` states: those of the `balances` whose FRFs miss least at `frequency`, Hz.
+    def cut(
+        self, order: int, highest: float, balances: Sequence[_Balance], frequency: FloatArray, exact: np.ndarray
+    ) -> _Equations:
+        """Stable equations with `order` states: those of the `balances` that miss least of the own FRFs `exact` at `frequency`, Hz.
 
         Balancing on a band may lose a resonance just above it; balancing over all frequencies does not, but spends states on what
         is outside the band.
         """
         if order >= self.n_states:
             return self
-        exact = self.frf(frequency)
         cuts = (self._cut_states(order, highest, balance) for balance in balances)
         return min(cuts, key=lambda cut: cut.miss(frequency, exact))
 
@@ -313,17 +320,23 @@ class _Equations:
         keep, r = max(order - self.n_rigid, 0), self.n_rigid
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
         left, right = balance.back[:keep], balance.states[:, :keep]
-        poles = np.linalg.eigvals(a)
-        least = float(np.clip((-poles.real / np.abs(poles)).min(), 0.0, _LEAST_DECAY))
-        reduced_a, keep = _reflect_unstable_poles(left @ a @ right, least), len(left)
-        whole = np.zeros((r + keep,) * 2)
-        whole[:r, :r], whole[r:, r:] = self.a[:r, :r], reduced_a
-        made = np.vstack([self.b[:r], left @ b]), np.hstack([self.c[:, :r], c @ right])
-        without = _Equations(whole, *made, np.zeros_like(self.d), r, self.is_differentiated)
+        without = replace(
+            self,
+            a=linalg.block_diag(self.a[:r, :r], _reflect_unstable_poles(left @ a @ right, self._least_decay)),
+            b=np.vstack([self.b[:r], left @ b]),
+            c=np.hstack([self.c[:, :r], c @ right]),
+            d=np.zeros_like(self.d),
+        )
         if self.is_differentiated:
             return without
         middle = np.array([0.5 * highest])  # where the direct part makes up for what was cut
         return replace(without, d=(self.frf(middle) - without.frf(middle))[0].real)
+
+    @cached_property
+    def _least_decay(self) -> float:
+        """Least decay of the poles that are no rigid motions, in parts of their size, from 0 to `_LEAST_DECAY`."""
+        poles = np.linalg.eigvals(self.a[self.n_rigid :, self.n_rigid :])
+        return float(np.clip((-poles.real / np.abs(poles)).min(), 0.0, _LEAST_DECAY))
 
     def _balance_states(self, highest: float | None) -> _Balance:
         """Balanced coordinates on the band up to `highest` Hz, or over all frequencies."""
@@ -337,9 +350,9 @@ class _Equations:
         reach = linalg.solve_continuous_lyapunov(a, -(inside @ b @ b.T + b @ b.T @ inside.T))
         seen = linalg.solve_continuous_lyapunov(a.T, -(inside.T @ c.T @ c + c.T @ c @ inside))
         roots = [square_root(matrix) for matrix in (reach, seen)]
-        left, sizes, right = np.linalg.svd(roots[1].T @ roots[0])
+        left, sizes, right = np.linalg.svd(roots[1].T @ roots[0], full_matrices=False)
         size = 1 / np.sqrt(np.maximum(sizes, np.finfo(float).tiny))
-        return _Balance(roots[0] @ right.T[:, : len(size)] * size, (roots[1] @ left[:, : len(size)] * size).T)
+        return _Balance(roots[0] @ right.T * size, (roots[1] @ left * size).T)
 
     def padded(self, order: int, highest: float) -> _Equations:
         """The equations with states that stay at rest behind their own, `order` in all."""
@@ -361,8 +374,9 @@ class _Equations:
 
 
 def _reflect_unstable_poles(a: FloatArray, least: float) -> FloatArray:
-    """A matrix with the poles of `a`, those that grow reflected to decay as fast, and by at least the part `least` of their size.
+    """A matrix with the poles of `a`, those that grow, or decay by less than half the part `least` of their size, reflected.
 
+    They then decay as fast as they grew, and by at least `_LEAST_DECAY` of their size.
     Balancing on a band moves poles outside it across the imaginary axis, or onto it; in the band the reflected ones act alike.
     """
     poles, vectors = np.linalg.eig(a)

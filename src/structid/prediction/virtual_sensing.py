@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy import linalg, signal, sparse
@@ -386,6 +387,16 @@ class _Smoothed:
     covariance: FloatArray
 
 
+@cache
+def _aliasing_filter(rate: float | None) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """The filter against aliasing of a sampling rate as x' = a x + b u and y = c x + d u; without states where there is none."""
+    if rate is None:
+        return np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
+    corner = np.pi * rate
+    a, b, c, d = signal.zpk2ss(*signal.ellip(*_FILTER, 1.0, analog=True, output="zpk"))
+    return corner * a, corner * b[:, 0], c[0], float(d[0, 0])
+
+
 @dataclass(frozen=True, eq=False)
 class _ForceModel:
     """An unknown force of unit variance: z' = dynamics z + white noise of density `noise` in the first state; force = output z.
@@ -405,12 +416,11 @@ class _ForceModel:
 
     @classmethod
     def of(cls, correlation_time: float, filtered_rate: float | None) -> _ForceModel:
-        """A force with a correlation time, s, as records of a sampling rate hold it; None for no filter."""
-        inner, entry, output, direct = np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
-        if filtered_rate is not None:
-            corner = np.pi * filtered_rate
-            a, b, c, d = signal.zpk2ss(*signal.ellip(*_FILTER, 1.0, analog=True, output="zpk"))
-            inner, entry, output, direct = corner * a, corner * b[:, 0], c[0], float(d[0, 0])
+        """A force with a correlation time, s, as a record holds it that was filtered for `filtered_rate`, samples per second.
+
+        Where `filtered_rate` is None no filter follows.
+        """
+        inner, entry, output, direct = _aliasing_filter(filtered_rate)
         dynamics = np.zeros((1 + len(inner),) * 2)
         dynamics[0, 0], dynamics[1:, 0], dynamics[1:, 1:] = -1 / correlation_time, entry, inner
         white = np.zeros_like(dynamics)
@@ -443,20 +453,29 @@ class _Filtered:
 
     Attributes
     ----------
-    before, after : (n_times, n_states) float arrays
-        Mean before and after the reading of each sample.
+    from_rest : (n_times, n_states) float array
+        Mean before the reading of each sample, had the first state been 0.
+    start : (n_states,) float array
+        Mean that the whole record gives the first state before its reading.
+    read : (n_times, n_used) float array
+        Readings without what known forces make in them at once, in standard deviations of their noise.
+    gain : (n_states, n_used) float array
+        K, the steady gain.
     predicted, updated : (n_states, n_states) float arrays
-        Their steady covariances.
+        Steady covariances before and after a reading.
     keep, step : (n_states, n_states) float arrays
-        What a reading leaves of the state before it, and what is left of it before the next one.
+        I - K C, what a reading leaves of an error before it, and A (I - K C), what is left of it before the next reading; A is
+        the transition and C reads the state.
     start_covariance : (n_states, n_states) float array
         What the record leaves open of the first state, beyond `predicted`.
     log_likelihood : float
         Of the record, less a constant.
     """
 
-    before: FloatArray
-    after: FloatArray
+    from_rest: FloatArray
+    start: FloatArray
+    read: FloatArray
+    gain: FloatArray
     predicted: FloatArray
     updated: FloatArray
     keep: FloatArray
@@ -513,8 +532,11 @@ class _Smoother:
     def _smoothed_mean(self, system: _StateSpace, filtered: _Filtered) -> tuple[FloatArray, FloatArray]:
         """Requested outputs, (n_times, n), and the gain (n_states, n_states) by which later states correct earlier ones."""
         back = np.linalg.solve(filtered.predicted, system.transition @ filtered.updated).T
-        drive = (filtered.after[:-1] - filtered.before[1:] @ back.T)[::-1]
-        smoothed = stepped(back, drive, filtered.after[-1])[::-1]
+        at_rest = np.zeros_like(filtered.from_rest[1:])
+        before = filtered.from_rest + stepped(filtered.step, at_rest, filtered.start)
+        after = before @ filtered.keep.T + filtered.read @ filtered.gain.T
+        drive = (after[:-1] - before[1:] @ back.T)[::-1]
+        smoothed = stepped(back, drive, after[-1])[::-1]
         return smoothed @ system.wanted.T + self.channels.known @ system.wanted_direct.T, back
 
     def likeliest_std(self, reduced: ReducedMatrices) -> tuple[float, bool]:
@@ -523,7 +545,7 @@ class _Smoother:
         A model whose resonances are off by a part of their width makes far larger forces likelier than those that move the sensors
         as much as they do. The size of the motion then counts.
         """
-        size, above = self._first_std(reduced), _BELOW if reduced.is_rigid.any() else _ABOVE
+        size, above = self._first_std(reduced), _decades_above(reduced)
         search = minimize_scalar(
             lambda decades: -self._log_likelihood(reduced, float(size * 10**decades)),
             bounds=(-_BELOW, above),
@@ -535,12 +557,15 @@ class _Smoother:
         return float(size * 10**search.x), True
 
     def with_likeliest_time(self, reduced: ReducedMatrices, std: float | None) -> tuple[_Smoother, float, bool]:
-        """The smoother with the likeliest correlation time of forces, their standard deviation, N, and whether it can be trusted.
+        """The smoother with a correlation time that the record tells, the forces' standard deviation, N, and if it can be trusted.
 
-        Where records are as likely but for chance, the forces are as short and small as they can be: accelerations hardly tell slow
-        forces from none. A stated `std` is kept. See `likeliest_std` for the trust.
+        From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is at
+        most `_LESS_LIKELY` below the greatest: accelerations hardly tell slow forces from none. The size falls with the square root
+        of the time, so that the spectral density at high frequencies stays; a stated `std` is kept. For the trust see
+        `likeliest_std`.
         """
         shortest, longest = np.log(_SHORTEST / self.rate), np.log(len(self.channels.measured) / self.rate / 4)
+        above = _decades_above(reduced)
 
         def of_time(log_time: float) -> _Smoother:
             return replace(self, correlation_time=float(np.exp(log_time)))
@@ -556,7 +581,6 @@ class _Smoother:
             is_within = shortest <= log_time <= longest and -_BELOW <= decades <= above
             return -likelihood(log_time, decades) if is_within else float("inf")
 
-        above = _BELOW if reduced.is_rigid.any() else _ABOVE
         times = np.linspace(shortest, longest, _TIMES).tolist()
         by_motion = [likelihood(time, 0.0) for time in times]
         first = times[int(np.argmax(by_motion))]
@@ -565,17 +589,18 @@ class _Smoother:
                 [[first, 0.0], [first + (times[0] - times[1]) * (1 if first > shortest else -1), 0.0], [first, -0.3]]
             )
             options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": 60}
-            log_time, decades = minimize(unlikely, simplex[0], method="Nelder-Mead", options=options).x.tolist()
+            found = minimize(unlikely, simplex[0], method="Nelder-Mead", options=options)
+            log_time, decades = found.x.tolist()
             if decades > above - 3 * _SURE:
                 return of_time(first), size(first, 0.0), False
             largest = size(log_time, decades)
         else:
             beside = max(first + times[0] - times[1], shortest), min(first + times[1] - times[0], longest)
-            search = minimize_scalar(
+            found = minimize_scalar(
                 lambda log_time: -likelihood(log_time, 0.0), bounds=beside, method="bounded", options={"xatol": _SURE}
             )
-            log_time, largest = float(search.x), std
-        most = of_time(log_time)._log_likelihood(reduced, largest)
+            log_time, largest = float(found.x), std
+        most = -float(found.fun)
         for step in range(_STEPS, 0, -1):
             shorter = log_time + step * np.log(_SHORTER)
             # with the same density beyond the correlation time
@@ -607,7 +632,7 @@ class _Smoother:
         return self._filter(self._system(reduced, std)).log_likelihood
 
     def _filter(self, system: _StateSpace) -> _Filtered:
-        """States before and after the reading of each sample, by steady gains and an initial state that the record tells.
+        """States before the reading of each sample, by steady gains, and the initial state that the record tells.
 
         A record begins in motion: its initial state has the stationary covariance. That is the covariance of the steady filter and
         an independent part, on which all innovations depend linearly: de Jong (1991), Annals of Statistics 19, 1073-1083.
@@ -620,20 +645,21 @@ class _Smoother:
         step = system.transition @ keep
         read = self._measured - known @ system.direct.T
         drive = read[:-1] @ (system.transition @ gain).T + np.hstack([known[:-1], known[1:]]) @ system.entry.T
-        before = stepped(step, drive, np.zeros(n))
+        from_rest = stepped(step, drive, np.zeros(n))
         half = np.linalg.cholesky(innovation)
-        error = linalg.solve_triangular(half, (read - before @ system.reading.T).T, lower=True).T
+        error = linalg.solve_triangular(half, (read - from_rest @ system.reading.T).T, lower=True).T
         seen = linalg.solve_triangular(half, system.reading, lower=True)
         root = square_root(self._first_covariance(system) - predicted)
-        information = _sum_over_samples(step, seen.T @ seen, count)
+        information = _symmetric(_sum_of_powers(step.T, seen.T @ seen, step, count))
         score = root.T @ stepped(step.T, (error @ seen)[::-1], np.zeros(n))[-1]
         posterior = np.eye(root.shape[1]) + root.T @ information @ root
         start = np.linalg.solve(posterior, np.column_stack([score, root.T]))
-        before = before + stepped(step, np.zeros((count - 1, n)), root @ start[:, 0])
         likelihood = 0.5 * (score @ start[:, 0] - (error**2).sum() - np.linalg.slogdet(posterior)[1])
         return _Filtered(
-            before,
-            before @ keep.T + read @ gain.T,
+            from_rest,
+            root @ start[:, 0],
+            read,
+            gain,
             predicted,
             predicted - gain @ innovation @ gain.T,
             keep,
@@ -692,11 +718,11 @@ class _Smoother:
         acceleration = dynamics[n : 2 * n]
         n_sensors, n_left = len(self.channels.sensors), len(self.channels.left)
         orders = np.array([*self.channels.derivatives, *self.channels.left_derivatives])
-        rows, direct = _readings(reduced.outputs[: len(orders)], orders, acceleration, known)
+        rows, direct = _output_matrices(reduced.outputs[: len(orders)], orders, acceleration, known)
         groups = np.split(reduced.outputs[len(orders) :], len(self.read.orders))
         asked, asked_direct = np.zeros((self.read.n_rows, size)), np.zeros((self.read.n_rows, n_known))
         for order, group in zip(self.read.orders, groups, strict=True):
-            parts = _readings(group, np.full(len(group), order), acceleration, known)
+            parts = _output_matrices(group, np.full(len(group), order), acceleration, known)
             asked, asked_direct = asked + parts[0], asked_direct + parts[1]
         left = slice(n_sensors, n_sensors + n_left)
         forces = np.hstack([np.zeros((n_forces, 2 * n)), pushing])
@@ -726,6 +752,11 @@ class _Smoother:
         )
 
 
+def _decades_above(reduced: ReducedMatrices) -> float:
+    """Orders of magnitude above a first guess of the unknown forces up to which their size is sought."""
+    return _BELOW if reduced.is_rigid.any() else _ABOVE
+
+
 def _predicted_covariance(system: _StateSpace) -> FloatArray:
     """Covariance (n_states, n_states) of the state before each reading, once it has settled: that after 2^k samples, k rising.
 
@@ -752,25 +783,17 @@ def _symmetric(matrix: FloatArray) -> FloatArray:
     return np.asarray((matrix + matrix.T) / 2)
 
 
-def _sum_over_samples(step: FloatArray, matrix: FloatArray, count: int) -> FloatArray:
-    """Sum over k from 0 to count - 1 of (step^k)' matrix step^k, (n, n), by doubling so that no digits cancel."""
-    total, power = np.zeros_like(matrix), np.eye(len(step))
+def _sum_of_powers(left: FloatArray, middle: FloatArray, right: FloatArray, count: int = 2**_DOUBLINGS) -> FloatArray:
+    """Sum over k from 0 to count - 1 of left^k middle right^k, (n, n), by doubling so that no digits cancel.
+
+    By default that of all k, where the powers fade.
+    """
+    total, before, after = np.zeros_like(middle), np.eye(len(left)), np.eye(len(right))
     for digit in f"{count:b}":
-        total, power = total + power.T @ total @ power, power @ power
+        total, before, after = total + before @ total @ after, before @ before, after @ after
         if digit == "1":
-            total, power = matrix + step.T @ total @ step, power @ step
-    return _symmetric(total)
-
-
-def _sum_of_powers(left: FloatArray, middle: FloatArray, right: FloatArray) -> FloatArray:
-    """Sum over k from 0 of left^k middle right^k, whose powers fade, (n, n)."""
-    total = middle
-    for _ in range(_DOUBLINGS):
-        more = left @ total @ right
-        total, left, right = total + more, left @ left, right @ right
-        if np.abs(more).max() <= _CONVERGED * np.abs(total).max():
-            break
-    return np.asarray(total)
+            total, before, after = middle + left @ total @ right, before @ left, after @ right
+    return total
 
 
 def _variance_beside_end(wanted: FloatArray, step: FloatArray, excess: FloatArray, steady: FloatArray) -> FloatArray:
@@ -793,30 +816,29 @@ def _variance_of_start(
 ) -> FloatArray:
     """Variance (n_times, n) of outputs beyond the `steady` one by what the record leaves open of its first state.
 
-    The smoothed state k of N is off by onwards step^k + back^(N-1-k) (keep - onwards) step^(N-1) times the first one.
+    In a record without end an error of the first state leaves `onwards` (n_states, n_states) of itself when all readings from it
+    onwards are smoothed. Of N samples the smoothed state k is off by onwards step^k + back^(N-1-k) (keep - onwards) step^(N-1)
+    times that error.
     """
     step, excess, count = filtered.step, filtered.start_covariance, len(steady)
     late = (filtered.keep - onwards) @ np.linalg.matrix_power(step, count - 1)
-    beyond, early = np.zeros_like(steady), wanted @ onwards
+    beyond, early = np.zeros_like(steady), (wanted @ onwards).T
     has_late = np.abs(late @ excess @ late.T).max() > _CONVERGED * np.abs(onwards @ excess @ onwards.T).max()
     for first in range(0, count, _BLOCK):
         size = min(_BLOCK, count - first)
-        rows = np.zeros((size, *wanted.shape))
+        nothing = np.zeros((size, *early.shape))
+        columns = stepped(step.T, nothing, early)
+        columns, early = columns[:-1], columns[-1]
         if has_late:
-            from_end = wanted @ np.linalg.matrix_power(back, count - first - size)
-            for k in range(size - 1, -1, -1):
-                rows[k] = from_end @ late
-                from_end = from_end @ back
-        for k in range(size):
-            rows[k] += early
-            early = early @ step
-        beyond[first : first + size] = np.maximum(np.einsum("kij,kij->ki", rows @ excess, rows), 0.0)
+            from_end = (wanted @ np.linalg.matrix_power(back, count - first - size)).T
+            columns = columns + late.T @ stepped(back.T, nothing[1:], from_end)[::-1]
+        beyond[first : first + size] = np.maximum(np.einsum("kji,kji->ki", excess @ columns, columns), 0.0)
         if not has_late and (beyond[first + size - 1] <= _SETTLED * steady[0]).all():
             break
     return beyond
 
 
-def _readings(
+def _output_matrices(
     outputs: FloatArray, orders: IntArray, acceleration: FloatArray, forces: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Matrices of outputs over states (n_outputs, n_states) and over known forces (n_outputs, n_known).

@@ -75,7 +75,7 @@ def left_out_table(result: ModesResult) -> Table | None:
     """Stable poles that were not taken for modes, with the reason; None where there are none."""
     rows = tuple(
         (
-            exact(float(f"{part.frequency:.4g}")),
+            exact(part.frequency, 4),
             f"{100 * part.damping_ratio:.2g}",
             str(part.n_poles) if part.n_poles else "",
             _probability_words(part.probability),
@@ -95,9 +95,9 @@ def tones_table(result: ModesResult) -> Table | None:
             (
                 tone.frequency_words,
                 f"{tone.kurtosis:.2f}",
-                exact(float(f"{100 * tone.variance_fraction[most]:.3g}")),
+                exact(100 * tone.variance_fraction[most], 3),
                 str(tone.channels[most]),
-                f"{exact(float(f'{tone.amplitude[most]:.3g}'))} {tone.units[most]}",
+                f"{exact(tone.amplitude[most], 3)} {tone.units[most]}",
             )
         )
     return Table(_TONES_HEADER, tuple(rows), (1, 2, 4)) if rows else None

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from structid.core.constraints import split_commas
+from structid.core.constraints import part_of_one, split_commas
 from structid.core.errors import InputError
 
 
@@ -49,11 +49,7 @@ def least_part(value: float | str) -> float:
     InputError
         If it is no number of at least 0 and below 1.
     """
-    text = str(value).strip()
-    try:
-        part = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
-    except ValueError:
-        part = float("nan")
+    part = part_of_one(value)
     if not 0 <= part < 1:
         raise InputError(f"`least` must be at least 0 and below 1, got {value!r}; 0.01 and 1% are one per cent")
     return part

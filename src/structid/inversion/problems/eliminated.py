@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,8 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import DataRows, FreeUnknowns, Problem
+from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 
 _ROUNDING = float(np.finfo(np.float64).eps)
 
@@ -92,5 +94,27 @@ class EliminatedProblem(Problem):
         return np.array([np.sqrt(self.cost(self.changes(theta)))])
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        rows = self.normal(self.changes(theta)).compressed()
+        rows = self.normal_at(self.changes(theta)).compressed()
         return Linearization(rows.residual, rows.jacobian * self.sizes)
+
+    def normal_at(self, changes: FloatArray) -> NormalEquations:
+        """`normal` after changes (n_params,) of the unknowns; asked again for the same ones, it is not made again."""
+        return self._last_normal(changes.tobytes())
+
+    @cached_property
+    def _last_normal(self) -> Callable[[bytes], NormalEquations]:
+        normal = self.normal  # without the problem, which would hold itself
+        return lru_cache(maxsize=1)(lambda changes: normal(np.frombuffer(changes)))
+
+
+def minimize_eliminated(problem: EliminatedProblem, method: LevenbergMarquardt) -> tuple[FloatArray, bool] | None:
+    """Changes of the unknowns (n_params,) to the nearest minimum, and True if it was reached.
+
+    None where an unknown has no effect at the start, or one that is not finite.
+    """
+    assert method.acceleration == 0, "residual and linearization have other rows"
+    effects = problem.normal_at(np.zeros(len(problem.sizes))).columns
+    if not (np.isfinite(effects) & (effects > 0)).all():
+        return None
+    end = minimize(problem, method)
+    return problem.changes(end.theta), end.converged

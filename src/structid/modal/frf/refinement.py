@@ -15,15 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
-from structid.inversion.problems.eliminated import EliminatedProblem, NormalEquations
-from structid.inversion.search.least_squares import minimize
+from structid.inversion.problems.eliminated import EliminatedProblem, NormalEquations, minimize_eliminated
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.modal.frf.residues import OUTSIDE, slopes, terms, weighted
 
@@ -198,21 +196,17 @@ def refined(
     if not n_free:
         return start, True
 
-    @lru_cache(maxsize=1)  # the start is looked at first
-    def normal(changes: bytes) -> NormalEquations:
+    def normal(changes: FloatArray) -> NormalEquations:
         matrix, gradient, cost = np.zeros((n_free, n_free)), np.zeros(n_free), 0.0
-        for block in output_blocks(data, start.moved(np.frombuffer(changes)), start.free):
+        for block in output_blocks(data, start.moved(changes), start.free):
             matrix = matrix + block.slope.T @ block.slope
             gradient = gradient - block.slope.T @ block.residual
             cost += float(block.residual @ block.residual)
         return NormalEquations(matrix, gradient, cost)
 
-    lengths = normal(np.zeros(n_free).tobytes()).columns
-    if not np.isfinite(lengths).all() or lengths.min() == 0:
+    problem = EliminatedProblem(start.sizes, lambda changes: misfit(data, start.moved(changes)), normal)
+    found = minimize_eliminated(problem, replace(_SEARCH, gain_tolerance=gain))
+    if found is None:
         return start, False
-    problem = EliminatedProblem(
-        start.sizes, lambda changes: misfit(data, start.moved(changes)), lambda changes: normal(changes.tobytes())
-    )
-    assert _SEARCH.acceleration == 0, "residual and linearization have other rows"
-    end = minimize(problem, replace(_SEARCH, gain_tolerance=gain))
-    return start.moved(problem.changes(end.theta)), end.converged
+    changes, has_converged = found
+    return start.moved(changes), has_converged

@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from structid.core.arrays import ComplexArray, FloatArray
-from structid.inversion.problems.eliminated import EliminatedProblem, NormalEquations
-from structid.inversion.search.least_squares import minimize
+from structid.inversion.problems.eliminated import EliminatedProblem, NormalEquations, minimize_eliminated
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.modal.correlations import Outputs, displacement_rows
 from structid.modal.modal_record import ModalRecord, by_frequency
@@ -272,20 +271,20 @@ def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[Com
         projected = project(changes.tobytes())
         return np.inf if projected is None else _cost(projected[1], sigma)
 
-    @lru_cache(maxsize=1)  # the start is looked at first
-    def normal(changes: bytes) -> NormalEquations:
-        projected = project(changes)
+    def normal(changes: FloatArray) -> NormalEquations:
+        projected = project(changes.tobytes())
         assert projected is not None  # a search stays where the sum of squares is finite
         return _normal(projected[1], sigma)
 
-    none = np.zeros(2 * n).tobytes()
-    if project(none) is None or not (normal(none).columns > 0).all():
+    if project(np.zeros(2 * n).tobytes()) is None:
         return None
     n_rows = sum(y.size for y in data.series)
-    problem = EliminatedProblem(np.tile(np.abs(start), 2), cost, lambda changes: normal(changes.tobytes()))
-    assert _SEARCH.acceleration == 0, "residual and linearization have other rows"
-    end = minimize(problem, replace(_SEARCH, gain_tolerance=_CONVERGED / n_rows))
-    return project(problem.changes(end.theta).tobytes()) if end.converged else None
+    problem = EliminatedProblem(np.tile(np.abs(start), 2), cost, normal)
+    found = minimize_eliminated(problem, replace(_SEARCH, gain_tolerance=_CONVERGED / n_rows))
+    if found is None:
+        return None
+    changes, has_converged = found
+    return project(changes.tobytes()) if has_converged else None
 
 
 def _with_covariance(data: Outputs, poles: ComplexArray, parts: list[_Projected]) -> DecayFit | None:

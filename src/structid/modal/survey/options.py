@@ -59,10 +59,13 @@ class ModesOptions:
 
     def __post_init__(self) -> None:
         """Convert options given as text, and raise `InputError` on values out of range."""
-        if isinstance(self.frequencies, str):
-            object.__setattr__(self, "frequencies", _numbers("frequencies", self.frequencies))
-        if isinstance(self.remove_tones, str) and self.remove_tones != "auto":
-            object.__setattr__(self, "remove_tones", _numbers("remove_tones", self.remove_tones))
+        for name, words in (("frequencies", ()), ("remove_tones", ("auto",))):
+            value = getattr(self, name)
+            if isinstance(value, str) and value not in words:
+                value = _numbers(name, value)
+                object.__setattr__(self, name, value)
+            if value is not None and not isinstance(value, str) and not all(np.isfinite(f) and f > 0 for f in value):
+                raise InputError(f"`{name}` must be greater than 0 Hz, got {list(value)}")
         if isinstance(self.orders, str):
             object.__setattr__(self, "orders", _orders(self.orders))
         if isinstance(self.detrend, str) and self.detrend.isdigit():
@@ -71,10 +74,6 @@ class ModesOptions:
             raise InputError(
                 f"`band` must be least and greatest frequency in Hz, got {self.band[0]:g} {self.band[1]:g}"
             )
-        if self.frequencies is not None and not all(np.isfinite(f) and f > 0 for f in self.frequencies):
-            raise InputError(f"`frequencies` must be greater than 0 Hz, got {list(self.frequencies)}")
-        if isinstance(self.remove_tones, tuple) and not all(np.isfinite(f) and f > 0 for f in self.remove_tones):
-            raise InputError(f"`remove_tones` must be greater than 0 Hz, got {list(self.remove_tones)}")
         for name, unit in (("rate", " Hz"), ("deviation", ""), ("window", " s")):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):

@@ -140,8 +140,7 @@ def convergence_figure(identification: Identification) -> plot.Figure:
     traces: list[plot.Trace] = []
     if len(begins) > 1:
         grey = plot.Pen(palette.MUTED, 1.2, "dot")
-        low_end, high_end = np.full(len(begins) - 1, limits[0]), np.full(len(begins) - 1, limits[1])
-        traces.append(plot.segments((begins[1:], begins[1:]), (low_end, high_end), grey, "a new stage begins"))
+        traces.append(plot.segments((begins[1:], begins[1:]), limits, grey, "a new stage begins"))
     for i in (*others, *highlighted):
         colour, named = colours.get(i, palette.FAINT), i in colours
         marker = plot.Marker(size=4.0, colour=colour) if named else None

@@ -41,6 +41,8 @@ async function unpacked(id) {
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).text();
 }
 
+// The length of an axis with limits, in its own unit.
+const span = ({range}) => Math.abs(range[1] - range[0]);
 // A drawing on a telephone: the bar of colours below it, and no labels, which would cover each other; a tap names an element.
 const isBare = (panel) => panel.layout.xaxis?.visible === false;
 function slim(plot, panel, data) {
@@ -50,10 +52,9 @@ function slim(plot, panel, data) {
     ...axis,
     colorbar: {...axis.colorbar, ...bar, title: {...axis.colorbar.title, side: "top"}},
   };
-  const length = ({range}) => Math.abs(range[1] - range[0]),
-    {xaxis, yaxis} = panel.layout,
+  const {xaxis, yaxis} = panel.layout,
     below = axis ? 64 : 4;
-  const height = Math.min(panel.layout.height, ((plot.clientWidth - 8) * length(yaxis)) / length(xaxis) + below);
+  const height = Math.min(panel.layout.height, ((plot.clientWidth - 8) * span(yaxis)) / span(xaxis) + below);
   const layout = {...panel.layout, height, margin: {l: 4, r: 4, t: 4, b: below}, ...(axis ? {coloraxis} : {})};
   plot.style.height = `${height}px`;
   return [data.filter((trace) => trace.mode !== "markers+text"), layout];
@@ -65,8 +66,8 @@ function filled(plot, panel) {
   if (!yaxis?.scaleanchor || !xaxis.range || !yaxis.range) {
     return panel.layout;
   }
-  const [width, tall] = [xaxis, yaxis].map(({range}) => Math.abs(range[1] - range[0]));
-  return {...panel.layout, height: Math.min(height, Math.max(200, ((plot.clientWidth - 70) * tall) / width + 90))};
+  const tall = ((plot.clientWidth - 70) * span(yaxis)) / span(xaxis) + 90;
+  return {...panel.layout, height: Math.min(height, Math.max(200, tall))};
 }
 
 function startFigure(box, panels, arrays) {

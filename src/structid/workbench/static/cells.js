@@ -216,8 +216,9 @@ export class Cells {
     try {
       done = this.added(values);
     } catch (error) {
-      refuseTyped((own.find((cell) => cell.column.key === error.column) ?? own[0]).input, error.message);
-      (own.find((cell) => cell.column.key === error.column) ?? own[0]).input.focus();
+      const {input} = own.find((cell) => cell.column.key === error.column) ?? own[0];
+      refuseTyped(input, error.message);
+      input.focus();
       return;
     }
     for (const cell of own) {
