@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Annotated, TypeVar, get_type_hints
 
 import typer
+from typer.models import OptionInfo
 
 from structid.cli.base import reported, say
 
@@ -78,13 +79,17 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 def flag_spellings(function: Callable[..., None]) -> dict[str, str]:
     """The flag of each option of a command, under the name that the option has in Python."""
-    kinds = [p.annotation for p in inspect.signature(function, eval_str=True).parameters.values()]
-    return {
-        name: spelling
-        for kind in kinds
-        if isinstance(kind, type) and is_dataclass(kind)
-        for name, spelling in _spellings(kind)
-    }
+    spellings = {}
+    for parameter in inspect.signature(function, eval_str=True).parameters.values():
+        kind = parameter.annotation
+        if isinstance(kind, type) and is_dataclass(kind):
+            spellings |= dict(_spellings(kind))
+        for option in getattr(kind, "__metadata__", ()):
+            if isinstance(option, OptionInfo):
+                # typer keeps the first name of an annotated option as its default
+                names = [*map(str, (option.default, *(option.param_decls or ()))), *_flag_names(parameter.name)]
+                spellings[parameter.name] = next(name for name in names if name.startswith("--")).split("/")[0]
+    return spellings
 
 
 def _spellings(options: type, prefix: str = "") -> Iterator[tuple[str, str]]:
