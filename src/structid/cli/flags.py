@@ -79,7 +79,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 def flag_spellings(function: Callable[..., None]) -> dict[str, str]:
     """The flag of each option of a command, under the name that the option has in Python."""
-    spellings = {}
+    spellings: dict[str, str] = {}
     for parameter in inspect.signature(function, eval_str=True).parameters.values():
         kind = parameter.annotation
         if isinstance(kind, type) and is_dataclass(kind):
