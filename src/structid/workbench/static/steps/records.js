@@ -220,13 +220,17 @@ function channelErrors(box, app, found) {
       `${one.role === "load" ? "load " : ""}${called(one.name)}`,
     ]);
   const all = [["outputs all", "all sensors"], ...(isModes ? [] : [["inputs all", "all loads"]])];
-  const property = h("select", {id: "error-property"}, options(isModes ? PROPERTIES.slice(0, 1) : PROPERTIES)),
+  const property = h(
+      "select",
+      {id: "error-property", "data-kept": true},
+      options(isModes ? PROPERTIES.slice(0, 1) : PROPERTIES),
+    ),
     channels = h(
       "select",
-      {id: "error-channels", multiple: true, size: Math.min(6, ends.length + all.length)},
+      {id: "error-channels", "data-kept": true, multiple: true, size: Math.min(6, ends.length + all.length)},
       options([...all, ...ends], "outputs all"),
     );
-  const each = h("input", {type: "checkbox", id: "error-each", checked: true}),
+  const each = h("input", {type: "checkbox", id: "error-each", "data-kept": true, checked: true}),
     prior = h("input", {id: "error-prior", spellcheck: "false", placeholder: "as in 1 ± 2.5 %"});
   const add = h(
     "button",
