@@ -7,6 +7,7 @@ import {
   field,
   fill,
   h,
+  marked,
   number,
   numberIn,
   options,
@@ -138,9 +139,6 @@ function further(app, found, folder) {
   );
 }
 
-// Words with what stands between back quotes as code.
-const marked = (words) => words.split("`").map((part, k) => (k % 2 ? h("code", {}, part) : part));
-
 function verdict(found, folder, files) {
   const advice = found.advice || (found.verdict_reasons || []).slice(1),
     headline = found.headline || found.verdict_text || found.status_text || found.status || "";
@@ -168,7 +166,7 @@ const warningList = (lines) =>
 // The change of model or record that explains the misfit, with its study to open.
 function cause(found, folder, files) {
   const [first] = found.causes || [];
-  return first
+  return first?.share >= 0.01
     ? h(
         "div",
         {id: "cause"},

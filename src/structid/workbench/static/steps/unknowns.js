@@ -1,6 +1,6 @@
 // What is sought: properties of element sets, priors and bounds, with the accuracy that is predicted beside each.
 import {get} from "../api.js";
-import {field, fill, h, options, percent, quantity, table, toml, typed, unitText} from "../dom.js";
+import {field, fill, h, marked, options, percent, quantity, table, toml, typed, unitText} from "../dom.js";
 import {refuseTyped} from "../typed.js";
 
 export async function show(box, app) {
@@ -351,7 +351,7 @@ async function predict(place, app, list) {
     fill(
       place,
       h("h2", {}, "Predicted accuracy"),
-      h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message),
+      h("p", {class: "state bad", style: {"white-space": "normal"}}, marked(error.message)),
     );
   }
 }
