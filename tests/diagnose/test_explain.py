@@ -351,7 +351,7 @@ def test_command_tells_the_verdict_first_and_ends_with_3(tmp_path, brief):
     assert answer["causes"][0]["kind"] in ("support", "joint")
     assert len([line for line in done.stdout.splitlines() if line.startswith("warning: ")]) <= 4
     study = tmp_path / "out" / answer["causes"][0]["study"]
-    assert study.exists()
+    assert load_study(study).title == f"{load_study(path).title}, if {answer['causes'][0]['words']}"
     right = RUN.invoke(cli.app, ["identify", str(study), "--out", str(tmp_path / "right"), "--no-report"])
     assert right.exit_code == 0, right.output
     assert json.loads((tmp_path / "right" / "estimate.json").read_text())["verdict"] == "sound"

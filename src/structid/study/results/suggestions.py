@@ -73,7 +73,7 @@ def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path,
     (folder / FOLDER).mkdir()
     for cause, fit in zip([cause for cause in causes if cause.has_fit], fits, strict=True):
         if cause.study:
-            title = f"{result.study.title}: {cause.words}"
+            title = f"{result.study.title}, if {cause.words}"
             write_suggestion(result.study, fit.modified.changes, folder / cause.study, target / FOLDER, title)
 
 
