@@ -120,6 +120,6 @@ def _excess(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
 
 
 def _is_beyond(value: float, usual: Sequence[float]) -> bool:
-    """Whether a positive value lies beyond all usual ones and far from their logarithmic mean."""
+    """True where a positive value lies beyond all usual ones and far from their logarithmic mean."""
     logs = np.log(usual)
     return bool(value > max(usual) and np.log(value) > logs.mean() + _SIGNIFICANT * logs.std(ddof=1))

@@ -132,7 +132,7 @@ class SensedMotion(Shown):
 
     @property
     def is_explained(self) -> bool:
-        """Whether the model explains the record, also at the sensors that were left out."""
+        """True where the model explains the record, also at the sensors that were left out."""
         return not self.contradiction and all(z < LARGEST_CHECK for _, z in self.checks)
 
     def overview(self) -> Overview:
@@ -259,7 +259,8 @@ def sense(
         std, is_trusted = smoother.likeliest_std(reduced)
     fit = smoother.fit(reduced, std)
     nominal, rng = smoother.run(fit), np.random.default_rng(seed)
-    spread, replicates = np.zeros_like(nominal.mean), []
+    spread = np.zeros_like(nominal.mean)
+    replicates: list[_Smoother] = []
     for physical in model.draw_parameters(n_draws, rng) if n_draws else ():
         values = model.parameters.values(physical)
         other = smoother.fit(reduce_structure(structure, values, basis, sides_at(values)), std)

@@ -25,8 +25,8 @@ def sense(
     """Tell the motion at places without a sensor during a record, and forces that nobody measured; write sensed.csv.
 
     A Kalman smoother runs over the modes of the identified model. Every value has a standard deviation, which includes the noise of
-    the sensors, the uncertainty of the model and what the unknown forces leave open. Where the record contradicts the model, the result is
-    written and the exit code is 3.
+    the sensors, the uncertainty of the model and what the unknown forces leave open.
+    Where the record contradicts the model, the result is written and the exit code is 3.
 
     \b
     Examples:
