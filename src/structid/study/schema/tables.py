@@ -40,7 +40,7 @@ class Key:
 
     @property
     def description(self) -> str:
-        """What the key is, in words; "" where nothing says it."""
+        """Words on the key for schemas and forms; "" where nothing says it."""
         return self.words() if callable(self.words) else self.words
 
     @property
