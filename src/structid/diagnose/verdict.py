@@ -507,7 +507,7 @@ def _judged(
         return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message, *pushed))
     if fits_noise(identification) and estimate.status is Status.CONVERGED:
         words = (
-            f"Wrong model: the record contradicts a bound: {pushed[0]}. The other values rest on it: do not use them."
+            f"Wrong model: the record contradicts a bound: {pushed[0]}. The other values depend on it: do not use them."
         )
         return Judgement("wrong_model", words, pushed)
     if fits_noise(identification):
