@@ -94,5 +94,7 @@ def sensed_summary(sensed: SensedMotion, folder: Path, path: Path) -> dict[str, 
         "force_prior_std": sensed.prior_std,
         "correlation_time_s": sensed.correlation_time,
         "left_out": [{"sensor": str(dof), "error_over_stated_deviation": z} for dof, z in sensed.checks],
+        "verdict": "explained" if sensed.is_explained else "wrong_model",
+        "contradiction": sensed.contradiction,
         "warnings": list(sensed.words),
     }
