@@ -87,7 +87,7 @@ def intervals(
 def _with_tolerances(ends: FloatArray, estimate: Estimate, level: float) -> FloatArray:
     """Interval ends (n_params, 2) widened by the tolerances of fixed values.
 
-    Half-widths add in squares; an end that the data do not give stays open.
+    Half-widths add in squares; an end that the data do not give stays open. `level` is the probability of the interval.
     """
     assert estimate.fixed is not None
     values, wide = estimate.values, np.array(ends)
@@ -121,7 +121,10 @@ def _bootstrap(problem: Problem, estimate: Estimate, level: float, seed: int, wo
 
 
 def _sampling(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
-    """Interval ends (n_params, 2) from posterior draws, and warnings; NaN if the posterior is not proper."""
+    """Interval ends (n_params, 2) from posterior draws, and warnings; NaN if the posterior is not proper.
+
+    `level` is the probability of the interval.
+    """
     if not np.isfinite(estimate.spread.covariance_noise).all():
         none = np.full((len(estimate.names), 2), np.nan)
         return none, ("no samples: the data and priors leave a direction without limit; give a prior or bounds",)

@@ -276,7 +276,10 @@ def _by_nuts(
 
 
 def _chain_piece(shared: tuple[_Target, int, int], item: Stored, tools: Tools) -> Stored:
-    """Next draws of one Markov chain, as a parallel task; `item` is the chain's stored state."""
+    """Next draws of one Markov chain, as a parallel task; `item` is the chain's stored state.
+
+    `shared` is the target density, the number of warm-up draws and that of draws.
+    """
     target, n_warmup, n_draws = shared
     rng = _generator(item["random"])
     if item["chain"] is not None:
