@@ -86,7 +86,7 @@ def elastic_stiffness(
 def _products(left: FloatArray, elasticity: FloatArray, right: FloatArray, measure: FloatArray) -> FloatArray:
     """Integrals of left' D right over each cell, (n_cells, n_left, n_right): D is `elasticity`; `measure` weighs the points.
 
-    `left` (left) and `right` are (n_points, n_cells, n_strains, n).
+    `left` and `right` are (n_points, n_cells, n_strains, n).
     """
     total = np.zeros((left.shape[1], left.shape[3], right.shape[3]))
     for a, b, weight in zip(left, right, measure, strict=True):
