@@ -69,8 +69,8 @@ def test_predict_tells_what_a_change_does(results, tmp_path):
         (["--scale", "stiffness"], "a property and a factor"),
         (["--damper", "5@2X"], "kg, Hz, damping ratio and a place"),
         (["--sensors", "9X"], "9X"),
-        (["--sensors", "2X", "--kind", "inertance"], "`kind` must be one of"),
-        (["--history", "push.csv"], "`sensors` must name where the motion"),
+        (["--sensors", "2X", "--kind", "inertance"], "--kind must be one of"),
+        (["--history", "push.csv"], "--sensors must name where the motion"),
     ],
 )
 def test_predict_names_what_cannot_be(results, tmp_path, arguments, words):
@@ -276,12 +276,12 @@ def test_predict_under_a_pulse_and_under_noise(results, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--half-sine", "5,0.05@3X"], "`duration` must be given with `half_sine`"),
-        (["--half-sine", "5@3X", "--duration", 1, "--sampling-rate", 100], "`half_sine` must be size, width and a place"),
-        (["--sine", "5,40@3X", "--duration", 1, "--sampling-rate", 100], "`sampling_rate` must be at least 320 Hz"),
-        (["--noise", "3X", "--duration", 1], "`noise` must be a table and a place"),
+        (["--half-sine", "5,0.05@3X"], "--duration must be given with --half-sine"),
+        (["--half-sine", "5@3X", "--duration", 1, "--sampling-rate", 100], "--half-sine must be size, width and a place"),
+        (["--sine", "5,40@3X", "--duration", 1, "--sampling-rate", 100], "--sampling-rate must be at least 320 Hz"),
+        (["--noise", "3X", "--duration", 1], "--noise must be a table and a place"),
         (["--noise", "none.csv@3X", "--duration", 1], "none.csv"),
-        (["--sine", "5,1@3X", "--history", "a.csv", "--duration", 1], "give one of history, half_sine and sine"),
+        (["--sine", "5,1@3X", "--history", "a.csv", "--duration", 1], "give one of --history, --half-sine and --sine"),
         (["--sensors", "M[mass 1:1@1]"], "no set of bars or beams"),
         (["--half-sine", "5,0.1@3X", "--duration", 1, "--sampling-rate", 100, "--relative"], "no input is a base"),
     ],
@@ -300,4 +300,4 @@ def test_predict_tunes_a_damper(results, tmp_path):
     told = json.loads((tmp_path / "p" / "prediction.json").read_text())["tuned_damper"]
     assert told["largest_receptance"] < told["largest_receptance_before"]
     done = invoke("predict", results, "--tune-damper", "3X", "--out", tmp_path / "q")
-    assert (done.exit_code, "`tune_damper` must be a mass in kg and a place" in done.stderr) == (2, True)
+    assert (done.exit_code, "--tune-damper must be a mass in kg and a place" in done.stderr) == (2, True)

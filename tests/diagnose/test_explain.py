@@ -123,6 +123,7 @@ def test_a_gain_or_unit_in_histories_is_named_first_and_its_study_is_right(tmp_p
     assert value == pytest.approx(gain, abs=4 * std)
 
 
+@pytest.mark.long
 def test_mains_in_histories_are_named_first_and_their_study_is_right(tmp_path):
     result, fits = answered(written_histories(tmp_path, of_histories(off()), hum=0.3))
     assert result.diagnosis.judgement.verdict == "wrong_model"
@@ -137,6 +138,7 @@ def test_mains_in_histories_are_named_first_and_their_study_is_right(tmp_path):
     assert answered(again)[0].diagnosis.judgement.verdict == "sound"
 
 
+@pytest.mark.long
 def test_a_gain_in_modes_is_named_first_and_its_study_is_right(tmp_path):
     result, fits = answered(written_modes(tmp_path, gains={"4Y": 0.8}))
     assert result.diagnosis.judgement.verdict == "wrong_model"
@@ -151,7 +153,8 @@ def test_a_gain_in_modes_is_named_first_and_its_study_is_right(tmp_path):
     assert value == pytest.approx(0.8, abs=4 * std)
 
 
-@pytest.mark.parametrize("search", ["brief", pytest.param("whole", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("search", ["brief", "whole"])
 def test_errors_of_modes_that_are_stated_too_small_are_no_mode_of_another_structure(tmp_path, request, search):
     if search == "brief":
         request.getfixturevalue("brief")

@@ -138,6 +138,7 @@ def test_influences_are_those_of_fits_with_another_held_value(tmp_path):
     np.testing.assert_allclose(held["stiffness[upper]"].influence, changes, rtol=0.02)
 
 
+@pytest.mark.long
 def test_pulls_of_right_models_are_as_large_as_stated(tmp_path):
     z, n_doubted = [], 0
     for seed in range(60):

@@ -245,6 +245,7 @@ def test_a_sensor_of_the_wrong_sense_in_modes_is_named_as_that(tmp_path):
     assert first.chi_square_per_dof < 1.2
 
 
+@pytest.mark.long
 def test_a_material_that_is_wrong_in_all_sets_is_named_as_one(tmp_path):
     """All beams are 12 % heavier than the study says, which holds their masses; each alone explains a part."""
     mass = STUDY[STUDY.rindex("[[unknown]]") : STUDY.index("# how the test")]

@@ -420,6 +420,7 @@ def few_modes(n_modes: int, prior_std: float | None) -> sid.ModalSetup:
     return sid.ModalSetup(chain(), sid.parameters(chain(), sought), alone)
 
 
+@pytest.mark.long
 def test_where_priors_choose_among_sets_of_values_the_answer_is_untested_and_all_are_listed():
     free, chosen = (sid.identify_together([few_modes(N, std)]) for std in (None, 0.02))
     assert judged(free).verdict == "undetermined"

@@ -134,6 +134,7 @@ def test_a_whole_study(folder, monkeypatch):
     assert "A beam that carries a machine" in page
 
 
+@pytest.mark.long
 def test_a_missing_mass_is_found_beside_the_machine(folder, monkeypatch):
     monkeypatch.chdir(folder)
     true = beam_on_machine()

@@ -23,7 +23,7 @@ class CompareOptions:
     power : float
         Probability that belongs to the detection limit.
     correction : {"holm", "benjamini_hochberg"}
-        holm (family-wise) or benjamini_hochberg.
+        holm bounds the risk of any false declaration by `level`; benjamini_hochberg the share of false ones among those made.
     least : float or str
         Least change of interest, as a part or in per cent, as in 0.01 or 1%: only what is surely larger is declared.
     """
