@@ -95,7 +95,7 @@ class EliminatedColumns:
     rank: int
 
     def project_out(self, data: ComplexArray) -> tuple[ComplexArray, FloatArray]:
-        """The parts of rows of `data` (n, n_complex) that the columns leave, and the unknowns (n_unknowns, n) that explain the rest.
+        """The parts of rows of `data` (n, n_complex) that the columns leave, and the unknowns (n_unknowns, n) in the rest.
 
         Twice, since the first time leaves what normal equations lose by rounding.
         """
