@@ -32,6 +32,7 @@ def lazy(
     names = sorted(module_of)
 
     def load(name: str) -> Any:
+        """The public object `name` of the package, imported at its first use; `AttributeError` if there is none."""
         if name in module_of:
             value = getattr(import_module(module_of[name]), name)
             setattr(sys.modules[package], name, value)

@@ -56,7 +56,10 @@ class AimedSensor:
         return Dof(self.label, self.seen)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-        """The sensor's code with the codes and weights of the node's translations along its direction; see `Tie.equations`."""
+        """Code of the sensor's own degree of freedom, with the codes and coefficients of its node's translations.
+
+        `positions` are not needed; `active` are the directions in which nodes move.
+        """
         parts = {
             dof_code(self.node, d): part
             for d, part in zip(DIRECTIONS, self.direction, strict=False)
@@ -229,14 +232,16 @@ def together(values: FloatArray) -> FloatArray | None:
     return parts * np.where(parts.sum(axis=0) < 0, -1.0, 1.0)
 
 
-def with_joint_forces(structure: Structure, made: Sequence[Dof], loads: Sequence[Dof], parts: FloatArray) -> Structure:
-    """The structure with one new degree of freedom for each column of `parts` (n_loads, n_joint), at new nodes.
+def with_joint_forces(
+    structure: Structure, joint_dofs: Sequence[Dof], loads: Sequence[Dof], parts: FloatArray
+) -> Structure:
+    """The structure with new degrees of freedom, one for each column of `parts` (n_loads, n_joint), on which joint forces act.
 
-    Each of `made` moves as those `loads` do on which its force acts, by their work (a `Constraint`), and stands where
-    most of it acts.
+    Each of `joint_dofs` follows the `loads`, weighted by its column (a `Constraint`), so that its force does the same work; its
+    new node lies where the load with the largest weight is.
     """
     nodes, ties = dict(structure.nodes), list(structure.ties)
-    for dof, column in zip(made, parts.T, strict=True):
+    for dof, column in zip(joint_dofs, parts.T, strict=True):
         nodes[dof.node] = structure.nodes[loads[int(np.abs(column).argmax())].node]
         acting = [(load, float(part)) for load, part in zip(loads, column, strict=True) if abs(part) > _NOTHING]
         ties.append(Constraint(f"joint force {dof.node}", dof, acting))

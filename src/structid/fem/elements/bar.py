@@ -58,7 +58,10 @@ class Bar(ElementSet):
         return {"N": element_vectors(self.name, self.nodes, positions)[1]}
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices of mass, axial stiffness and axial force, by property; arguments as for `ElementSet.terms`."""
+        """Element matrices of mass, axial stiffness and axial force, by property.
+
+        `positions` of nodes in m; `used_codes` are not needed.
+        """
         length, direction = element_vectors(self.name, self.nodes, positions)
         dimensions = direction.shape[1]
         codes = node_codes(self.nodes, TRANSLATIONS[:dimensions])

@@ -56,7 +56,10 @@ class Connector(ElementSet):
         super().__post_init__()
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices d d' with d = +1 at the first end and -1 at the second, each times the sign of its `Dof`."""
+        """Element matrices d d' with d = +1 at the first end and -1 at the second, each times the sign of its degree of freedom.
+
+        Positions and other elements' degrees of freedom have no influence.
+        """
         columns = [self.first] if self.second is None else [self.first, self.second]
         codes = np.array([[dof_code(d.node, d.direction) for d in ends] for ends in columns]).T
         jump: FloatArray = np.array([[d.sign for d in ends] for ends in columns], dtype=np.float64).T

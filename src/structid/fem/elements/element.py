@@ -345,7 +345,10 @@ class ElementSet:
         return None
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """The matrices that properties weigh, by the name of the property; see `terms`."""
+        """Element matrices by the name of the property that multiplies them.
+
+        `positions` of nodes in m; `used_codes` are the degrees of freedom that other elements use.
+        """
         raise NotImplementedError
 
     def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:

@@ -53,7 +53,10 @@ class PointMass(ElementSet):
     )
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Diagonal mass matrices in the translations that the node has; see `ElementSet.matrices`."""
+        """Diagonal mass matrices in the translations that the node has.
+
+        `positions` of nodes in m; `used_codes` are the degrees of freedom that other elements use, among them these translations.
+        """
         codes = node_codes(self.nodes, TRANSLATIONS)
         moves = np.isin(codes, used_codes)
         if self.directions is not None:

@@ -188,7 +188,10 @@ def _read_group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, 
 
 
 def _own_numbering(entry: Section, parts: Mapping[str, list[ImportedMatrix]]) -> tuple[Dof, ...]:
-    """The degrees of freedom of all files of a group, in the order of nodes."""
+    """The degrees of freedom that the matrix files of a group state for their rows, each once, in the order of nodes.
+
+    `parts` are the imported matrices by key of the entry.
+    """
     tables: list[IntArray] = []
     for key, items in parts.items():
         for item in items:
@@ -282,7 +285,7 @@ def _choose_matrix(key: str, name: str, matrix: str | None, reader: _Reader) -> 
 
 
 def _require_real_square(item: ImportedMatrix, name: str) -> ImportedMatrix:
-    """`item` after a check that its matrix is real and square."""
+    """The matrix `item` itself; raises `InputError` with the file's `name` unless it is real and square."""
     if np.iscomplexobj(item.matrix.data):
         raise InputError(
             f"{name}: must hold a real matrix, {item.name!r} is complex ({item.matrix.dtype}); export without structural "

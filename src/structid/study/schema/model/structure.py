@@ -335,7 +335,10 @@ def _error_at_part(
     message: str,
     named: Sequence[tuple[Section, MeasuredComponent | Component | ElementSet | Tie | Base]],
 ) -> InputError:
-    """An error with the place of the first part that its message names, or of the key."""
+    """An error with the position in the study of the first part that the message names, else of the key that it names.
+
+    `named` are the parts of the structure, each with its section.
+    """
     for entry, part in named:
         if repr(part.name) in message:
             return entry.error(message)
