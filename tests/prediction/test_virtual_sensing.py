@@ -12,14 +12,14 @@ from structid.prediction.virtual_sensing import _sum_of_powers
 RATE, CORRELATION, FORCE = 50.0, 0.1, 20.0
 
 
-def make_model(std=0.0, free=False):
+def make_model(std=0.0, free=False, foot=2e3):
     sets = [
         sid.PointMass("m", [1, 2], mass=[2.0, 1.0]),
         sid.Spring("k", ["2X"], ["1X"], stiffness=[900.0]),
         sid.Dashpot("c", ["2X"], ["1X"], viscous_damping=[4.0]),
     ]
     if not free:
-        sets += [sid.Spring("foot", "1X", stiffness=2e3), sid.Dashpot("air", "1X", viscous_damping=6.0)]
+        sets += [sid.Spring("foot", "1X", stiffness=foot), sid.Dashpot("air", "1X", viscous_damping=6.0)]
     structure = sid.Structure({1: 0.0, 2: 1.0}, sets, active=["X"])
     parameters = sid.parameters(structure, [sid.Unknown("stiffness", "k")])
     return identified_model(structure, parameters, parameters.start, np.array([[(900.0 * std) ** 2]]))
@@ -120,6 +120,30 @@ def test_a_model_that_misses_a_resonance_does_not_make_the_forces_larger():
     assert not right.words
     assert wrong.prior_std == pytest.approx(force.std(), rel=0.5)
     assert "likelier with far larger ones" in wrong.words[0]
+
+
+@pytest.mark.parametrize(
+    ("both", "foot", "words"),
+    [
+        (True, 2e3, ""),
+        (False, 2e3, ""),
+        (True, 2.6e3, "no choice of these forces explains"),
+        (False, 2.6e3, "these sensors cannot tell which"),
+    ],
+)
+def test_innovations_contradict_a_wrong_model(both, foot, words):
+    """One sensor for one force leaves only the spectrum of the force to tell; a second one is what the force cannot move alone."""
+    states, _, _, rng = simulate(1500, 12)
+    y = states @ system()[0][2:4].T + 0.1 * rng.standard_normal((1500, 2))
+    sensors = ["1X", "2X"] if both else ["1X"]
+    n = len(sensors)
+    record = sid.TimeRecord(RATE, y[:, :n], sensors, ["acceleration"] * n, variance=np.full(n, 0.01))
+    found = sid.sense(
+        make_model(0.01, foot=foot), record, ["2X"], unknown=sid.UnknownForces(["2X"]), n_draws=10, is_filtered=False
+    )
+    assert found.is_explained == (not words)
+    assert words in found.contradiction
+    assert not words or "does not explain the record" in found.contradiction
 
 
 def test_known_forces_leave_nothing_but_noise():

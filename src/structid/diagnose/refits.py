@@ -121,6 +121,7 @@ class Fitted:
 
     @cached_property
     def _uncertainty(self) -> Uncertainty:
+        """Uncertainty of the fitted parameters with model error, tolerances of fixed values included."""
         target, fixed_values, columns = self.modified.target, self.modified.fixed_values, None
         if fixed_values is not None:
             columns = fixed_values.sensitivities_at(target.names, self.theta, self._within_tolerances(fixed_values))
@@ -282,7 +283,7 @@ def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
 
 
 def _stored(fitted: Fitted) -> StoredFit:
-    """A fit whose last change is the one that was asked for, in numbers and texts."""
+    """Numbers and texts of a fit and its last change, for a checkpoint."""
     candidate, strength, _ = fitted.modified.changes[-1]
     stored: StoredFit = {
         "where": list(candidate.where), "strength": float(strength), "theta": fitted.theta,
@@ -346,7 +347,9 @@ def _values_in_study(modified: ModifiedModel, theta: FloatArray, base: Fitted) -
 
 
 def _with_other_lines(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> ModifiedModel | None:
-    """The model with the lines or tones that stand out from its fit; None where they are those of the candidate."""
+    """The modified model with the outlying lines or tones found after its fit; None where they are those it already
+    has.
+    """
     candidate, strength, _ = modified.changes[-1]
     if not isinstance(candidate, OutlyingLines | Tone) or len(base.modified.problems) > 1:
         return None

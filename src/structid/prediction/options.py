@@ -89,7 +89,10 @@ class PredictOptions:
             raise InputError(f"`band` must run from more than 0 Hz to a higher frequency, got {self.band}", "band")
         loads = [name for name in ("history", "half_sine", "sine") if getattr(self, name)]
         if len(loads) > 1:
-            raise InputError(f"give one of history, half_sine and sine, got {' and '.join(loads)}", loads[1])
+            raise InputError(
+                f"give one of `history`, `half_sine` and `sine`, got {' and '.join(f'`{name}`' for name in loads)}",
+                loads[1],
+            )
         needed = {
             "half_sine": ("duration", "sampling_rate"),
             "sine": ("duration", "sampling_rate"),

@@ -48,7 +48,7 @@ class MassOffset(Candidate):
     lever: FloatArray = field(default_factory=lambda: np.zeros((3, 3)), repr=False)
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate offsets of each point mass along each axis, where rotations of its node would move it."""
         first = records[0]
         nodes = {one.name: one.nodes.ravel() for one in first.structure.elements if isinstance(one, PointMass)}

@@ -61,7 +61,7 @@ def _compare_responses(problem: FrfProblem, predicted: ComplexArray) -> InitialC
 
 
 def _compare_modes(problem: ModalProblem) -> InitialComparison:
-    """Measured modes beside those of the initial model, with its modes that have no like."""
+    """Measured modes beside those of the initial model, with the modes of either that are unmatched."""
     theta = np.asarray(problem.theta_start)
     problem.residual(theta)
     pairs = paired_modes(problem, theta)

@@ -89,7 +89,10 @@ class MassLine:
     spectra: FiniteSpectra
 
     def values(self, own: FloatArray) -> FloatArray:
-        """Accelerations per unit force (or motion per unit motion of supports) far above all modes, (n_outputs, n_inputs)."""
+        """Accelerations per unit force far above all modes, (n_outputs, n_inputs), at parameters `own` of the structure.
+
+        Under driven supports they are accelerations per unit acceleration of the support.
+        """
         x, _ = self._fields(own)
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
         sensors = self.columns[:, n_in : n_in + n_out]
@@ -141,9 +144,10 @@ class Transient:
         return np.swapaxes(y, 1, 2) @ self.forces * read[:, :, None]
 
     def columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
-        """Whitened columns of all linear unknowns: modal jumps at both ends, then each output's polynomial and tones.
+        """Whitened regressors of all linear unknowns: changes of state at both ends, then each output's polynomial and tones.
 
-        Shape (n_frequencies * n_outputs, n_unknowns).
+        `whitening` (n_frequencies, n_outputs, n_outputs) is the factor on the outputs' spectra, `reach` (n_frequencies, n_outputs,
+        n_modes) the whitened motion by each modal force. Shape (n_frequencies * n_outputs, n_unknowns).
         """
         n_lines, n_out = self.spectra.motion.shape
         s = self.relative_laplace[:, None, None]
@@ -226,7 +230,11 @@ class SpectraModel:
     def _state(
         self, own: FloatArray, read: ComplexArray, stated: ComplexArray
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Motions under loads and transients, under unit sensor forces, and FRFs H with channel errors."""
+        """Motions under loads and transients, motions under unit forces at sensors, and FRFs H with channel errors.
+
+        `own` are the structure's parameters; `read` (n_frequencies, n_outputs) and `stated` (n_frequencies, n_inputs) are the
+        factors of sensors and of load cells.
+        """
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
         fields = self.response.fields_at(own, self.columns)
         y = fields[:, :, n_in : n_in + n_out]
@@ -238,7 +246,7 @@ class SpectraModel:
         return x, y, h
 
     def _split(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
-        """Structural parameters, and factors of channel errors at sensors and at load cells, from `physical`.
+        """Parameters of the structure alone, factors of sensors and factors of load cells, from all `physical` parameters.
 
         Shapes (n_own,), (n_frequencies, n_outputs) and (n_frequencies, n_inputs).
         """

@@ -84,7 +84,10 @@ class WeakForm:
         return self.fields.shape[1]
 
     def covariance(self, values: FloatArray) -> FloatArray:
-        """Covariance of the rows at the parameters `values`, windows first, (n_rows, n_rows)."""
+        """Noise covariance of the equation rows, (n_rows, n_rows), at physical parameters `values`.
+
+        A row is one window and degree of freedom; the window varies slowest.
+        """
         matrices = self._matrices(values)
         total = np.kron(self.grams[self.base, self.base], self.force_spread)
         for order, spread in self.spread.items():
@@ -95,7 +98,10 @@ class WeakForm:
         return total
 
     def noise(self, values: FloatArray, weighted: FloatArray) -> FloatArray:
-        """Expected noise of the fields (4 n_dofs, n_windows), given weighted residuals (n_windows, n_dofs)."""
+        """Expected noise of the windowed fields (4 n_dofs, n_windows), given weighted residuals (n_windows, n_dofs).
+
+        `values` are the physical parameters.
+        """
         matrices, n = self._matrices(values), self.equations.n_dofs
         found = np.zeros((3, n, self.n_windows))
         for order, spread in self.spread.items():

@@ -83,10 +83,10 @@ class FixedValues:
     def sensitivities_at(
         self, names: tuple[str, ...], theta: FloatArray, within: FitWithinTolerances | None = None
     ) -> FixedColumns:
-        """Derivatives (n_data, n_fixed) of the residual by the logarithm of each fixed value at `theta`.
+        """Derivatives (n_data, n_fixed) of the residual by the logarithm of each fixed value, with their names and tolerances.
 
-        They are taken at the free variables `theta` of the parameters `names`; `within` is the refit from there, where the
-        residual is doubtful.
+        They are taken at the free variables `theta` of the parameters `names`. `within` is a fit with fixed values free within
+        their tolerances, made where the residual exceeds the noise.
         """
         whole, index = self._whole(names, theta), self._index(self.names)
         if self.is_matrix_free:
