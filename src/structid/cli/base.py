@@ -48,7 +48,7 @@ def results_folder(default: str) -> OptionInfo:
 
 
 def _no_file(folder: Path | None) -> Path | None:
-    """`folder` unchanged; the command fails if a file of that name exists."""
+    """`folder` unchanged; the command fails if that path is a file."""
     if folder is not None:
         from structid.files import require_no_file  # the help needs none of it
 
@@ -59,7 +59,7 @@ def _no_file(folder: Path | None) -> Path | None:
 
 @contextmanager
 def reported(reword: Callable[[str], str] = str) -> Iterator[None]:
-    """A context that turns errors of a user into one message on stderr, as `reword` words it, and an exit code."""
+    """A context that turns errors of a user's input into one message on stderr and an exit code."""
     try:
         with _terminable():
             yield

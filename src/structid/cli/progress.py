@@ -74,7 +74,7 @@ class RunProgress:
         self._ends: dict[str, float] = {}
 
     def search(self, stage: str, iteration: int, cost: float) -> None:
-        """Tell of a finished iteration of a search stage and its sum of squares."""
+        """Report a finished iteration of a search stage and its sum of squares."""
         each = self._each(stage, iteration)
         pace = f", {clock(each)} each" if each >= 1 else ""
         total = self.most_iterations if iteration <= self.most_iterations else None

@@ -77,7 +77,10 @@ class Component:
         interface: str | Dof | Iterable[str | Dof] = (),
         whole: bool = False,
     ) -> None:
-        """Store and check the arguments; see the class."""
+        """A component called `name` of some element sets, reduced to its `interface` and to modes up to a frequency, Hz.
+
+        `whole` keeps the component unreduced.
+        """
         given = (interface,) if isinstance(interface, str | Dof) else tuple(interface)
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "elements", (elements,) if isinstance(elements, str) else tuple(elements))

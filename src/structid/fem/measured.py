@@ -83,7 +83,10 @@ class MeasuredComponent:
         source: str = "",
         variance: ArrayLike | None = None,
     ) -> None:
-        """Store and check the arguments; see the class."""
+        """A component known by its measured receptance (n_lines, n, n), m/N, at the lines `frequency`, Hz.
+
+        `interface` are its n degrees of freedom, `variance` is E|error|^2 of each value, and `source` names the file.
+        """
         dofs = parse_dofs((interface,) if isinstance(interface, str | Dof) else tuple(interface))
         axis, values = locked(frequency, np.float64), np.asarray(receptance, dtype=np.complex128)
         if not dofs or len({dof.unsigned for dof in dofs}) < len(dofs):

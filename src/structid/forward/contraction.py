@@ -64,7 +64,9 @@ class ParameterForces:
         return len(self.indptr) - 1
 
     def entries(self, factors: ComplexArray, x: NumberArray) -> NumberArray:
-        """Forces (n_forces, n_x) of fields `x` (n_dofs, n_x), with the `factors` (n_maps,) of one frequency line."""
+        """Forces dZ/dp x (n_forces, n_x) of fields `x` (n_dofs, n_x), at one frequency line with the `factors`
+        (n_maps,) of matrices.
+        """
         is_complex = np.iscomplexobj(x)
         flat = np.ascontiguousarray(x)
         flat = flat.view(np.float64) if is_complex else flat
@@ -129,7 +131,9 @@ def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: i
 
 
 def _pairs(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Element index, parameter index and slope of every weight that depends on a parameter, in memory-sized parts."""
+    """Element index, parameter index and derivative of every element weight that depends on a parameter, in memory-
+    sized parts.
+    """
     element = np.repeat(np.arange(part.slope.shape[0]), np.diff(part.slope.indptr))
     local = part.blocks.dofs.shape[1] ** 2 if isinstance(part.blocks, Blocks) else 1
     step = max(1, _CHUNK_ENTRIES // max(1, local))
@@ -139,7 +143,10 @@ def _pairs(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatAr
 
 
 def _force_keys(part: WeightedElements, n_dofs: int) -> Iterator[IntArray]:
-    """Keys, parameter index times n_dofs plus degree of freedom, of all forces; each key once in a part."""
+    """Keys of all forces (dZ/dp) x that can be nonzero: parameter index times n_dofs plus degree of freedom.
+
+    Each array holds a key once; keys may repeat in later arrays.
+    """
     if not isinstance(part.blocks, Blocks):
         yield np.unique(_matrix_entries(part, n_dofs)[0])
         return
@@ -151,7 +158,10 @@ def _force_keys(part: WeightedElements, n_dofs: int) -> Iterator[IntArray]:
 def _force_maps(
     part: WeightedElements, pattern: IntArray, n_dofs: int
 ) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Row in the `pattern` of keys, column and value of d(sum of weights B_e)/dp, summed within each stretch."""
+    """Sparse entries (row, column, value) of d(sum of weights B_e)/dp, in parts that fit in memory.
+
+    Rows are positions among the sorted keys `pattern` (parameter index times n_dofs plus degree of freedom).
+    """
     if not isinstance(part.blocks, Blocks):
         key, column, value = _matrix_entries(part, n_dofs)
         yield np.searchsorted(pattern, key), column, value
@@ -314,7 +324,10 @@ def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: spar
 def _weighed_entries(
     members: Sequence[Contribution], matrix_kinds: Sequence[str], n_dofs: int
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """All entries of element matrices: row, column plus `n_dofs` times the index of the matrix, index of the weight, value."""
+    """Entries of all element matrices of several contributions, as row, column, index of the element weight, and value.
+
+    Columns are raised by `n_dofs` times the index of the matrix in `matrix_kinds`.
+    """
     known = {id(item.blocks): item.blocks.entries() for item in members}
     none: IntArray = np.zeros(0, dtype=np.int64)
     found: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]
@@ -330,7 +343,11 @@ def _weighed_entries(
 def _joined(
     entries: tuple[IntArray, IntArray, IntArray, FloatArray], design: sparse.csr_array, n_dofs: int
 ) -> Iterator[tuple[IntArray, IntArray, IntArray, FloatArray]]:
-    """Entries of (matrix times parameter): key of parameter and force row, column, element and value, by stretches."""
+    """Entries of the derivatives of matrices by parameters: key, column, index of the element weight and value, in parts.
+
+    The key is parameter index times n_dofs plus row. `entries` are row, column, weight index and value of the element
+    matrices, `design` (n_weights, n_params) the derivatives of the weights.
+    """
     row, column, element, value = entries
     counts = np.diff(design.indptr)
     for k in range(int(counts.max(initial=0))):

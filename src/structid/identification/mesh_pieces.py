@@ -90,7 +90,7 @@ def judge_pieces(setups: Sequence[AnySetup], found: Identification, options: Ide
     Parameters
     ----------
     setups : sequence of RecordSetup
-        As they were identified.
+        Set-ups as they were identified.
     found : Identification
     options : IdentifyOptions
     count : int

@@ -159,7 +159,7 @@ def _search_starts(
 def _without_priors(
     problems: Sequence[RecordProblem], best: Estimate, method: Method, search: Search, work: Work
 ) -> Estimate | None:
-    """The estimate from the data alone, searched from wide starts about that with priors; None where there are no priors."""
+    """The estimate from the data alone, searched from wide starts about `best`; None where no parameter has a prior."""
     if not any(problem.parameters.has_priors for problem in problems):
         return None
     bare = tuple(problem.with_parameters(problem.parameters.without_priors()) for problem in problems)

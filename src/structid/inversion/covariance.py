@@ -56,9 +56,9 @@ def noise_covariance(problem: Problem, theta: FloatArray, at: Linearization) -> 
 
 
 def chi_square_law(problem: Problem, theta: FloatArray, at: Linearization) -> tuple[float, float]:
-    """Scale and degrees of freedom of the chi-square that noise alone would leave.
+    """Scale and degrees of freedom of the scaled chi-square distribution that noise alone gives the sum of squares.
 
-    Where few averages tell the variances of rows, see `row_law`. For rows with errors that vary together, the residual's
+    Where few averages determine the variances of rows, see `row_law`. For rows with correlated errors, the residual's
     covariance is P Sigma P with P the projection past the Jacobian: sums of squares have the mean and variance of scale
     times chi-square (Satterthwaite 1946, Biometrics Bull. 2, 110-114).
     """

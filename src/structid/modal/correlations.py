@@ -263,7 +263,10 @@ def window_hankel(y: FloatArray, start: int, stop: int, rows: int, columns: int,
 def window_hankels(
     data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int
 ) -> Iterator[FloatArray]:
-    """Block Hankel matrix of each window of the data, divided by the number of instants in all windows."""
+    """Block Hankel matrix of each window of the data, divided by the number of instants in all windows.
+
+    `rows` and `columns` are numbers of blocks, `offset` is the lag of the first block in samples.
+    """
     total = sum(piece.stop - piece.start for piece in windows)
     for piece in windows:
         y = data.series[piece.record]
@@ -271,7 +274,10 @@ def window_hankels(
 
 
 def lag_hankels(data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int) -> Iterator[FloatArray]:
-    """Block Hankel matrices of lag correlations, one for the contribution of each window."""
+    """Contribution of each window of the data to the block Hankel matrix of the lag correlations.
+
+    `rows` and `columns` are numbers of blocks, `offset` is the lag of the first block in samples.
+    """
     for piece in windows:
         y = data.series[piece.record]
         last = not any(p.record == piece.record and p.start >= piece.stop for p in windows)

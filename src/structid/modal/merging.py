@@ -450,9 +450,10 @@ def _merge_shapes(
 def _all_stated(
     parts: Sequence[ComplexArray], errors: Sequence[FloatArray], places: Sequence[IntArray]
 ) -> list[FloatArray]:
-    """Errors of all shape entries; unstated ones are set to the median of the others, at the same scale.
+    """Errors of all shape entries of all parts; unstated ones get the median of the others, at the same scale.
 
-    The scale is the size at the sensors that all parts have.
+    `parts` are the shapes of one mode in each set-up, `errors` their standard deviations, `places` the channel indices of their
+    entries. The scale is the size at the sensors that all parts have.
     """
     shared = reduce(np.intersect1d, places)
     sizes = [float(np.linalg.norm(part[np.isin(place, shared)])) for part, place in zip(parts, places, strict=True)]

@@ -205,6 +205,7 @@ def _by_fields(exact: Response, structure: Structure, parameters: Parameters, ro
     read_dofs = np.unique(rows.columns.indices)
 
     def evaluate(physical: FloatArray) -> ComplexArray:
+        """FRFs of the rows, (n_frequencies, n_rows, n_inputs), at the physical parameters (n_params,)."""
         by_order = (
             rows.rows(parameters.values(physical))[read_dofs, :].toarray().T.reshape(len(rows.orders), rows.n_rows, -1)
         )

@@ -96,7 +96,7 @@ class SectionForce:
         return "N m" if self.component[0] in "MT" else "N"
 
     def terms(self, structure: Structure) -> list[list[_Term]]:
-        """See `ElementOutput.terms`."""
+        """The force at the end of the element, as a sum of weighted columns over the free degrees of freedom (one sum)."""
         element, row = _element_of(structure, self.name, self.number, str(self))
         directions = element.section_directions(structure.nodes)
         if not directions:
@@ -163,7 +163,7 @@ class FibreStress:
         return "1" if self.youngs_modulus is None else "Pa"
 
     def terms(self, structure: Structure) -> list[list[_Term]]:
-        """See `ElementOutput.terms`."""
+        """The stress or strain of the fibre, as a sum of weighted columns over the free degrees of freedom (one sum)."""
         element, row = _element_of(structure, self.name, self.number, str(self))
         directions = element.section_directions(structure.nodes)
         levers = {"N": 1.0, "M": -self.y, "MZ": -self.y, "MY": self.z}
@@ -222,7 +222,10 @@ class CellStress:
         return "Pa"
 
     def terms(self, structure: Structure) -> list[list[_Term]]:
-        """See `ElementOutput.terms`."""
+        """The stress at the middle of the cell, as sums of weighted columns over the free degrees of freedom.
+
+        There is one sum for a component, and three for a von Mises stress.
+        """
         element, row = _element_of(structure, self.name, self.number, str(self))
         if not isinstance(element, ThinSet):
             raise InputError(f"{self}: {self.name!r} is no set of plates or shells; {_offered(element)}")

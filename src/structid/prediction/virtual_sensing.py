@@ -584,7 +584,10 @@ class _Smoother:
         return self._smoothed_mean(fit.system, fit.filtered)[0]
 
     def _smoothed_mean(self, system: _StateSpace, filtered: _Filtered) -> tuple[FloatArray, FloatArray]:
-        """Requested outputs, (n_times, n), and the gain (n_states, n_states) by which later states correct earlier ones."""
+        """Smoothed outputs that were requested, (n_times, n), and the smoother gain (n_states, n_states).
+
+        The gain is the factor by which the error of a later state corrects the state one sample before.
+        """
         back = np.linalg.solve(filtered.predicted, system.transition @ filtered.updated).T
         before = filtered.before
         after = before @ filtered.keep.T + filtered.read @ filtered.gain.T
@@ -874,10 +877,10 @@ def _sum_of_powers(left: FloatArray, middle: FloatArray, right: FloatArray, coun
 
 
 def _variance_beside_end(wanted: FloatArray, step: FloatArray, excess: FloatArray, steady: FloatArray) -> FloatArray:
-    """Variance (n_times, n) of outputs beyond the `steady` one at an end of the record, the sample at that end first.
+    """Variance (n_times, n) of outputs beyond the `steady` one near an end of the record, from the end inwards.
 
-    The outputs `wanted` (n, n_states) read the state at the end, whose covariance has the `excess` (n_states, n_states); a sample
-    farther away they read it through one `step` more.
+    The outputs are `wanted` (n, n_states) times the state, whose covariance at the end exceeds the steady one by `excess`
+    (n_states, n_states); each sample inwards multiplies the excess by `step` (n_states, n_states).
     """
     beyond, rows = np.zeros_like(steady), wanted
     for k in range(len(beyond)):

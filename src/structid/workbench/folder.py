@@ -231,7 +231,7 @@ class OpenFolder:
     def save(self, name: str, text: str, before: str) -> str:
         """Save the text of a study whose digest is still `before` ("" for a new one), and return the new digest.
 
-        Other servers and editors may write at the same time: what is told as saved is there, and replaced nothing unseen.
+        Other servers and editors may write at the same time: nothing that they wrote is replaced.
 
         Raises
         ------

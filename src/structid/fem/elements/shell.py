@@ -134,6 +134,7 @@ class Shell(ThinSet):
     """
 
     moves = DIRECTIONS
+    symbol = "shell"
 
     linear_strains: Annotated[float, "float", Limits(above=0, most=1)] = declared(
         "Share of the stiffness against strains that vary linearly within a facet. 1 is exact for webs one cell deep that"
@@ -142,7 +143,10 @@ class Shell(ThinSet):
     )
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices of density and Young's modulus, for stretching and bending; see `ElementSet.matrices`."""
+        """Element matrices of density and Young's modulus, for stretching and bending, by property.
+
+        `positions` of nodes in m; `used_codes` are not needed.
+        """
         corners = cell_positions(self.name, self.nodes, positions, 3)
         elasticity = plane_elasticity(self.poisson, strain=False)
         stretching = partial(
@@ -160,7 +164,10 @@ class Shell(ThinSet):
         }
 
     def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
-        """Maps from an element's motion to strains and to strains per height at its centre; see `ThinSet.centre_strains`."""
+        """Maps from the motion of the element in `row` to in-plane strains, and to strains per height, at its centre.
+
+        `positions` of nodes in m.
+        """
         nodes = self.nodes[row][self.nodes[row] >= 0][None]
         flat = facets(self.name, nodes, cell_positions(self.name, nodes, positions, 3))
         n = nodes.shape[1]

@@ -55,9 +55,10 @@ class ObservedFrf:
         return values * factor[..., 0], np.concatenate([derivative, change], axis=-1) * factor
 
     def _moved(self, channels: ChannelErrors, rest: FloatArray) -> tuple[Response, ComplexArray]:
-        """Response and its Laplace variables (1/s), shifted by the window's decay rate if that is a parameter.
+        """Response model and its Laplace variables (1/s), shifted by the decay rate of an exponential window.
 
-        A window exp(-decay t) makes of H at i omega that at s = decay + i omega. The structure has no friction then.
+        A window exp(-decay t) turns H at i omega into H at s = decay + i omega. They are not shifted where the decay is no
+        parameter; where it is, the structure has no friction. `rest` are the values of the channel errors.
         """
         decay = channels.decay(rest)
         if decay is None:

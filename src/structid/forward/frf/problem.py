@@ -477,7 +477,7 @@ def decay_continuation(problem: FrfProblem, start_error: float = START_ERROR) ->
         (f"smoothed FRFs, {level:g} times the frequency", _smooth_stage(near_start, record)) for level, record in smooth
     ]
     near = replace(near_start, form="output" if is_noisy(problem.record) else "pole_free")
-    return *stages, ("held on the axis", near.subsampled() or near)
+    return *stages, ("measured FRFs, prior at the start", near.subsampled() or near)
 
 
 def smooth_stage(problem: FrfProblem, record: FrfRecord, start_error: float = START_ERROR) -> FrfProblem:

@@ -71,13 +71,13 @@ class StiffnessSlopes:
         return same and self.structure is structure
 
     def parts_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[WeightedParts, ComplexArray]:
-        """Element matrices weighted by the parameters, and the factor of each kind at every line.
+        """Element matrices weighted by the parameters, and the factor of each group of them in Z, (n_lines, n_groups).
 
         Parameters
         ----------
         physical : (n_params,) float array
         coefficients : (n_lines, n_matrices) complex array
-            Coefficient of each matrix in the dynamic stiffness.
+            Coefficient of each matrix (s^2 of mass, s of damping, ...) in the dynamic stiffness.
         """
         structure, parameters = self.structure, self.parameters
         key = parameters.values(physical)[self._steering].tobytes()

@@ -168,7 +168,10 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes
 def _fitted(
     state: ModelState, group: GroupData, phi: FloatArray, omega: FloatArray, weights: FloatArray, slopes: _Slopes
 ) -> GroupFit:
-    """`GroupFit` from the shapes `phi` (n_dofs, m), `omega` (rad/s) and what sensors and damping see, `weights`."""
+    """Model's counterparts of a measured group from the shapes `phi` (n_dofs, m) and frequencies `omega` (rad/s) of its modes.
+
+    The first rows of `weights` are the shapes at the sensors; `slopes` gives derivatives by parameters.
+    """
     n_channels, m = state.readings.shape[0], len(omega)
     shape, d_shape, a, d_a = _projected(weights[:n_channels], slopes.seen[:n_channels], group.shapes)
     frequency, d_frequency, mixing, d_mixing = _turned(omega**2, slopes.eigenvalues, a, d_a, group)
@@ -188,17 +191,22 @@ def _widened(state: ModelState, slope: NDArray[np.floating]) -> FloatArray:
 def group_changes(
     state: ModelState, group: GroupData, chosen: IntArray, shapes: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Changes of frequency, shape residual and mixing of a group by changes of its measured `shapes`.
+    """Changes of frequency, shape residual and mixing of a group of close modes by changes of its measured `shapes`.
 
     Parameters
     ----------
+    state : ModelState
+    group : GroupData
+        The measured modes.
+    chosen : (m,) int array
+        Indices of the model's modes.
     shapes : (n_own, m, n_changes) float array
-        In standard deviations of each channel.
+        Changes of the shapes, in standard deviations of each channel.
 
     Returns
     -------
     (m, n_changes), (n_own, m, n_changes) and (m, m, n_changes) float arrays
-        Of the frequency (Hz), the shapes' residual and the mixing.
+        Changes of the frequency (Hz), the shapes' residual and the mixing.
     """
     eigenvalues = (2 * np.pi * state.modes.frequency[chosen]) ** 2
     b = state.sensors.T @ state.modes.mode_shapes[:, chosen]

@@ -136,7 +136,10 @@ def _by_proportions(condition: FloatArray, proportions: FloatArray) -> list[set[
 
 
 def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_scale: float) -> CollinearGroup:
-    """Collinear group of the parameters `members`, given all others free."""
+    """Collinear group of the parameters with indices `members`, with its spread and words; all others are unknown too.
+
+    `correlation` is that of all parameters, `of` their singular directions, `noise_scale` the factor on the noise.
+    """
     others = [i for i in range(len(of.names)) if i not in members]
     triangle = np.asarray(np.linalg.qr(of.jacobian[:, others + members], mode="r"))
     root = triangle[len(others) :, len(others) :] / noise_scale

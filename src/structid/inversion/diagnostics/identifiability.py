@@ -161,7 +161,10 @@ def _gain_words(relative: FloatArray, names: list[str]) -> str:
 
 
 def _together(relative: FloatArray, values: FloatArray, kind: str) -> str:
-    """Words on which combination of parameters of one kind is determined, sum or series; "" if neither."""
+    """Words on the combination of parameters of one kind that is determined, their sum or series; "" if neither.
+
+    `relative` (n,) is the undetermined direction of relative changes of these parameters, with their `values`.
+    """
     change, inverse = relative * values, relative / values
     as_sum = abs(change.sum()) < 0.05 * np.abs(change).sum()
     as_series = "stiffness" in kind and abs(inverse.sum()) < 0.05 * np.abs(inverse).sum()

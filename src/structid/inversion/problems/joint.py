@@ -369,7 +369,9 @@ class JointNoise:
 
 
 def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
-    """Numbers of all parts in one array, each part's raised beyond those before it by a multiple of `step`."""
+    """Integer labels of all parts in one array, those of each part raised above those before it, by a multiple of
+    `step`.
+    """
     raised, first = [], 0
     for part in parts:
         raised.append(part + first)

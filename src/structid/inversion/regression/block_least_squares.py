@@ -240,7 +240,22 @@ def _fit(
     factor: _Band | _Normal,
     words: str,
 ) -> BlockFit:
-    """`BlockFit` of `values` (n_params,) with residual sum of squares `rest` and the factor of the normal matrix."""
+    """`BlockFit` of `values` (n_params,) with the factor of the normal matrix.
+
+    Parameters
+    ----------
+    state : StreamingQr
+    values : (n_params,) float array
+    scale : (n_params,) float array
+        Factor on each column.
+    kept : (n_params,) bool array
+        Columns that are determined.
+    rest : float
+        Residual sum of squares.
+    factor : _Band or _Normal
+    words : str
+        Name of the method.
+    """
     rank = int(kept.sum())
     freedom = state.n_rows - rank
     variance = rest / freedom if freedom > 0 else np.nan

@@ -170,7 +170,11 @@ def balanced_strengths(
 
 
 def _chosen(term: Differences, physical: FloatArray, determined: float, strength: float, begun: float) -> float:
-    """New strength of penalty `term`: determined combinations over its squared residual, limited in its change."""
+    """New strength of penalty `term`: determined combinations over its squared residual, limited in its change.
+
+    `physical` are the parameter values, `determined` the number of combinations that the data determine, `strength` the
+    present and `begun` the first strength.
+    """
     rows = term.residual(physical)
     cost = float(rows @ rows)
     wanted = determined / cost if determined > 0 and cost > 0 else np.inf

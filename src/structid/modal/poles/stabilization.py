@@ -149,7 +149,10 @@ def likely_modes(every: Sequence[Cluster]) -> tuple[Cluster, ...]:
 
 
 def _nearest_before(s: ComplexArray, shapes: ComplexArray, number: IntArray, n_orders: int) -> FloatArray:
-    """Distance of every pole to the nearest pole of the next lower order; infinite if there is none."""
+    """Distance of every pole to the nearest pole of the next lower order, (n_poles,); infinite if there is none.
+
+    `s` (n_poles,) and `shapes` (n_channels, n_poles) are of all poles, `number` is the index of the order of each.
+    """
     nearest = np.full(len(s), np.inf)
     edges = np.searchsorted(number, np.arange(n_orders + 1)).tolist()
     for first, here, after in zip(edges[:-2], edges[1:-1], edges[2:], strict=True):

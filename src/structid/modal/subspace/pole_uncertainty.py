@@ -303,9 +303,10 @@ def pole_deviations(
 
 
 def _left_change(subspace: Subspace, right: FloatArray, left: FloatArray, order: int) -> FloatArray:
-    """First-order change (n_rows, order) of the leading left singular vectors that alters their span.
+    """First-order change (n_rows, order) of the leading left singular vectors of the subspace matrix by a change of the matrix.
 
-    Directions at the level of rounding, which noise-free motion leaves, stay as they are.
+    `right` is that change times the leading right singular vectors, `left` its transpose times the left ones. Directions at the
+    level of rounding, as of noise-free motion, stay unchanged.
     """
     u, s, v = subspace.left, subspace.singular, subspace.right
     known = s[:order] > np.finfo(float).eps * len(u) * s[0]

@@ -134,7 +134,10 @@ def _per_channel(path: Path, name: str, entries: tuple[str, ...], count: int) ->
 def channel_units(
     path: Path, channels: tuple[Dof, ...], options: ReadOptions
 ) -> tuple[tuple[Quantity, ...], NDArray[np.float64]]:
-    """Quantity and factor to SI, (n_channels,), of each of `channels`, from the options `quantities` and `units`."""
+    """Quantity and factor to SI, (n_channels,), of each of `channels`, from the options `quantities` and `units`.
+
+    `path` is named in errors.
+    """
     if not options.units:
         quantities = _per_channel(path, "quantities", options.quantities, len(channels))
         for quantity in quantities:

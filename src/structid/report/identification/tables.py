@@ -284,7 +284,7 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
     fit = found.goodness
     chance = f"{fit.degrees_of_freedom} degrees of freedom, probability {number(fit.chi_square_probability, 2)}"
     steps = f"{plural(found.search.n_iterations, 'iteration')}; {found.message}"
-    remark = "; an error of 1 % in the force is one of 1 % here" if identification.mass.rests_on_force else ""
+    remark = "; an error of 1 % in the force is one of 1 % here" if identification.mass.scale_from_force else ""
     weighed = (
         (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}{remark}")
         if has_mass

@@ -340,7 +340,11 @@ def _parameters(identification: Identification) -> tuple[ParameterResult, ...]:
     estimate = identification.estimate
     n_params = len(estimate.names)
     chosen = range(n_params) if estimate.uncertainty.has_matrix else largest_changes(estimate, MOST_CHANGES)
-    shares = np.full(n_params, np.nan) if identification.priors.share is None else identification.priors.share
+    shares = (
+        np.full(n_params, np.nan)
+        if identification.priors.variance_fraction is None
+        else identification.priors.variance_fraction
+    )
     tolerances = np.zeros(n_params) if estimate.fixed is None else estimate.fixed.std
     bounds = {bound.index: bound for bound in estimate.spread.at_bound}
     parts = [problem.parameters for problem in identification.problems]

@@ -67,7 +67,7 @@ class Cluster(RemoteWorkers):
 
     @staticmethod
     def answer(name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
-        """Results of a batch of items on a worker, with the shared object called `name`, on one thread."""
+        """Results of a batch of items, computed on a worker with the shared object called `name`, on one thread."""
         plugin = get_worker().plugins[name]
         assert isinstance(plugin, _Shared)
         shared, pools = plugin.content_here()

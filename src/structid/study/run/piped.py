@@ -110,9 +110,9 @@ class PipedProcesses(Executor):
 
 
 def _answer(pipe: Connection, begin: Callable[[], None] | None) -> None:
-    """Main loop of a process: call the functions that arrive on `pipe` and send back results or errors.
+    """Main loop of a child process: call the functions that arrive on `pipe`, and send back results or errors.
 
-    Ctrl-C is for the process that asks.
+    `begin` is called first. The child ignores Ctrl-C, which the parent process handles.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()

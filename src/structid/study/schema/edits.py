@@ -161,7 +161,10 @@ def _numbered_entries(content: Any) -> Iterator[tuple[dict[str, Any], int]]:
 
 
 def _edits_between(path: KeyPath, before: Any, after: Any, numbers: Mapping[int, int]) -> Iterator[dict[str, Any]]:
-    """Edits that make `after` of `before`; `numbers` are positions that the entries of arrays of tables had."""
+    """Edits that turn the content `before` under `path` into `after`.
+
+    `numbers` are the positions that entries of arrays of tables had before, by their identity.
+    """
     if isinstance(before, dict) and isinstance(after, dict):
         for key in before:
             if key not in after:

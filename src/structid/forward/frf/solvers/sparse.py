@@ -261,7 +261,10 @@ class LastSweep:
         return max((sweep.n_basis for sweep in self._sweeps.values()), default=0)
 
     def verified(self, key: bytes, begun: Callable[[], FieldSweep], error_of: ErrorOf) -> FieldSweep | None:
-        """Reduced sweep of `key`, begun if new, within the error of `error_of`; None where that would cost too much."""
+        """The cached reduced sweep of `key`, refined until its error by `error_of` is allowed; None where that would cost too much.
+
+        Where none is cached, `begun` makes it.
+        """
         sweep = self._sweeps.pop(key, None)
         if sweep is None:
             if len(self._sweeps) == _KEPT:  # the memory of the oldest goes before the next takes any

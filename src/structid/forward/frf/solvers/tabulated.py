@@ -72,7 +72,7 @@ class TabulatedFrf:
         yield LineDerivatives(slice(0, len(values)), values, change, np.zeros((*values.shape[:2], 0), np.complex128))
 
     def _seen(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Receptances in the senses of the record, and their derivatives with respect to the parameters."""
+        """Receptances with the signs of the record's channels, and their derivatives with respect to the parameters."""
         lines, (outputs, senses), (inputs, ways) = self._places
         values, change = self.element.table.evaluated(self.parameters.values(physical)[self._rows])
         chosen = np.ix_(lines, outputs, inputs)

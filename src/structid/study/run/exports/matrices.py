@@ -34,7 +34,7 @@ MATRIX_SUFFIXES = (".op4", ".pch", ".mat", ".inp", ".mtx", ".npz", ".npy")
 
 
 def export_state_space(model: IdentifiedModel, options: ExportOptions, path: Path) -> str:
-    """Write state equations to `path`; what they are, in a line.
+    """Write state equations to `path`, and return a line that describes them.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def _file_of(path: Path, name: str) -> Path:
 
 
 def _write_files(path: Path, items: Sequence[ImportedMatrix], structure: Structure) -> list[str]:
-    """Write the matrices; what was written, in lines."""
+    """Write matrices to files whose names begin with `path`, and return a line on each file."""
     names = [item.name for item in items]
     imaginary = "; K4AA is the imaginary part of the stiffness" if "K4AA" in names else ""
     size = f"{structure.n_dofs} degrees of freedom, SI units"
