@@ -171,7 +171,10 @@ class ModelDraft:
         return list({id(record.structure): record.structure for record in self.records}.values())
 
     def structure_of(self, number: int) -> StructureDraft:
-        """The draft of one record's structure, which other records do not share any more."""
+        """The draft of one record's structure, which other records do not share any more.
+
+        `number` is the position of the record.
+        """
         record = self.records[number]
         if sum(other.structure is record.structure for other in self.records) > 1:
             record.structure = record.structure.copy()

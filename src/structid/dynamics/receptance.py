@@ -78,7 +78,10 @@ class DynamicStiffness:
         return total
 
     def _weighted_sum(self, factors: list[float]) -> FloatArray:
-        """Weighted sum of the merged rows, (n_entries,)."""
+        """Weighted sum of the merged rows, (n_entries,).
+
+        There is one of `factors` for each merged row.
+        """
         total = np.zeros(self.data.shape[1])
         for (row, _), factor in zip(self.merged, factors, strict=True):
             if factor:

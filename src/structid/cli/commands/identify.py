@@ -203,7 +203,10 @@ def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
 
 
 def _interruption_message(run: LongRun, kept: Checkpoint, again: str) -> str:
-    """A message on how far an interrupted run came and how to go on; its values are written to the checkpoint."""
+    """A message on how far an interrupted run came and how to go on; its values are written to the checkpoint.
+
+    `again` is the command that resumes the run.
+    """
     if not run.reached.search and not kept.n_found:
         return "interrupted before the first iteration; nothing was written"
     kept.write(run.so_far())

@@ -373,7 +373,10 @@ def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, op
 
 
 def _bases(structure: Structure, record: TimeRecord, loads: IntArray) -> tuple[Base, ...]:
-    """Supports whose measured motion drives the structure; () if forces do."""
+    """Supports whose measured motion drives the structure; () if forces do.
+
+    `loads` are the indices of the input channels.
+    """
     moved = [i for i in loads if record.quantities[i] == "support_acceleration"]
     bases = structure.driven(record.channels[i] for i in loads) if moved else ()
     if moved and not bases:

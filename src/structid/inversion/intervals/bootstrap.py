@@ -189,7 +189,10 @@ def bootstrap_ends(
 def _refitted(
     shared: tuple[Problem, FloatArray, FloatArray, str], rng: np.random.Generator, tools: Tools
 ) -> FloatArray | str:
-    """Physical values (n_params,) of one bootstrap replicate, or a text on why its refit failed."""
+    """Physical values (n_params,) of one bootstrap replicate, or a text on why its refit failed.
+
+    `shared` is the problem, the estimate's free variables, its residual, and the kind of bootstrap.
+    """
     problem, theta, at_minimum, kind = shared
     errors = rng.standard_normal(len(at_minimum))
     few = few_averages(problem.rows.averages)

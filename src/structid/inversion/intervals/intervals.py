@@ -85,7 +85,7 @@ def intervals(
 def _with_tolerances(ends: FloatArray, estimate: Estimate, level: float) -> FloatArray:
     """Interval ends (n_params, 2) widened by the tolerances of fixed values.
 
-    Half-widths add in squares; an end that the data do not give stays open.
+    Half-widths add in squares; an end that the data do not give stays open. `level` is the probability of the interval.
     """
     assert estimate.fixed is not None
     values, wide = estimate.values, np.array(ends)

@@ -228,6 +228,7 @@ def _scale(problem: Problem, estimate: Estimate, index: int) -> float:
     """Ratio by which the parameter's variance exceeds that of the fit, for model error or few averages.
 
     For a parameter that is not identified these say nothing, and chi-square per degree of freedom stands for it.
+    `index` is that of the parameter.
     """
     few = few_averages(problem.rows.averages)
     if estimate.covariance_basis == "noise" and few is None:

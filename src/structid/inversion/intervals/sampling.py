@@ -188,7 +188,10 @@ def sample(
 def sampled_ends(
     problem: Problem, estimate: Estimate, level: float, seed: int, work: Work
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """Interval ends (n_params, 2) from posterior draws, and warnings; NaN if the posterior is not proper."""
+    """Interval ends (n_params, 2) from posterior draws, and warnings; NaN if the posterior is not proper.
+
+    `level` is the probability of the interval.
+    """
     if not np.isfinite(estimate.spread.covariance_noise).all():
         none = np.full((len(estimate.names), 2), np.nan)
         return none, ("no samples: the data and priors leave a direction without limit; give a prior or bounds",)
@@ -286,7 +289,10 @@ def _by_nuts(
 
 
 def _chain_piece(shared: tuple[_Target, int, int], item: Stored, tools: Tools) -> Stored:
-    """Next draws of one Markov chain, as a parallel task; `item` is the chain's stored state."""
+    """Next draws of one Markov chain, as a parallel task; `item` is the chain's stored state.
+
+    `shared` is the target density, the number of warm-up draws and that of draws.
+    """
     target, n_warmup, n_draws = shared
     rng = _generator(item["random"])
     if item["chain"] is not None:

@@ -99,7 +99,10 @@ def _join_channels(path: Path, channels: Sequence[Channel], options: ReadOptions
 def _uneven_times(
     path: Path, channels: Sequence[Channel], time: int | None, wanted: Sequence[int], options: ReadOptions
 ) -> FloatArray | None:
-    """The times, s, of channels that are to be resampled; None where that is not asked for or they are even."""
+    """The times, s, of channels that are to be resampled; None where that is not asked for or they are even.
+
+    `time` is the index of the channel of times, `wanted` are those of the chosen channels.
+    """
     if not options.resample:
         return None
     if time is not None:
@@ -205,7 +208,10 @@ def _common_rate(path: Path, channels: Sequence[Channel], rates: Sequence[float]
 def _cut_to_common_span(
     path: Path, channels: Sequence[Channel], starts: Sequence[float], rate: float
 ) -> tuple[list[FloatArray], float, str]:
-    """Samples of each channel in the span that all have, the first time in s, and a note if samples were cut off."""
+    """Samples of each channel in the span that all have, the first time in s, and a note if samples were cut off.
+
+    `starts` are the first times of the channels, s; `rate` is in Hz.
+    """
     offsets = (np.asarray(starts) - max(starts)) * rate
     skip = np.round(-offsets).astype(int)
     if np.abs(offsets + skip).max() > _SAME_CLOCK:
