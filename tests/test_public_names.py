@@ -19,8 +19,13 @@ PACKAGES = ("structid", "structid.records", "structid.modal")
 INNER = (
     "structid.diagnose",
     "structid.external",
+    "structid.fem",
+    "structid.fem.elements",
     "structid.forward",
     "structid.modal.formats",
+    "structid.identification.setups",
+    "structid.study.schema.model",
+    "structid.study.schema.records",
     "structid.study.run.solver",
 )
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}

@@ -21,8 +21,8 @@ from structid.diagnose.verdict import Cause, ParameterShift, are_causes, judged
 from structid.records.formats import read_record, write_record
 from structid.study.results.suggestions import suggestion_text
 from structid.study.run.diagnosis import diagnose_study
-from structid.study.run.run import run_started
-from structid.study.run.start import started
+from structid.study.run.run import run_prepared
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 RUN = CliRunner()
@@ -61,8 +61,8 @@ FAULTS = {
 
 
 def answered(path, explain=None):
-    ready = started(load_study(path))
-    return diagnose_study(ready, run_started(ready), explain)
+    ready = prepare_study(load_study(path))
+    return diagnose_study(ready, run_prepared(ready), explain)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +195,7 @@ def test_exchanged_cables_show_beside_a_start_that_is_far_off(tmp_path, is_excha
     record = read_record(tmp_path / "frf.npz")
     order = [2, 1, 0, 3] if is_exchanged else [0, 1, 2, 3]
     write_record(tmp_path / "frf.npz", replace(record, values=record.values[:, order]))
-    ready = started(load_study(path))
+    ready = prepare_study(load_study(path))
     trial = base_model(TestedModel(ready.setups, ready.study.options), ready.problems, ready.problems[0].theta_start)
     told = _exchanged(Fitted(trial, np.asarray(trial.target.theta_start), 1.0), ())
     assert ((("swap", ("2X", "4Y")), 0) in told) == is_exchanged
@@ -372,10 +372,10 @@ def test_causes_may_be_left_alone(tmp_path):
 
 def test_a_sound_answer_drops_what_sensors_looked_like_beside_its_start(tmp_path):
     """Beside a start far off, a right sensor looked wrong; once the model explains it, nothing is said of it."""
-    ready = started(load_study(written(tmp_path, off())))
+    ready = prepare_study(load_study(written(tmp_path, off())))
     doubts = ChannelWarnings((), ("sensor 3X fits the model far worse than the others",), ("reciprocity: as it is",))
     ready = replace(ready, comparisons=tuple(replace(one, warnings=doubts) for one in ready.comparisons))
-    result = run_started(ready)
+    result = run_prepared(ready)
     assert any("sensor 3X" in one for one in result.identification.warnings)
     answer, _ = diagnose_study(ready, result)
     assert answer.diagnosis.judgement.verdict == "sound"
@@ -547,8 +547,8 @@ def written_drifting(folder):
     ("made", "places"), [(written_clipped, {"4Y"}), (written_drifting, {"3X"}), (written_histories, set())]
 )
 def test_channels_that_did_not_measure_their_motion_are_fitted_without_whatever_a_look_says(tmp_path, made, places):
-    ready = started(load_study(made(tmp_path)))
-    found = run_started(ready).identification
+    ready = prepare_study(load_study(made(tmp_path)))
+    found = run_prepared(ready).identification
     trial = base_model(TestedModel(ready.setups, ready.study.options), found.problems, found.estimate.theta)
     faulty = _faulty(Fitted(trial, found.estimate.theta, found.estimate.goodness.chi_square))
     assert faulty == {(("channel", (place,)), 0) for place in places}

@@ -31,7 +31,7 @@ from structid.inversion.search.work import PLAIN_TOOLS
 from structid.records import FrfRecord
 from structid.records.formats import read_record, write_record
 from structid.study.results.suggestions import suggestion_text
-from structid.study.run.start import started, study_problems
+from structid.study.run.start import prepare_study, study_problems
 from structid.study.schema.study import load_study
 
 SPACE = """\
@@ -295,7 +295,7 @@ def test_all_held_masses_give_way_to_the_calibration_of_the_load_that_says_the_s
         for prop, name in (("bending_stiffness", "right"), ("stiffness", "brace"))
     )
     path = written(tmp_path, STUDY.replace(mass, free))
-    ready = started(load_study(path))
+    ready = prepare_study(load_study(path))
     theta = ready.problems[0].theta_start
     base = Fitted(base_model(TestedModel(ready.setups, ready.study.options), ready.problems, theta), theta, 1e4)
     sets = FixedValue(where=("mass[left]", "mass[girder]", "mass[right]"))

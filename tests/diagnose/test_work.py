@@ -31,8 +31,8 @@ from structid.inversion.search.work import ALONE, PLAIN_TOOLS
 from structid.study.run.checkpoint import Checkpoint, fingerprint
 from structid.study.run.diagnosis import diagnose_study
 from structid.study.run.long_run import LongRun
-from structid.study.run.run import run_started
-from structid.study.run.start import started
+from structid.study.run.run import run_prepared
+from structid.study.run.start import prepare_study
 from structid.study.run.workers import Processes
 from structid.study.schema.study import load_study
 
@@ -48,8 +48,8 @@ def study(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def base(study):
-    ready = started(study)
-    estimate = run_started(ready).identification.estimate
+    ready = prepare_study(study)
+    estimate = run_prepared(ready).identification.estimate
     problems = tuple(decide_polarities(problem, problem.theta_start) for problem in ready.problems)
     return Fitted(
         base_model(TestedModel(ready.setups, study.options), problems, estimate.theta),
@@ -59,8 +59,8 @@ def base(study):
 
 
 def causes(study, run):
-    ready = started(study)
-    result, fits = diagnose_study(ready, run_started(ready, None, run), True, run)
+    ready = prepare_study(study)
+    result, fits = diagnose_study(ready, run_prepared(ready, None, run), True, run)
     return result.diagnosis, fits
 
 

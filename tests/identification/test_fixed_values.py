@@ -364,7 +364,7 @@ def test_what_priors_know_is_told_from_what_the_data_say():
     )
     found = sid.identify_together([sid.ModalSetup(structure, sid.parameters(structure, [*SOUGHT[:2], known]), one)])
     judgement = judged(found)
-    assert found.priors.share[2] > 0.5 > found.priors.share[:2].max()
+    assert found.priors.variance_fraction[2] > 0.5 > found.priors.variance_fraction[:2].max()
     assert judgement.verdict == "approximate"
     assert "priors, not the data, determine stiffness[k4]:" in judgement.words
 

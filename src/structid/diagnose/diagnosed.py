@@ -37,10 +37,13 @@ class DiagnosedIdentification:
 
 
 def without_causes(
-    identification: Identification, why: str, apart: Parts, sensitivities: tuple[FixedValueSensitivity, ...] = ()
+    identification: Identification,
+    why: str,
+    find_disagreements: Parts,
+    sensitivities: tuple[FixedValueSensitivity, ...] = (),
 ) -> DiagnosedIdentification:
     """Diagnosis without a search for causes; the verdict says why none was made."""
-    judgement = judged(identification, untried=why, held=sensitivities, apart=apart)
+    judgement = judged(identification, untried=why, held=sensitivities, find_disagreements=find_disagreements)
     return DiagnosedIdentification(identification, Diagnosis(judgement, sensitivities=sensitivities))
 
 

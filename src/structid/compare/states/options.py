@@ -42,7 +42,7 @@ class CompareOptions:
 
 
 def least_part(value: float | str) -> float:
-    """A least change of interest as a part, from a number or a text such as ``1 %``.
+    """The smallest change of interest as a fraction, from a number or a text such as ``1 %``.
 
     Raises
     ------

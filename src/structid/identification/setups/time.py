@@ -136,6 +136,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
         Standard deviation of the common gain of sensors over loads, a part; by default that of the options' tolerances.
     """
 
+    kind = "histories"
+
     structure: Structure
     parameters: Parameters
     record: TimeRecord
@@ -150,7 +152,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
     def prepared(self, options: IdentifyOptions) -> Prepared[RecordProblem]:
         """The problem of the histories: finite spectra on the lines that `options` choose, or samples for output error.
 
-        Those of the linear methods, which search for no minimum, only tell what the record can be expected to give.
+        For the linear methods, which search for no minimum, it only predicts what the record can determine.
         """
         problem: RecordProblem
         if self.settings.fit in ("instrumental", "weak") and _SUPPORT in self.record.quantities:
@@ -215,6 +217,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return "" if self.settings.fit == "spectra" else f"fit {self.settings.fit!r}"
 
     def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Estimate:
+        """The estimate by a linear method in time (instrumental variables or weak form), which needs no search."""
         tolerances = options.tolerances
         if self.calibration is not None:
             tolerances = replace(tolerances, calibration=self.calibration)

@@ -134,11 +134,24 @@ def searched_minima(
 ) -> SearchedMinima:
     """Minima found by all searches, with the iterations of each.
 
-    The first search takes the first way from the given start. While none fits, restarts take the other ways in turn,
-    then random points. `uniqueness_starts` more take the first way from random points, whether one fits or not, and so do
-    `doubt_starts` where an answer that fits is to be doubted. Where there are restarts, a search that clearly misses the noise
-    and hardly gains any more is left, and gone on with only if its end is about the best.
+    The first search takes the first continuation path from the given start. While no minimum fits, restarts take the other
+    paths in turn, then random points. `uniqueness_starts` more take the first path from random points in any case, and so do
+    `doubt_starts` where an answer that fits is doubtful. Where there are restarts, a search that clearly misses the noise
+    and hardly gains any more is stopped, and completed only if its end is nearly the best.
     Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
+
+    Parameters
+    ----------
+    problem : Problem
+    method : Method
+        Search method.
+    ways : sequence of ContinuationPath
+    search : Search
+        Numbers of starts, seed and start.
+    fits : callable
+        True where the data allow a minimum.
+    progress : callable, optional
+    work : Work
     """
     start = np.array(problem.theta_start if search.start is None else search.start)
     chosen: Sequence[ContinuationPath] = ways or ((),)
@@ -230,7 +243,10 @@ def _wide_minima(
     progress: StageProgress | None,
     work: Work,
 ) -> tuple[list[tuple[Minimum, int]], bool]:
-    """Minima from starts far off and along the weakest directions, and True if no more are to be expected."""
+    """Minima from distant random starts and along the weakest directions, each with its iterations; True if no more are expected.
+
+    `way` is the continuation path of each search, `start` the centre of the starts, and `grouped` takes the new minima.
+    """
     rng = np.random.default_rng([search.seed, search.wide_starts])
     reach, size = problem.unknowns.reach, np.log(_WIDE) * sizes_at(problem, start)
     minima: list[tuple[Minimum, int]] = []
@@ -290,7 +306,9 @@ def _is_determined(problem: Problem, minimum: Minimum) -> bool:
 def _ended(
     problem: Problem, method: Method, minima: list[tuple[Minimum, int]], progress: StageProgress | None, work: Work
 ) -> list[tuple[Minimum, int]]:
-    """Minima of all searches, after those that were stopped early but are near the best have been completed."""
+    """Minima of all searches with their iterations; searches that were stopped early but are near the best are
+    completed.
+    """
     most = _NEAR_BEST * min(float(minimum.costs[-1]) for minimum, _ in minima)
     ended = []
     for number, (minimum, iterations) in enumerate(minima):
@@ -358,7 +376,7 @@ def staged(
     """Minimum reached through the stages and then the problem itself, and the number of iterations.
 
     Where the stages end with a larger sum of squares of the problem itself than they began with, they led astray: the
-    problem is then solved from where they began.
+    problem is then solved from where they began. `prefix` begins the names of stages in progress messages.
     """
     start, iterations = theta, 0
     courses: list[StageCourse] = []

@@ -251,12 +251,17 @@ def _cost(parts: Sequence[_Projected], sigma: FloatArray) -> float:
 
 
 def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[ComplexArray, list[_Projected]] | None:
-    """Poles (rad/s) of least squared residual, and projections; None without convergence."""
+    """Poles (rad/s) of least squared residual, and projections; None without convergence.
+
+    `start` are the poles to begin with, `sigma` (n_channels,) the noise of each channel.
+    """
     n = len(start)
 
     @lru_cache(maxsize=1)  # a step is tried and taken at the same poles
     def project(changes: bytes) -> tuple[ComplexArray, list[_Projected]] | None:
-        """The poles after changes of Re s and Im s, and projections; None where a pole is no mode or two are one."""
+        """The poles after changes of Re s and Im s (an array as bytes), and projections; None where a pole is no mode
+        or two coincide.
+        """
         parts = np.frombuffer(changes)
         poles = start + parts[:n] + 1j * parts[n:]
         is_fast = -float(poles.real.min()) / data.sampling_rate > _FASTEST

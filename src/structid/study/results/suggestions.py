@@ -30,7 +30,7 @@ def suggestion_name(number: int, changes: Sequence[Change]) -> str:
 
 
 def suggestion_text(study: Study, changes: Sequence[Change]) -> tuple[str, tuple[str, ...]]:
-    """The study with changes, its comments kept, and the lines that differ."""
+    """The text of a study file after changes, its comments kept, and the lines that differ."""
 
     def change_tables(tables: dict[str, Any]) -> None:
         for change in changes:
@@ -94,7 +94,10 @@ def write_suggestion(study: Study, changes: Sequence[Change], path: Path, folder
 
 
 def _move_paths(table: Any, names: set[str], away: Path) -> None:
-    """Give every name of a file its path from another folder."""
+    """Rewrite, in place, the relative paths among the texts of a table or list for use from another folder.
+
+    `names` are the paths of files; `away` leads from the new folder to that of the study.
+    """
     items = list(table.items()) if isinstance(table, dict) else list(enumerate(table))
     for key, value in items:
         if isinstance(value, str):
