@@ -191,6 +191,9 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         } <= set(names)
         shown(page, screens, "7_results")
         accessible(page, "results")
+        drawing = report.locator("#figure-structure .plot").first  # as wide as before the page was narrow
+        limits = "(plot) => ['xaxis', 'yaxis'].map((name) => plot._fullLayout[name].domain)"
+        eventually(page, lambda: max(high - low for low, high in drawing.evaluate(limits)) > 0.99)
         found = {
             one["name"]: one
             for one in json.loads((folder / "beam_results" / "estimate.json").read_text())["parameters"]
