@@ -149,7 +149,7 @@ def test_innovations_contradict_a_wrong_model(both, foot, words):
 def test_a_sine_is_found_as_a_force_about_a_frequency():
     """The second sensor agrees with the model, so that the spectrum of the force was wrong at first."""
     rng, model = np.random.default_rng(13), make_model()
-    fine = FORCE * np.sin(2 * np.pi * 3.3 * np.arange(12000) / RATE / 8)[:, None]
+    fine = FORCE * np.sin(2 * np.pi * 3.3 * np.arange(5600) / RATE / 8)[:, None]
     history = sid.History(["1X", "2X"], ["2X"], fine, 8 * RATE)
     motion, force = sid.predict(model, history, n_draws=50).values[::8], fine[::8]
     noisy = motion + 0.1 * rng.standard_normal(motion.shape)
