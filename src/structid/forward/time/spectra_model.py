@@ -263,7 +263,10 @@ class SpectraModel:
         return at
 
     def changes(self, physical: FloatArray) -> tuple[Evaluation, ComplexArray]:
-        """The evaluation and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params)."""
+        """The evaluation and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params).
+
+        `physical` are the parameter values, those of channel errors last.
+        """
         at, own = self._last.taken(physical) or self._found(physical), physical[: self.parameters.n_params]
         change = self.response.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
         if self.spectra.straight:
@@ -334,7 +337,8 @@ class SpectraModel:
     def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
         """Derivative of the motions by channel errors, (n_frequencies, n_outputs, n_params).
 
-        That of the transient is read with the sensor's error alone.
+        That of the transient is read with the sensor's error alone. `physical` are the parameter values, `at` the
+        evaluation there.
         """
         if self.errors is None:
             return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)

@@ -137,6 +137,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
         Standard deviation of the common gain of sensors over loads, a part; by default that of the options' tolerances.
     """
 
+    kind = "histories"
+
     structure: Structure
     parameters: Parameters
     record: TimeRecord
