@@ -153,7 +153,10 @@ class Fitted:
 
 
 def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, left_out: float = 0.0) -> Fitted:
-    """The fit at given free variables; where its misfit is beyond noise, with its tolerance test."""
+    """The fit at given free variables; where its misfit is beyond noise, with its tolerance test.
+
+    `chi_square` is its sum of squares, `left_out` the misfit of data that it leaves out.
+    """
     fitted = Fitted(modified, theta, chi_square, left_out)
     fixed_values = modified.fixed_values
     if modified.is_large or fixed_values is None or not is_beyond_noise(fitted):

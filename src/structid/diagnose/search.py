@@ -305,7 +305,10 @@ def _from_elsewhere(base: Fitted) -> Fitted | None:
 
 
 def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> Explanation:
-    """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fully."""
+    """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fully.
+
+    `which` begins the names of its stages in progress messages.
+    """
     clock, looks = SearchBudget(), budget.portion(SCREENING_TIME)
     shortlist = shortlist_candidates(base, work, f"{which}causes on a linear look", looks)
     problems = base.modified.problems
@@ -393,8 +396,9 @@ def _fit_near_all(
 ) -> list[StoredFit | None]:
     """Quick fits (`fit_near`) of every change, of low `rank` first; None of those that there is no time for.
 
-    Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is `kept`
-    whatever comes of it.
+    Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is
+    `kept` whatever comes of it. `alike` gives, for each change, the position of the first one that may have the same
+    fit (its own position if none).
     """
     time = budget.portion(1.0, kept=1 - NEAR_FIT_TIME)
     originals = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
@@ -601,7 +605,10 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
 
 
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
-    """The explanation from refitted changes: the causes among them, and those that may be the truth."""
+    """The explanation from refitted changes: the causes among them, and those that may be the truth.
+
+    `tried` is the number of changes that were tried.
+    """
     scale = _scale(base, fits)
     fits = [one for one in fits if not _is_no_cause_of_its_own(base, one, fits, scale)]
     priced = sorted(
@@ -658,7 +665,10 @@ def _criterion(base: Fitted, one: Fitted, scale: float) -> float:
 
 
 def _is_worth(base: Fitted, fitted: Fitted, scale: float, tried: int) -> bool:
-    """True where a change lowers the misfit by more than chance among all `tried`, and by a part that matters."""
+    """True where a change lowers the misfit by more than chance among all `tried`, and by a part that matters.
+
+    `scale` is the variance of a whitened residual that counts as noise.
+    """
     more = max(n_parameters(fitted.modified) - len(base.modified.target.names), 1)
     drop = base.misfit - fitted.misfit
     probability = float(special.gammaincc(more / 2, drop / scale / 2)) if drop > 0 else 1.0
@@ -669,7 +679,10 @@ def _is_worth(base: Fitted, fitted: Fitted, scale: float, tried: int) -> bool:
 
 
 def _stands_out(base: Fitted, fitted: Fitted, tried: int) -> bool:
-    """True where data that a change leaves out miss more than the others, by an F test, or none are left out."""
+    """True where data that a change leaves out miss more than the others, by an F test, or none are left out.
+
+    `tried` is the number of changes that were tried.
+    """
     left = fitted.modified.target.n_data
     out = base.modified.target.n_data - left
     if out <= 0:

@@ -99,7 +99,10 @@ def _require_samples(duration: float, sampling_rate: float) -> None:
 
 
 def _require_rate(value: float, frequency: float, duration: float, sampling_rate: float, what: str) -> None:
-    """Raise `InputError` unless a load of that `frequency`, Hz, has at least eight samples a period and fits the record."""
+    """Raise `InputError` unless a load of that `frequency`, Hz, has at least eight samples a period and fits the record.
+
+    `value` is the option that `what` names in errors.
+    """
     if not (np.isfinite(value) and value > 0):
         raise InputError(f"the {what} must be greater than 0, got {value:g}")
     if not sampling_rate >= 8 * frequency:

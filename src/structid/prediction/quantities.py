@@ -137,6 +137,8 @@ class Frf:
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """FRFs as a function of physical parameters: solved line by line for small models, by poles for others.
 
+        `points` are parameter values (n_params,) for which a reduction must serve.
+
         Raises
         ------
         InputError
@@ -154,7 +156,10 @@ class Frf:
     def row_evaluator(
         self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]
     ) -> tuple[OutputMap, Evaluator]:
-        """The outputs, and the FRFs of their rows (a von Mises stress has three) as a function of physical parameters."""
+        """The outputs, and the FRFs of their rows (a von Mises stress has three) as a function of physical parameters.
+
+        `points` are parameter values (n_params,) for which a reduction must serve.
+        """
         bases = structure.driven([each for each in self.inputs if isinstance(each, Dof)])
         if bases and self.kind != "transmissibility":
             raise InputError(
@@ -288,7 +293,10 @@ class History:
         return np.arange(len(self.loads)) / self.sampling_rate
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """The outputs (n_times, n_outputs) as a function of physical parameters, by a sum over poles."""
+        """The outputs (n_times, n_outputs) as a function of physical parameters, by a sum over poles.
+
+        `points` are parameter values (n_params,) for which a reduction must serve.
+        """
         _require_linear(structure, "a history")
         band, order = (self.sampling_rate / len(self.loads), self.sampling_rate / 2), MOTION_DERIVATIVES[self.motion]
         system = linear_response(
@@ -519,7 +527,10 @@ class Extremes(DerivedQuantity):
         return np.array([self._maximum(*each) for each in zip(*(m.tolist() for m in moments), strict=True)])
 
     def _maximum(self, m0: float, m1: float, m2: float) -> float:
-        """Mean or quantile of the largest magnitude from the first spectral moments; 0 where nothing moves."""
+        """Mean or quantile of the largest magnitude from the first spectral moments; 0 where nothing moves.
+
+        `m0`, `m1` and `m2` are the spectral moments of order 0 to 2.
+        """
         if m0 <= 0 or m2 <= 0:
             return 0.0
         crossings = self.duration * np.sqrt(m2 / m0) / np.pi
@@ -573,7 +584,10 @@ class NaturalModes:
     reference: ReferenceModes | None = None
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """Frequencies and damping ratios (n_modes, 2) as a function of physical parameters."""
+        """Frequencies and damping ratios (n_modes, 2) as a function of physical parameters.
+
+        Modes are matched to those at the first of `points` (n_params,).
+        """
         structure.require_modes("modes")
         n_modes = self.n_modes if self.reference is None else self.n_modes + _MORE_MODES
         first = structure_modes(structure, parameters.values(points[0]), n_modes).mode_shapes

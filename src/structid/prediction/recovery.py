@@ -377,7 +377,10 @@ class OutputMap:
         return tuple(sorted(set(self.derivative.tolist())))
 
     def rows(self, values: FloatArray) -> sparse.csc_array:
-        """Weights of the rows for each derivative in `orders`, one after another, (n_dofs, n_orders n_rows)."""
+        """Weights of the rows for each derivative in `orders`, one after another, (n_dofs, n_orders n_rows).
+
+        `values` (n_values,) are the property values.
+        """
         weights = np.array([weight(values) for weight in self.weights])
         terms, group = np.arange(len(weights)), np.searchsorted(self.orders, self.derivative)
         shape = len(terms), len(self.orders) * self.n_rows
@@ -485,7 +488,10 @@ def _element_of(structure: Structure, name: str, number: int, text: str) -> tupl
 
 
 def _end_of(element: ElementSet, row: int, node: int, text: str) -> int:
-    """0 or 1: which end of the element is at `node`."""
+    """0 or 1: which end of the element is at `node`.
+
+    `row` is the element in its set.
+    """
     ends = element.nodes[row].tolist()
     if node not in ends:
         raise InputError(f"{text}: the element runs from node {ends[0]} to {ends[1]}, got {node}")

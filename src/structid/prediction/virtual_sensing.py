@@ -842,7 +842,10 @@ class _Smoother:
         return np.asarray(linalg.solve_discrete_lyapunov(fade * system.transition, noise))
 
     def _system(self, reduced: ReducedMatrices, std: float) -> _StateSpace:
-        """The equations from sample to sample of modal displacements, speeds and unknown forces, in scaled units."""
+        """The equations from sample to sample of modal displacements, speeds and unknown forces, in scaled units.
+
+        `std` is the standard deviation of the unknown forces, N.
+        """
         n, n_forces, n_known = len(reduced.omega), self.n_forces, reduced.inputs.shape[1] - self.n_forces
         force = _ForceModel.of(self.correlation_time, self.frequency, self.rate if self.is_filtered else None)
         n_each = len(force.output)
@@ -961,9 +964,9 @@ def _variance_of_start(
 ) -> FloatArray:
     """Variance (n_times, n) of outputs beyond the `steady` one by what the record leaves open of its first state.
 
-    In a record without end an error of the first state leaves `onwards` (n_states, n_states) of itself when all readings from it
-    onwards are smoothed. Of N samples the smoothed state k is off by onwards step^k + back^(N-1-k) (keep - onwards) step^(N-1)
-    times that error.
+    In a record without end an error of the first state leaves `onwards` (n_states, n_states) of itself when all
+    readings from it onwards are smoothed. Of N samples the smoothed state k is off by onwards step^k + back^(N-1-k)
+    (keep - onwards) step^(N-1) times that error. `wanted` (n, n_states) reads the outputs from the state.
     """
     step, excess, count = filtered.step, filtered.start_covariance, len(steady)
     late = (filtered.keep - onwards) @ np.linalg.matrix_power(step, count - 1)

@@ -68,7 +68,10 @@ class Connector(ElementSet):
 
 
 def _require_ends(name: str, first: tuple[Dof, ...], second: tuple[Dof, ...] | None) -> None:
-    """Raise `InputError` unless both ends are as many, of one kind of motion, and differ."""
+    """Raise `InputError` unless both ends are as many, of one kind of motion, and differ.
+
+    `second` is None for the ground.
+    """
     if not first:
         raise InputError(f"`first` of {name!r} must name at least one degree of freedom")
     if second is None:

@@ -465,7 +465,10 @@ def node_table(columns: int) -> Store:
 def property_values(
     element: str, name: str, values: ArrayLike, n_elements: int, positive: bool = False, signed: bool = False
 ) -> FloatArray:
-    """`values` of the property `name` as one number for each element, (n_elements,), negative only where they are `signed`."""
+    """`values` of the property `name` as one number for each element, (n_elements,), negative only where they are `signed`.
+
+    With `positive`, zero is refused too.
+    """
     try:
         array = np.broadcast_to(np.asarray(values, dtype=np.float64), (n_elements,))
     except ValueError as error:

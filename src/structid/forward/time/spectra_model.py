@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, stack_real
-from structid.dynamics.normal_modes import modes
+from structid.dynamics.normal_modes import Modes, modes
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.channels import read as readings_of
@@ -235,6 +235,12 @@ class SpectraModel:
         return MassLine(_response(self, far), sides, self.spectra)
 
     @cached_property
+    def start_modes(self) -> Modes:
+        """All modes of the structure at the start."""
+        values = self.parameters.values(self.parameters.start)
+        return modes(self.structure.matrix("mass", values), self.structure.matrix("stiffness", values))
+
+    @cached_property
     def transient(self) -> Transient:
         return Transient(self.spectra, _forces(self), self.order, self.tones)
 
@@ -257,7 +263,10 @@ class SpectraModel:
         return at
 
     def changes(self, physical: FloatArray) -> tuple[Evaluation, ComplexArray]:
-        """The evaluation and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params)."""
+        """The evaluation and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params).
+
+        `physical` are the parameter values, those of channel errors last.
+        """
         at, own = self._last.taken(physical) or self._found(physical), physical[: self.parameters.n_params]
         change = self.response.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
         if self.spectra.straight:
@@ -328,7 +337,8 @@ class SpectraModel:
     def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
         """Derivative of the motions by channel errors, (n_frequencies, n_outputs, n_params).
 
-        That of the transient is read with the sensor's error alone.
+        That of the transient is read with the sensor's error alone. `physical` are the parameter values, `at` the
+        evaluation there.
         """
         if self.errors is None:
             return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)
@@ -357,9 +367,8 @@ def _forces(model: SpectraModel) -> FloatArray:
     n_dofs = known.n_dofs
     if model.order is None:
         return np.zeros((n_dofs, 0))
-    values = model.parameters.values(model.parameters.start)
-    mass = model.structure.matrix("mass", values)
-    found = modes(mass, model.structure.matrix("stiffness", values))
+    mass = model.structure.matrix("mass", model.parameters.values(model.parameters.start))
+    found = model.start_modes
     near = found.frequency <= _REACH * model.spectra.frequency[-1]
     forces = np.zeros((n_dofs, int(near.sum())))
     place = {code: i for i, code in enumerate(known.numbering.free)}

@@ -100,7 +100,10 @@ class _Damped:
         return np.asarray(-linalg.solve_triangular(self.triangle, down, check_finite=False))
 
     def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
-        """Damped step (n_params,) with the entries `held` fixed at `values`."""
+        """Damped step (n_params,) with the entries `held` fixed at `values`.
+
+        `projected` is Q'r, the residual in the coordinates of the triangle.
+        """
         right = self.orthogonal[: len(projected)].T @ projected + self.triangle[:, held] @ values[held]
         orthogonal, factor = np.linalg.qr(self.triangle[:, ~held])
         step = np.array(values)

@@ -251,7 +251,10 @@ def _cost(parts: Sequence[_Projected], sigma: FloatArray) -> float:
 
 
 def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[ComplexArray, list[_Projected]] | None:
-    """Poles (rad/s) of least squared residual, and projections; None without convergence."""
+    """Poles (rad/s) of least squared residual, and projections; None without convergence.
+
+    `start` are the poles to begin with, `sigma` (n_channels,) the noise of each channel.
+    """
     n = len(start)
 
     @lru_cache(maxsize=1)  # a step is tried and taken at the same poles

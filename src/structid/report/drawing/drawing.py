@@ -136,7 +136,10 @@ def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
 
 
 def _spacing(points: Mapping[int, FloatArray], elements: Sequence[ElementSet], size: float) -> float:
-    """Smallest distance on paper between nodes of `elements` that are not at the same place."""
+    """Smallest distance on paper between nodes of `elements` that are not at the same place.
+
+    `points` are the nodes on paper, `size` is the extent of the drawing.
+    """
     nodes = sorted({int(n) for e in elements for n in np.unique(e.nodes) if n >= 0})
     few = np.array([points[n] for n in nodes[:: max(1, len(nodes) // 400)]]).reshape(-1, 2)
     distance = np.hypot(*(few[:, None] - few[None]).transpose(2, 0, 1))
@@ -215,7 +218,10 @@ class _Around:
 def _connector(
     frame: _Frame, element: Connector, index: int, around: _Around, taken: Counter[object]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Path, wall line and centre of the symbol of one spring, dashpot or friction element."""
+    """Path, wall line and centre of the symbol of one spring, dashpot or friction element.
+
+    `index` is that of the element; `taken` counts the parallel connectors that are drawn.
+    """
     first = element.first[index]
     second = None if element.second is None else element.second[index]
     start = frame.points[first.node]
@@ -265,7 +271,10 @@ def _outward(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool
 def _area(
     frame: _Frame, element: ElementSet, index: int, taken: Counter[object], heaviest: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Outline and centre of an element's symbol: disc for a mass, rings for rotary inertia, square for others."""
+    """Outline and centre of an element's symbol: disc for a mass, rings for rotary inertia, square for others.
+
+    `index` is that of the element, `heaviest` the largest mass.
+    """
     centre = np.mean([frame.points[int(n)] for n in element.nodes[index] if n >= 0], axis=0)
     if _is_mass(element):
         share = float(element.mass[index]) / heaviest if heaviest > 0 else 1.0
@@ -339,7 +348,10 @@ def _dof_labels(frame: _Frame, arrows: Sequence[_Arrow], colour: str) -> list[La
 
 
 def _names(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set[int]) -> list[Label]:
-    """Labels of nodes, if few or in `busy`, and of element sets."""
+    """Labels of nodes, if few or in `busy`, and of element sets.
+
+    `shown` are the labels of the nodes that are drawn.
+    """
     few = frozenset(shown if len(frame.points) <= _MANY_NODES else ())
     aside, below = symbols.unit(np.array([-1.0, -1.0])), np.array([0.0, -frame.height])
     found = [
@@ -364,7 +376,10 @@ def _axes(frame: _Frame, corner: FloatArray, used: set[str]) -> tuple[tuple[str,
 def _bounds(
     corners: FloatArray, words: Sequence[tuple[str, FloatArray]], paths: Sequence[FloatArray], per_inch: float
 ) -> tuple[float, float, float, float]:
-    """Drawing limits (x low, x high, y low, y high) that hold corners, texts and paths with a margin."""
+    """Drawing limits (x low, x high, y low, y high) that hold corners, texts and paths with a margin.
+
+    `per_inch` turns inches of text into units of the drawing.
+    """
     half = 0.5 * per_inch * np.array(_CHARACTER_INCHES)
     boxes = [at + sign * half * (len(text), 1.0) for text, at in words for sign in (-1.0, 1.0)]
     everything = np.concatenate([corners, *paths, np.array(boxes).reshape(-1, 2)])

@@ -148,6 +148,8 @@ def export_use(
 ) -> tuple[list[str], list[Path]]:
     """Write one kind of file of the model into the folder `out`, anew where it is there; what was written, in lines, and the paths.
 
+    `suffix` is that of the format, `options` are those of the export.
+
     Raises
     ------
     InputError

@@ -152,6 +152,8 @@ def _read_entries(
 ) -> tuple[list[tuple[Section, MatrixGroup]], list[Dof]]:
     """Matrix groups of the tables `entries` (on `dofs`, or those that the files state), and the degrees of freedom marked
     as constrained.
+
+    `units` are those of length and force in the files.
     """
     groups = [(entry, _read_group(entry, dofs, units, reader)) for entry in entries]
     constrained = [

@@ -206,7 +206,10 @@ def _read_parameters(section: Section, texts: Mapping[str, str]) -> tuple[list[D
 
 
 def _find_positions(entry: Section, marks: Plain, texts: Mapping[str, str]) -> list[DeckPosition]:
-    """Positions of a parameter in the deck, by its `mark` or marks."""
+    """Positions of a parameter in the deck, by its `mark` or marks.
+
+    `texts` are the files of the deck by name.
+    """
     found_positions = []
     for k, table in enumerate(marks if isinstance(marks, list) else [marks]):
         path = (*entry.path, "mark", *((k,) if isinstance(marks, list) else ()))
@@ -272,7 +275,10 @@ def _read_outputs(
 
 
 def _output_name(section: Section, key: str, text: str, stem: Mapping[str, str]) -> str:
-    """A file name in the folder of a run, with ``{stem}`` filled in."""
+    """A file name in the folder of a run, with ``{stem}`` filled in.
+
+    `key` is named in errors.
+    """
     try:
         name = text.format(**stem)
     except (KeyError, ValueError, IndexError) as error:

@@ -293,7 +293,10 @@ def _make_structure(
     options: Given,
     file_words: tuple[tuple[str, ...], tuple[str, ...]] = ((), ()),
 ) -> Structure:
-    """The structure of the parts that were read; errors get the place of the part that they name."""
+    """The structure of the parts that were read; errors get the place of the part that they name.
+
+    `file_words` are the parts of the mesh file left aside, and notes on it.
+    """
     elements, ties, fixed, measured = parts
     active = as_list(options["active"]) if "active" in options else None
     element_sets, links = [element for _, element in elements], [tie for _, tie in ties]
