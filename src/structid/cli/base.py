@@ -59,7 +59,10 @@ def _no_file(folder: Path | None) -> Path | None:
 
 @contextmanager
 def reported(reword: Callable[[str], str] = str) -> Iterator[None]:
-    """A context that turns errors of a user's input into one message on stderr and an exit code."""
+    """A context that turns errors of a user's input into one message on stderr and an exit code.
+
+    `reword` changes the text of the message.
+    """
     try:
         with _terminable():
             yield
@@ -101,7 +104,10 @@ def fail(message: str, code: int) -> None:
 
 
 def say(text: object, err: bool = False, is_exact: bool = False) -> None:
-    """Print a line, with paths as the user gave them unless `is_exact`; control characters are shown as numbers."""
+    """Print a line, with paths as the user gave them unless `is_exact`; control characters are shown as numbers.
+
+    With `err` it goes to stderr.
+    """
     from structid.core.isolation import paths_as_called  # the help needs none of it
 
     shown = str(text) if is_exact else paths_as_called(str(text))

@@ -149,7 +149,10 @@ def _made(options: type[T], values: Mapping[str, object]) -> T:
 
 
 def _flags(options: type, prefix: str = "") -> Iterator[inspect.Parameter]:
-    """Parameters of a command line function, one for each field of a dataclass of options and of the ones inside it."""
+    """Parameters of a command line function, one for each field of a dataclass of options and of the ones inside it.
+
+    `prefix` begins the flags of an inner dataclass.
+    """
     from structid.core.constraints import parameter_descriptions
 
     kinds, words = get_type_hints(options), parameter_descriptions(options)

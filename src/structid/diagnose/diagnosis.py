@@ -129,7 +129,10 @@ def diagnose_identification(
 
 
 def _why_not_searched(model: TestedModel, identification: Identification, explain: bool | None) -> str:
-    """The reason why causes cannot be looked for, in words; "" where they can."""
+    """The reason why causes cannot be looked for, in words; "" where they can.
+
+    `explain` is False where the user asks for no search, and None where the verdict decides.
+    """
     if explain is False:
         return NOT_TRIED
     if identification.target is None or not identification.estimate.uncertainty.has_matrix:

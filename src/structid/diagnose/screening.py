@@ -202,7 +202,8 @@ def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:
 def _rollers(base: Fitted, candidates: Iterable[Candidate], held_nodes: Collection[int]) -> list[Screened]:
     """Candidates that a free translation of a supported node is almost rigidly fixed: bearings that are stuck.
 
-    They are made for measured modes alone, where no linear step from a biased fit finds them.
+    They are made for measured modes alone, where no linear step from a biased fit finds them. `held_nodes` are the
+    supported nodes.
     """
     if not base.modified.is_of_modes:
         return []

@@ -305,7 +305,10 @@ def _from_elsewhere(base: Fitted) -> Fitted | None:
 
 
 def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> Explanation:
-    """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fully."""
+    """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fully.
+
+    `which` begins the names of its stages in progress messages.
+    """
     clock, looks = SearchBudget(), budget.portion(SCREENING_TIME)
     shortlist = shortlist_candidates(base, work, f"{which}causes on a linear look", looks)
     problems = base.modified.problems
@@ -331,8 +334,7 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
     approaches = _fit_near_all(base, changes, alike, rank, kept, work, f"{which}causes", budget)
     near = [one or StoredFit() for one in approaches]
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["chi_square"]))
-    always = [k for k in order if changes[k][0].is_always_fitted][:ALWAYS_FITTED]
-    finalists = [*always, *(k for k in order if not changes[k][0].is_always_fitted)][:FINALISTS]
+    finalists = _finalists(order, [candidate for candidate, _ in changes])
     finalists += [k for k, one in enumerate(looked) if near[k] and one in at_fit and k not in finalists]
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
@@ -348,6 +350,17 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
     left_out = approaches.count(None) + len(items) - n_ended
     begun = [(*changes[k], near[k]["theta"]) for k in order if alike[k] == k and not changes[k][0].leaves_data_out]
     return replace(_weighed(base, fits, tried), spent=clock.spent, left_out=left_out, begun=tuple(begun))
+
+
+def _finalists(order: Sequence[int], several: Sequence[Candidate]) -> list[int]:
+    """Positions of the candidates to refit, from the `order` of their near fits, the best first.
+
+    Those that smoothed data do not show have places among them and come last: where the time ends early, the best near fits
+    are those that were fitted to the end.
+    """
+    always = [k for k in order if several[k].is_always_fitted][:ALWAYS_FITTED]
+    others = [k for k in order if not several[k].is_always_fitted]
+    return [*others[: FINALISTS - len(always)], *always]
 
 
 def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
@@ -393,8 +406,9 @@ def _fit_near_all(
 ) -> list[StoredFit | None]:
     """Quick fits (`fit_near`) of every change, of low `rank` first; None of those that there is no time for.
 
-    Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is `kept`
-    whatever comes of it.
+    Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is
+    `kept` whatever comes of it. `alike` gives, for each change, the position of the first one that may have the same
+    fit (its own position if none).
     """
     time = budget.portion(1.0, kept=1 - NEAR_FIT_TIME)
     originals = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
@@ -601,7 +615,10 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
 
 
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
-    """The explanation from refitted changes: the causes among them, and those that may be the truth."""
+    """The explanation from refitted changes: the causes among them, and those that may be the truth.
+
+    `tried` is the number of changes that were tried.
+    """
     scale = _scale(base, fits)
     fits = [one for one in fits if not _is_no_cause_of_its_own(base, one, fits, scale)]
     priced = sorted(
@@ -658,7 +675,10 @@ def _criterion(base: Fitted, one: Fitted, scale: float) -> float:
 
 
 def _is_worth(base: Fitted, fitted: Fitted, scale: float, tried: int) -> bool:
-    """True where a change lowers the misfit by more than chance among all `tried`, and by a part that matters."""
+    """True where a change lowers the misfit by more than chance among all `tried`, and by a part that matters.
+
+    `scale` is the variance of a whitened residual that counts as noise.
+    """
     more = max(n_parameters(fitted.modified) - len(base.modified.target.names), 1)
     drop = base.misfit - fitted.misfit
     probability = float(special.gammaincc(more / 2, drop / scale / 2)) if drop > 0 else 1.0
@@ -669,7 +689,10 @@ def _is_worth(base: Fitted, fitted: Fitted, scale: float, tried: int) -> bool:
 
 
 def _stands_out(base: Fitted, fitted: Fitted, tried: int) -> bool:
-    """True where data that a change leaves out miss more than the others, by an F test, or none are left out."""
+    """True where data that a change leaves out miss more than the others, by an F test, or none are left out.
+
+    `tried` is the number of changes that were tried.
+    """
     left = fitted.modified.target.n_data
     out = base.modified.target.n_data - left
     if out <= 0:

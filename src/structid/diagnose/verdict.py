@@ -51,7 +51,7 @@ Verdict = Literal["sound", "approximate", "wrong_model", "undetermined", "untest
 #: What intervals rest on where the noise is of another size than stated.
 _INTERVALS = {
     "model_error": "the intervals come from the residual",
-    "noise": "the intervals are those of the noise that was taken",
+    "noise": "the intervals are those of the stated or assumed noise",
 }
 NOT_TRIED = "no change of model or record was tried that might explain it: `structid explain` does"
 
@@ -299,7 +299,11 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
 
 
 def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> bool:
-    """True where a cause leaves no more than noise, and removes most of the misfit or moves a value that matters."""
+    """True where a cause leaves no more than noise, and removes most of the misfit or moves a value that matters.
+
+    `misfit` and `expected` are chi-square per degree of freedom, of the answer and of noise; `is_hidden` says that
+    parts of the data are missed although the whole is not.
+    """
     left = cause.rest_per_dof if cause.leaves_data_out else cause.chi_square_per_dof
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
     is_noise = cause.leaves_noise or left <= NOISE_TOLERANCE * expected
@@ -310,7 +314,10 @@ def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> 
 
 
 def _completing(causes: Sequence[Cause], expected: float) -> Cause | None:
-    """The second cause that, beside the first, leaves nothing but noise; None where there is none."""
+    """The second cause that, beside the first, leaves nothing but noise; None where there is none.
+
+    `expected` is the chi-square per degree of freedom of noise.
+    """
     second = next((one for one in causes if one.is_second), None)
     if second is None or not (second.leaves_noise or second.chi_square_per_dof <= NOISE_TOLERANCE * expected):
         return None

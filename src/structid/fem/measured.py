@@ -268,7 +268,10 @@ def _read_between(axis: FloatArray, values: ComplexArray, frequency: FloatArray)
 
 
 def _cubic_weights(axis: FloatArray, frequency: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Indices of the four lines next to each `frequency`, and weights of the cubic through them (Lagrange), (n_frequency, 4)."""
+    """Indices of the four lines next to each `frequency`, and weights of the cubic through them (Lagrange), (n_frequency, 4).
+
+    `axis` are the measured lines, Hz.
+    """
     near = np.clip(np.searchsorted(axis, frequency) - 2, 0, len(axis) - 4)[:, None] + np.arange(4)
     nodes, weights = axis[near], np.ones(near.shape)
     for k, j in ((k, j) for k in range(4) for j in range(4) if j != k):

@@ -118,6 +118,9 @@ class Structure(Shown, StructurePlots):
     ) -> None:
         """A structure of nodes (positions in m), element sets, supports and ties; arguments as the attributes of the
         class.
+
+        `active` are the directions of motion, `fixed` the supports, `subdivide` the pieces of each line, `sliding` the
+        nodes whose position is a property, and `left_aside` and `file_notes` remarks on the mesh file.
         """
         if not isinstance(nodes, Mapping):
             raise InputError(

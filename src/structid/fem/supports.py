@@ -218,6 +218,8 @@ class Base:
 def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
     """All equations of `ties`, by dependent code.
 
+    `active` are the directions in which nodes move.
+
     Raises
     ------
     InputError

@@ -86,7 +86,10 @@ class ParameterForces:
         return np.concatenate(wide, axis=1)
 
     def contracted(self, factors: ComplexArray, x: NumberArray, y: NumberArray) -> list[NumberArray]:
-        """y' (dZ/dp) x (no conjugate) for fields x (n_dofs, n_x) and y (n_dofs, n_y): (n_params, n_y) for each x."""
+        """y' (dZ/dp) x (no conjugate) for fields x (n_dofs, n_x) and y (n_dofs, n_y): (n_params, n_y) for each x.
+
+        `factors` (n_maps,) are those of the matrices at one frequency line.
+        """
         entries = np.ascontiguousarray(self.entries(factors, x).T)
         rows = np.ascontiguousarray(y)
         shape = (self.n_params, self.n_dofs)
@@ -229,7 +232,10 @@ class DenseForces:
         return found
 
     def _forces(self, coefficients: ComplexArray, x: NumberArray) -> ComplexArray:
-        """Forces (dZ/dp) x for fields x (n_lines, n_dofs, n_x): (n_forces, n_lines, n_x)."""
+        """Forces (dZ/dp) x for fields x (n_lines, n_dofs, n_x): (n_forces, n_lines, n_x).
+
+        `coefficients` (n_lines, n_matrices) are those of the matrices in Z.
+        """
         n_lines, n_dofs, n_x = x.shape
         flat = np.ascontiguousarray(np.moveaxis(x, 1, 0), np.complex128).reshape(n_dofs, -1).view(np.float64)
         total = np.zeros((len(self.dofs), n_lines, n_x), dtype=np.complex128)
@@ -277,7 +283,10 @@ class DenseSlopes:
 
 
 def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: sparse.sparray) -> DenseSlopes:
-    """Derivatives of dense system matrices by parameters that change values through `design` (n_values, n_params)."""
+    """Derivatives of dense system matrices by parameters that change values through `design` (n_values, n_params).
+
+    `matrix_kinds` name the matrices.
+    """
     table, n_dofs, members = sparse.csr_array(design), structure.n_dofs, structure.contributions
     n_weights = sum(item.blocks.n_elements for item in members)
     changes, numbers = np.diff(table.indptr) > 0, np.arange(table.shape[0])

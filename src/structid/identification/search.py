@@ -276,8 +276,8 @@ def reweighted(
 ) -> tuple[Estimate, tuple[RecordProblem, ...]]:
     """The fit repeated with errors in proportion to values that are taken from the fitted model, and its problems.
 
-    Where the model misses the values by more than twice their noise, the weights stay as they are measured. Strengths of
-    regularizations stay as they were chosen.
+    Where the model misses the values by more than twice their noise, the weights stay as they are measured. Strengths
+    of regularizations stay as they were chosen. `search` repeats the fit of problems from given free variables.
     """
     for _ in range(_REWEIGHTED):
         if not best.goodness.misfit < _REWEIGHTED_BELOW:

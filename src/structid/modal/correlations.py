@@ -111,7 +111,10 @@ def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
 
 
 def _mean_and_variance(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean and variance of each column about its own mean, summed in chunks about the first row; (n_channels,) each."""
+    """Mean and variance of each column about its own mean, summed in chunks about the first row; (n_channels,) each.
+
+    `values` are (n_times, n_channels).
+    """
     start, total, square = values[0], np.zeros(values.shape[1]), np.zeros(values.shape[1])
     for first in range(0, len(values), _CHUNK):
         chunk = values[first : first + _CHUNK] - start
@@ -122,7 +125,10 @@ def _mean_and_variance(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> FloatArray:
-    """Root mean square of every channel, (n_channels,); `InputError` if a channel does not vary."""
+    """Root mean square of every channel, (n_channels,); `InputError` if a channel does not vary.
+
+    `series` are the samples of each record, (n_times, n_channels).
+    """
     n_samples = sum(map(len, series))
     moments = [_mean_and_variance(y) for y in series]
     spread = np.sqrt(sum(len(y) * variance for y, (_, variance) in zip(series, moments, strict=True)) / n_samples)

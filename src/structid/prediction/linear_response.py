@@ -173,7 +173,10 @@ def _with_supports(
         return np.asarray(inner @ motion + (whole @ support).toarray()[free])
 
     def quasi_static(values: FloatArray) -> FloatArray:
-        """Quasi-static motion (n_free, n_bases) of the free degrees of freedom under unit motion of each base."""
+        """Quasi-static motion (n_free, n_bases) of the free degrees of freedom under unit motion of each base.
+
+        `values` (n_values,) are the property values.
+        """
         stiffness = sparse.csc_array(plain.matrix("stiffness", values[same_values]))
         stiffness.sort_indices()
         pulled = columns_at(values, "stiffness", np.zeros((len(free), len(bases))))

@@ -78,6 +78,8 @@ class Aligned:
 def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
     """Cosine of the phase angle between two complex arrays, averaged over the first axis; NaN where there are no
     values.
+
+    Both are (n_lines, ...), and the mean is (...).
     """
     product = measured * model.conj()
     cosine = product.real / np.maximum(np.abs(product), np.finfo(float).tiny)
@@ -163,7 +165,10 @@ def _between(wanted: FloatArray, frequency: FloatArray, values: ComplexArray) ->
 
 
 def resonance_pairs(record: FrfRecord, predicted: ComplexArray) -> tuple[ResonancePair, ...]:
-    """Peaks of a record and of a model on its lines, paired in order by frequency and shape, by measured frequency."""
+    """Peaks of a record and of a model on its lines, paired in order by frequency and shape, by measured frequency.
+
+    `predicted` are the model's FRFs, shaped as those of the record.
+    """
     (f, own), (g, other) = (_shapes(record, values) for values in (record.values, predicted))
     likeness = np.nan_to_num(mac(own.T, other.T)) if len(f) and len(g) else np.zeros((len(f), len(g)))
     apart = np.log(f)[:, None] - np.log(g)

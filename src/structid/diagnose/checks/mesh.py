@@ -217,7 +217,8 @@ def _paired(
 ) -> IntArray:
     """Number of the refined model's mode that matches each of the modes `mode_numbers` by MAC; -1 where none does.
 
-    `modes` and `refined_modes` are those of the structure and of the `refined` one.
+    `modes` and `refined_modes` are those of the structure and of the `refined` one. `values` (n_values,) are the
+    property values.
     """
     rows = refined.places(structure)
     mass = structure.matrix("mass", values)

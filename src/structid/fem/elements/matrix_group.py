@@ -95,7 +95,10 @@ class MatrixGroup(ElementSet):
 
 
 def _require_symmetric(group: str, name: str, matrix: sparse.csc_array, size: int) -> None:
-    """Raise `InputError` unless the matrix is of the right size, finite and symmetric."""
+    """Raise `InputError` unless the matrix is of the right size, finite and symmetric.
+
+    `group` and `name` are named in the message.
+    """
     if matrix.shape != (size, size):
         raise InputError(f"`{name}` of group {group!r} must be ({size}, {size}) like its dofs, got {matrix.shape}")
     if not np.isfinite(matrix.data).all():

@@ -45,7 +45,8 @@ class Facets:
     def in_space(self, local: FloatArray) -> FloatArray:
         """Matrices on (u, v, w, rotations) of each corner in the facet's axes, turned to global axes, (n_cells, 6 n, 6 n).
 
-        Nodes out of the plane are joined to it by rigid links along the normal.
+        Nodes out of the plane are joined to it by rigid links along the normal. `local` (n_cells, 6 n, 6 n) are those
+        matrices.
         """
         n_cells, n = self.height.shape
         if self.height.any():
@@ -134,6 +135,7 @@ class Shell(ThinSet):
     """
 
     moves = DIRECTIONS
+    symbol = "shell"
 
     linear_strains: Annotated[float, "float", Limits(above=0, most=1)] = declared(
         "Share of the stiffness against strains that vary linearly within a facet. 1 is exact for webs one cell deep that"
@@ -224,7 +226,10 @@ def _rotary_inertia(name: str, nodes: IntArray, points: FloatArray, cell: str) -
 
 
 def _on_all_coordinates(small: FloatArray, axes: tuple[int, ...]) -> FloatArray:
-    """Matrices on some coordinates (`axes`) of each corner as matrices on all six, (n_cells, 6 n, 6 n)."""
+    """Matrices on some coordinates (`axes`) of each corner as matrices on all six, (n_cells, 6 n, 6 n).
+
+    `small` (n_cells, m n, m n) are those matrices.
+    """
     n = small.shape[1] // len(axes)
     rows = np.ravel([[6 * k + axis for axis in axes] for k in range(n)])
     full = np.zeros((len(small), 6 * n, 6 * n))

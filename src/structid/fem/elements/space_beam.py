@@ -59,6 +59,7 @@ class SpaceBeam(ElementSet):
 
     moves = DIRECTIONS
     is_line = True
+    symbol = "line"
     section_stiffness: ClassVar = {
         "N": "axial_stiffness",
         "T": "torsional_stiffness",
@@ -157,7 +158,10 @@ def _local_axes(name: str, x: FloatArray, orientation: FloatArray | None) -> Flo
 
 
 def _space_maps(axes: FloatArray) -> dict[str, FloatArray]:
-    """Maps from the twelve global coordinates to axial, twist and bending coordinates, (n_elements, 2 or 4, 12) by name."""
+    """Maps from the twelve global coordinates to axial, twist and bending coordinates, (n_elements, 2 or 4, 12) by name.
+
+    `axes` (n_elements, 3, 3) are the local axes as rows.
+    """
     n = len(axes)
     maps: dict[str, FloatArray] = {
         key: np.zeros((n, size, 12)) for key, size in (("along", 2), ("twist", 2), ("about_y", 4), ("about_z", 4))

@@ -74,7 +74,8 @@ def _laplace_slope(
 ) -> ComplexArray:
     """dH/ds of the FRF `values` of `model`, in the unit of H times s, (n_frequencies, n_outputs, n_inputs).
 
-    With H = s^n S' Z^-1 F and Z = s^2 M + s C + K it is n H / s - s^n Y' (2 s M + C) X, where X = Z^-1 F and Y = Z^-1 S.
+    With H = s^n S' Z^-1 F and Z = s^2 M + s C + K it is n H / s - s^n Y' (2 s M + C) X, where X = Z^-1 F and Y = Z^-1
+    S. `physical` are the parameter values (n_params,), `laplace` the values of s (n_frequencies,), 1/s.
     """
     fields = model.fields_at(physical, model.channels.columns)
     x, y = model.channels.under_loads(fields), model.channels.under_sensors(fields)

@@ -232,7 +232,10 @@ def _damping(state: ModelState, phi: FloatArray, omega: float, slopes: _Slopes) 
 
 
 def _adjoint(state: ModelState, phi: FloatArray, eigenvalues: FloatArray, right: FloatArray) -> FloatArray:
-    """(K - lambda_k M)^+ `right` for each mode k of the group, (m, n_dofs, n_right), by the bordered system."""
+    """(K - lambda_k M)^+ `right` for each mode k of the group, (m, n_dofs, n_right), by the bordered system.
+
+    `phi` (n_dofs, m) are the shapes of the group, `eigenvalues` (m,) their lambda.
+    """
     n, m = phi.shape
     border = state.mass @ phi
     if n <= _DENSE_UP_TO:
@@ -253,7 +256,10 @@ def _adjoint(state: ModelState, phi: FloatArray, eigenvalues: FloatArray, right:
 def _projected(
     b: FloatArray, d_b: FloatArray, measured: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Least-squares residual Psi - B A of measured shapes Psi by the model's B, and A, each with its slope."""
+    """Least-squares residual Psi - B A of measured shapes Psi by the model's B, and A, each with its slope.
+
+    `d_b` is the slope of B by the parameters.
+    """
     pseudo = np.linalg.pinv(b)
     a = pseudo @ measured
     residual = measured - b @ a
@@ -270,7 +276,8 @@ def _turned(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Diagonal of T = A^-1 Lambda A as frequencies (Hz) and its scaled off-diagonal, each with its derivative.
 
-    For a single mode T is Lambda, whatever its shape factor A.
+    For a single mode T is Lambda, whatever its shape factor A. `eigenvalues` (m,) are the diagonal of Lambda,
+    `d_lambda` and `d_a` the slopes of Lambda and A by the parameters.
     """
     if len(eigenvalues) == 1:
         a, d_a = np.ones_like(a), np.zeros_like(d_a)

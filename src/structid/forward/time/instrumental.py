@@ -182,7 +182,10 @@ class InstrumentalFit:
         return replace(self, model=model, equations=equations).rows(values)
 
     def _whitening(self, values: FloatArray, residual: FloatArray) -> FloatArray:
-        """Inverse Cholesky factor (n_dofs, n_dofs) of the covariance of the equation error at an instant."""
+        """Inverse Cholesky factor (n_dofs, n_dofs) of the covariance of the equation error at an instant.
+
+        `values` are the parameters, `residual` (n_times, n_dofs) is the equation error.
+        """
         if self.noise is None:
             size = np.sqrt((residual**2).mean(axis=0))
             return np.diag(1 / np.where(size > 0, size, max(float(size.max(initial=0.0)), 1e-300)))

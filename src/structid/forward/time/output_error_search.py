@@ -165,8 +165,8 @@ def _followed(
 ) -> tuple[int, float, FloatArray, int]:
     """A search through stages with more and more samples, from the free variables `theta`.
 
-    With `strict`, it ends at the first stage that misses the noise. In all stages but the last, parameters have a prior at
-    where the stage begins, with half of each value as deviation.
+    With `strict`, it ends at the first stage that misses the noise. In all stages but the last, parameters have a prior
+    at where the stage begins, with half of each value as deviation. `sizes` are the numbers of samples of the stages.
 
     Returns
     -------

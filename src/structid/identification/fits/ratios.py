@@ -108,7 +108,11 @@ def scale_from_force(problems: Sequence[Problem], found: Estimate) -> bool:
 
 
 def common_scale(jacobian: FloatArray, kinds: Sequence[str], noise_scale: float = 1.0) -> np.ndarray | None:
-    """Indices of masses, stiffnesses and dampings whose common scale the data do not see; None where they do."""
+    """Indices of masses, stiffnesses and dampings whose common scale the data do not see; None where they do.
+
+    `jacobian` is the whitened derivative by relative changes, `kinds` those of the parameters, `noise_scale` the factor
+    on the noise.
+    """
     members = _scaled(kinds)
     scaled = {kinds[i] for i in members}
     if not scaled & {"stiffness", "axial_force"} or not scaled & set(_INERTIAS):

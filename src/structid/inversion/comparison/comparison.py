@@ -352,7 +352,10 @@ _NOTHING_IN_COMMON = "the two states have no parameter in common to compare; giv
 
 
 def _common(first: Sequence[str], second: Sequence[str], shared: Sequence[str]) -> tuple[str, ...]:
-    """Names of parameters in both estimates, except shared ones and those of a record; `InputError` if none is left."""
+    """Names of parameters in both estimates, except shared ones and those of a record; `InputError` if none is left.
+
+    `first` and `second` are the names in both.
+    """
     names = tuple(n for n in first if n in second and n not in shared and OF_RECORD not in n)
     if not names:
         raise InputError(_NOTHING_IN_COMMON)

@@ -124,7 +124,11 @@ def _by_correlation(size: FloatArray) -> list[set[int]]:
 
 
 def _by_proportions(condition: FloatArray, proportions: FloatArray) -> list[set[int]]:
-    """Sets of parameters that share strong near-dependencies, by their variance proportions."""
+    """Sets of parameters that share strong near-dependencies, by their variance proportions.
+
+    `condition` (n,) are the condition indices of the singular directions, `proportions` (n, n_params) their parts of
+    each variance.
+    """
     strong = proportions[condition > STRONG_CONDITION]
     involved = np.flatnonzero(strong.sum(axis=0) > STRONG_PROPORTION)
     sets: list[set[int]] = []

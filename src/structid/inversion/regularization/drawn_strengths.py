@@ -190,7 +190,10 @@ def _determined(
     strengths: Sequence[float],
     seed: int,
 ) -> tuple[float, ...]:
-    """Number of parameter combinations that the data determine within each penalty, by posterior draws."""
+    """Number of parameter combinations that the data determine within each penalty, by posterior draws.
+
+    `strengths` are those of the penalties `terms`.
+    """
     slope, physical = problem.slope(theta), problem.physical(theta)
     draws, _ = posterior_draws(at, _DRAWS, np.random.default_rng(seed))
     rows = [term.jacobian(physical) @ sparse.diags_array(slope) for term in terms]

@@ -133,7 +133,7 @@ def marginal_likelihood_strengths(model: LocalModel, start: tuple[float, ...] | 
     """Penalty strengths of largest marginal likelihood, by MacKay's fixed point.
 
     g_k = rank_k - l_k tr(C L_k'L_k) counts the combinations that the data determine in spite of the penalty. Each
-    penalty must hold combinations of its own.
+    penalty must hold combinations of its own. `start` are the strengths to begin with.
 
     References
     ----------

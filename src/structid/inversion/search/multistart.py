@@ -376,7 +376,7 @@ def staged(
     """Minimum reached through the stages and then the problem itself, and the number of iterations.
 
     Where the stages end with a larger sum of squares of the problem itself than they began with, they led astray: the
-    problem is then solved from where they began.
+    problem is then solved from where they began. `prefix` begins the names of stages in progress messages.
     """
     start, iterations = theta, 0
     courses: list[StageCourse] = []

@@ -102,7 +102,10 @@ def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, flo
 
 
 def _shortened(data: BandLines, chart: Chart, x: FloatArray, step: FloatArray) -> FloatArray:
-    """Step shortened to 1 in every coordinate, and so that frequencies and damping ratios stay sensible."""
+    """Step shortened to 1 in every coordinate, and so that frequencies and damping ratios stay sensible.
+
+    `x` are the coordinates at which `step` begins.
+    """
     step = step / max(1.0, float(np.abs(step).max()))
     m = chart.centre.n_modes
     low, high = _limits(data, chart.centre)
@@ -186,7 +189,10 @@ def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
 
 
 def _rough(data: BandLines, places: Sequence[float], zetas: Sequence[float], shapes: FloatArray) -> BandModes:
-    """Rough modal parameters with force spectra fitted to given frequencies (Hz), damping ratios and shapes."""
+    """Rough modal parameters with force spectra fitted to given frequencies (Hz), damping ratios and shapes.
+
+    `places` are the frequencies, `zetas` the damping ratios.
+    """
     m, n = len(places), data.n_channels
     frequency = np.array(places, dtype=float)
     for r in range(1, m):  # modes that begin alike stay alike

@@ -237,7 +237,11 @@ def _half_hann_window(part: FloatArray) -> FloatArray:
 def _notes(
     peaks: FloatArray, ratio: FloatArray, spacing: float, is_spectrum: bool, has_deviations: bool
 ) -> tuple[str, ...]:
-    """Warnings on the assumptions behind damping ratios, and on modes at `peaks` (Hz) whose `ratio` is NaN."""
+    """Warnings on the assumptions behind damping ratios, and on modes at `peaks` (Hz) whose `ratio` is NaN.
+
+    `spacing` is that of the lines, Hz; `is_spectrum` is False of correlation functions, `has_deviations` says that the
+    number of averages is known.
+    """
     notes = []
     if is_spectrum:
         notes.append(

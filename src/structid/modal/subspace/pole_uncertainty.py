@@ -127,7 +127,10 @@ def _decay_fraction(data: Outputs, poles: ComplexArray) -> float:
 
 
 def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
-    """Ratio of the highest spectral level near the `poles` (rad/s) to the median level."""
+    """Ratio of the highest spectral level near the `poles` (rad/s) to the median level.
+
+    `y` are the samples (n_times, n_channels).
+    """
     n = len(y)
     size = np.sqrt(np.mean(y**2, axis=0))
     window = np.sin(np.pi * (np.arange(n) + 0.5) / n)[:, None]
@@ -235,6 +238,7 @@ def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_ch
     """Deviations of the subspace matrix by noise, estimated from shifted residuals of a free decay.
 
     Pieces of a decay are no repeats of each other, and what noise does at the end of one the next one undoes.
+    `n_changes` is the number of deviations.
     """
     assert subspace.parts is not None
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]

@@ -116,6 +116,7 @@ def _until_noise(data: Outputs, motion: FreeDecay, n_least: int) -> Outputs | No
     """Records cut where their free decay is lost in the noise; None if more than half of them would be kept.
 
     What comes after tells nothing of the modes, but its noise hides those that die out first from a subspace method.
+    `n_least` is the least number of samples to keep.
     """
     series = []
     for y, decay, rest in zip(data.series, motion.decay, motion.rest, strict=True):
@@ -220,7 +221,8 @@ def _damped(
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str], tuple[Cluster, ...]]:
     """Chosen poles (order number, pole index) of ambient motion, their clusters, notes, and the other clusters.
 
-    `before` are the poles that would be chosen with undamped ones allowed; a note names those left out.
+    `before` are the poles that would be chosen with undamped ones allowed; a note names those left out. `scale`
+    (n_channels,) divides shapes before they are compared.
     """
     selection = picked_poles(sweep, scale, options)
     picked = selection.places
@@ -314,7 +316,10 @@ def _block_rows(data: Outputs, given: int | None) -> int:
 
 
 def _orders(data: Outputs, rows: int, given: Sequence[int] | None) -> list[int]:
-    """Model orders to be tried, as given or all even ones; `InputError` if they exceed the matrix."""
+    """Model orders to be tried, as given or all even ones; `InputError` if they exceed the matrix.
+
+    `rows` is the number of block rows.
+    """
     room = (rows - 1) * data.n_channels
     orders = list(range(2, min(MAX_ORDER, room) + 1, 2)) if given is None else sorted({int(n) for n in given})
     if not orders or orders[0] < 1 or orders[-1] > room:
@@ -348,7 +353,10 @@ class PickedPoles:
 
 
 def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions) -> PickedPoles:
-    """Poles of the `sweep` over orders chosen as modes: the ones nearest given frequencies, or of stable clusters."""
+    """Poles of the `sweep` over orders chosen as modes: the ones nearest given frequencies, or of stable clusters.
+
+    `scale` (n_channels,) divides shapes before they are compared.
+    """
     criteria, frequencies = options.criteria, options.frequencies
     if len(sweep) == 1:
         places = [(0, int(i)) for i in criteria.indices(sweep[0])]
@@ -485,7 +493,10 @@ def _modal_record(
     subspace: Subspace, sweep: Sequence[Poles], picked: list[tuple[int, int]], motion: FreeDecay,
     changes: PoleChanges | None, notes: list[str],
 ) -> ModalRecord:  # fmt: skip
-    """Modal record of the chosen poles, with shapes scaled to largest entry 1, covariance and notes."""
+    """Modal record of the chosen poles, with shapes scaled to largest entry 1, covariance and notes.
+
+    `picked` are pairs of order number and pole index.
+    """
     data = subspace.data
     s = poles_of(sweep, picked)
     raw = np.stack([sweep[k].shapes[:, i] for k, i in picked], axis=1)
@@ -542,7 +553,10 @@ def _memory(s: ComplexArray) -> float:
 def changes_of_poles(
     subspace: Subspace, spread: Deviations, sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Changes of poles (rad/s) and shapes of chosen modes from models of several orders; see `pole_deviations`."""
+    """Changes of poles (rad/s) and shapes of chosen modes from models of several orders; see `pole_deviations`.
+
+    `picked` are pairs of order number and pole index.
+    """
     n_pieces = len(spread.right)
     ds = np.empty((n_pieces, len(picked)), dtype=complex)
     dshape = np.empty((n_pieces, subspace.data.n_channels, len(picked)), dtype=complex)

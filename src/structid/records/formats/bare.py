@@ -123,7 +123,10 @@ def _require_numbers(path: Path, array: np.ndarray, allowed: str, what: str) -> 
 
 
 def _per_channel(path: Path, name: str, entries: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """One entry for each of `count` channels from the option `name`: one for all, or as many as channels."""
+    """One entry for each of `count` channels from the option `name`: one for all, or as many as channels.
+
+    `entries` are those of the option.
+    """
     if len(entries) == 1:
         return entries * count
     if len(entries) != count:

@@ -315,7 +315,10 @@ def _span(frequency: FloatArray) -> str:
 
 
 def _gaps(whole: FloatArray, used: FloatArray) -> str:
-    """Words on frequency stretches inside the band that were left out."""
+    """Words on frequency stretches inside the band that were left out.
+
+    `whole` and `used` are the frequencies of the record and of the fit, Hz.
+    """
     inside = whole[(whole >= used[0]) & (whole <= used[-1])]
     out = ~np.isin(inside, used)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(int), [0]])))

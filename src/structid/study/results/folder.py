@@ -67,7 +67,10 @@ def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
 
 
 def _move_into(temporary: Path, folder: Path, page: str) -> None:
-    """Move the files of `temporary` into `folder`: the whole folder at once if there is none, else file by file."""
+    """Move the files of `temporary` into `folder`: the whole folder at once if there is none, else file by file.
+
+    `page` is the name of the page.
+    """
     if not folder.exists():
         temporary.rename(folder)
         return

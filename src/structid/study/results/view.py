@@ -276,7 +276,10 @@ def results_view(
 
 
 def _next_step(diagnosis: Diagnosis, is_searched: bool, is_any_doubtful: bool) -> str:
-    """Sentence on the one thing to do next; "" where nothing is."""
+    """Sentence on the one thing to do next; "" where nothing is.
+
+    `is_searched` says that causes were looked for, `is_any_doubtful` that a parameter is doubtful.
+    """
     verdict = diagnosis.judgement.verdict
     if verdict == "wrong_model" and diagnosis.causes:
         first = diagnosis.causes[0]

@@ -382,7 +382,10 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
 
 
 def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarray) -> list[str]:
-    """A warning that modes alone give no absolute masses, if that is so."""
+    """A warning that modes alone give no absolute masses, if that is so.
+
+    `jacobian` is by relative changes; `identified` (n_params,) masks the identified parameters.
+    """
     members = common_scale(jacobian, problem.unknowns.kinds)
     if members is None or identified[members].any():
         return []

@@ -180,7 +180,10 @@ def _why_silent(address: str) -> str:
 
 
 def _require_workers(client: Client, address: str, seconds: float) -> None:
-    """Raise `InputError` if the scheduler has no workers, or workers with other versions, whose digits may differ."""
+    """Raise `InputError` if the scheduler has no workers, or workers with other versions, whose digits may differ.
+
+    `address` is that of the scheduler; each worker must answer within `seconds`.
+    """
     try:
         client.wait_for_workers(1, timeout=seconds)
     except TimeoutError as error:

@@ -61,7 +61,10 @@ class PipedProcesses(Executor):
         return self._threads.submit(self._call_remote, fn, args, kwargs)
 
     def _call_remote(self, fn: Callable[..., T], arguments: tuple[object, ...], named: Mapping[str, object]) -> T:
-        """Result of calling `fn` in the process of this thread; `ProcessLostError` if that process ends."""
+        """Result of calling `fn` in the process of this thread; `ProcessLostError` if that process ends.
+
+        `arguments` and `named` are those of the call.
+        """
         try:
             pipe = self._connection()
             pipe.send((fn, arguments, named))

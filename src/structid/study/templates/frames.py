@@ -24,7 +24,10 @@ def _pairs(first: int, count: int) -> str:
 
 
 def _beams(name: str, nodes: str, mass: float, bending: float, loss_factor: float, length: float | None = None) -> str:
-    """A ``[[structure.beam]]`` table; members of a frame, `length` m long, have an axial stiffness too."""
+    """A ``[[structure.beam]]`` table; members of a frame, `length` m long, have an axial stiffness too.
+
+    `mass` in kg/m, `bending` stiffness in N m^2.
+    """
     axial = ""
     if length is not None:
         stiffness = float(f"{bending * (_SLENDERNESS / length) ** 2:.3g}")

@@ -22,7 +22,10 @@ _KEPT_BYTES = 500_000_000
 
 
 def called(name: str, root: str, arguments: dict[str, Any]) -> str:
-    """Answer of the worker function `name` as JSON, or ``{"error": words}`` if it raises an error."""
+    """Answer of the worker function `name` as JSON, or ``{"error": words}`` if it raises an error.
+
+    `root` is the open folder, `arguments` are those of the function by name.
+    """
     from structid.core.json_types import plain
 
     try:
@@ -286,7 +289,10 @@ def _predict(opened: OpenFolder, results: str, options: dict[str, Any], changes:
 
 
 def _exports(opened: OpenFolder, results: str, kind: str, suffix: str, options: dict[str, Any]) -> Entry:
-    """Files of an identified model, written into a folder beside its results."""
+    """Files of an identified model, written into a folder beside its results.
+
+    `kind` and `suffix` choose the file, `options` are those of the export.
+    """
     from structid.workbench.work.use import export_use
 
     folder, out = opened.inside(results), opened.inside(f"{results}{EXPORTS}")

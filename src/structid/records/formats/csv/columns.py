@@ -213,6 +213,7 @@ def last_digits(texts: Sequence[str]) -> FloatArray:
     """Size of the last digit of numbers as they are written, (n,), whether or not trailing zeros are written.
 
     Numbers of one power of ten are taken to be written to the longest of them: 10.5 stands for 10.5000 beside 10.4375.
+    `texts` are the numbers as written.
     """
     parts = [text.lower().replace("d", "e").replace(",", ".").partition("e") for text in texts]
     shift = np.array([int(power) if power else 0 for _, _, power in parts])
@@ -229,7 +230,10 @@ def last_digits(texts: Sequence[str]) -> FloatArray:
 
 
 def _seconds(table: Table, axis: int, texts: Sequence[str]) -> FloatArray:
-    """Dates or times of a clock as seconds after the first one, (n_rows,); a clock goes on after midnight."""
+    """Dates or times of a clock as seconds after the first one, (n_rows,); a clock goes on after midnight.
+
+    `texts` are the cells of the column `axis`.
+    """
     first = as_date(texts[0])
     seconds = np.empty(len(texts))
     for i, text in enumerate(texts):
@@ -440,7 +444,10 @@ def _require_headers_agree(table: Table, assumed: Sequence[_Head]) -> None:
 
 
 def _names_by_user(table: Table, option: str, names: list[str], by_user: tuple[str, ...]) -> dict[str, str]:
-    """The user's name (`by_user`, in order) for each distinct one of `names`; {} if all of them are degrees of freedom."""
+    """The user's name (`by_user`, in order) for each distinct one of `names`; {} if all of them are degrees of freedom.
+
+    `option` is named in errors.
+    """
     distinct = list(dict.fromkeys(names))
     if not by_user or all(map(as_dof, distinct)):
         return {}
@@ -644,7 +651,10 @@ def _require_complete(
     outputs: tuple[Dof, ...],
     inputs: tuple[Dof, ...],
 ) -> None:
-    """Raise `FileError` unless each part has a column for each pair of output and input."""
+    """Raise `FileError` unless each part has a column for each pair of output and input.
+
+    `needed` are the parts that must be there.
+    """
     for part in (*needed, *(name for name in parts if name not in needed)):
         for a, output in enumerate(outputs):
             for b, load in enumerate(inputs):

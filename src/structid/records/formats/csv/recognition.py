@@ -297,7 +297,10 @@ def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout
 def _has_decimal_commas(
     path: Path, rows: Sequence[Sequence[str]], separator: str, layout: CsvLayout, first_line: int
 ) -> bool:
-    """True if numbers have decimal commas, as stated or recognised; `FileError` if both signs occur."""
+    """True if numbers have decimal commas, as stated or recognised; `FileError` if both signs occur.
+
+    `rows` are the cells below the header, which begin at line `first_line`.
+    """
     if layout.decimal != "auto":
         return layout.decimal == "comma"
     if separator == ",":

@@ -215,7 +215,10 @@ def _written(source: _Source, numbers: Sequence[DeckNumber]) -> tuple[str, list[
 
 
 def _change_words(position: DeckPosition, number: DeckNumber, before: str, after: str) -> str:
-    """Sentence on the change of one number of the deck, and on a study that begins elsewhere than the deck."""
+    """Sentence on the change of one number of the deck, and on a study that begins elsewhere than the deck.
+
+    `before` and `after` are its texts.
+    """
     words = f"line {position.line}, {number.mark.words}, {number.label}: {before} becomes {after}"
     if not math.isclose(position.value, number.initial, rel_tol=_DIGITS):
         words += f" (the study began at {number.initial:g}, not at the number of the deck)"

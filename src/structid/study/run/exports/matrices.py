@@ -137,7 +137,10 @@ def _write_files(path: Path, items: Sequence[ImportedMatrix], structure: Structu
 
 
 def _abaqus_deck(structure: Structure, parts: Mapping[str, Path]) -> str:
-    """An Abaqus deck of nodes and matrices, to include in a model or to add steps to."""
+    """An Abaqus deck of nodes and matrices, to include in a model or to add steps to.
+
+    `parts` are the files of the matrices by kind.
+    """
     keywords = {"KAA": "STIFFNESS", "MAA": "MASS", "BAA": "VISCOUS DAMPING", "K4AA": "STRUCTURAL DAMPING"}
     nodes = [
         f"{node}, " + ", ".join(f"{x:.16g}" for x in [*position.tolist(), 0.0, 0.0][:3])

@@ -159,7 +159,7 @@ class ModesSource:
 def read_modes_source(section: Section, table: Table, files: InputFiles, aimed: Mapping[str, str]) -> ModesSource:
     """The source that a ``[record]`` with ``[record.modes]`` describes; its file is checked to exist but not read.
 
-    `table` has the keys of such a record.
+    `table` has the keys of such a record. `aimed` gives the structure's names of aimed sensors.
     """
     values = section.values(table)
     with section.located("path"):
