@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from structid.core.arrays import FloatArray
 
-#: Longest lag, in samples, over which innovations are correlated with earlier ones; a quarter of a record that is short.
+#: Longest lag, in samples, over which innovations are correlated with earlier ones; of short records a quarter of their samples.
 _LAGS = 50
 #: By how many standard deviations of simulated records a logarithm must lie above their mean.
 _SIGNIFICANT = 3.0
@@ -67,10 +67,13 @@ class InnovationVerdict:
         foretell each other, or, where the sensors leave none of these, those of any direction.
     words : str
         A sentence on what is wrong; "" where nothing is.
+    is_spectrum : bool
+        True where the model agrees, and only the spectrum of the unknown forces is another one.
     """
 
     is_contradicted: bool
     words: str
+    is_spectrum: bool = False
 
 
 def judge_innovations(record: Innovations, replicates: Sequence[Innovations]) -> InnovationVerdict:
@@ -96,8 +99,9 @@ def judge_innovations(record: Innovations, replicates: Sequence[Innovations]) ->
     if of_forces:
         return InnovationVerdict(
             False,
-            f"the unknown forces have another spectrum than that of their correlation time: {of_forces}; what the sensors say"
+            f"the unknown forces have another spectrum than the one that is taken here: {of_forces}; what the sensors say"
             " beyond the forces agrees with the model, but bands of forces may be too wide or too narrow",
+            True,
         )
     return InnovationVerdict(False, "")
 
@@ -121,5 +125,7 @@ def _excess(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
 
 def _is_beyond(value: float, usual: Sequence[float]) -> bool:
     """True where a positive value lies beyond all usual ones and far from their logarithmic mean."""
+    if not value > max(usual):
+        return False
     logs = np.log(usual)
-    return bool(value > max(usual) and np.log(value) > logs.mean() + _SIGNIFICANT * logs.std(ddof=1))
+    return bool(np.log(value) > logs.mean() + _SIGNIFICANT * logs.std(ddof=1))
