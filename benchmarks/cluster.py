@@ -33,8 +33,7 @@ import structid as sid
 from structid.forward.frf.response import response
 from structid.forward.motion.fit import RecursiveMotionFit, motion_fit
 from structid.forward.motion.stream import motion_solution
-from structid.inversion import Bootstrap
-from structid.inversion.intervals.bootstrap import bootstrap
+from structid.inversion.intervals.bootstrap import Bootstrap, bootstrap
 from structid.inversion.regression.local_reduction import Kernels
 from structid.inversion.search.work import Tools
 from structid.records.on_disk import open_record
@@ -42,7 +41,7 @@ from structid.study.run import workers as workers_module
 from structid.study.run.cluster import Cluster
 from structid.study.run.long_run import LongRun, SpreadLines
 from structid.study.run.motion import Whole, reduced_alone, reduced_on
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.run.workers import InProcess, Processes, Workers, one_thread
 from structid.study.schema.study import load_study
 
@@ -100,7 +99,7 @@ def rows(quick: bool = False, sizes: Sizes | None = None) -> list[Row]:
         try:
             found = overheads(executors, chosen.tasks)
             found += lines(chosen, executors)
-            problem = started(study).problems[0]
+            problem = prepare_study(study).problems[0]
             found += repeats(problem, chosen, executors)
             found += stretches(folder / "motion", chosen, executors)
             found += lost_worker(problem, chosen.repeats, executors["Dask"], lambda: worker_ids(made))

@@ -24,7 +24,7 @@ from structid.records.formats.geometry import read_geometry
 from structid.records.formats.spectra import read_correlation, read_spectrum
 from structid.records.on_disk import open_record
 from structid.study.run.checkpoint import Checkpoint
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 TIME = ReadOptions(sampling_rate=10.0, channels="1X,2X,3X", units="g")
@@ -97,7 +97,7 @@ def geometry(path: Path) -> None:
 
 def study(path: Path) -> None:
     """As far as `check` and `identify` come before the search."""
-    started(load_study(path))
+    prepare_study(load_study(path))
 
 
 def checkpoint(path: Path) -> None:

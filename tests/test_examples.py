@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 from structid import read_record
 from structid.cli.app import app
 from structid.study.run.diagnosis import diagnose_study
-from structid.study.run.run import run_started
-from structid.study.run.start import started
+from structid.study.run.run import run_prepared
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -79,8 +79,8 @@ def test_the_plate_in_calculix_gives_both_moduli(tmp_path, study):
 @pytest.mark.long
 def test_the_measured_frame_is_approximate():
     """What `make demo` says of it: one value of some sixteen differs between parts of the data, and is named."""
-    ready = started(load_study(EXAMPLES / "three_storey_frame" / "study.toml"))
-    result, _ = diagnose_study(ready, run_started(ready), explain=False)
+    ready = prepare_study(load_study(EXAMPLES / "three_storey_frame" / "study.toml"))
+    result, _ = diagnose_study(ready, run_prepared(ready), explain=False)
     judgement = result.diagnosis.judgement
     assert judgement.verdict == "approximate"
     assert "Do not rely on stiffness[yaw guide]" in judgement.words

@@ -14,8 +14,8 @@ ROOT = Path(__file__).parent.parent
 @pytest.mark.parametrize(
     ("module", "options", "mutants", "least_read"),
     [
-        ("fuzz", (), 150, 12),
-        ("fuzz.keys", (), 80, 0),
+        ("fuzz", (), 70, 6),
+        ("fuzz.keys", (), 40, 0),
         pytest.param("fuzz", ("--workers", "2"), 3000, 250, marks=pytest.mark.long),
         pytest.param("fuzz.keys", (), 600, 10, marks=pytest.mark.long),
     ],

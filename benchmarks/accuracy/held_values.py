@@ -28,8 +28,8 @@ from structid.modal import ModalRecord
 from structid.modal.formats.files import write_modes
 from structid.modal.modal_record import independent_errors
 from structid.study.run.diagnosis import diagnose_study
-from structid.study.run.run import run_started
-from structid.study.run.start import started
+from structid.study.run.run import run_prepared
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 FREQUENCY_ERROR, SHAPE_ERROR = 2e-3, 0.02
@@ -126,8 +126,8 @@ restarts = 0
 def told(seed: int, factor: float) -> Told:
     with tempfile.TemporaryDirectory() as name:
         path, truth = study(Path(name), seed, factor)
-        ready = started(load_study(path))
-        before = run_started(ready)
+        ready = prepare_study(load_study(path))
+        before = run_prepared(ready)
         after, _ = diagnose_study(ready, before, explain=False)
     assert after.diagnosis is not None
     named = after.diagnosis.suggestions

@@ -66,8 +66,8 @@ def test_nothing_to_pair_exits_1_with_results(tmp_path):
     ("flags", "words"),
     [
         (("--at", "nowhere"), "holds no estimate.h5"),
-        (("--reduction", "none"), "`reduction` must be one of"),
-        (("--model-error", "-1"), "`model_error` must be at least 0"),
+        (("--reduction", "none"), "--reduction must be one of"),
+        (("--model-error", "-1"), "--model-error must be at least 0"),
         (("--png", "--no-report"), "--png writes the figures"),
     ],
 )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import subprocess
 import sys
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
+from importlib import import_module
 
 import pytest
 import typer
@@ -13,7 +15,7 @@ from typer.testing import CliRunner
 
 from structid.cli.app import COMMANDS, JOBS, app
 from structid.cli.base import EXIT_CODES
-from structid.cli.flags import command
+from structid.cli.flags import command, flag_spellings, name_flags
 from structid.core.errors import InputError, NoModesError
 from structid.modal.survey.options import ModesOptions
 from structid.records import CsvLayout, ReadOptions
@@ -77,7 +79,7 @@ def test_help_is_what_the_docstring_says():
 
 def test_options_that_cannot_be_used_are_one_message_and_a_code():
     done, _ = called("here", "--size", "-1")
-    assert (done.exit_code, done.stderr) == (2, "error: `size` must be at least 0\n")
+    assert (done.exit_code, done.stderr) == (2, "error: --size must be at least 0\n")
     done, _ = called("nowhere")
     assert (done.exit_code, done.stderr) == (1, "error: nothing there\n")
 
@@ -131,3 +133,61 @@ def test_a_shell_completes_commands_without_loading_them(monkeypatch):
     code += "try: main()\nfinally: assert 'numpy' not in sys.modules"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["correlate", "compare", "convert"]
+
+
+def command_function(name: str):
+    return vars(import_module(f"structid.cli.commands.{name}"))[name]
+
+
+#: Options out of their limits, each with the words that must be in the message: one a kind of check of each dataclass of options.
+REFUSED = [
+    ("predict x --lines 1", "--lines"),
+    ("predict x --kind none", "--kind"),
+    ("predict x --band 5 1", "--band"),
+    ("predict x --duration -1", "--duration"),
+    ("predict x --sampling-rate 0", "--sampling-rate"),
+    ("predict x --sine 1,2@3X", "--duration must be given with --sine"),
+    ("predict x --sine 1,2@3X --half-sine 1,2@3X", "got --half-sine and --sine"),
+    ("sense x y --draws -1", "--draws"),
+    ("sense x y --sampling-rate -5", "--sampling-rate"),
+    ("export x --modes 0", "--modes"),
+    ("export x --error 3", "--error"),
+    ("modes x --band 5 1", "--band"),
+    ("modes x --remove-tones soon", "--remove-tones"),
+    ("modes x --orders few", "--orders"),
+    ("modes x --longest-gap 0", "--longest-gap"),
+    ("modes x --csv-decimal dot", "--csv-decimal"),
+    ("convert x y --resample linear", "--resample"),
+    ("correlate x --least-mac -1", "--least-mac"),
+    ("compare x y --least 2", "--least"),
+]
+
+
+@pytest.mark.parametrize("words, told", REFUSED, ids=[words for words, _ in REFUSED])
+def test_messages_name_the_flag_that_was_typed(words, told):
+    done = RUN.invoke(app, words.split())
+    assert done.exit_code == 2
+    assert told in done.stderr
+    assert "`" not in done.stderr
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_of_a_command_has_the_flag_that_its_help_shows(name):
+    function = command_function(name)
+    kinds = [p.annotation for p in inspect.signature(function, eval_str=True).parameters.values()]
+    options = [field.name for kind in kinds if is_dataclass(kind) for field in fields(kind) if field.name != "csv"]
+    flags, shown = flag_spellings(function), RUN.invoke(app, [name, "--help"]).output
+    assert set(options) <= set(flags)
+    for option, flag in flags.items():
+        assert re.search(rf"{flag}[ ,]", shown)
+        assert name_flags(f"x.csv: `{option}` must be greater than 0", flags) == f"x.csv: {flag} must be greater than 0"
+        assert name_flags(f"give `{option} = 3`", flags) == f"give {flag} 3"
+        key = f"frame.toml, line 8: record {option}: `{option}` must be greater than 0"
+        assert name_flags(key, flags) == key
+
+
+def test_what_is_no_option_keeps_its_marks():
+    assert (
+        name_flags("give `[record]` or `structid app`", {"record": "--record"}) == "give `[record]` or `structid app`"
+    )
+    assert name_flags("`span = 3` is a key", {"band": "--band"}) == "`span = 3` is a key"

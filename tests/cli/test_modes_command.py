@@ -237,17 +237,17 @@ def _constant(record):
     "arguments, words",
     [
         (["nothing.npz"], "there is no such file"),
-        (["tower.npz", "--method", "magic"], "`method` must be one of"),
+        (["tower.npz", "--method", "magic"], "--method must be one of"),
         (["tower.npz", "--method", "lscf"], "needs FRFs"),
-        (["tower.npz", "--band", "4", "2"], "`band` must be least and greatest"),
+        (["tower.npz", "--band", "4", "2"], "--band must be least and greatest"),
         (["tower.npz", "--band", "2", "20"], "need a sampling rate above 50 Hz"),
         (["tower.npz", "--band", "2", "8", "--rate", "12.5"], "need a sampling rate above 20 Hz"),
-        (["tower.npz", "--frequencies", "2,three"], "`frequencies` must be numbers"),
-        (["tower.npz", "--frequencies", "0"], "`frequencies` must be greater than 0"),
-        (["tower.npz", "--orders", "2:x"], "`orders` must be numbers"),
-        (["tower.npz", "--orders", "2:4000"], "`orders` must lie from"),
-        (["tower.npz", "--rate", "-1"], "`rate` must be greater than 0"),
-        (["tower.npz", "--detrend", "often"], "`detrend` must be"),
+        (["tower.npz", "--frequencies", "2,three"], "--frequencies must be numbers"),
+        (["tower.npz", "--frequencies", "0"], "--frequencies must be greater than 0"),
+        (["tower.npz", "--orders", "2:x"], "--orders must be numbers"),
+        (["tower.npz", "--orders", "2:4000"], "--orders must lie from"),
+        (["tower.npz", "--rate", "-1"], "--rate must be greater than 0"),
+        (["tower.npz", "--detrend", "often"], "--detrend must be"),
         (["tower.npz", "--geometry", "few.csv"], "few.csv: has no node 2, where 2X- is measured"),
         (["tower.npz", "--geometry", "bad.csv"], "bad.csv: line 2"),
         (["tower.npz", "--geometry", "lines.csv"], "joins node 8"),
@@ -255,10 +255,10 @@ def _constant(record):
         (["short.npz"], "16 samples"),
         (["force.npz"], "forces only"),
         (["broken.npz"], "is not a whole NPZ archive"),
-        (["frf.npz", "--rate", "5"], "`rate` is for time histories"),
-        (["frf.npz", "--remove-tones", "auto"], "`remove_tones` is for time histories"),
-        (["tower.npz", "--remove-tones", "all"], "`remove_tones` must be numbers with commas, as in 1.9,2.4, or auto"),
-        (["tower.npz", "--remove-tones", "-4"], "`remove_tones` must be greater than 0 Hz"),
+        (["frf.npz", "--rate", "5"], "--rate is for time histories"),
+        (["frf.npz", "--remove-tones", "auto"], "--remove-tones is for time histories"),
+        (["tower.npz", "--remove-tones", "all"], "--remove-tones must be numbers with commas, as in 1.9,2.4, or auto"),
+        (["tower.npz", "--remove-tones", "-4"], "--remove-tones must be greater than 0 Hz"),
         (["frf.npz", "--method", "ssi_cov"], "needs time records"),
         (["frf.npz", "--band", "20", "30"], "no frequency line is left"),
     ],
@@ -423,7 +423,7 @@ def test_limits_of_damping_and_deviation_are_flags(place):
     found = read_modes(place / "few" / "modes.json")
     assert 0 < found.n_modes < 3
     assert (found.frequency_std <= limit * found.frequency).all()
-    assert "`deviation` must be greater than 0" in invoke("tower.npz", "--deviation", -1).stderr
+    assert "--deviation must be greater than 0" in invoke("tower.npz", "--deviation", -1).stderr
 
 
 def test_help_and_page_name_the_methods_of_the_registries():

@@ -14,6 +14,7 @@ import structid as sid
 from structid.cli import app as cli
 from structid.fem.importers import read_matrices
 from structid.modal.formats.files import read_modes
+from structid.study.results.stored_model import stored_model, stored_study
 from study_cases import RIGID, rigid_record, write_chain
 
 RUN = CliRunner()
@@ -69,8 +70,8 @@ def test_predict_tells_what_a_change_does(results, tmp_path):
         (["--scale", "stiffness"], "a property and a factor"),
         (["--damper", "5@2X"], "kg, Hz, damping ratio and a place"),
         (["--sensors", "9X"], "9X"),
-        (["--sensors", "2X", "--kind", "inertance"], "`kind` must be one of"),
-        (["--history", "push.csv"], "`sensors` must name where the motion"),
+        (["--sensors", "2X", "--kind", "inertance"], "--kind must be one of"),
+        (["--history", "push.csv"], "--sensors must name where the motion"),
     ],
 )
 def test_predict_names_what_cannot_be(results, tmp_path, arguments, words):
@@ -201,6 +202,7 @@ def test_a_model_that_the_data_do_not_determine_is_refused(tmp_path):
     ("arguments", "words"),
     [
         (["--support", "1X", "--support", "2X", "--support", "3X"], "nothing of the changed structure can move"),
+        (["--remove", "mass 1", "--remove", "mass 2", "--remove", "mass 3"], "has no mass (mass 1 removed"),
         (["--support", "9X"], "9X"),
         (["--remove", "deck"], "no element set 'deck'"),
         (["--sensors", "2X", "--loads", "1Y"], "1Y+ is not part of the structure"),
@@ -217,17 +219,28 @@ def test_modes_are_compared_where_a_mass_is_taken_out(results, tmp_path):
     assert len(json.loads((tmp_path / "p" / "prediction.json").read_text())["modes"]) == 2
 
 
-def test_sense_writes_motion_and_forces(results, tmp_path):
+@pytest.mark.parametrize("is_of_the_model", [True, False])
+def test_sense_writes_motion_and_forces(results, tmp_path, is_of_the_model):
     rng = np.random.default_rng(0)
-    values = np.cumsum(rng.standard_normal((300, 2)), axis=0)
-    values -= values.mean(axis=0)
+    force = np.cumsum(rng.standard_normal((300, 2)), axis=0)
+    force -= force.mean(axis=0)
+    values = force
+    if is_of_the_model:
+        model = stored_model(results, stored_study(results))
+        values = sid.predict(model, sid.History(["1X", "3X"], ["2X"], force[:, :1], 200.0), n_draws=50).values
+        values = values + 0.01 * values.std(axis=0) * rng.standard_normal(values.shape)
     record = sid.TimeRecord(200.0, values, ["1X", "3X"], ["acceleration", "acceleration"])
     sid.write_record(tmp_path / "record.h5", record)
     done = invoke(
         "sense", results, tmp_path / "record.h5", "--wanted", "2X", "--unknown", "2X", "--correlation-time", 0.1, "--draws", 0,
         "--out", tmp_path / "s",
     )  # fmt: skip
-    assert (done.exit_code, done.stderr) == (0, "")
+    assert (done.exit_code, done.stderr) == (0 if is_of_the_model else 3, "")
+    assert ("the model does not explain the record" in done.stdout) != is_of_the_model
+    told = json.loads((tmp_path / "s" / "sensed.json").read_text())
+    assert (told["verdict"], bool(told["contradiction"])) == (
+        ("explained", False) if is_of_the_model else ("wrong_model", True)
+    )
     table = np.genfromtxt(tmp_path / "s" / "sensed.csv", delimiter=",", skip_header=1)
     assert table.shape == (300, 5)
     assert np.isfinite(table).all()
@@ -276,12 +289,12 @@ def test_predict_under_a_pulse_and_under_noise(results, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--half-sine", "5,0.05@3X"], "`duration` must be given with `half_sine`"),
-        (["--half-sine", "5@3X", "--duration", 1, "--sampling-rate", 100], "`half_sine` must be size, width and a place"),
-        (["--sine", "5,40@3X", "--duration", 1, "--sampling-rate", 100], "`sampling_rate` must be at least 320 Hz"),
-        (["--noise", "3X", "--duration", 1], "`noise` must be a table and a place"),
+        (["--half-sine", "5,0.05@3X"], "--duration must be given with --half-sine"),
+        (["--half-sine", "5@3X", "--duration", 1, "--sampling-rate", 100], "--half-sine must be size, width and a place"),
+        (["--sine", "5,40@3X", "--duration", 1, "--sampling-rate", 100], "--sampling-rate must be at least 320 Hz"),
+        (["--noise", "3X", "--duration", 1], "--noise must be a table and a place"),
         (["--noise", "none.csv@3X", "--duration", 1], "none.csv"),
-        (["--sine", "5,1@3X", "--history", "a.csv", "--duration", 1], "give one of history, half_sine and sine"),
+        (["--sine", "5,1@3X", "--history", "a.csv", "--duration", 1], "give one of --history, --half-sine and --sine"),
         (["--sensors", "M[mass 1:1@1]"], "no set of bars or beams"),
         (["--half-sine", "5,0.1@3X", "--duration", 1, "--sampling-rate", 100, "--relative"], "no input is a base"),
     ],
@@ -300,4 +313,4 @@ def test_predict_tunes_a_damper(results, tmp_path):
     told = json.loads((tmp_path / "p" / "prediction.json").read_text())["tuned_damper"]
     assert told["largest_receptance"] < told["largest_receptance_before"]
     done = invoke("predict", results, "--tune-damper", "3X", "--out", tmp_path / "q")
-    assert (done.exit_code, "`tune_damper` must be a mass in kg and a place" in done.stderr) == (2, True)
+    assert (done.exit_code, "--tune-damper must be a mass in kg and a place" in done.stderr) == (2, True)

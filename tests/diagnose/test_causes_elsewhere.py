@@ -6,8 +6,8 @@ import pytest
 from structid.records import FrfRecord
 from structid.records.formats import write_record
 from structid.study.run.diagnosis import diagnose_study
-from structid.study.run.run import run_started
-from structid.study.run.start import started
+from structid.study.run.run import run_prepared
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 TAIL = """
@@ -71,8 +71,8 @@ def answered(folder, text, frequency, receptance, outputs, inputs, seed=3):
     values = receptance + noise * np.hypot(0.01 * np.abs(receptance), floor)
     write_record(folder / "frf.npz", FrfRecord(frequency, values, outputs, inputs, "receptance"))
     (folder / "study.toml").write_text(text + TAIL.format(floor=floor), encoding="utf-8")
-    ready = started(load_study(folder / "study.toml"))
-    return diagnose_study(ready, run_started(ready))[0].diagnosis
+    ready = prepare_study(load_study(folder / "study.toml"))
+    return diagnose_study(ready, run_prepared(ready))[0].diagnosis
 
 
 def chain(inertia, stiffness, swinging=0.0, frequency=0.0):
@@ -206,8 +206,8 @@ def test_an_added_mass_that_is_not_what_the_study_says_is_named_with_its_record(
         if extra:
             text += '[[record.structure.point_mass]]\nname = "known"\nnodes = 3\nmass = 2.0\n'
     (tmp_path / "study.toml").write_text(text, encoding="utf-8")
-    ready = started(load_study(tmp_path / "study.toml"))
-    found = diagnose_study(ready, run_started(ready))[0].diagnosis
+    ready = prepare_study(load_study(tmp_path / "study.toml"))
+    found = diagnose_study(ready, run_prepared(ready))[0].diagnosis
     first, *_ = found.causes
     assert (first.kind, first.where) == ("mass", ("3", "loaded"))
     assert first.words == "a mass at node 3 is missing in the model in record loaded"

@@ -11,8 +11,8 @@ from structid.diagnose.refits import fit_fully, restore_fit
 from structid.inversion.search.work import PLAIN_TOOLS
 from structid.records.formats import read_record, write_record
 from structid.study.run.diagnosis import diagnose_study
-from structid.study.run.run import run_started
-from structid.study.run.start import started
+from structid.study.run.run import run_prepared
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 
@@ -37,7 +37,7 @@ def test_a_slow_clock_is_named_among_the_causes(tmp_path):
     path = written(tmp_path, STUDY)
     record = read_record(tmp_path / "frf.npz")
     write_record(tmp_path / "frf.npz", replace(record, frequency=record.frequency / 1.05))
-    ready = started(load_study(path))
-    result, _ = diagnose_study(ready, run_started(ready))
+    ready = prepare_study(load_study(path))
+    result, _ = diagnose_study(ready, run_prepared(ready))
     assert result.diagnosis.judgement.verdict == "wrong_model"
     assert "clock" in [cause.kind for cause in result.diagnosis.named[:3]]

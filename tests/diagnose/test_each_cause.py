@@ -17,7 +17,7 @@ from structid.diagnose.tested_model import TestedModel
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
 from structid.records.formats import read_record, write_record
 from structid.study.results.suggestions import suggestion_text
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 PUMPED = STUDY.replace(
@@ -99,7 +99,7 @@ def test_every_kind_of_cause_has_a_fault():
 
 def begun(path):
     """The study that stands there, with its record, at its starts: the fit without a cause."""
-    ready = started(load_study(path))
+    ready = prepare_study(load_study(path))
     theta = ready.problems[0].theta_start
     trial = base_model(TestedModel(ready.setups, ready.study.options), ready.problems, theta)
     residual = trial.target.residual(theta)
@@ -137,7 +137,7 @@ def require_explained(base, candidate, strength, folder):
             assert fitted.values[name] == pytest.approx(value, abs=4 * std[name]), name
     text, lines = suggestion_text(load_study(folder / "study.toml"), fitted.modified.changes)
     (folder / "again.toml").write_text(text, encoding="utf-8")
-    again = started(load_study(folder / "again.toml"))
+    again = prepare_study(load_study(folder / "again.toml"))
     [problem] = again.problems
     assert problem.names == fitted.modified.target.names
     residual = problem.residual(fitted.theta)

@@ -22,7 +22,7 @@ from structid.diagnose.tested_model import TestedModel
 from structid.forward import FrfProblem, SpectraProblem
 from structid.records.formats import read_record, write_record
 from structid.study.results.suggestions import suggestion_text
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 #: Changes of another kind than of one response: left out data, meshes and laws of whole sets, which the model itself shows.
@@ -35,7 +35,7 @@ OF_CHANNELS = {"sensor_gain", "load_gain", "delay", "load_delay"}
 
 @pytest.fixture(scope="module", params=[written, written_histories, written_shaken, written_with_machine])
 def trial(tmp_path_factory, request):
-    ready = started(load_study(request.param(tmp_path_factory.mktemp("effects"), seed=None)))
+    ready = prepare_study(load_study(request.param(tmp_path_factory.mktemp("effects"), seed=None)))
     [problem] = ready.problems
     model = TestedModel(ready.setups, ready.study.options)
     found = base_model(model, ready.problems, problem.theta_start)
@@ -103,7 +103,7 @@ def test_effects_are_those_of_the_changed_studies(trial):
 @pytest.mark.parametrize("where", ["1X", "6X"])
 def test_a_foot_gives_way_against_the_table_that_moves_it(tmp_path, where):
     """It hangs on a new node that the table moves in its place; the channel of the table is that node's then."""
-    ready = started(load_study(written_shaken(tmp_path, seed=None)))
+    ready = prepare_study(load_study(written_shaken(tmp_path, seed=None)))
     trial = base_model(TestedModel(ready.setups, ready.study.options), ready.problems, ready.problems[0].theta_start)
     fields, _ = some_candidates(trial)
     [foot] = [one for one in candidates([fields]) if one.kind == "support" and one.where == (where,)]
@@ -126,7 +126,7 @@ def of_both(folder, kinds):
         text += f'[[record]]\nname = "at {at}"\npath = "{at}.npz"\n\n[record.noise]\nrelative = 0.01\n\n'
     path = folder / "study.toml"
     path.write_text(text, encoding="utf-8")
-    ready = started(load_study(path))
+    ready = prepare_study(load_study(path))
     return base_model(TestedModel(ready.setups, ready.study.options), ready.problems, ready.problems[0].theta_start)
 
 
@@ -185,7 +185,7 @@ def test_sensors_that_move_from_record_to_record_weigh_where_they_are(tmp_path):
         write_record(tmp_path / f"{name}.npz", FrfRecord(FREQUENCY, ones, outputs, ["4Y"], "receptance"))
         text += f'[[record]]\nname = "{name}"\npath = "{name}.npz"\n\n[record.noise]\nrelative = 0.01\n\n'
     (tmp_path / "study.toml").write_text(text, encoding="utf-8")
-    ready = started(load_study(tmp_path / "study.toml"))
+    ready = prepare_study(load_study(tmp_path / "study.toml"))
     trial = base_model(TestedModel(ready.setups, ready.study.options), ready.problems, ready.problems[0].theta_start)
     fields = [receptances_at(view.problem, view.problem.theta_start) for view in trial.views]
     [weighing] = [one for one in candidates(fields) if one.kind == "sensor_mass"]
@@ -220,7 +220,7 @@ def test_a_foot_gives_way_whatever_the_record_says_of_channels_and_supports(tmp_
     text = path.read_text(encoding="utf-8")
     head, tail = text.split("[record.noise]")
     path.write_text(f"{head}{more}\n[record.noise]{tail}", encoding="utf-8")
-    ready = started(load_study(path))
+    ready = prepare_study(load_study(path))
     trial = base_model(TestedModel(ready.setups, ready.study.options), ready.problems, ready.problems[0].theta_start)
     fields, _ = some_candidates(trial)
     [foot] = [one for one in candidates([fields]) if one.kind == "support" and one.where == ("1X",)]
@@ -233,7 +233,7 @@ def test_a_foot_gives_way_whatever_the_record_says_of_channels_and_supports(tmp_
 
 def test_a_damper_is_tried_across_a_spring_that_stands_on_the_table(tmp_path):
     text = shaken(STUDY.replace('second = "4X"', 'second = "6X"'))
-    ready = started(load_study(written(tmp_path, text, text, seed=None)))
+    ready = prepare_study(load_study(written(tmp_path, text, text, seed=None)))
     trial = base_model(TestedModel(ready.setups, ready.study.options), ready.problems, ready.problems[0].theta_start)
     fields, _ = some_candidates(trial)
     [across] = [one for one in candidates([fields]) if one.kind == "dashpot" and len(one.where) == 2]
@@ -262,7 +262,7 @@ def test_channels_that_have_other_names_already_are_turned_and_exchanged(tmp_pat
 def test_supports_of_beams_in_several_pieces_give_way(tmp_path):
     """Pieces have degrees of freedom of their own, which stay when supports are taken away."""
     path = written(tmp_path, STUDY.replace("[structure]", "[structure]\nsubdivide = 2", 1), seed=None)
-    ready = started(load_study(path))
+    ready = prepare_study(load_study(path))
     trial = base_model(TestedModel(ready.setups, ready.study.options), ready.problems, ready.problems[0].theta_start)
     base = trial.views[0].problem
     fields = receptances_at(base, base.theta_start)
@@ -278,7 +278,7 @@ def test_an_element_whose_stiffness_is_one_parameter_differs_as_a_whole(tmp_path
     """Bending and axial stiffness of a piece of the girder go together, where the study holds them together."""
     bending = 'property = "bending_stiffness"\nelements = "girder"'
     tied = written(tmp_path, STUDY.replace(bending, bending.replace("bending_stiffness", "stiffness")), seed=None)
-    ready = started(load_study(tied))
+    ready = prepare_study(load_study(tied))
     trial = base_model(TestedModel(ready.setups, ready.study.options), ready.problems, ready.problems[0].theta_start)
     base = trial.views[0].problem
     fields = receptances_at(base, base.theta_start)
@@ -400,7 +400,7 @@ def test_a_mass_off_its_node_moves_as_on_a_rigid_link_to_it(tmp_path, along):
     text = STUDY.replace(
         "[[unknown]]", '[[structure.point_mass]]\nname = "pumps"\nnodes = [2, 4]\nmass = 0.5\n\n[[unknown]]', 1
     )
-    ready = started(load_study(written(tmp_path, text, text, seed=None)))
+    ready = prepare_study(load_study(written(tmp_path, text, text, seed=None)))
     trial = base_model(TestedModel(ready.setups, ready.study.options), ready.problems, ready.problems[0].theta_start)
     fields, _ = some_candidates(trial)
     found = {one.where: one for one in candidates([fields]) if one.kind == "offset"}
@@ -504,7 +504,7 @@ def test_edits_of_a_model_are_those_written_into_its_study(trial):
             continue
         path = source.with_name("edited.toml")
         path.write_text(text, encoding="utf-8")
-        again = started(load_study(path))
+        again = prepare_study(load_study(path))
         read = base_model(TestedModel(again.setups, again.study.options), again.problems, again.problems[0].theta_start)
         assert read.target.names == changed.target.names, one.where
         assert read.target.theta_start == pytest.approx(changed.target.theta_start, rel=1e-5, abs=1e-9), one.where

@@ -1,4 +1,4 @@
-"""What the values rest on: properties that the model holds, and what a record says of them. Matrices are the tests' own."""
+"""Sensitivity to fixed values: properties that the model fixes, and what a record says of them. Matrices are the tests' own."""
 
 from dataclasses import replace
 
@@ -19,8 +19,8 @@ from structid.modal.formats.files import write_modes
 from structid.modal.modal_record import independent_errors
 from structid.study.results.folder import estimate_summary
 from structid.study.run.diagnosis import diagnose_study
-from structid.study.run.run import run_started
-from structid.study.run.start import started
+from structid.study.run.run import run_prepared
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 BUILDING = """
@@ -97,8 +97,8 @@ def building(folder, seed, upper=UPPER, held=UPPER):
     record = ModalRecord(frequency, np.full(3, 0.01), shapes, CHANNELS, errors, np.full(shapes.shape, SHAPE_ERROR))
     write_modes(folder / "modes.json", record)
     (folder / "study.toml").write_text(BUILDING.format(upper=held), encoding="utf-8")
-    ready = started(load_study(folder / "study.toml"))
-    return ready, run_started(ready)
+    ready = prepare_study(load_study(folder / "study.toml"))
+    return ready, run_prepared(ready)
 
 
 def test_influence_and_pull_are_those_of_least_squares():
@@ -138,6 +138,7 @@ def test_influences_are_those_of_fits_with_another_held_value(tmp_path):
     np.testing.assert_allclose(held["stiffness[upper]"].influence, changes, rtol=0.02)
 
 
+@pytest.mark.long
 def test_pulls_of_right_models_are_as_large_as_stated(tmp_path):
     z, n_doubted = [], 0
     for seed in range(60):

@@ -31,7 +31,7 @@ from structid.inversion.search.work import PLAIN_TOOLS
 from structid.records import FrfRecord
 from structid.records.formats import read_record, write_record
 from structid.study.results.suggestions import suggestion_text
-from structid.study.run.start import started, study_problems
+from structid.study.run.start import prepare_study, study_problems
 from structid.study.schema.study import load_study
 
 SPACE = """\
@@ -245,6 +245,7 @@ def test_a_sensor_of_the_wrong_sense_in_modes_is_named_as_that(tmp_path):
     assert first.chi_square_per_dof < 1.2
 
 
+@pytest.mark.long
 def test_a_material_that_is_wrong_in_all_sets_is_named_as_one(tmp_path):
     """All beams are 12 % heavier than the study says, which holds their masses; each alone explains a part."""
     mass = STUDY[STUDY.rindex("[[unknown]]") : STUDY.index("# how the test")]
@@ -294,7 +295,7 @@ def test_all_held_masses_give_way_to_the_calibration_of_the_load_that_says_the_s
         for prop, name in (("bending_stiffness", "right"), ("stiffness", "brace"))
     )
     path = written(tmp_path, STUDY.replace(mass, free))
-    ready = started(load_study(path))
+    ready = prepare_study(load_study(path))
     theta = ready.problems[0].theta_start
     base = Fitted(base_model(TestedModel(ready.setups, ready.study.options), ready.problems, theta), theta, 1e4)
     sets = FixedValue(where=("mass[left]", "mass[girder]", "mass[right]"))

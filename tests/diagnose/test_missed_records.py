@@ -12,8 +12,8 @@ from structid.identification.joint_problem import freed_problems
 from structid.inversion.fixed_values import FixedValueInfluence
 from structid.modal.formats.files import read_modes, write_modes
 from structid.study.run.diagnosis import diagnose_study
-from structid.study.run.run import run_started
-from structid.study.run.start import started
+from structid.study.run.run import run_prepared
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 from structid.unknowns.tolerances import Tolerances
 
@@ -32,8 +32,8 @@ def both_records(folder, factor=1.0, text=STUDY, truth=STUDY):
 
 
 def answered(path, explain=None):
-    ready = started(load_study(path))
-    return diagnose_study(ready, run_started(ready), explain)[0]
+    ready = prepare_study(load_study(path))
+    return diagnose_study(ready, run_prepared(ready), explain)[0]
 
 
 def test_modes_of_another_state_are_told_beside_many_lines_that_fit(tmp_path):
@@ -67,8 +67,8 @@ def test_a_part_is_missed_where_its_values_are_far_beyond_their_errors(tmp_path,
 
 
 def test_fixed_values_whose_influence_could_not_be_solved_for_are_exact(tmp_path):
-    ready = started(load_study(both_records(tmp_path, 1.005)))
-    found = run_started(ready).identification
+    ready = prepare_study(load_study(both_records(tmp_path, 1.005)))
+    found = run_prepared(ready).identification
     names, count = ["hammer", "ambient"], len(found.estimate.names)
     freed = freed_problems(ready.setups, found.problems, Tolerances(mass=0.01, stiffness=0.01))
     assert any(name.startswith("fixed ") for problem in freed for name in problem.names)
@@ -88,8 +88,8 @@ def test_what_removes_a_hidden_misfit_is_a_cause_though_nothing_moves():
 
 
 def test_one_record_has_nothing_beside_it(tmp_path):
-    ready = started(load_study(both_records(tmp_path)))
-    found = run_started(ready).identification
+    ready = prepare_study(load_study(both_records(tmp_path)))
+    found = run_prepared(ready).identification
     assert missed_parts([""], found.problems[:1], found.estimate) == ()
 
 

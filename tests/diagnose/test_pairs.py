@@ -14,8 +14,8 @@ from structid.diagnose.search import Explanation, search_causes
 from structid.diagnose.tested_model import TestedModel
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
 from structid.records.formats import read_record, write_record
-from structid.study.run.run import run_started
-from structid.study.run.start import started
+from structid.study.run.run import run_prepared
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 JOINT = '[[structure.joint]]\nname = "knee"\nelement = "girder:1"\nat = "3RZ"\nstiffness = 250.0\n\n[[unknown]]'
@@ -32,8 +32,8 @@ def fitted(folder, truth, order):
     path = written(folder, off(), truth)
     record = read_record(folder / "frf.npz")
     write_record(folder / "frf.npz", replace(record, values=record.values[:, order]))
-    ready = started(load_study(path))
-    found = run_started(ready).identification
+    ready = prepare_study(load_study(path))
+    found = run_prepared(ready).identification
     theta = found.estimate.theta
     return Fitted(
         base_model(TestedModel(ready.setups, ready.study.options), found.problems, theta),

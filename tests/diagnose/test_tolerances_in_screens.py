@@ -13,8 +13,8 @@ from structid.diagnose.set_screening import LinearizedFit, _screen_change, linea
 from structid.diagnose.tolerance_directions import damped_basis, tolerance_directions
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
 from structid.study.run.diagnosis import diagnose_study
-from structid.study.run.run import run_started
-from structid.study.run.start import started
+from structid.study.run.run import run_prepared
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 TOLERANT = STUDY.replace("tolerance = 0", "tolerance = 0.025")
@@ -110,8 +110,8 @@ def test_a_fixed_value_two_tolerances_off_is_less_of_a_candidate_and_hides_none(
 @pytest.mark.parametrize("mass", ["", FORGOTTEN.replace("0.05", "0.2")])
 def test_a_fixed_value_two_tolerances_off_is_no_cause_and_a_fault_beside_it_is_the_first(tmp_path, mass):
     truth = TWO_TOLERANCES_OFF.replace("[[unknown]]", mass, 1) if mass else TWO_TOLERANCES_OFF
-    ready = started(load_study(written(tmp_path, off(TOLERANT), truth)))
-    found, _ = diagnose_study(ready, run_started(ready), explain=True)
+    ready = prepare_study(load_study(written(tmp_path, off(TOLERANT), truth)))
+    found, _ = diagnose_study(ready, run_prepared(ready), explain=True)
     causes = [(one.kind, one.where) for one in found.diagnosis.causes]
     assert not [kind for kind, where in causes if "right" in str(where)]
     assert causes[:1] == ([("mass", ("4",))] if mass else [])

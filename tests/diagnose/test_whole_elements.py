@@ -14,7 +14,7 @@ from structid.diagnose.score_test import point_at
 from structid.diagnose.tested_model import TestedModel
 from structid.forward import FrfProblem
 from structid.study.results.suggestions import suggestion_text
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 FEET = {1: (-0.5, -0.3, 0.0), 2: (0.5, -0.3, 0.0), 3: (0.5, 0.3, 0.0), 4: (-0.5, 0.3, 0.0)}
@@ -198,7 +198,7 @@ def test_what_is_soft_in_all_stiffnesses_ranks_first(simulated, model, soft, whe
 def test_the_look_the_edited_model_and_the_edited_study_say_the_same(tmp_path, more, several, properties):
     path = written_in_space(tmp_path, SPACE)
     path.write_text(SPACE.replace("[[unknown]]", more + "[[unknown]]", 1), encoding="utf-8")
-    ready = started(load_study(path))
+    ready = prepare_study(load_study(path))
     trial = base_model(TestedModel(ready.setups, ready.study.options), ready.problems, ready.problems[0].theta_start)
     base = trial.views[0].problem
     fields = receptances_at(base, base.theta_start)
@@ -213,7 +213,7 @@ def test_the_look_the_edited_model_and_the_edited_study_say_the_same(tmp_path, m
     assert np.abs(whole.effect(fields, np.array([-0.3]))[0] - change).max() < 1e-6 * np.abs(change).max()
     text, _ = suggestion_text(ready.study, changed.changes)
     path.write_text(text, encoding="utf-8")
-    again = started(load_study(path)).problems[0]
+    again = prepare_study(load_study(path)).problems[0]
     assert again.names == problem.names
     assert again.theta_start == pytest.approx(problem.theta_start, rel=1e-5)
     assert again.predicted(again.theta_start) == pytest.approx(problem.predicted(problem.theta_start), rel=1e-5)
@@ -226,7 +226,7 @@ def test_what_has_values_of_its_own_or_no_group_is_not_offered(tmp_path):
     one_plane = PLANES.partition("\n\n")[0] + "\n\n"
     for name, more in (("held", ""), ("alone", ALONE), ("plane", one_plane), ("lone", lone)):
         path.write_text(SPACE.replace("[[unknown]]", more + "[[unknown]]", 1), encoding="utf-8")
-        [problem] = started(load_study(path)).problems
+        [problem] = prepare_study(load_study(path)).problems
         offered[name] = {one.where for one in wholes([receptances_at(problem, problem.theta_start)])}
     girder = {("girder:1",), ("girder:2",)}
     legs = {("legs:1",), ("legs:2",)}

@@ -364,7 +364,7 @@ def test_what_priors_know_is_told_from_what_the_data_say():
     )
     found = sid.identify_together([sid.ModalSetup(structure, sid.parameters(structure, [*SOUGHT[:2], known]), one)])
     judgement = judged(found)
-    assert found.priors.share[2] > 0.5 > found.priors.share[:2].max()
+    assert found.priors.variance_fraction[2] > 0.5 > found.priors.variance_fraction[:2].max()
     assert judgement.verdict == "approximate"
     assert "priors, not the data, determine stiffness[k4]:" in judgement.words
 
@@ -420,6 +420,7 @@ def few_modes(n_modes: int, prior_std: float | None) -> sid.ModalSetup:
     return sid.ModalSetup(chain(), sid.parameters(chain(), sought), alone)
 
 
+@pytest.mark.long
 def test_where_priors_choose_among_sets_of_values_the_answer_is_untested_and_all_are_listed():
     free, chosen = (sid.identify_together([few_modes(N, std)]) for std in (None, 0.02))
     assert judged(free).verdict == "undetermined"

@@ -47,7 +47,7 @@ def test_smoothness_recovers_every_element_where_two_noisy_sensors_alone_do_not(
     assert held.rule == ("given" if rule == 100.0 else rule)
     assert found.warnings.count(held.words) == 1
     assert f"strength {held.strengths[0]:.3g}" in held.words
-    assert ((found.priors.share >= 0) & (found.priors.share <= 1)).all()
+    assert ((found.priors.variance_fraction >= 0) & (found.priors.variance_fraction <= 1)).all()
     assert any("parameters are held by smoothness of bending_stiffness[beam]" in w for w in found.warnings)
     if rule == "discrepancy":
         n = found.problem.n_data
@@ -65,7 +65,7 @@ def test_plain_least_squares_fails_where_smoothness_recovers():
     assert found.estimate.status is sid.Status.NOT_IDENTIFIABLE
     assert error(found, truth) > 1
     assert found.priors.regularizations == ()
-    assert found.priors.share == pytest.approx(np.zeros(N))
+    assert found.priors.variance_fraction == pytest.approx(np.zeros(N))
 
 
 @pytest.mark.parametrize(("strength", "most"), [("marginal_likelihood", 4), (50.0, 9)])

@@ -28,8 +28,8 @@ from structid.inversion.search.work import ALONE
 from structid.records.formats import write_record
 from structid.study.results.suggestions import suggestion_text
 from structid.study.run.diagnosis import diagnose_study
-from structid.study.run.run import run_started
-from structid.study.run.start import started
+from structid.study.run.run import run_prepared
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 from structid.unknowns.tolerances import EXACT
 
@@ -315,8 +315,8 @@ CLAMPS = np.exp([0.03, -0.04, 0.02, 0.05, -0.02])
 
 
 def test_of_changes_of_the_study_one_step_promises_most_of_a_value_of_each_record(benchmark, tmp_path):
-    ready = started(load_study(study(tmp_path, benchmark, benchmark.CLAMP * CLAMPS, "")))
-    found = run_started(ready).identification
+    ready = prepare_study(load_study(study(tmp_path, benchmark, benchmark.CLAMP * CLAMPS, "")))
+    found = run_prepared(ready).identification
     trial = base_model(TestedModel(ready.setups, ready.study.options), found.problems, found.estimate.theta)
     base = Fitted(trial, found.estimate.theta, found.estimate.goodness.chi_square)
     first = min(screen_sets(base, ALONE, "changes of the study"), key=lambda row: row.left)
@@ -330,8 +330,8 @@ def test_of_changes_of_the_study_one_step_promises_most_of_a_value_of_each_recor
 @pytest.mark.long
 def test_one_value_for_clamps_that_differ_is_a_wrong_model_whose_cause_is_named(benchmark, tmp_path):
     clamps = benchmark.CLAMP * CLAMPS
-    ready = started(load_study(study(tmp_path, benchmark, clamps, "")))
-    result, fits = diagnose_study(ready, run_started(ready))
+    ready = prepare_study(load_study(study(tmp_path, benchmark, clamps, "")))
+    result, fits = diagnose_study(ready, run_prepared(ready))
     assert result.diagnosis.judgement.verdict == "wrong_model"
     assert (result.diagnosis.causes[0].kind, result.diagnosis.causes[0].where) == ("varies", ("stiffness[clamp]",))
     assert "stiffness[clamp] differs from record to record" in result.diagnosis.judgement.words
@@ -339,8 +339,8 @@ def test_one_value_for_clamps_that_differ_is_a_wrong_model_whose_cause_is_named(
     assert [line for line in lines if line.startswith("+")] == ["+ varies = true"]
     again = tmp_path / "again.toml"
     again.write_text(text)
-    ready = started(load_study(again))
-    better, _ = diagnose_study(ready, run_started(ready))
+    ready = prepare_study(load_study(again))
+    better, _ = diagnose_study(ready, run_prepared(ready))
     assert better.diagnosis.judgement.verdict == "sound"
 
 

@@ -170,7 +170,7 @@ def test_modes_that_are_each_off_in_all_records_make_an_answer_approximate(size)
     """The error of a frequency is stated four times too large, so that chi-square is small either way."""
     rng = np.random.default_rng(7)
     bias = size * np.array([1.0, -1.0, 1.0, -1.0])
-    setups = [chain(k % 4, rng, bias * (1 if k % 4 < 2 else -1)) for k in range(12)]
+    setups = [chain(k % 4, rng, bias * (1 if k % 4 < 2 else -1)) for k in range(8)]
     found = sid.identify_together(setups, sid.IdentifyOptions(restarts=0))
     assert isinstance(found.problems[0], ModalProblem)
     assert np.array_equal(np.unique(found.problems[0].rows.quantities), np.arange(4))

@@ -79,12 +79,12 @@ def line(noise, n=400, names=("a", "b")):
 
 
 def test_straight_line_interval_covers_as_often_as_it_says():
-    """1000 repeats, seeds 0 to 999: coverage of 95 % intervals within three binomial standard deviations, 2.1 %."""
+    """400 repeats, seeds 0 to 399: coverage of 95 % intervals within three binomial standard deviations, 3.3 %."""
     hits = np.zeros(2)
-    for seed in range(1000):
+    for seed in range(400):
         found = estimate(line(np.random.default_rng(seed).standard_normal(400)))
         hits += np.abs(found.values - [2.0, 3.0]) <= 1.959964 * found.std_noise
-    assert np.abs(hits / 1000 - 0.95).max() <= 0.021
+    assert np.abs(hits / 400 - 0.95).max() <= 0.033
 
 
 def test_model_error_covariance_covers_correlated_error_and_noise_covariance_does_not():

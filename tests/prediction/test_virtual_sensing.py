@@ -12,14 +12,14 @@ from structid.prediction.virtual_sensing import _sum_of_powers
 RATE, CORRELATION, FORCE = 50.0, 0.1, 20.0
 
 
-def make_model(std=0.0, free=False):
+def make_model(std=0.0, free=False, foot=2e3):
     sets = [
         sid.PointMass("m", [1, 2], mass=[2.0, 1.0]),
         sid.Spring("k", ["2X"], ["1X"], stiffness=[900.0]),
         sid.Dashpot("c", ["2X"], ["1X"], viscous_damping=[4.0]),
     ]
     if not free:
-        sets += [sid.Spring("foot", "1X", stiffness=2e3), sid.Dashpot("air", "1X", viscous_damping=6.0)]
+        sets += [sid.Spring("foot", "1X", stiffness=foot), sid.Dashpot("air", "1X", viscous_damping=6.0)]
     structure = sid.Structure({1: 0.0, 2: 1.0}, sets, active=["X"])
     parameters = sid.parameters(structure, [sid.Unknown("stiffness", "k")])
     return identified_model(structure, parameters, parameters.start, np.array([[(900.0 * std) ** 2]]))
@@ -122,6 +122,46 @@ def test_a_model_that_misses_a_resonance_does_not_make_the_forces_larger():
     assert "likelier with far larger ones" in wrong.words[0]
 
 
+@pytest.mark.parametrize(
+    ("both", "foot", "words"),
+    [
+        (True, 2e3, ""),
+        (False, 2e3, ""),
+        (True, 2.6e3, "no choice of these forces explains"),
+        (False, 2.6e3, "these sensors cannot tell which"),
+    ],
+)
+def test_innovations_contradict_a_wrong_model(both, foot, words):
+    """One sensor for one force leaves only the spectrum of the force to tell; a second one is what the force cannot move alone."""
+    states, _, _, rng = simulate(1500, 12)
+    y = states @ system()[0][2:4].T + 0.1 * rng.standard_normal((1500, 2))
+    sensors = ["1X", "2X"] if both else ["1X"]
+    n = len(sensors)
+    record = sid.TimeRecord(RATE, y[:, :n], sensors, ["acceleration"] * n, variance=np.full(n, 0.01))
+    found = sid.sense(
+        make_model(0.01, foot=foot), record, ["2X"], unknown=sid.UnknownForces(["2X"]), n_draws=10, is_filtered=False
+    )
+    assert found.is_explained == (not words)
+    assert words in found.contradiction
+    assert not words or "does not explain the record" in found.contradiction
+
+
+def test_a_sine_is_found_as_a_force_about_a_frequency():
+    """The second sensor agrees with the model, so that the spectrum of the force was wrong at first."""
+    rng, model = np.random.default_rng(13), make_model()
+    fine = FORCE * np.sin(2 * np.pi * 3.3 * np.arange(5600) / RATE / 8)[:, None]
+    history = sid.History(["1X", "2X"], ["2X"], fine, 8 * RATE)
+    motion, force = sid.predict(model, history, n_draws=50).values[::8], fine[::8]
+    noisy = motion + 0.1 * rng.standard_normal(motion.shape)
+    record = sid.TimeRecord(RATE, noisy, ["1X", "2X"], ["acceleration"] * 2, variance=np.full(2, 0.01))
+    found = sid.sense(model, record, ["2X"], unknown=sid.UnknownForces(["2X"]), n_draws=0)
+    assert found.is_explained
+    assert found.force_frequency == pytest.approx(3.3, rel=0.01)
+    error = (found.forces - force)[50:-50]
+    assert np.abs(error).max() < 0.05 * FORCE
+    assert (np.abs(error) < 1.96 * found.force_std[50:-50]).mean() > 0.93
+
+
 def test_known_forces_leave_nothing_but_noise():
     rng = np.random.default_rng(3)
     force = rng.standard_normal((600, 1)).cumsum(axis=0)
@@ -130,8 +170,28 @@ def test_known_forces_leave_nothing_but_noise():
     motion = sid.predict(model, history, n_draws=50).values
     record = sid.TimeRecord(RATE, np.hstack([force, motion[:, [0]]]), ["2X", "1X"], ["force", "displacement"],
                             variance=np.array([0.0, 1e-12]))  # fmt: skip
-    found = sid.sense(model, record, ["2X"], n_draws=0)
+    found = sid.sense(model, record, ["2X"], n_draws=0, is_filtered=False)
     assert found.values[:, 0] == pytest.approx(motion[:, 1], abs=1e-4 * np.abs(motion).max())
+
+
+def test_known_forces_of_filtered_records_are_not_weakened_between_samples():
+    """White noise up to half the rate, simulated at 16 times that; straight lines between samples weaken it at the modes."""
+    factor, n = 16, 1500
+    force = np.random.default_rng(14).standard_normal((n, 1))
+    fine = signal.resample(force, factor * n, axis=0)
+    history = sid.History(["1X", "2X"], ["2X"], fine, RATE * factor, "displacement")
+    moved = sid.predict(make_model(), history, n_draws=50).values[::factor]
+    values = np.column_stack(
+        [force, moved[:, 0] + 10 * moved[:, 0].std() * np.random.default_rng(15).standard_normal(len(moved))]
+    )
+    record = sid.TimeRecord(RATE, values, ["2X", "1X"], ["force", "displacement"],
+                            variance=np.array([0.0, 100 * moved[:, 0].var()]))  # fmt: skip
+    errors = []
+    for is_filtered in (True, False):
+        found = sid.sense(make_model(), record, ["2X"], n_draws=0, is_filtered=is_filtered)
+        errors.append(float((found.values[:, 0] - moved[:, 1])[700:-20].std() / moved[:, 1].std()))
+    assert errors[0] < 0.007
+    assert errors[1] > 0.015
 
 
 @pytest.mark.parametrize("size", [0.0, 500.0])
@@ -165,7 +225,7 @@ def test_a_decay_under_a_known_force_of_nothing_has_an_honest_deviation(tap):
     known = np.eye(1, 400, 300)[0] * tap
     record = sid.TimeRecord(RATE, np.column_stack([known, measured]), ["2X", "1X"], ["force", "displacement"],
                             variance=np.array([0.0, noise**2]))  # fmt: skip
-    found = sid.sense(model, record, ["2X"], n_draws=0)
+    found = sid.sense(model, record, ["2X"], n_draws=0, is_filtered=False)
     error = found.values[:, 0] - motion[:, 1]
     assert np.abs(error).max() < 5 * noise
     assert 0.2 < np.sqrt(np.mean((error / found.std[:, 0])[:30] ** 2)) < 2.5
@@ -189,6 +249,8 @@ def test_what_cannot_be_told_is_named():
     record = sid.TimeRecord(RATE, np.ones((50, 1)), ["1X"], ["acceleration"], variance=np.array([1.0]))
     with pytest.raises(InputError, match="2 unknown forces cannot be told by 1 sensors"):
         sid.sense(make_model(), record, ["2X"], unknown=sid.UnknownForces(["1X", "2X"], 0.1))
+    with pytest.raises(InputError, match="`unknown` names 1X\\+ twice"):
+        sid.sense(make_model(), record, ["2X"], unknown=sid.UnknownForces(["1X+", "1X-"], 0.1))
     with pytest.raises(NoAnswerError, match="nothing holds the structure"):
         sid.sense(make_model(free=True), record, ["2X"], unknown=sid.UnknownForces(["2X"], 0.1, 1.0))
     with pytest.raises(InputError, match="`leave_out` names 2X"):

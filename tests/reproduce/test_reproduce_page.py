@@ -234,7 +234,7 @@ def test_command_refuses_what_it_cannot_do(fake_chapters, tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     done = invoke("--chapter", 7)
     assert done.exit_code == 2
-    assert done.stderr == "error: `chapter` must be one of 3, 4, 5, got 7\n"
+    assert done.stderr == "error: --chapter must be one of 3, 4, 5, got 7\n"
     (tmp_path / "taken").write_text("mine")
     done = invoke("--out", "taken")
     assert done.exit_code == 2

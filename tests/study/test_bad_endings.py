@@ -39,7 +39,7 @@ def test_ended_at_random_moments_and_run_again(tmp_path):
 
 def test_two_runs_in_one_place(tmp_path):
     """The second is refused with the number of the first, which goes on to its end."""
-    write_chain(tmp_path, CHAIN + "uniqueness_starts = 12\n")
+    write_chain(tmp_path, CHAIN + "uniqueness_starts = 4\n")
     words = ("-m", "structid", "identify", "chain.toml", "--no-report", "--checkpoint", "0")
     first = subprocess.Popen([sys.executable, *words], cwd=tmp_path, env=ENVIRONMENT, stdout=-1, stderr=-1, text=True)
     for _ in range(120_000):
@@ -103,7 +103,7 @@ WAYS = {
 )
 def test_a_disk_that_fills_leaves_nothing(tmp_path, way):
     write_chain(tmp_path)
-    n_sizes = {"identify with its report": 4, "modes": 8, "compare": 8, "plan": 8}.get(way, 20)
+    n_sizes = {"identify": 8, "identify with its report": 4, "modes": 8, "compare": 8, "plan": 8}.get(way, 20)
     sizes = [0, *np.geomspace(300, 1e7, n_sizes).astype(int)]
     done = run("-c", FULL, ",".join(map(str, sizes)), *WAYS[way], folder=tmp_path)
     assert done.returncode == 0, done.stderr

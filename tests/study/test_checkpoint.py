@@ -29,7 +29,7 @@ from structid.records.formats import write_record
 from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
 from structid.study.run.run import run_study
-from structid.study.run.start import started, study_problems
+from structid.study.run.start import prepare_study, study_problems
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, complaints, write_chain
 
@@ -178,7 +178,7 @@ WIDE = LevenbergMarquardt(initial_damping=1e-9, largest_step=5.0, acceleration=0
 @pytest.mark.parametrize(("method", "distance"), [(LevenbergMarquardt(), 0.1), (WIDE, 1.0), (GaussNewton(), 0.1)])
 def test_every_iteration_is_a_place_to_go_on_from(tmp_path, method, distance):
     """The search begun anew from each of its own states ends at the same bits; the wide one has steps rejected in a row."""
-    problem = started(load_study(write_chain(tmp_path))).problems[0]
+    problem = prepare_study(load_study(write_chain(tmp_path))).problems[0]
     near = problem.theta_start + distance * np.log([2, 3, 1, 1.2, 0.9, 1.1, 0.8, 1.3])
 
     class Kept:

@@ -26,7 +26,7 @@ from structid.study.run import check
 from structid.study.run.check import check_study
 from structid.study.run.checkpoint import checkpoint_folder
 from structid.study.run.run import is_matrix_free, run_study
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 from study_cases import complaints
 
@@ -147,12 +147,12 @@ def test_it_comes_by_itself_where_a_dense_search_would_not_fit(plate, tmp_path, 
     folder, *_ = plate
     for name in ("plate.msh", "frf.npz", "study.toml"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
-    ready = started(load_study(changed(tmp_path, ('search = "matrix_free"\n', ""))))
+    ready = prepare_study(load_study(changed(tmp_path, ('search = "matrix_free"\n', ""))))
     assert not is_matrix_free(ready)
     small = lambda n_params, n_data: matrix_free.dense_search_fits(n_params, n_data, 1e5)  # noqa: E731
     monkeypatch.setattr(search, "dense_search_fits", small)
     assert is_matrix_free(ready)
-    dense = started(load_study(changed(tmp_path, ("n_modes = 6", 'n_modes = 6\nsearch = "levenberg_marquardt"'))))
+    dense = prepare_study(load_study(changed(tmp_path, ("n_modes = 6", 'n_modes = 6\nsearch = "levenberg_marquardt"'))))
     assert not is_matrix_free(dense)
 
 
@@ -161,7 +161,7 @@ def test_an_estimate_without_a_covariance_matrix_says_so(plate):
     found = run_study(load_study(folder / "study.toml")).identification
     with pytest.raises(InputError, match="no covariance matrix of its 50 parameters"):
         _ = found.estimate.covariance
-    assert found.priors.share is None
+    assert found.priors.variance_fraction is None
     assert found.estimate.interval().shape == (50, 2)
     assert (found.intervals.ends[:, 0] < found.estimate.values).all()
     assert found.estimate.goodness.residual_tests.series[0].name == str(found.sensors[0])

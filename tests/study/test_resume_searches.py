@@ -64,6 +64,7 @@ def histories(tmp_path_factory):
     return study, run_study(study).identification.estimate
 
 
+@pytest.mark.long
 def test_output_error_stopped_anywhere_resumes_to_the_same_bits(histories, tmp_path):
     study, whole = histories
     assert whole.search.n_starts >= 4

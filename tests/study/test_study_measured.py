@@ -13,7 +13,7 @@ from structid import FrfRecord, PointMass, TimeRecord, Unknown, parameters, simu
 from structid.cli.app import app
 from structid.records import write_record
 from structid.study.run.run import run_study
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import edited_study, load_study
 
 STUDY = """
@@ -134,6 +134,7 @@ def test_a_whole_study(folder, monkeypatch):
     assert "A beam that carries a machine" in page
 
 
+@pytest.mark.long
 def test_a_missing_mass_is_found_beside_the_machine(folder, monkeypatch):
     monkeypatch.chdir(folder)
     true = beam_on_machine()
@@ -181,7 +182,7 @@ relative = 0.01
 def test_what_holds_of_a_component_is_said_once_for_all_records(folder):
     record = STUDY[STUDY.index("[record]") :].replace("[record]", "[[record]]")
     path = changed(folder, (STUDY[STUDY.index("[record]") :], f"{record}\n{record}"))
-    for warnings in (run_study(load_study(path)).identification.warnings, started(load_study(path)).warnings):
+    for warnings in (run_study(load_study(path)).identification.warnings, prepare_study(load_study(path)).warnings):
         [words] = [one for one in warnings if "masses told are without it" in one]
         assert words.startswith("measured component 'machine'")
 

@@ -11,7 +11,7 @@ from structid.records import TimeRecord
 from structid.records.formats import write_record
 from structid.study.run.check import check_study
 from structid.study.run.run import run_study
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 from study_cases import (
     CHAIN,
@@ -138,7 +138,7 @@ def wrong_frequency(axis: np.ndarray) -> np.ndarray:
 
 
 def test_a_bare_array_is_read_by_the_names_of_read_options(tmp_path):
-    ready = started(load_study(write_chain(tmp_path, bare(tmp_path))))
+    ready = prepare_study(load_study(write_chain(tmp_path, bare(tmp_path))))
     np.testing.assert_array_equal(ready.setups[0].record.values, chain_record().values)
 
 
@@ -214,7 +214,7 @@ def test_a_truncated_or_empty_file_is_named(tmp_path, suffix, keep):
     ],
 )
 def test_units_that_contradict_the_model_are_told(tmp_path, scale, words):
-    [warning] = started(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).channel_warnings
+    [warning] = prepare_study(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).channel_warnings
     for word in words:
         assert word in warning
 
@@ -227,21 +227,21 @@ def test_the_warning_of_units_comes_first_in_the_result(tmp_path):
 
 @pytest.mark.parametrize("scale", [1.0, 0.5, 2.0])
 def test_scales_that_the_start_may_explain_are_not_told(tmp_path, scale):
-    assert started(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).channel_warnings == ()
+    assert prepare_study(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).channel_warnings == ()
 
 
 @pytest.mark.parametrize("scale, words", [(3.0, "3.7 times what the record says"), (30.0, "37 times"), (0.2, "1/4")])
 def test_other_scales_are_told_of_the_load_and_not_of_units(tmp_path, scale, words):
-    [warning] = started(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).channel_warnings
+    [warning] = prepare_study(load_study(write_chain(tmp_path, record=chain_record(scale=scale)))).channel_warnings
     assert warning.startswith("load 3X+: the force is ")
     assert words in warning
     assert "different units" not in warning
 
 
 def test_a_wrong_sign_at_the_driving_point_is_a_warning(tmp_path):
-    ready = started(load_study(write_chain(tmp_path, record=chain_record(scale=-1.0))))
+    ready = prepare_study(load_study(write_chain(tmp_path, record=chain_record(scale=-1.0))))
     assert any("driving point 3X+ / 3X+" in warning and "sign" in warning for warning in ready.warnings)
-    assert started(load_study(write_chain(tmp_path))).warnings == ()
+    assert prepare_study(load_study(write_chain(tmp_path))).warnings == ()
 
 
 def test_a_free_structure_at_0_hz_needs_supports(tmp_path):
@@ -252,7 +252,7 @@ def test_a_free_structure_at_0_hz_needs_supports(tmp_path):
     assert str(caught.value).startswith(f"{path}, line {line_of('[structure]', text)}: [structure]: ")
     for word in ("singular at 0 Hz", "nothing holds 1X, 2X, 3X", "add supports", "band"):
         assert word in str(caught.value)
-    started(load_study(write_chain(tmp_path, text.replace("[0.0, 12.0]", "[0.5, 12.0]"), record_from_zero())))
+    prepare_study(load_study(write_chain(tmp_path, text.replace("[0.0, 12.0]", "[0.5, 12.0]"), record_from_zero())))
 
 
 @pytest.mark.parametrize(
@@ -286,7 +286,7 @@ def test_repeats_give_the_noise_from_their_scatter(tmp_path):
     with pytest.raises(InputError, match="the noise comes from `repeats`"):
         load_study(write_chain(tmp_path, text))
     text = text.replace("[record.noise]\nrelative = 0.01\n", "")
-    record = started(load_study(write_chain(tmp_path, text))).setups[0].record
+    record = prepare_study(load_study(write_chain(tmp_path, text))).setups[0].record
     assert record.noise_source == "repeats"
     relative = np.sqrt(np.median(record.variance / np.abs(record.values) ** 2))
     assert relative == pytest.approx(NOISE / 2, rel=0.15)  # standard error of the mean of 4; the median is 8 % low
@@ -306,7 +306,7 @@ def test_repeats_that_differ_are_told_at_their_key(tmp_path, other, words):
         "[record.noise]\nrelative = 0.01\n", "", replaced('path = "frf.npz"', 'repeats = ["r0.npz", "r1.npz"]')
     )
     with pytest.raises(InputError) as caught:
-        started(load_study(write_chain(tmp_path, text)))
+        prepare_study(load_study(write_chain(tmp_path, text)))
     assert f"line {line_of('repeats =', text)}: [record] repeats: " in str(caught.value)
     assert words in str(caught.value)
 
@@ -314,11 +314,11 @@ def test_repeats_that_differ_are_told_at_their_key(tmp_path, other, words):
 def test_noise_comes_from_coherence_and_averages(tmp_path):
     coherence = np.full((230, 2, 1), 0.99)
     text = replaced("relative = 0.01", "from_coherence = true\naverages = 20")
-    record = started(load_study(write_chain(tmp_path, text, chain_record(coherence=coherence)))).setups[0].record
+    record = prepare_study(load_study(write_chain(tmp_path, text, chain_record(coherence=coherence)))).setups[0].record
     np.testing.assert_allclose(record.variance, np.abs(record.values) ** 2 * 0.01 / (20 * 0.99), rtol=1e-12)
     silent = replaced("[record.noise]\nrelative = 0.01\n", "")
     told = (
-        started(load_study(write_chain(tmp_path, silent, chain_record(coherence=coherence, averages=20))))
+        prepare_study(load_study(write_chain(tmp_path, silent, chain_record(coherence=coherence, averages=20))))
         .setups[0]
         .record
     )
@@ -327,7 +327,9 @@ def test_noise_comes_from_coherence_and_averages(tmp_path):
 
 def test_channels_used_selects_sensors_whatever_their_sense(tmp_path):
     text = replaced('"frf.npz"', '"frf.npz"\nchannels_used = ["1X"]')
-    record = started(load_study(write_chain(tmp_path, text, chain_record(outputs=("1X-", "3X"))))).setups[0].record
+    record = (
+        prepare_study(load_study(write_chain(tmp_path, text, chain_record(outputs=("1X-", "3X"))))).setups[0].record
+    )
     assert [str(dof) for dof in record.outputs] == ["1X-"]
 
 
@@ -347,18 +349,18 @@ def test_a_time_record_becomes_frequency_responses(tmp_path):
     write_record(tmp_path / "time.npz", time_record())
     frf = '[record.frf]\nestimator = "H1"\nsegment_length = 4096\n'
     text = replaced("[record.noise]\nrelative = 0.01\n", frf, replaced('"frf.npz"', '"time.npz"'))
-    record = started(load_study(write_chain(tmp_path, text))).setups[0].record
+    record = prepare_study(load_study(write_chain(tmp_path, text))).setups[0].record
     assert [str(dof) for dof in record.outputs] == ["1X+", "3X+"]
     assert [str(dof) for dof in record.inputs] == ["3X+"]
     near = np.abs(record.frequency - 3.3) < 0.3  # away from resonances, where leakage is small
     np.testing.assert_allclose(record.values[near], exact_frf(record.frequency[near], [0, 2], [2]), rtol=0.05)
     assert record.variance is not None
     with pytest.raises(InputError, match=r"\[record\]: the record holds time histories; add \[record.frf\]"):
-        started(load_study(write_chain(tmp_path, text.replace(frf, ""))))
+        prepare_study(load_study(write_chain(tmp_path, text.replace(frf, ""))))
     with pytest.raises(InputError, match=r"\[record.frf\]: .*longer than the longest record"):
-        started(load_study(write_chain(tmp_path, text.replace("4096", "409600"))))
+        prepare_study(load_study(write_chain(tmp_path, text.replace("4096", "409600"))))
     with pytest.raises(InputError, match=r"\[record.frf\]: the record holds frequency response functions already"):
-        started(load_study(write_chain(tmp_path, text.replace("time.npz", "frf.npz"))))
+        prepare_study(load_study(write_chain(tmp_path, text.replace("time.npz", "frf.npz"))))
 
 
 def test_a_model_too_stiff_for_double_precision_is_told(tmp_path):

@@ -23,7 +23,7 @@ from structid.cli.app import app
 from structid.dynamics.transient import sampled_transient
 from structid.forward import TimeOptions
 from structid.study.run.run import run_study
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 CHAIN = (
@@ -162,7 +162,7 @@ def test_output_error_is_reached_from_the_study_file(tmp_path):
 def test_what_a_time_fit_cannot_use_is_named(tmp_path, old, new, words):
     path, _ = write_study(tmp_path, CHAIN.replace(old, new))
     with pytest.raises(InputError, match=words):
-        started(load_study(path))
+        prepare_study(load_study(path))
 
 
 @pytest.mark.parametrize("fit", ["spectra", "output_error"])
@@ -176,7 +176,7 @@ def test_accelerations_without_a_load_are_told_at_the_record(tmp_path, fit):
     path, _ = write_study(tmp_path, text.replace("band = [0.1, 12.0]\n", "") if fit != "spectra" else text, ambient)
     place = f"{path}, line {text[: text.index('[record]')].count(chr(10)) + 1}: [record]: "
     with pytest.raises(InputError, match="^" + re.escape(place) + ".*structid modes"):
-        started(load_study(path))
+        prepare_study(load_study(path))
 
 
 @pytest.mark.parametrize("place", ["band", "evaluation_band"])
@@ -185,7 +185,7 @@ def test_a_band_without_lines_of_histories_is_placed(tmp_path, place):
     text = path.read_text().replace(f"\n{place} = [0.1, 12.0]", f"\n{place} = [3.01, 3.02]")
     path.write_text(text)
     with pytest.raises(InputError, match=rf"\[method\] {place}: no (frequency )?line"):
-        started(load_study(path))
+        prepare_study(load_study(path))
 
 
 def test_a_time_section_on_frfs_is_refused(tmp_path):
@@ -193,7 +193,7 @@ def test_a_time_section_on_frfs_is_refused(tmp_path):
     like = FrfRecord(np.linspace(0.5, 8.0, 60), np.zeros((60, 1, 1)), ("1X",), ("4X",), "receptance")
     write_record(tmp_path / "frf.npz", simulated_record(chain(), truth, like, 0.01, np.random.default_rng(1)))
     with pytest.raises(InputError, match=r"\[record.time\]: the record holds frequency response functions"):
-        started(load_study(path))
+        prepare_study(load_study(path))
 
 
 GAIN = '[[record.channel_error]]\nproperty = "gain"\noutputs = "2X"\n'

@@ -30,7 +30,7 @@ from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.long_run import LongRun, SpreadLines, spread
 from structid.study.run.piped import ProcessLostError
 from structid.study.run.run import run_study
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.run.start_workers import start_workers
 from structid.study.run.workers import InProcess, Processes, WorkersLostError, in_batches
 from structid.study.schema.study import load_study
@@ -59,7 +59,7 @@ def study(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def problem(study):
-    return started(study).problems[0]
+    return prepare_study(study).problems[0]
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from structid.core.errors import StructidError
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 from structid.unknowns.tolerances import EXACT, Tolerances
 from study_cases import CHAIN, write_chain
@@ -33,7 +33,7 @@ def test_the_structure_states_tolerances(tmp_path, line, tolerances):
 
 def test_a_record_states_its_calibration(tmp_path):
     assert study(tmp_path).setups[0].record.calibration is None
-    assert started(study(tmp_path, record="calibration = 0.03")).setups[0].calibration == 0.03
+    assert prepare_study(study(tmp_path, record="calibration = 0.03")).setups[0].calibration == 0.03
     assert EXACT.calibration == 0.0
 
 
@@ -50,6 +50,7 @@ def test_a_record_states_its_calibration(tmp_path):
         ),
         ({"structure": "tolerance = { length = 0.1 }"}, "takes mass, stiffness, damping, got 'length'"),
         ({"record": "calibration = 1.5"}, r"\[record\] calibration: must be a number of at least 0 and at most 1"),
+        ({"record": "tolerance = 0.1"}, r"\[record\] tolerance: unknown key; the nearest is `calibration`"),
         ({"upper": "tolerance = 1.5"}, r'"upper" tolerance: must be a part from 0 to 1'),
         (
             {"upper": "tolerance = { mass = 0.1 }"},

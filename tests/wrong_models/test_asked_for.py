@@ -14,8 +14,8 @@ from structid.diagnose.refits import Fitted
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import is_sound
 from structid.study.run.diagnosis import diagnose_study
-from structid.study.run.run import run_started
-from structid.study.run.start import started
+from structid.study.run.run import run_prepared
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 
@@ -25,8 +25,8 @@ def answered(folder, *faults):
     path = folder / "study.toml"
     text = path.read_text(encoding="utf-8").replace("[structure]\n", "[structure]\ntolerance = 0\n", 1)
     path.write_text(text.replace("[record]\n", "[record]\ncalibration = 0\n", 1), encoding="utf-8")
-    ready = started(load_study(path))
-    result = run_started(ready)
+    ready = prepare_study(load_study(path))
+    result = run_prepared(ready)
     assert is_sound(result.identification)
     return ready, result, truth["parameters"]
 

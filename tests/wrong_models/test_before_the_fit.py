@@ -7,7 +7,7 @@ from wrong_models.faults import Fault
 from wrong_models.study_files import Case, written
 
 from structid.study.run.check import check_study
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 #: What a right model has on any rig: too few lines a bandwidth, and elements as large as the truth's.
@@ -32,7 +32,7 @@ def test_right_models_that_start_far_off_are_silent(tmp_path, rig):
     for record in records:
         folder = tmp_path / record
         written(Case(f"{rig}-{record}-right", rig, record, (), "far"), folder)
-        assert started(load_study(folder / "study.toml")).channel_warnings == ()
+        assert prepare_study(load_study(folder / "study.toml")).channel_warnings == ()
 
 
 @pytest.mark.parametrize(

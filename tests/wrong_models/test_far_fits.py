@@ -9,13 +9,13 @@ from structid.diagnose.refits import Fitted, fit_near
 from structid.diagnose.screening import shortlist_candidates
 from structid.diagnose.tested_model import TestedModel
 from structid.inversion.search.work import ALONE
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 
 
 def test_exchanged_loads_are_fitted_whatever_a_model_bent_to_them_shows(tmp_path):
     written(Case("mast-frf2-exchanged", "mast", "frf2", (Fault("load_swap", "any"),), "near"), tmp_path)
-    ready = started(load_study(tmp_path / "study.toml"))
+    ready = prepare_study(load_study(tmp_path / "study.toml"))
     problems = tuple(setup.prepared(ready.study.options).problem for setup in ready.setups)
     [problem] = problems
     away = problem.theta_start + np.log([0.005, 1e-4, 1e-6, 0.05, 1e6, 1e4])  # where the search ran to
@@ -30,7 +30,7 @@ def test_exchanged_loads_are_fitted_whatever_a_model_bent_to_them_shows(tmp_path
 
 def test_sensors_that_look_exchanged_are_fitted_so_whatever_a_model_bent_to_them_shows(tmp_path):
     written(Case("crane-time-exchanged", "crane", "time", (Fault("swap", "6Y", "8Y"),), "near"), tmp_path)
-    ready = started(load_study(tmp_path / "study.toml"))
+    ready = prepare_study(load_study(tmp_path / "study.toml"))
     problems = tuple(setup.prepared(ready.study.options).problem for setup in ready.setups)
     [problem] = problems
     away = problem.theta_start + np.log([0.12, 27.0, 1e-6, 6.6, 660.0, 1e-6])  # where the search ran to

@@ -21,8 +21,8 @@ from structid.forward import simulated_record
 from structid.identification.setups.histories_as_frfs import frfs_of
 from structid.modal.formats.files import read_modes
 from structid.records.formats import ReadOptions, read_record
-from structid.study.run.run import run_started
-from structid.study.run.start import started
+from structid.study.run.run import run_prepared
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 from wrong_models import record_files
 
@@ -41,7 +41,7 @@ def test_structid_finds_the_same_responses_at_the_true_values(tmp_path, rig, rec
     case = Case(f"{rig} as it is", rig, record, start="far")
     made = case.measured_rig()
     truth = written(case, tmp_path)["parameters"]
-    [setup] = started(load_study(tmp_path / "study.toml")).setups
+    [setup] = prepare_study(load_study(tmp_path / "study.toml")).setups
     assert list(truth) == list(setup.parameters.names)
     at_truth = setup.parameters.started_at(np.array(list(truth.values())))
     read = setup.record if record in ("frf2", "shaken") else frfs_of(setup.record)
@@ -79,7 +79,7 @@ def test_files_hold_the_readings(tmp_path, suffix):
 def test_modes_hold_the_shapes(tmp_path, monkeypatch, seed):
     monkeypatch.setattr(Case, "seed", property(lambda self: seed))
     written(Case("m", "portal", "modal"), tmp_path)
-    [setup] = started(load_study(tmp_path / "study.toml")).setups
+    [setup] = prepare_study(load_study(tmp_path / "study.toml")).setups
     made = measured(RIGS["portal"](), RIGS["portal"]().table, "modal", [], np.random.default_rng(0), noisy=False)
     assert [str(dof) for dof in setup.record.channels] == [f"{s}+" for s in made.sensors] or seed == 0
     np.testing.assert_allclose(setup.record.frequency, made.axis, rtol=0.006)
@@ -94,8 +94,8 @@ def test_modes_hold_the_shapes(tmp_path, monkeypatch, seed):
 def test_modes_that_have_to_cross_on_the_way_are_found(tmp_path, name):
     """Paired by shapes alone, searches from the start end where the sixth measured mode has the seventh of the model."""
     truth = written(Case(name, "tower", "modal", start="far"), tmp_path)["parameters"]
-    ready = started(load_study(tmp_path / "study.toml"))
-    estimate = run_started(ready).identification.estimate
+    ready = prepare_study(load_study(tmp_path / "study.toml"))
+    estimate = run_prepared(ready).identification.estimate
     assert estimate.chi_square_per_dof < 1.5
     off = (estimate.values - [truth[one] for one in estimate.names]) / estimate.std
     assert np.abs(off).max() < 3.5

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -48,7 +48,7 @@ def results_folder(default: str) -> OptionInfo:
 
 
 def _no_file(folder: Path | None) -> Path | None:
-    """`folder` unchanged; the command fails if a file of that name exists."""
+    """`folder` unchanged; the command fails if that path is a file."""
     if folder is not None:
         from structid.files import require_no_file  # the help needs none of it
 
@@ -58,17 +58,20 @@ def _no_file(folder: Path | None) -> Path | None:
 
 
 @contextmanager
-def reported() -> Iterator[None]:
-    """A context that turns errors of a user into one message on stderr and an exit code."""
+def reported(reword: Callable[[str], str] = str) -> Iterator[None]:
+    """A context that turns errors of a user's input into one message on stderr and an exit code.
+
+    `reword` changes the text of the message.
+    """
     try:
         with _terminable():
             yield
     except KeyboardInterrupt:
         fail("interrupted; nothing was written", INTERRUPTED)
     except NoAnswerError as error:
-        fail(str(error), NOT_DETERMINED)
+        fail(reword(str(error)), NOT_DETERMINED)
     except StructidError as error:
-        fail(str(error), UNUSABLE_INPUT)
+        fail(reword(str(error)), UNUSABLE_INPUT)
     except BrokenPipeError:  # the reader of stdout left, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise typer.Exit(NOT_DETERMINED) from None
@@ -101,7 +104,10 @@ def fail(message: str, code: int) -> None:
 
 
 def say(text: object, err: bool = False, is_exact: bool = False) -> None:
-    """Print a line, with paths as the user gave them unless `is_exact`; control characters are shown as numbers."""
+    """Print a line, with paths as the user gave them unless `is_exact`; control characters are shown as numbers.
+
+    With `err` it goes to stderr.
+    """
     from structid.core.isolation import paths_as_called  # the help needs none of it
 
     shown = str(text) if is_exact else paths_as_called(str(text))

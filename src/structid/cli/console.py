@@ -85,7 +85,7 @@ def _details(view: ResultsView) -> list[RenderableType]:
         for varied in found.priors.varied
         for words in (f"{varied.words}; each record's value in the results", *varied.outlying_words)
     ]
-    shown += [Text(ON_FORCE)] if found.mass.rests_on_force else []
+    shown += [Text(ON_FORCE)] if found.mass.scale_from_force else []
     return [
         *shown,
         *groups(found.estimate.identifiability),

@@ -7,13 +7,16 @@ given as one text, which the dataclass takes apart.
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import MISSING, fields, is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeVar, get_type_hints
 
 import typer
+from typer.models import OptionInfo
 
 from structid.cli.base import reported, say
 
@@ -29,6 +32,11 @@ _NAMES = {
 }
 
 
+#: An option in a message, alone or with a value; the beginning of a message on a line of a study file.
+_OPTION = re.compile(r"`(?P<name>\w+)(?: = (?P<value>[^`]+))?`")
+_IN_STUDY = re.compile(r"[^`]*\.toml\b[^`]*\bline \d+")
+
+
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """The function as typer takes it, with flags for its options and errors as one message and an exit code."""
     signature = inspect.signature(function, eval_str=True)
@@ -38,6 +46,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
         if isinstance(p.annotation, type) and is_dataclass(p.annotation)
     }
     groups = {name: list(_flags(kind)) for name, kind in options.items()}
+    spellings = flag_spellings(function)
 
     def run(**given: object) -> None:
         """Call the function with its dataclasses of options made from the flags."""
@@ -47,7 +56,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
         reads_records = any("csv_skip_rows" in {flag.name for flag in flags} for flags in groups.values())
         with (
-            reported(),
+            reported(partial(name_flags, flags=spellings)),
             isolated(),
             commands_told(_tell_command),
             options_given_as_flags() if reads_records else nullcontext(),
@@ -66,6 +75,54 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     run.__annotations__ = {p.name: p.annotation for p in parameters}
     vars(run)["__signature__"] = signature.replace(parameters=keyword_only)
     return run
+
+
+def flag_spellings(function: Callable[..., None]) -> dict[str, str]:
+    """The flag of each option of a command, under the name that the option has in Python."""
+    spellings: dict[str, str] = {}
+    for parameter in inspect.signature(function, eval_str=True).parameters.values():
+        kind = parameter.annotation
+        if isinstance(kind, type) and is_dataclass(kind):
+            spellings |= dict(_spellings(kind))
+        for option in getattr(kind, "__metadata__", ()):
+            if isinstance(option, OptionInfo):
+                # typer keeps the first name of an annotated option as its default
+                names = [*map(str, (option.default, *(option.param_decls or ()))), *_flag_names(parameter.name)]
+                spellings[parameter.name] = next(name for name in names if name.startswith("--")).split("/")[0]
+    return spellings
+
+
+def _spellings(options: type, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Pairs of a field's name and its flag, of a dataclass of options and of those inside it."""
+    kinds = get_type_hints(options)
+    for field in fields(options):
+        inner = _inner(kinds[field.name])
+        if inner is not None:
+            yield from _spellings(inner, f"{prefix}{field.name}_")
+        else:
+            yield field.name, _flag_names(prefix + field.name)[0]
+
+
+def name_flags(message: str, flags: Mapping[str, str]) -> str:
+    """`message` with options named by the flags that a user types.
+
+    A message on a line of a study file speaks of that file's keys and stays as it is.
+
+    Examples
+    --------
+    >>> name_flags("`sampling_rate` must be above 0", {"sampling_rate": "--sampling-rate"})
+    '--sampling-rate must be above 0'
+    >>> name_flags("frame.toml, line 8: `band` must rise", {"band": "--band"})
+    'frame.toml, line 8: `band` must rise'
+    """
+    if _IN_STUDY.match(message):
+        return message
+    return _OPTION.sub(lambda text: flags.get(text["name"], text[0]) + _flag_value(text, flags), message)
+
+
+def _flag_value(text: re.Match[str], flags: Mapping[str, str]) -> str:
+    """The value behind the name of an option, as it follows a flag; none where the option is no flag."""
+    return f" {text['value']}" if text["value"] and text["name"] in flags else ""
 
 
 def _tell_command(command: str, study: Path) -> None:
@@ -92,7 +149,10 @@ def _made(options: type[T], values: Mapping[str, object]) -> T:
 
 
 def _flags(options: type, prefix: str = "") -> Iterator[inspect.Parameter]:
-    """Parameters of a command line function, one for each field of a dataclass of options and of the ones inside it."""
+    """Parameters of a command line function, one for each field of a dataclass of options and of the ones inside it.
+
+    `prefix` begins the flags of an inner dataclass.
+    """
     from structid.core.constraints import parameter_descriptions
 
     kinds, words = get_type_hints(options), parameter_descriptions(options)
@@ -105,10 +165,14 @@ def _flags(options: type, prefix: str = "") -> Iterator[inspect.Parameter]:
         if kind not in (*_AS_THEY_ARE, _PAIR):
             kind, default = str, str(default) if default else ""
         name = prefix + field.name
-        names = _NAMES.get(name, (f"--{name.replace('_', '-')}",))
         option = typer.Option(
-            *names, help=words[field.name].replace("`", ""), metavar="LOW HIGH" if kind == _PAIR else None
+            *_flag_names(name), help=words[field.name].replace("`", ""), metavar="LOW HIGH" if kind == _PAIR else None
         )
         yield inspect.Parameter(
             name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option]
         )
+
+
+def _flag_names(name: str) -> tuple[str, ...]:
+    """Flags of an option by its name with the names of the dataclasses around it, the usual one first."""
+    return _NAMES.get(name, (f"--{name.replace('_', '-')}",))

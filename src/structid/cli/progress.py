@@ -43,7 +43,10 @@ class ProgressFile:
         path.touch()
 
     def write(self, name: str, done: int, total: int | None, words: str, cost: float | None = None) -> None:
-        """Add a line on a task, with sum of squares and values for a search; lines that come too fast are left out."""
+        """Add a line on a task, with sum of squares and values for a search; lines that come too fast are left out.
+
+        `done` of `total` steps are finished, `words` name the values, and `cost` is the sum of squares.
+        """
         now = time.time()
         if self._lines >= _ALL_LINES and now - self._written < _FILE_SECONDS and done not in (1, total):
             return
@@ -74,7 +77,7 @@ class RunProgress:
         self._ends: dict[str, float] = {}
 
     def search(self, stage: str, iteration: int, cost: float) -> None:
-        """Tell of a finished iteration of a search stage and its sum of squares."""
+        """Report a finished iteration of a search stage and its sum of squares."""
         each = self._each(stage, iteration)
         pace = f", {clock(each)} each" if each >= 1 else ""
         total = self.most_iterations if iteration <= self.most_iterations else None
@@ -87,7 +90,10 @@ class RunProgress:
         self._tell(name, done, total, f"{name}: {done} of {total}{words}")
 
     def _left(self, name: str, done: int, total: int) -> float:
-        """Time until the last task of this name ends, s; 0 while it is not known."""
+        """Time until the last task of this name ends, s; 0 while it is not known.
+
+        `done` of `total` tasks are finished.
+        """
         each, now = self._each(name, done), time.monotonic()
         if each == 0:
             return 0.0
@@ -103,7 +109,10 @@ class RunProgress:
             self.file.write(name, done, total, words, cost)
 
     def _each(self, name: str, done: int) -> float:
-        """Mean time of one task or iteration since the first call of this name, s; 0 while it is not known."""
+        """Mean time of one task or iteration since the first call of this name, s; 0 while it is not known.
+
+        `done` tasks are finished.
+        """
         now = time.monotonic()
         if name not in self._begun or done < self._begun[name][1]:
             self._begun[name] = now, done
@@ -128,7 +137,10 @@ def _bars(bar: Progress) -> Show:
     tasks: dict[str, TaskID] = {"": bar.add_task("reading and checking", total=None)}
 
     def show(name: str, done: int, total: int | None, words: str) -> None:
-        """Show the bar of this task, and hide those of others."""
+        """Show the bar of this task, and hide those of others.
+
+        `done` of `total` steps are finished; `words` stand behind the bar.
+        """
         if name not in tasks:
             for task in tasks.values():
                 bar.update(task, visible=False)

@@ -31,7 +31,10 @@ def locked(values: ArrayLike, dtype: DTypeLike | None = None) -> AnyArray:
 
 
 def require_shape(name: str, array: AnyArray, shape: Sequence[int | None], hint: str = "") -> None:
-    """Raise `InputError` unless `array.shape` matches `shape`, where None stands for any length."""
+    """Raise `InputError` unless `array.shape` matches `shape`, where None stands for any length.
+
+    `hint` ends the message.
+    """
     same_rank = array.ndim == len(shape)
     if same_rank and all(want is None or want == got for want, got in zip(shape, array.shape, strict=True)):
         return
@@ -40,7 +43,10 @@ def require_shape(name: str, array: AnyArray, shape: Sequence[int | None], hint:
 
 
 def require_finite(name: str, array: AnyArray, hint: str = "remove or repair these entries") -> None:
-    """Raise `InputError` that names the first NaN or infinite entry of `array`."""
+    """Raise `InputError` that names the first NaN or infinite entry of `array`.
+
+    `hint` ends the message with a remedy.
+    """
     bad = ~np.isfinite(array)
     if not bad.any():
         return

@@ -134,7 +134,7 @@ def split_commas(text: str) -> tuple[str, ...]:
 
 
 def part_of_one(value: float | str) -> float:
-    """A part of 1 from a number or a text such as ``1 %``; NaN where it is no number."""
+    """A fraction from a number or a text such as ``1 %``; NaN where it is no number."""
     text = str(value).strip()
     try:
         return float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)

@@ -116,7 +116,9 @@ def span_digits(low: float, high: float) -> tuple[int, int]:
 
 
 def span_text(low: float, high: float, unit: str = "") -> str:
-    """An interval, its ends to a hundredth of its width, with their unit; what the data leave without a limit is told."""
+    """An interval as text with its unit, its ends to a hundredth of its width, such as ``1.2 to 1.4 kg``; open ends in
+    words.
+    """
     if math.isnan(low) or math.isnan(high):
         return NOTHING
     if not math.isfinite(low):

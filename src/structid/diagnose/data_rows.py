@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
@@ -16,7 +17,10 @@ from structid.diagnose.thresholds import (
     OUTLYING_LINE,
     TONE_SKIRT,
 )
-from structid.forward import FrfProblem, RecordProblem, SpectraProblem
+from structid.forward import FrfProblem, RecordProblem
+
+if TYPE_CHECKING:
+    from structid.forward import SpectraProblem
 
 
 def scaled_misfit(squares: float, n_rows: int) -> float:
@@ -43,7 +47,10 @@ def misfit_of_lines(problem: RecordProblem, residual: FloatArray) -> FloatArray:
 
 
 def outlying_spans(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]:
-    """Spans of lines whose misfit stands out from those about them, as ``49.8 to 50.2 Hz``; none if many."""
+    """Spans of lines whose misfit stands out from those about them, as ``49.8 to 50.2 Hz``; none if many.
+
+    `residual` (n_data,) is the whitened residual of the problem.
+    """
     frequency = problem.frequency
     size = misfit_of_lines(problem, residual)
     level = np.maximum(ndimage.median_filter(size, LINES_ABOUT, mode="nearest"), 1.0)
@@ -61,7 +68,8 @@ def outlying_spans(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]
 def tones(problem: SpectraProblem, residual: FloatArray) -> tuple[str, ...]:
     """Steady tones in the misfit of a record, as ``50.003 Hz``: their lines fall off from a peak as 1 / (f - f0)^2.
 
-    The two lines about a tone have amplitudes in inverse proportion to their distances from it.
+    The two lines about a tone have amplitudes in inverse proportion to their distances from it. `residual` (n_data,) is
+    the whitened residual of the problem.
     """
     frequency, size = problem.frequency, misfit_of_lines(problem, residual)
     level = np.maximum(ndimage.median_filter(size, LINES_ABOUT, mode="nearest"), 1.0)

@@ -35,22 +35,25 @@ def derived_candidates(base: Fitted, shortlist: Shortlist) -> list[Screened]:
     return [*_of_one_card(rows), *_off_otherwise(rows), *_turned(rows, lost), *_misplaced(base, lost), *shortlist.feet]
 
 
-def _of_one_card(rows: Sequence[Screened]) -> list[Screened]:
-    """Common delays of sensors of one record that are late by about the same time: the most telling two, three, ..."""
-    late = [row for row in rows if isinstance(row.candidate, SensorDelay)]
+def _of_one_card(screened_rows: Sequence[Screened]) -> list[Screened]:
+    """Candidate delays common to sensors of one record that are late by about the same time (of one acquisition card).
+
+    There is one for the two most telling sensors, one for the first three, and so on.
+    """
+    late = [row for row in screened_rows if isinstance(row.candidate, SensorDelay)]
     alike = [
         row
         for row in late
         if row.candidate.record == late[0].candidate.record
         and 1 / SAME_DELAY < row.strength / late[0].strength < SAME_DELAY
     ]
-    found = []
+    screened = []
     for count in range(2, len(alike) + 1):
         places = tuple(row.candidate.where[0] for row in alike[:count])
         strength = float(np.median([row.strength for row in alike[:count]]))
         shared = replace(late[0].candidate, where=places)
-        found.append(Screened(shared, strength, late[0].left))
-    return found
+        screened.append(Screened(shared, strength, late[0].left))
+    return screened
 
 
 def _turned(rows: Sequence[Screened], lost: Sequence[Screened]) -> list[Screened]:
@@ -63,35 +66,38 @@ def _turned(rows: Sequence[Screened], lost: Sequence[Screened]) -> list[Screened
     ]
 
 
-def _misplaced(base: Fitted, lost: Sequence[Screened]) -> list[Screened]:
-    """Loads, and sensors that are better left out (`lost`), placed at one of the nodes about their own."""
-    found = []
-    better_out = {(row.candidate.record, row.candidate.where[0]) for row in lost}
+def _misplaced(base: Fitted, left_out: Sequence[Screened]) -> list[Screened]:
+    """Candidate positions of loads, and of the sensors of `left_out`, at the nodes nearest to their own.
+
+    `left_out` are screened changes that leave out a sensor.
+    """
+    screened = []
+    better_out = {(row.candidate.record, row.candidate.where[0]) for row in left_out}
     for number, setup in enumerate(base.modified.setups):
         for role, dofs in setup.channels:
-            is_load, known = role == "input", {dof.unsigned for dof in dofs}
+            is_load, measured = role == "input", {dof.unsigned for dof in dofs}
             if is_load and setup.structure.driven(dofs):
                 continue
             for dof in dofs:
                 if is_load or (number, dof.place) in better_out:
-                    others = [one for one in _about(setup.structure, dof) if one not in known]
+                    others = [one for one in _about(setup.structure, dof) if one not in measured]
                     kind = LoadPosition if is_load else SensorPosition
                     pairs = [(dof.place, one.place) for one in others]
-                    found += [Screened(kind(where=pair, record=number), 1.0, base.misfit) for pair in pairs]
-    return found
+                    screened += [Screened(kind(where=pair, record=number), 1.0, base.misfit) for pair in pairs]
+    return screened
 
 
 def _about(structure: Structure, dof: Dof) -> list[Dof]:
     """Degrees of freedom in the direction of `dof` at up to four of the nearest nodes that can move in it."""
     nodes = {label: np.asarray(position) for label, position in structure.nodes.items()}
     distance = {label: float(np.linalg.norm(x - nodes[dof.node])) for label, x in nodes.items() if label != dof.node}
-    found = []
-    for label in sorted(distance, key=lambda one: distance[one])[: 2 * MOST_NEIGHBOURS]:
+    neighbours = []
+    for label in sorted(distance, key=lambda label_of: distance[label_of])[: 2 * MOST_NEIGHBOURS]:
         with suppress(InputError):
             other = Dof(label, dof.direction)
             structure.require_dofs([other])
-            found.append(other)
-    return found[:MOST_NEIGHBOURS]
+            neighbours.append(other)
+    return neighbours[:MOST_NEIGHBOURS]
 
 
 def _off_otherwise(rows: Sequence[Screened]) -> list[Screened]:

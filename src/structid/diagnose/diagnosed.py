@@ -37,15 +37,18 @@ class DiagnosedIdentification:
 
 
 def without_causes(
-    identification: Identification, why: str, apart: Parts, sensitivities: tuple[FixedValueSensitivity, ...] = ()
+    identification: Identification,
+    why: str,
+    find_disagreements: Parts,
+    sensitivities: tuple[FixedValueSensitivity, ...] = (),
 ) -> DiagnosedIdentification:
     """Diagnosis without a search for causes; the verdict says why none was made."""
-    judgement = judged(identification, untried=why, held=sensitivities, apart=apart)
+    judgement = judged(identification, untried=why, held=sensitivities, find_disagreements=find_disagreements)
     return DiagnosedIdentification(identification, Diagnosis(judgement, sensitivities=sensitivities))
 
 
 def noise_level(chi_square: float, ratio: float) -> Cause:
     """The cause that the noise is `ratio` times the stated one, for a chi-square per degree of freedom."""
-    words = f"the noise is not what it was taken for; it is {ratio:.3g} times that"
+    words = f"the noise is {ratio:.3g} times what was stated or assumed"
     share = 1.0 - 1 / chi_square if chi_square > 1 else 0.0
     return Cause("noise_level", ("all records",), words, share, 1.0, has_fit=False)

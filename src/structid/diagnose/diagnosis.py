@@ -96,30 +96,43 @@ def diagnose_identification(
         Takes the diagnosis as it is before causes are looked for, which may take long.
     """
     estimate = identification.estimate
-    apart = cache(partial(data_disagreements, identification, work))  # the verdict is given before the search and after
+    find_disagreements = cache(
+        partial(data_disagreements, identification, work)
+    )  # the verdict is given before the search and after
     sensitivities: tuple[FixedValueSensitivity, ...] = ()
     if is_sound(identification):
         sensitivities = diagnose.fixed_value_sensitivities(model, identification)
         if not explain and (explain is False or not is_clear(sensitivities)):
-            return diagnose.diagnose_sound(model, identification, sensitivities, work, apart, is_asked=explain is None)
+            return diagnose.diagnose_sound(
+                model, identification, sensitivities, work, find_disagreements, is_asked=explain is None
+            )
     if not explain and (any(one.warning for one in identification.truncations) or is_untested(identification)):
-        return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
+        return DiagnosedIdentification(
+            identification, Diagnosis(judged(identification, find_disagreements=find_disagreements))
+        )
     ratio = noise_ratio(identification)
     if ratio is not None and ratio != 1.0 and not explain:
         causes = (noise_level(estimate.goodness.least_per_dof, ratio),)
-        return DiagnosedIdentification(identification, Diagnosis(judged(identification, causes, apart=apart), causes))
+        return DiagnosedIdentification(
+            identification, Diagnosis(judged(identification, causes, find_disagreements=find_disagreements), causes)
+        )
     if estimate.goodness.least_per_dof <= 1 and not identification.missed and not explain and not sensitivities:
-        return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
+        return DiagnosedIdentification(
+            identification, Diagnosis(judged(identification, find_disagreements=find_disagreements))
+        )
     why_not = _why_not_searched(model, identification, explain)
     if why_not:
-        return without_causes(identification, why_not, apart)
+        return without_causes(identification, why_not, find_disagreements)
     if before_search is not None:
-        before_search(without_causes(identification, _SEARCHING, apart).diagnosis)
-    return diagnose.diagnose_by_search(model, identification, sensitivities, work, budget, apart)
+        before_search(without_causes(identification, _SEARCHING, find_disagreements).diagnosis)
+    return diagnose.diagnose_by_search(model, identification, sensitivities, work, budget, find_disagreements)
 
 
 def _why_not_searched(model: TestedModel, identification: Identification, explain: bool | None) -> str:
-    """The reason why causes cannot be looked for, in words; "" where they can."""
+    """The reason why causes cannot be looked for, in words; "" where they can.
+
+    `explain` is False where the user asks for no search, and None where the verdict decides.
+    """
     if explain is False:
         return NOT_TRIED
     if identification.target is None or not identification.estimate.uncertainty.has_matrix:

@@ -107,8 +107,8 @@ def effect_of_coupling(receptances: Receptances, directions: Directions, k: Comp
 def effect_of_friction(receptances: Receptances, directions: Directions, strengths: FloatArray) -> ComplexArray:
     """Change of the FRF by dry friction r (force per unit load) in one direction, as a stiffness i r / |x|.
 
-    |x| is the sliding amplitude with friction: |x|^2 - 2 r |x| Im g + r^2 |g|^2 = |x0|^2, where x0 is the motion without it
-    and g = d' Z^-1 d. For one load, by harmonic balance.
+    |x| is the sliding amplitude with friction: |x|^2 - 2 r |x| Im g + r^2 |g|^2 = |x0|^2, where x0 is the motion
+    without it and g = d' Z^-1 d. For one load, by harmonic balance. `strengths` (n_strengths,) are the values of r.
     """
     x, y, g = directions.projected(receptances)
     x, y, g = x[:, 0, 0], y[:, 0], g[:, 0, 0]

@@ -51,14 +51,18 @@ def diagnose_by_search(
     sensitivities: tuple[FixedValueSensitivity, ...],
     work: Work,
     budget: SearchBudget,
-    apart: Parts,
+    find_disagreements: Parts,
 ) -> DiagnosedIdentification:
-    """The diagnosis of an answer after a search for the causes of its misfit."""
+    """The diagnosis of an answer after a search for the causes of its misfit within a budget of effort.
+
+    `sensitivities` are those of the answer to fixed values, `work` maps tasks, and `find_disagreements` gives parts of the
+    data whose fits disagree, where they are asked for.
+    """
     estimate = identification.estimate
     try:
         explanation = search_causes(_base(model, identification), work, budget.portion(1.0))
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
-        return without_causes(identification, f"causes could not be looked for: {error}", apart)
+        return without_causes(identification, f"causes could not be looked for: {error}", find_disagreements)
     if explanation.better is not None:
         reached = explanation.better.misfit / max(estimate.goodness.degrees_of_freedom, 1)
         return DiagnosedIdentification(identification, Diagnosis(not_found(identification, reached)))
@@ -66,10 +70,10 @@ def diagnose_by_search(
     is_noise = tests is not None and not tests.words[1:] and bool(identification.modal_fits) and not sensitivities
     if not explanation.causes and is_noise:
         causes = (noise_level(estimate.goodness.least_per_dof, float(np.sqrt(estimate.goodness.least_per_dof))),)
-        judgement = judged(identification, causes, apart=apart)
+        judgement = judged(identification, causes, find_disagreements=find_disagreements)
         wider = widened(identification, explanation.likely, model.options.direction)
         return DiagnosedIdentification(wider, Diagnosis(judgement, causes, n_tried=explanation.tried))
-    return _diagnose_explained(model, identification, explanation, sensitivities, apart)
+    return _diagnose_explained(model, identification, explanation, sensitivities, find_disagreements)
 
 
 def _base(model: TestedModel, identification: Identification) -> Fitted:
@@ -87,10 +91,14 @@ def diagnose_sound(
     identification: Identification,
     sensitivities: tuple[FixedValueSensitivity, ...],
     work: Work,
-    apart: Parts,
+    find_disagreements: Parts,
     is_asked: bool,
 ) -> DiagnosedIdentification:
-    """The diagnosis of a sound answer, with fixed values or one change fitted where the record asks for them."""
+    """The diagnosis of a sound answer; fixed values or one change are fitted where the record asks for them.
+
+    `sensitivities` are those of the answer to fixed values, `work` maps tasks, `find_disagreements` gives parts of the data
+    whose fits disagree, and only with `is_asked` are small changes tested.
+    """
     doubts = doubted(sensitivities)[:MOST_FREED]
     if doubts:
         try:
@@ -98,17 +106,21 @@ def diagnose_sound(
             explanation = with_freed(_base(model, identification), names, len(sensitivities), work)
         except (StructidError, np.linalg.LinAlgError) as error:
             why = f"it could not be fitted with what it holds set free: {error}"
-            return without_causes(identification, why, apart, sensitivities)
-        return _diagnose_explained(model, identification, explanation, sensitivities, apart, is_search=False)
+            return without_causes(identification, why, find_disagreements, sensitivities)
+        return _diagnose_explained(
+            model, identification, explanation, sensitivities, find_disagreements, is_search=False
+        )
     if is_asked and _can_be_asked(model, identification):
         try:
             explanation = requested_changes(_base(model, identification), work)
         except (StructidError, np.linalg.LinAlgError) as error:
             why = f"it could not be held against single changes: {error}"
-            return without_causes(identification, why, apart, sensitivities)
+            return without_causes(identification, why, find_disagreements, sensitivities)
         shifts = [one for fit in explanation.causes for one in _shifts(identification, explanation.base, fit)]
         if any(one.distance > MATTERS for one in shifts):
-            return _diagnose_explained(model, identification, explanation, sensitivities, apart, is_search=False)
+            return _diagnose_explained(
+                model, identification, explanation, sensitivities, find_disagreements, is_search=False
+            )
     diagnosis = Diagnosis(judged(identification), sensitivities=sensitivities)
     return DiagnosedIdentification(identification, diagnosis)
 
@@ -125,10 +137,14 @@ def _diagnose_explained(
     identification: Identification,
     explanation: Explanation,
     sensitivities: tuple[FixedValueSensitivity, ...],
-    apart: Parts,
+    find_disagreements: Parts,
     is_search: bool = True,
 ) -> DiagnosedIdentification:
-    """The diagnosis with a search's results; without `is_search` its changes are no causes."""
+    """The diagnosis of an answer from the fitted changes of an `explanation`; without `is_search` these count as no causes.
+
+    `sensitivities` are those of the answer to fixed values, and `find_disagreements` gives parts of the data whose fits
+    disagree.
+    """
     estimate = identification.estimate
     is_doubted = bool(doubted(sensitivities))
     likely = explanation.likely if is_doubted or not is_sound(identification) or not is_search else ()
@@ -142,7 +158,13 @@ def _diagnose_explained(
     accepted, lowering = (made, made[:0]) if is_accepted else (made[:0], made)
     is_asked = not is_search and not is_doubted
     judgement = judged(
-        identification, accepted, explanation.tried, lowering, held=sensitivities, is_asked=is_asked, apart=apart
+        identification,
+        accepted,
+        explanation.tried,
+        lowering,
+        held=sensitivities,
+        is_asked=is_asked,
+        find_disagreements=find_disagreements,
     )
     wider = widened(identification, likely, model.options.direction)
     if judgement.verdict == "approximate":
@@ -159,7 +181,7 @@ def _diagnose_explained(
 
 
 def unfinished_words(explanation: Explanation) -> tuple[str, ...]:
-    """Sentences on causes that were not looked for for want of time, and how to go on."""
+    """Sentences that name the causes that were not tried for lack of time, and how to continue."""
     modified = explanation.base.modified
     if modified.is_large:
         return (_FEW_FITTED if modified.has_places else _OF_RECORDS,)
@@ -194,7 +216,10 @@ def _ranked(explanation: Explanation) -> list[tuple[Fitted, bool]]:
 
 
 def _cause(identification: Identification, explanation: Explanation, fit: Fitted, is_alike: bool) -> Cause:
-    """A fitted change as a cause for the report, with its share of the misfit and the values that it moves."""
+    """A fitted change as a cause for the report, with the fraction of the misfit that it removes and the values that it moves.
+
+    `is_alike` says that the data cannot distinguish it from the likeliest cause.
+    """
     base, before, after, target = explanation.base, explanation.base.values, fit.values, fit.modified.target
     candidate = fit.cause
     added = tuple(

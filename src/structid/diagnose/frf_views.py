@@ -56,7 +56,7 @@ class View:
 
     @cached_property
     def near(self) -> FloatArray:
-        """Frequencies, Hz, of up to 300 lines of the record, evenly chosen, on which changes are fitted near."""
+        """Frequencies, Hz, of up to 300 evenly chosen lines of the record, on which quick fits of changes are made."""
         if self.chosen is not None:
             return self.chosen
         frequency = self.problem.frequency

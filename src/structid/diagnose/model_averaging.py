@@ -25,28 +25,29 @@ def intervals_of(fitted: Fitted, level: float) -> Ends:
     return dict(zip(fitted.parameters.names, ((low, high) for low, high in ends.tolist()), strict=True))
 
 
-def widened(found: Identification, likely: Sequence[Fitted], direction: str | None) -> Identification:
+def widened(identification: Identification, likely: Sequence[Fitted], direction: str | None) -> Identification:
     """The identification with intervals and standard deviations that cover likely changed models as well.
 
     Intervals are the union of its own and theirs; its covariance is the mean over all of these models of their own
-    covariance and of the square of their distance from its values. No weights: with misfits as large as those of wrong models they
-    give everything to one of the enlarged models, which need not be the right one. What these disagree about by more than
-    its value is not identified.
+    covariance and of the square of their distance from its values. Models have equal weight: with the misfits of wrong models,
+    likelihood weights would favour one changed model alone, which need not be the right one. A parameter on which the models
+    disagree by more than its value is not identified.
 
     Parameters
     ----------
-    found : Identification
+    identification : Identification
     likely : sequence of Fitted
+        Fits of the likely changed models.
     direction : str, optional
-        Of the total mass.
+        Direction of the translation for which the total mass is computed.
 
     References
     ----------
     Draper (1995), J. R. Stat. Soc. B 57, Eq. (11), with equal weights and about the answer's own values.
     """
-    if not likely or found.target is None:
-        return found
-    estimate, own = found.estimate, found.intervals
+    if not likely or identification.target is None:
+        return identification
+    estimate, own = identification.estimate, identification.intervals
     ends, covariance = own.ends.copy(), estimate.covariance_of_data
     squares = [covariance]
     for fitted in likely:
@@ -63,7 +64,7 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
     many = "one change" if len(likely) == 1 else f"{len(likely)} changes"
     words = f"intervals and deviations hold with the model as it is and with {many} that would explain the misfit about as well"
     union = DenseCovariance(np.mean(squares, axis=0))
-    known = estimate.identified & ~(union.std > found.target.unknowns.sizes(estimate.values))
+    known = estimate.identified & ~(union.std > identification.target.unknowns.sizes(estimate.values))
     lost = [
         name for name, before, now in zip(estimate.names, estimate.identified, known, strict=True) if before and not now
     ]
@@ -75,12 +76,14 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
         spread=replace(estimate.spread, model_error=union, covariance_basis="model_error", identified=known),
     )
     before, now = estimate_warnings(estimate), estimate_warnings(wider)
-    kept = [one for one in found.warnings if one in now or one not in before]
-    _, std = total_mass(found.problems[0], wider, direction, found.freed[0] if found.freed else None)
+    kept = [one for one in identification.warnings if one in now or one not in before]
+    _, std = total_mass(
+        identification.problems[0], wider, direction, identification.freed[0] if identification.freed else None
+    )
     return replace(
-        found,
+        identification,
         estimate=wider,
         warnings=(*(one for one in now if one not in kept), *kept),
         intervals=replace(own, ends=ends, notes=(*own.notes, *notes)),
-        mass=replace(found.mass, std=std),
+        mass=replace(identification.mass, std=std),
     )

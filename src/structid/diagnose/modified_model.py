@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -21,6 +21,7 @@ from structid.diagnose.search_budget import METER, NO_LIMITS, FitLimits, SearchE
 from structid.diagnose.tested_model import ModelDraft, TestedModel
 from structid.diagnose.thresholds import (
     CHANGE_EFFORT,
+    MOST_CACHED,
     NEAR_LEVELS,
     NEAR_MODEL_ERROR,
     RACED_AT,
@@ -117,15 +118,25 @@ class ModifiedModel:
         return fixed_values(freed_problems(self.setups, self.problems, self.model.options.tolerances))
 
     def changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
-        """The model with one more change: a candidate with its strength.
+        """The model with one more change: a candidate with its strength; of small models the last ones are cached.
 
         Raises
         ------
         StructidError
             If the model has no place for the change.
         """
+        METER.add(CHANGE_EFFORT)  # of cached models too: what a search may take depends on no cache
+        if not self.is_small:
+            return self._changed(candidate, strength)
+        return self._cache.get_or_make(candidate, strength, self._changed)
+
+    @cached_property
+    def _cache(self) -> ChangedModels:
+        return ChangedModels()
+
+    def _changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
+        """The model with one more change, made anew."""
         edits = candidate.edits(self.model, strength)
-        METER.add(CHANGE_EFFORT)
         draft = ModelDraft(self.model)
         for edit in edits:
             edit.apply(draft)
@@ -258,7 +269,7 @@ class ModifiedModel:
         *far, above = limits or [np.inf]
         if len(far) != len(problems) - 1:  # the changed model has other stages than that of the limits
             far = [np.inf] * (len(problems) - 1)
-        methods = [QUICK] * len(far) + [replace(QUICK, above=above)]
+        methods = [replace(QUICK, above=limit) for limit in (*far, above)]
         ends = [self.theta_of(values) for values in path] if len(path) == len(problems) else []
         theta, steps = np.asarray(self.target.theta_start), list[Minimum]()
         for number, (problem, method, most) in enumerate(zip(problems, methods, [*far, np.inf], strict=True)):
@@ -272,24 +283,46 @@ class ModifiedModel:
         return NearFit(tuple(step.theta for step in steps), tuple(float(step.costs[-1]) for step in steps))
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:
-        """The best fit, as the options ask for, from some starts (n_params,).
+        """The best of the full fits, made with the options of the identification from each of `starts`, (n_params,) arrays.
 
         Raises
         ------
         StructidError
             If the model can be evaluated at none of them.
         """
-        found: list[Minimum] = []
+        minima: list[Minimum] = []
         last: Exception | None = None
         for theta in starts:
-            best = min((float(minimum.costs[-1]) for minimum in found), default=np.inf)
+            best = min((float(minimum.costs[-1]) for minimum in minima), default=np.inf)
             try:
-                found.append(self.minimize(self.target, FINAL.raced(best, RACED_AT), theta))
+                minima.append(self.minimize(self.target, FINAL.raced(best, RACED_AT), theta))
             except (StructidError, np.linalg.LinAlgError) as error:
                 last = error
-        if not found:
+        if not minima:
             raise StructidError(f"no start can be evaluated: {last}") from last
-        return min(found, key=lambda minimum: minimum.costs[-1])
+        return min(minima, key=lambda minimum: minimum.costs[-1])
+
+
+class ChangedModels:
+    """Cache of the last changed models of one model; its content goes to no other process."""
+
+    def __init__(self) -> None:
+        """An empty cache."""
+        self._models: dict[tuple[int, float], tuple[Candidate, ModifiedModel]] = {}
+
+    def __reduce__(self) -> tuple[type[ChangedModels], tuple[()]]:
+        return ChangedModels, ()
+
+    def get_or_make(
+        self, candidate: Candidate, strength: float, make: Callable[[Candidate, float], ModifiedModel]
+    ) -> ModifiedModel:
+        """The model changed by this very candidate with this strength, from the cache or made and kept there."""
+        key = id(candidate), strength  # the candidate is kept too, so that its identity stands
+        cached = self._models.pop(key, None) or (candidate, make(candidate, strength))
+        self._models[key] = cached
+        if len(self._models) > MOST_CACHED:
+            del self._models[next(iter(self._models))]
+        return cached[1]
 
 
 def started_at(problem: RecordProblem, known: Mapping[str, float]) -> RecordProblem:
@@ -332,17 +365,24 @@ def prepared_problems(
 
 
 def _prepared(
-    setup: AnySetup, known: AnySetup, problem: RecordProblem, options: IdentifyOptions, is_same: bool
+    setup: AnySetup,
+    earlier_setup: AnySetup,
+    earlier_problem: RecordProblem,
+    options: IdentifyOptions,
+    is_same_record: bool,
 ) -> RecordProblem:
-    """The problem of a changed set-up; transformed histories are kept where record and channels are the same."""
+    """The problem of a changed set-up; transformed histories of the earlier problem are reused where the record is the same.
+
+    `earlier_setup` and `earlier_problem` are those before the change.
+    """
     if (
-        is_same
-        and isinstance(problem, SpectraProblem)
-        and setup.record is known.record
-        and tuple(setup.channel_unknowns) == tuple(known.channel_unknowns)
-        and vars(setup)["settings"] is vars(known)["settings"]
+        is_same_record
+        and isinstance(earlier_problem, SpectraProblem)
+        and setup.record is earlier_setup.record
+        and tuple(setup.channel_unknowns) == tuple(earlier_setup.channel_unknowns)
+        and vars(setup)["settings"] is vars(earlier_setup)["settings"]
     ):
-        return replace(problem, structure=setup.structure, parameters=setup.parameters)
+        return replace(earlier_problem, structure=setup.structure, parameters=setup.parameters)
     prepared: RecordProblem = setup.prepared(options).problem
     return prepared
 
@@ -354,17 +394,22 @@ def _on_lines(problem: FrfProblem, frequency: FloatArray) -> FrfProblem:
     return replace(problem.with_lines(keep), form="log", model_error=error)
 
 
-def _same_view(problem: RecordProblem, setup: AnySetup, before: AnySetup, view: View, options: IdentifyOptions) -> View:
-    """The view of a changed problem, with the FRFs of the view before where the record is the same."""
+def _same_view(
+    problem: RecordProblem, setup: AnySetup, earlier_setup: AnySetup, earlier_view: View, options: IdentifyOptions
+) -> View:
+    """FRF view of a changed problem; FRFs of the earlier view are reused where the record is the same.
+
+    `setup` is that of the changed problem, `earlier_setup` and `earlier_view` those before the change.
+    """
     if isinstance(problem, FrfProblem):
-        known = view.problem.record
+        known = earlier_view.problem.record
         if _is_same(problem.record, known):
-            return View(replace(problem, record=known), view.smooth, view.near)
-        if len(problem.frequency) == len(view.problem.frequency):  # the lines may have other frequencies
-            return View(problem, chosen=problem.frequency[np.isin(view.problem.frequency, view.near)])
-        return View(problem, chosen=view.near)
-    if setup.record is before.record:
-        return view.of(problem)
+            return View(replace(problem, record=known), earlier_view.smooth, earlier_view.near)
+        if len(problem.frequency) == len(earlier_view.problem.frequency):  # the lines may have other frequencies
+            return View(problem, chosen=problem.frequency[np.isin(earlier_view.problem.frequency, earlier_view.near)])
+        return View(problem, chosen=earlier_view.near)
+    if setup.record is earlier_setup.record:
+        return earlier_view.of(problem)
     return views([setup], [problem], [problem.theta_start], options)[0]
 
 

@@ -20,25 +20,26 @@ from structid.inversion.search.work import Tools, Work
 
 
 def promising(
-    base: Fitted, begun: Sequence[Item], work: Work, name: str, budget: SearchBudget = UNLIMITED
+    base: Fitted, items_begun: Sequence[Item], work: Work, name: str, budget: SearchBudget = UNLIMITED
 ) -> list[Item]:
-    """Changes, best first, beside which the best screened second change leaves little misfit.
+    """Changes after which the best second change leaves little misfit, sorted by that misfit.
 
-    Looks are taken at near fits, of the logarithm of the FRFs with the start held: a full fit of one of two faults is bent
-    to the other.
+    Second changes are screened at quick fits of log-FRFs that stay near the start values: a full fit of one of two
+    faults is bent towards the other.
 
     Parameters
     ----------
     base : Fitted
-    begun : sequence of Item
-        Changes where their near fits ended, the likeliest first.
+        The fit before changes.
+    items_begun : sequence of Item
+        Changes with their quick fits (candidate, strength, free variables), the likeliest first.
     work : Work
     name : str
-        What the looks are called in progress and checkpoints.
+        Name of the stage in progress messages and checkpoints.
     budget : SearchBudget
     """
     of_kind, items = Counter[str](), list[Item]()
-    for item in begun:
+    for item in items_begun:
         of_kind[item[0].kind] += 1
         if of_kind[item[0].kind] <= PAIR_LOOKS_OF_KIND:
             items.append(item)
@@ -52,7 +53,10 @@ def promising(
 
 
 def _looked_beside(base: Fitted, item: Item, tools: Tools) -> dict[str, float]:
-    """The misfit that the best second change beside this one leaves, parameters following linearly; else infinite."""
+    """The misfit under ``"left"`` after a change and the best second change, by a linear step; infinite without a model.
+
+    `item` is the first change, its strength and the free variables of its quick fit.
+    """
     candidate, strength, theta = item
     try:
         modified = base.modified.changed(candidate, strength)

@@ -121,6 +121,7 @@ class Fitted:
 
     @cached_property
     def _uncertainty(self) -> Uncertainty:
+        """Uncertainty of the fitted parameters with model error, tolerances of fixed values included."""
         target, fixed_values, columns = self.modified.target, self.modified.fixed_values, None
         if fixed_values is not None:
             columns = fixed_values.sensitivities_at(target.names, self.theta, self._within_tolerances(fixed_values))
@@ -131,7 +132,9 @@ class Fitted:
         names, test = self.modified.target.names, self.tolerance_test
         if test is None:
             return None
-        return fixed_values.refit(names, self.theta) if test.theta is None else fixed_values.fit_at(test.theta, names)
+        if test.theta is None:
+            return fixed_values.refit(names, self.theta, self.chi_square)
+        return fixed_values.fit_at(test.theta, names)
 
     @property
     def covariance_of_data(self) -> FloatArray:
@@ -150,12 +153,15 @@ class Fitted:
 
 
 def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, left_out: float = 0.0) -> Fitted:
-    """The fit at given free variables; where its misfit is beyond noise, with its tolerance test."""
+    """The fit at given free variables; where its misfit is beyond noise, with its tolerance test.
+
+    `chi_square` is its sum of squares, `left_out` the misfit of data that it leaves out.
+    """
     fitted = Fitted(modified, theta, chi_square, left_out)
     fixed_values = modified.fixed_values
     if modified.is_large or fixed_values is None or not is_beyond_noise(fitted):
         return fitted
-    within = fixed_values.refit(modified.target.names, theta, count_effort(fixed_values.problem))
+    within = fixed_values.refit(modified.target.names, theta, chi_square, count_effort(fixed_values.problem))
     test = ToleranceTest(within.chi_square + left_out, within.misfits(MISFIT), within.theta)
     return replace(fitted, tolerance_test=test)
 
@@ -256,11 +262,13 @@ def fit_mirrored(base: Fitted, item: tuple[Task, NearItem | Item, StoredFit], to
     task, (candidate, strength, *_), other = item
     try:
         modified = base.modified.changed(candidate, other.get("strength", strength))
-        residual = (modified.target if "strength" in other else modified.anchored()).residual(other["theta"])
-        if abs(residual @ residual + base.left_out - other["chi_square"]) <= SAME_MISFIT * other["chi_square"]:
-            mirrored: StoredFit = {**other, "where": list(candidate.where)}
-            mirrored.pop("theta_within", None)  # fixed values within tolerances are mirrored too
-            return mirrored
+        target = modified.target if "strength" in other else modified.anchored()
+        if len(other["theta"]) == len(target.names):  # the screen also takes changes of other parameters for alike
+            residual = target.residual(other["theta"])
+            if abs(residual @ residual + base.left_out - other["chi_square"]) <= SAME_MISFIT * other["chi_square"]:
+                mirrored: StoredFit = {**other, "where": list(candidate.where)}
+                mirrored.pop("theta_within", None)  # fixed values within tolerances are mirrored too
+                return mirrored
     except (StructidError, np.linalg.LinAlgError, KeyError):
         pass
     own: StoredFit = task(base, item[1], tools)
@@ -280,7 +288,7 @@ def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
 
 
 def _stored(fitted: Fitted) -> StoredFit:
-    """A fit whose last change is the one that was asked for, in numbers and texts."""
+    """Numbers and texts of a fit and its last change, for a checkpoint."""
     candidate, strength, _ = fitted.modified.changes[-1]
     stored: StoredFit = {
         "where": list(candidate.where), "strength": float(strength), "theta": fitted.theta,
@@ -344,7 +352,9 @@ def _values_in_study(modified: ModifiedModel, theta: FloatArray, base: Fitted) -
 
 
 def _with_other_lines(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> ModifiedModel | None:
-    """The model with the lines or tones that stand out from its fit; None where they are those of the candidate."""
+    """The modified model with the outlying lines or tones found after its fit; None where they are those it already
+    has.
+    """
     candidate, strength, _ = modified.changes[-1]
     if not isinstance(candidate, OutlyingLines | Tone) or len(base.modified.problems) > 1:
         return None

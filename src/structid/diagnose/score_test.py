@@ -87,60 +87,66 @@ class Point:
         """The sum of squares off the basis without any change."""
         return float(self._base @ self._base)
 
-    def candidates(self, names: Sequence[str]) -> list[Candidate]:
-        """All candidates whose effects follow from the receptances, made once; `names` are those of the records."""
-        key = tuple(names)
+    def candidates(self, record_names: Sequence[str]) -> list[Candidate]:
+        """All candidates whose effects follow from the receptances, made once; `record_names` are those of the records."""
+        key = tuple(record_names)
         if key not in self._candidates:
-            self._candidates[key] = candidates(self.records, names)
+            self._candidates[key] = candidates(self.records, record_names)
         return self._candidates[key]
 
     @cached_property
     def _candidates(self) -> dict[tuple[str, ...], list[Candidate]]:
         return {}
 
-    def without(self, rows: np.ndarray) -> float:
-        """The misfit that is left where a mask (n_data,) marks rows whose errors are larger by the likeliest factor."""
+    def without(self, mask: np.ndarray) -> float:
+        """Misfit after a linear step where the errors of the masked data rows (n_data,) are larger by their likeliest
+        factor.
+        """
         keep = np.ones(len(self.residual), dtype=bool)
-        keep[: len(rows)] = ~rows
+        keep[: len(mask)] = ~mask
         priors = np.diag(np.sqrt((1 - self.weights) ** 2 / (1 - (1 - self.weights) ** 2)))
         right = np.append(self.residual[keep], np.zeros(len(priors)))
         step, *_ = np.linalg.lstsq(np.concatenate([self.basis[keep], priors]), right, rcond=None)
-        rest, held = self.residual - self.basis @ step, priors @ step
-        out = float(rest[~keep] @ rest[~keep])
-        return float(rest[keep] @ rest[keep] + held @ held) + scaled_misfit(out, int((~keep).sum()))
+        residual, prior_residual = self.residual - self.basis @ step, priors @ step
+        misfit_of_rows = float(residual[~keep] @ residual[~keep])
+        return float(residual[keep] @ residual[keep] + prior_residual @ prior_residual) + scaled_misfit(
+            misfit_of_rows, int((~keep).sum())
+        )
 
-    def screened(self, several: Sequence[Candidate]) -> list[Screened]:
-        """Every candidate, in the given order, with its best strength, the parameters following linearly."""
-        keys = [self._key(candidate) for candidate in several]
+    def screened(self, candidates: Sequence[Candidate]) -> list[Screened]:
+        """Screening result of every candidate, in the given order: its best strength and misfit after a linear step of
+        the parameters.
+        """
+        keys = [self._key(candidate) for candidate in candidates]
         known: dict[_Key, _Look] = {}
-        for key, candidate in zip(keys, several, strict=True):
+        for key, candidate in zip(keys, candidates, strict=True):
             if key not in known:
                 known[key] = self._look(candidate)
         kinds = defaultdict[str, list[int]](list)
         for k in sorted(range(len(keys)), key=lambda k: known[keys[k]].promised):
-            kinds[several[k].kind].append(k)
+            kinds[candidates[k].kind].append(k)
         closer = {k for kind in kinds.values() for k in kind[:FINELY_SCREENED]}
         nearer: dict[_Key, _Look] = {}
         for k in sorted(closer):
             if keys[k] not in nearer:
-                nearer[keys[k]] = self._closer(several[k], known[keys[k]])
+                nearer[keys[k]] = self._closer(candidates[k], known[keys[k]])
         return [
             (nearer if k in closer else known)[key].best(candidate)
-            for k, (candidate, key) in enumerate(zip(several, keys, strict=True))
+            for k, (candidate, key) in enumerate(zip(candidates, keys, strict=True))
         ]
 
-    def requested(self, several: Sequence[Candidate]) -> list[RequestedChange]:
-        """Strengths that the residual asks of small candidates, each alone, all parameters following: a score test.
+    def requested(self, candidates: Sequence[Candidate]) -> list[RequestedChange]:
+        """Strengths of small candidates by a score test, each alone, all parameters following linearly.
 
         With w the slope of a candidate off the basis its strength is -w'r / w'w, and its score |w'r| / |w|, the size of a standard
-        normal variable where model and noise are right. None of those that would be out of bounds.
+        normal variable where model and noise are right. Candidates whose strength would be out of bounds are left out.
 
         References
         ----------
         Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57.
         """
         found = []
-        for candidate in several:
+        for candidate in candidates:
             small = _SMALL * np.abs(candidate.strengths).min()
             step, size = self._linear(self._residuals_off_parameters(candidate, np.array([small]))[:, 0], small)
             low, high = candidate.bounds
@@ -155,7 +161,7 @@ class Point:
         return (float(-(slope @ self._base) / size) if 0 < size < np.inf else 0.0), size
 
     def _key(self, candidate: Candidate) -> _Key:
-        """A key that is the same for candidates whose effect is the same: rigid parts move alike at many nodes."""
+        """A key that is equal for candidates with equal effects, such as masses at nodes of one rigid part."""
         alike = candidate.alike_by()
         if alike is None:
             return (id(candidate),)
@@ -164,7 +170,9 @@ class Point:
         return *values, *moves
 
     def _look(self, candidate: Candidate) -> _Look:
-        """A candidate's misfit at every second strength, parameters following linearly, and what its slope promises."""
+        """A first screening of a candidate: its misfit at every second strength after a linear step, and its linear
+        estimate.
+        """
         strengths = candidate.strengths[::2]
         if len(candidate.strengths) == 1:
             left = self._left_by(candidate, strengths)
@@ -177,7 +185,9 @@ class Point:
         return _Look(strengths, left, step, float(min(left.min(), linear)))
 
     def _closer(self, candidate: Candidate, look: _Look) -> _Look:
-        """The screening result of a candidate with all strengths, and further ones about its best and its linear estimate."""
+        """A closer screening of a candidate: its `look` with all strengths, and more about the best and the linear
+        estimate.
+        """
         if len(candidate.strengths) == 1:
             return look
         others = candidate.strengths[1::2]

@@ -171,14 +171,15 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
     return Shortlist(rows, at_fit, in_turn, tried, feet, lost)
 
 
-def _feet(several: Iterable[Candidate], left: float) -> list[Screened]:
-    """Supports that hold rotations, giving way together: all of a node, and all of a direction.
+def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:
+    """Candidates that several fixed rotations become flexible together: all of a node, and all of a direction.
 
-    Feet that are drawn clamped and turn are the commonest slip of all, and one foot of two explains half of it.
+    `left` is the misfit without them. Feet modelled as clamped that rotate are the commonest fault, and one foot of two
+    explains half of it.
     """
     of_node: dict[int, list[Support]] = {}
     of_direction: dict[str, list[Support]] = {}
-    for candidate in several:
+    for candidate in candidates:
         if not isinstance(candidate, Support) or candidate.driven:
             continue
         dof = parse_dof(candidate.where[0])
@@ -198,17 +199,17 @@ def _feet(several: Iterable[Candidate], left: float) -> list[Screened]:
     ]
 
 
-def _rollers(base: Fitted, several: Iterable[Candidate], held_nodes: Collection[int]) -> list[Screened]:
-    """Translations of held nodes that the model leaves free, held all but rigidly: bearings that are stuck.
+def _rollers(base: Fitted, candidates: Iterable[Candidate], held_nodes: Collection[int]) -> list[Screened]:
+    """Candidates that a free translation of a supported node is almost rigidly fixed: bearings that are stuck.
 
-    Measured modes that such a bearing moves are far from those of the model, and no linear step from a fit that they bent
-    leads there.
+    They are made for measured modes alone, where no linear step from a biased fit finds them. `held_nodes` are the
+    supported nodes.
     """
     if not base.modified.is_of_modes:
         return []
     stuck = [
         candidate
-        for candidate in several
+        for candidate in candidates
         if isinstance(candidate, SpringToGround)
         and candidate.is_clamp(held_nodes)
         and not parse_dof(candidate.where[0]).is_rotation
@@ -217,7 +218,10 @@ def _rollers(base: Fitted, several: Iterable[Candidate], held_nodes: Collection[
 
 
 def _exchanged(base: Fitted, points: Sequence[Point]) -> set[Hashable]:
-    """Keys of channels that the initial model shows to be exchanged, turned or of another gain."""
+    """Keys of candidates by which the initial model shows channels to be exchanged, turned or of another gain.
+
+    `points` are the linearized problems of the screening.
+    """
     modified = base.modified
     if modified.is_of_modes:
         return set()
@@ -243,7 +247,7 @@ def _faulty(base: Fitted) -> set[Hashable]:
 
 
 def _outstanding(base: Fitted) -> set[Hashable]:
-    """Keys of channels of histories that make a good part of the misfit."""
+    """Keys of candidate channels of histories that cause a large part of the misfit."""
     problems, keys = base.modified.problems, set[Hashable]()
     residual = base.modified.target.residual(base.theta)
     of_records = zip(rows_of(problems, residual), base.modified.views, strict=True)
@@ -270,10 +274,10 @@ def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:
 
 
 def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, budget: SearchBudget) -> list[Screened]:
-    """Candidates sorted by the misfit of measured modes after one linear step of a fit; the first few keep their rank.
+    """Screened candidates sorted by the misfit of measured modes after one linear step; the first few keep their rank.
 
-    FRFs computed from the modes weigh a change otherwise than the modes do: it may remove a tenth of the one misfit and four
-    fifths of the other.
+    A change may remove a tenth of the misfit of the FRFs computed from the modes, and four fifths of that of the modes.
+    `name` is the stage's in progress messages.
     """
     left = np.array(
         screen_changes(
@@ -286,7 +290,10 @@ def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, bud
 
 
 def _looked(looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: Tools) -> dict[str, FloatArray]:
-    """The best strength of every candidate at one point and the misfit that it leaves, (n_candidates,) each."""
+    """Best strength of every candidate and the misfit that it leaves, (n_candidates,) each, at one linearized problem.
+
+    `looks` are all linearized problems and the names of the records, `number` the position of the problem.
+    """
     points, names = looks
     point = points[number]
     rows = point.screened(point.candidates(names))
@@ -294,7 +301,10 @@ def _looked(looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: To
 
 
 def _with_friction(best: _Promises, can_rub: bool) -> None:
-    """Add friction at the places of the best dampers to `best`: smoothed data show one as the other."""
+    """Add candidates of dry friction to `best` where the best dampers are: smoothed data do not distinguish the two.
+
+    `can_rub` is False where friction cannot be modelled; nothing is added then.
+    """
     dampers = [
         pair
         for pair in best.values()

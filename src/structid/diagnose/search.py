@@ -157,10 +157,9 @@ def _is_far(fitted: Fitted) -> bool:
 
 
 def _of_two(explanation: Explanation, work: Work, budget: SearchBudget, tried: Sequence[Fitted] = ()) -> Explanation:
-    """An explanation by two changes that leave noise alone, where one by itself brings little.
+    """The explanation by a pair of changes that leaves only noise, where each alone brings little; else as it was.
 
-    A fit to all data that is bent to one of two faults is as wrong once the other is known. Those that were `tried` with a
-    second are passed over.
+    The fit of one of two faults to all data is bent towards the other. First changes in `tried` are passed over.
     """
     if not budget.allows(explanation.spent) or not explanation.base.modified.is_small:
         return replace(explanation, is_single=True)
@@ -187,11 +186,10 @@ def _first(explanation: Explanation, item: Item, work: Work) -> Fitted | None:
 
 
 def _paired(explanation: Explanation, work: Work, budget: SearchBudget) -> Explanation:
-    """The first cause with a second one; where both leave more than noise, the best of some other pairs.
+    """The explanation with a second change beside the first; where both leave more than noise, with the best of other pairs.
 
-    Beside the second, another first is looked for: a change that only looks like the first of two faults gives way once the
-    second is known, a sensor that is said to be noisy to its wrong sense, something that swings to a mass. Where that brings
-    nothing, a second is looked for with another of the first causes.
+    Beside the second, another first is looked for: a change that only resembles the first of two faults loses its effect once
+    the second is known. Where that brings nothing, a second is looked for beside another of the first causes.
     """
     if not budget.allows(explanation.spent, 0.5):
         return replace(explanation, is_single=True)
@@ -257,24 +255,24 @@ def _from_next(
     return _led_by(explanation, first, further) if _is_better(further, second) else None
 
 
-def _is_better(one: Explanation, other: Explanation) -> bool:
-    """True where the first cause of `one` has a clearly better criterion than that of `other`."""
-    if not one.causes:
+def _is_better(explanation: Explanation, other: Explanation) -> bool:
+    """True where the first cause of `explanation` has a clearly better criterion than that of `other`."""
+    if not explanation.causes:
         return False
-    mine, theirs = one.causes[0], other.causes[0]
-    scale = _scale(one.base, [mine, theirs])
-    return _criterion(one.base, mine, scale) < _criterion(other.base, theirs, scale) - ALIKE
+    mine, theirs = explanation.causes[0], other.causes[0]
+    scale = _scale(explanation.base, [mine, theirs])
+    return _criterion(explanation.base, mine, scale) < _criterion(other.base, theirs, scale) - ALIKE
 
 
 def _led_by(explanation: Explanation, first: Fitted, further: Explanation) -> Explanation | None:
-    """The explanation with the given first cause and its second ones, whichever is likeliest alone.
+    """The explanation with `first` as its only first cause, and the second causes of `further`.
 
-    None where the first removes little alone, and noise is not all that is left beside it.
+    None where the first change removes little alone and the pair leaves more than noise.
     """
     if not further.causes or (first.misfit > CLEAR * explanation.base.misfit and further.causes[0].is_misfit):
         return None
-    own = _criterion(explanation.base, first, _scale(explanation.base, [first]))
-    return replace(explanation, causes=(first,), criteria=(own,), near=(first,), further=further)
+    criterion = _criterion(explanation.base, first, _scale(explanation.base, [first]))
+    return replace(explanation, causes=(first,), criteria=(criterion,), near=(first,), further=further)
 
 
 def _last_change(fitted: Fitted) -> Sized:
@@ -283,7 +281,7 @@ def _last_change(fitted: Fitted) -> Sized:
 
 
 def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | None:
-    """The fit of the study with only the last change of a fit; None where that does not lower the misfit."""
+    """The fit of the original model with only the last change of `fitted`; None where it does not lower the misfit."""
     change = _last_change(fitted)
     for one in explanation.causes:
         if one.cause.place == change[0].place:
@@ -307,7 +305,10 @@ def _from_elsewhere(base: Fitted) -> Fitted | None:
 
 
 def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> Explanation:
-    """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fully."""
+    """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fully.
+
+    `which` begins the names of its stages in progress messages.
+    """
     clock, looks = SearchBudget(), budget.portion(SCREENING_TIME)
     shortlist = shortlist_candidates(base, work, f"{which}causes on a linear look", looks)
     problems = base.modified.problems
@@ -333,8 +334,7 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
     approaches = _fit_near_all(base, changes, alike, rank, kept, work, f"{which}causes", budget)
     near = [one or StoredFit() for one in approaches]
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["chi_square"]))
-    always = [k for k in order if changes[k][0].is_always_fitted][:ALWAYS_FITTED]
-    finalists = [*always, *(k for k in order if not changes[k][0].is_always_fitted)][:FINALISTS]
+    finalists = _finalists(order, [candidate for candidate, _ in changes])
     finalists += [k for k, one in enumerate(looked) if near[k] and one in at_fit and k not in finalists]
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
@@ -352,14 +352,26 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
     return replace(_weighed(base, fits, tried), spent=clock.spent, left_out=left_out, begun=tuple(begun))
 
 
-def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
-    """Ranks, for quick fits, of changes without a first-order test: supports that turn together come first.
+def _finalists(order: Sequence[int], several: Sequence[Candidate]) -> list[int]:
+    """Positions of the candidates to refit, from the `order` of their near fits, the best first.
 
-    These come first where a look promises something of one of them; of those of a single node, the most promising does.
+    Those that smoothed data do not show have places among them and come last: where the time ends early, the best near fits
+    are those that were fitted to the end.
+    """
+    always = [k for k in order if several[k].is_always_fitted][:ALWAYS_FITTED]
+    others = [k for k in order if not several[k].is_always_fitted]
+    return [*others[: FINALISTS - len(always)], *always]
+
+
+def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
+    """Ranks for quick fits of changes that have no first-order test: supports that turn together come first, where promising.
+
+    `derived` are these changes; `rows` are all screened ones, in which single supports show whether turning is promising.
     """
     turning = [row.candidate.where[0] for row in rows if isinstance(row.candidate, Support)]
 
     def is_first(candidate: Candidate) -> bool:
+        """True of supports that turn together at several nodes, or at the node of the most promising support."""
         if not isinstance(candidate, Support) or not set(turning).intersection(candidate.where):
             return False
         nodes = {parse_dof(place).node for place in candidate.where}
@@ -394,8 +406,9 @@ def _fit_near_all(
 ) -> list[StoredFit | None]:
     """Quick fits (`fit_near`) of every change, of low `rank` first; None of those that there is no time for.
 
-    Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is `kept`
-    whatever comes of it.
+    Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is
+    `kept` whatever comes of it. `alike` gives, for each change, the position of the first one that may have the same
+    fit (its own position if none).
     """
     time = budget.portion(1.0, kept=1 - NEAR_FIT_TIME)
     originals = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
@@ -417,10 +430,9 @@ def _fit_near_all(
 
 
 def _near_limits(base: Fitted, fits: Sequence[tuple[Candidate, StoredFit]]) -> tuple[float, ...]:
-    """Sums of squares of the stages of a near fit from which on it is of no use beside those of the base and of others.
+    """Sums of squares, one for each stage of a quick fit, above which a change cannot be among the finalists.
 
-    Data that `base` leaves out are not part of them. At each stage it is too far behind the best; at the last one it is not
-    among the finalists, or explains nothing.
+    `fits` are the quick fits so far. Data that `base` leaves out do not count.
     """
     if base.near is None:
         return ()
@@ -469,25 +481,25 @@ def _refits_in_time(
     return [restore_fit(base, items[k][0], fit) for k, fit in ended if fit], len(ended)
 
 
-def _simpler(base: Fitted, one: Fitted) -> list[Item]:
-    """The changes to refit beside a local resonance above or below all lines: a mass or a spring."""
-    limit = _limit_of(base, one, ratio=1.0)
+def _simpler(base: Fitted, fitted: Fitted) -> list[Item]:
+    """The mass or spring to refit instead of a local resonance whose frequency is above or below all lines."""
+    limit = _limit_of(base, fitted, ratio=1.0)
     if limit is None:
         return []
-    return _begun(base.modified, [(limit, float(limit.strengths[0]))], {**base.values, **one.values})
+    return _begun(base.modified, [(limit, float(limit.strengths[0]))], {**base.values, **fitted.values})
 
 
-def _limit_of(base: Fitted, one: Fitted, ratio: float = RIGID_RATIO) -> Candidate | None:
+def _limit_of(base: Fitted, fitted: Fitted, ratio: float = RIGID_RATIO) -> Candidate | None:
     """The mass that a local resonance is far above all lines, or the spring that it is far below them; None between.
 
     It is far where its frequency is `ratio` times beyond the lines. A spring with a loss factor of hundreds moves its mass
     as rigidly as a stiff one. A mass of more than the whole structure rests like the ground, and its spring is the limit.
     """
-    if not isinstance(one.cause, Appendage):
+    if not isinstance(fitted.cause, Appendage):
         return None
-    added = _added_values(base, one)
+    added = _added_values(base, fitted)
     dof, lines = (
-        parse_dof(one.cause.where[0]),
+        parse_dof(fitted.cause.where[0]),
         np.concatenate([problem.frequency for problem in base.modified.problems]),
     )
     size = added["rotary_inertia" if dof.is_rotation else "mass"]
@@ -496,7 +508,7 @@ def _limit_of(base: Fitted, one: Fitted, ratio: float = RIGID_RATIO) -> Candidat
         if dof.is_rotation:
             return AddedRotaryInertia(where=(dof.place,), strengths=np.array([size]))
         return Mass(where=(str(dof.node),), strengths=np.array([size]))
-    if own < lines[lines > 0].min() / ratio or _is_heavier(base, one):
+    if own < lines[lines > 0].min() / ratio or _is_heavier(base, fitted):
         return SpringToGround(where=(dof.place,), strengths=np.array([added["stiffness"]]))
     return None
 
@@ -506,29 +518,32 @@ def _added_values(base: Fitted, one: Fitted) -> dict[str, float]:
     return {name.partition("[")[0]: value for name, value in one.values.items() if name not in base.values}
 
 
-def _is_heavier(base: Fitted, one: Fitted) -> bool:
+def _is_heavier(base: Fitted, fitted: Fitted) -> bool:
     """True of a local resonance whose mass is more than that of the whole structure: nothing of that size is overlooked."""
-    dof = parse_dof(one.cause.where[0])
+    dof = parse_dof(fitted.cause.where[0])
     if dof.is_rotation:
         return False
     problem, values = base.modified.problems[0], base.values
     identified = problem.property_values(np.array([values[name] for name in problem.names]))
-    return bool(0 < problem.structure.mass_of(identified) < _added_values(base, one)["mass"])
+    return bool(0 < problem.structure.mass_of(identified) < _added_values(base, fitted)["mass"])
 
 
-def _lossy(base: Fitted, one: Fitted) -> list[Item]:
-    """A spring, support or joint that is most of the cause but not all, to be refitted with damping of its own."""
-    candidate, strength = _last_change(one)
+def _lossy(base: Fitted, fitted: Fitted) -> list[Item]:
+    """The fitted spring, support or joint with damping of its own, to be refitted; none where it is no major cause."""
+    candidate, strength = _last_change(fitted)
     if not isinstance(candidate, SpringToGround | Support | FlexibleJoint) or base.modified.is_of_modes:
         return []
-    if one.misfit > CLEAR * base.misfit or not one.is_misfit:
+    if fitted.misfit > CLEAR * base.misfit or not fitted.is_misfit:
         return []
     lossy = replace(candidate, loss_factor=SPRING_LOSS)
-    return _begun(base.modified, [(lossy, strength)], {**base.values, **one.values})
+    return _begun(base.modified, [(lossy, strength)], {**base.values, **fitted.values})
 
 
 def _begun(modified: ModifiedModel, changes: Sequence[Sized], known: Mapping[str, float]) -> list[Item]:
-    """The changes that the model has a place for, each with free variables at known physical values to start from."""
+    """The changes that the model allows, each with the free variables from which its fit starts.
+
+    `known` are physical values by parameter name.
+    """
     items: list[Item] = []
     for candidate, strength in changes:
         with suppress(StructidError):
@@ -555,15 +570,15 @@ def _of_large_model(base: Fitted, work: Work, budget: SearchBudget) -> Explanati
 
 
 def with_freed(base: Fitted, names: Sequence[str], tried: int, work: Work = ALONE) -> Explanation:
-    """An explanation with each of some fixed properties free, all of which may be the truth.
+    """An explanation from fits with each of some fixed properties made a parameter; each may be the truth.
 
     Parameters
     ----------
     base : Fitted
     names : sequence of str
-        Such as ``mass[deck]``.
+        Fixed properties such as ``mass[deck]``.
     tried : int
-        Of how many they are.
+        Number of fixed properties from which these were selected.
     work : Work
     """
     changes = [(FixedValue(where=(name,)), 1.0) for name in names]
@@ -600,7 +615,10 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
 
 
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
-    """The explanation from refitted changes: the causes among them, and those that may be the truth."""
+    """The explanation from refitted changes: the causes among them, and those that may be the truth.
+
+    `tried` is the number of changes that were tried.
+    """
     scale = _scale(base, fits)
     fits = [one for one in fits if not _is_no_cause_of_its_own(base, one, fits, scale)]
     priced = sorted(
@@ -614,7 +632,7 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     return Explanation(base, tuple(one for one, _ in causes), tuple(c for _, c in causes), tried, likely)
 
 
-def _is_no_cause_of_its_own(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
+def _is_no_cause_of_its_own(base: Fitted, fitted: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
     """True where a local resonance is the mass or spring that it has as a limit, or fits no better than it.
 
     One that is heavier than the structure is never a cause: it stands for something that no change which was tried is.
@@ -622,18 +640,18 @@ def _is_no_cause_of_its_own(base: Fitted, one: Fitted, fits: Sequence[Fitted], s
     Where the residual of the simpler change is correlated over lines, a likelihood ratio that counts every line is too
     large: each stretch of lines as long as the correlation counts as one.
     """
-    if not isinstance(one.cause, Appendage):
+    if not isinstance(fitted.cause, Appendage):
         return False
-    if _is_heavier(base, one):
+    if _is_heavier(base, fitted):
         return True
-    limit, dof = _limit_of(base, one), parse_dof(one.cause.where[0])
+    limit, dof = _limit_of(base, fitted), parse_dof(fitted.cause.where[0])
     limits = {("mass", (str(dof.node),)), ("inertia", (dof.place,)), ("spring", (dof.place,))}
     for other in fits:
         if limit is not None and other.cause.place == limit.place:
             return True
-        more = n_parameters(one.modified) - n_parameters(other.modified)
+        more = n_parameters(fitted.modified) - n_parameters(other.modified)
         if other.cause.place in limits and more > 0:
-            ratio = max(other.misfit - one.misfit, 0.0) / scale / _lines_that_count_as_one(other)
+            ratio = max(other.misfit - fitted.misfit, 0.0) / scale / _lines_that_count_as_one(other)
             if float(special.gammaincc(more / 2, ratio / 2)) > NESTED_RISK:
                 return True
     return False
@@ -656,20 +674,28 @@ def _criterion(base: Fitted, one: Fitted, scale: float) -> float:
     return one.misfit / scale + n_parameters(one.modified) * float(np.log(base.modified.target.n_data))
 
 
-def _is_worth(base: Fitted, one: Fitted, scale: float, tried: int) -> bool:
-    """True where a change lowers the misfit by more than chance among all `tried`, and by a part that matters."""
-    more = max(n_parameters(one.modified) - len(base.modified.target.names), 1)
-    drop = base.misfit - one.misfit
+def _is_worth(base: Fitted, fitted: Fitted, scale: float, tried: int) -> bool:
+    """True where a change lowers the misfit by more than chance among all `tried`, and by a part that matters.
+
+    `scale` is the variance of a whitened residual that counts as noise.
+    """
+    more = max(n_parameters(fitted.modified) - len(base.modified.target.names), 1)
+    drop = base.misfit - fitted.misfit
     probability = float(special.gammaincc(more / 2, drop / scale / 2)) if drop > 0 else 1.0
     beyond = max(base.misfit - (base.modified.target.n_data - len(base.modified.target.names)), 0.0)
-    return probability * max(tried, 1) < CAUSE_RISK and drop >= LEAST_SHARE * beyond and _stands_out(base, one, tried)
+    return (
+        probability * max(tried, 1) < CAUSE_RISK and drop >= LEAST_SHARE * beyond and _stands_out(base, fitted, tried)
+    )
 
 
-def _stands_out(base: Fitted, one: Fitted, tried: int) -> bool:
-    """True where data that a change leaves out miss more than the others, by an F test, or none are left out."""
-    left = one.modified.target.n_data
+def _stands_out(base: Fitted, fitted: Fitted, tried: int) -> bool:
+    """True where data that a change leaves out miss more than the others, by an F test, or none are left out.
+
+    `tried` is the number of changes that were tried.
+    """
+    left = fitted.modified.target.n_data
     out = base.modified.target.n_data - left
     if out <= 0:
         return True
-    ratio = (base.misfit - one.misfit) * left / (out * (one.misfit - one.left_out))
+    ratio = (base.misfit - fitted.misfit) * left / (out * (fitted.misfit - fitted.left_out))
     return ratio >= OUTLYING_RATIO and float(special.fdtrc(out, left, ratio)) * max(tried, 1) < CAUSE_RISK

@@ -132,7 +132,10 @@ class _Parts(NamedTuple):
 
 
 def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: Tools) -> _Fit:
-    """Values, deviations and changes by fixed values of the fit of one part; empty where it cannot be fitted."""
+    """Values, deviations and changes by fixed values of the fit of one part; empty where it cannot be fitted.
+
+    `item` is the number of the part and the free variables at which its fit starts.
+    """
     number, start = item
     search = Search(restarts=0, start=start)
     try:

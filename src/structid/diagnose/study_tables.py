@@ -68,7 +68,10 @@ def release(table: Tables, dof: Dof) -> bool:
 
 
 def rename_channels(record: Tables, changes: dict[str, str]) -> None:
-    """Give channels of a record other names in its ``relabel``, which may have names for them already."""
+    """Give channels of a record other names in its ``relabel``, which may have names for them already.
+
+    `changes` maps present names to new ones.
+    """
     given = record.setdefault("relabel", {})
     called = {(key.partition(" ")[0] if " " in key else "", parse_dof(name).place): key for key, name in given.items()}
     for old, new in changes.items():
@@ -94,7 +97,10 @@ def label_of(entry: Tables) -> str:
 
 
 def take_out_element(entry: Tables, name: str, number: int, count: int, is_factor: bool) -> None:
-    """Take element `number` of a set of `count` elements out of an unknown, which keeps its name."""
+    """Take element `number` of a set of `count` elements out of an unknown, which keeps its name.
+
+    `is_factor` says that the unknown is a factor on nominal values.
+    """
     texts = [str(text) for text in as_list(entry["elements"])]
     kept: list[str] = []
     for text in texts:

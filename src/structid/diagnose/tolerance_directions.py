@@ -14,15 +14,16 @@ from structid.inversion.search.within_tolerances import FixedValues
 def fixed_columns(
     fixed_values: FixedValues | None, names: tuple[str, ...], theta: FloatArray, n_rows: int
 ) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Names of fixed values, changes of data and prior rows by their logarithms, (n_rows, n_fixed), and their tolerances.
+    """Names of fixed values, changes of all rows by their logarithms, (n_rows, n_fixed), and their relative tolerances.
 
     Parameters
     ----------
     fixed_values : FixedValues, optional
-        There are no columns without.
+        Without it there are no columns.
     names : tuple of str
-        Of the parameters.
+        Names of the parameters.
     theta : (n_params,) float array
+        Free variables at which the changes are evaluated.
     n_rows : int
         Data rows, then rows of priors, which fixed values do not change.
     """

@@ -43,6 +43,7 @@ from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identified import Identification
 from structid.identification.warning_words import ran_away_words
 from structid.inversion import Status
+from structid.inversion.fixed_values import limit_of
 from structid.inversion.search.work import ALONE, Work
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined", "untested"]
@@ -50,7 +51,7 @@ Verdict = Literal["sound", "approximate", "wrong_model", "undetermined", "untest
 #: What intervals rest on where the noise is of another size than stated.
 _INTERVALS = {
     "model_error": "the intervals come from the residual",
-    "noise": "the intervals are those of the noise that was taken",
+    "noise": "the intervals are those of the stated or assumed noise",
 }
 NOT_TRIED = "no change of model or record was tried that might explain it: `structid explain` does"
 
@@ -210,10 +211,21 @@ def noise_ratio(identification: Identification) -> float | None:
     is_of_size = tests.chi_square_probability >= DOUBT and 1 - tests.chi_square_probability >= DOUBT
     if is_of_size or 1 / NOISE_TOLERANCE < ratio < NOISE_TOLERANCE:
         return 1.0
-    return (
-        float(np.sqrt(identification.estimate.goodness.least_per_dof))
-        if identification.fits and is_normal and identification.estimate.goodness.n_data >= ORDERED_DATA
-        else None
+    ratio = float(np.sqrt(identification.estimate.goodness.least_per_dof))
+    is_ordered = identification.estimate.goodness.n_data >= ORDERED_DATA
+    if not identification.fits or not is_normal or not is_ordered or _is_beyond_noise(identification, ratio):
+        return None
+    return ratio
+
+
+def _is_beyond_noise(identification: Identification, ratio: float) -> bool:
+    """True where fixed values or the calibration are farther off than their tolerances and `ratio` times the noise make them.
+
+    What the data ask of a fixed value, in its tolerances, scatters by the larger of 1 and `ratio` at most.
+    """
+    fixed = identification.estimate.fixed
+    return fixed is not None and bool(
+        np.abs(fixed.asked).max(initial=0.0) > max(1.0, ratio) * limit_of(len(fixed.asked))
     )
 
 
@@ -287,7 +299,11 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
 
 
 def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> bool:
-    """True where a cause leaves no more than noise, and removes most of the misfit or moves a value that matters."""
+    """True where a cause leaves no more than noise, and removes most of the misfit or moves a value that matters.
+
+    `misfit` and `expected` are chi-square per degree of freedom, of the answer and of noise; `is_hidden` says that
+    parts of the data are missed although the whole is not.
+    """
     left = cause.rest_per_dof if cause.leaves_data_out else cause.chi_square_per_dof
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
     is_noise = cause.leaves_noise or left <= NOISE_TOLERANCE * expected
@@ -298,7 +314,10 @@ def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> 
 
 
 def _completing(causes: Sequence[Cause], expected: float) -> Cause | None:
-    """The second cause that leaves nothing but noise beside the first; None where there is none."""
+    """The second cause that, beside the first, leaves nothing but noise; None where there is none.
+
+    `expected` is the chi-square per degree of freedom of noise.
+    """
     second = next((one for one in causes if one.is_second), None)
     if second is None or not (second.leaves_noise or second.chi_square_per_dof <= NOISE_TOLERANCE * expected):
         return None
@@ -323,7 +342,7 @@ def judged(
     untried: str = "",
     held: Sequence[FixedValueSensitivity] = (),
     is_asked: bool = False,
-    apart: Callable[[], tuple[Disagreement, ...]] | None = None,
+    find_disagreements: Callable[[], tuple[Disagreement, ...]] | None = None,
 ) -> Judgement:
     """The verdict on an identification, with its reasons; faults of records and records that stand out are among them.
 
@@ -342,14 +361,14 @@ def judged(
         Fixed values with the sensitivity of the answer to them.
     is_asked : bool
         Whether the record of an answer within its noise asks for the `suggestions` beyond chance.
-    apart : callable, optional
+    find_disagreements : callable, optional
         Gives the parts of the data that do not agree, where it is asked; `data_disagreements` by default.
     """
-    apart = apart or partial(data_disagreements, identification)
+    find_disagreements = find_disagreements or partial(data_disagreements, identification)
     if is_asked and is_sound(identification):
         given = _asked_for(suggestions)
     else:
-        given = _judged(identification, causes, n_tried, suggestions, doubted(held), apart)
+        given = _judged(identification, causes, n_tried, suggestions, doubted(held), find_disagreements)
     is_open = identification.alternatives is not None or given.verdict == "untested"
     if untried and not is_open and not fits_noise(identification):
         given = replace(given, words=f"{given.words} {as_sentence(untried)}", reasons=(*given.reasons, untried))
@@ -400,7 +419,7 @@ def _judged(
     n_tried: int,
     suggestions: Sequence[Cause],
     doubts: Sequence[FixedValueSensitivity],
-    find_apart: Callable[[], tuple[Disagreement, ...]],
+    find_disagreements: Callable[[], tuple[Disagreement, ...]],
 ) -> Judgement:
     """The verdict by misfit, noise, priors, bounds, causes and doubted fixed values; the first that applies."""
     estimate = identification.estimate
@@ -507,7 +526,7 @@ def _judged(
         return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message, *pushed))
     if fits_noise(identification) and estimate.status is Status.CONVERGED:
         words = (
-            f"Wrong model: the record contradicts a bound: {pushed[0]}. The other values rest on it: do not use them."
+            f"Wrong model: the record contradicts a bound: {pushed[0]}. The other values depend on it: do not use them."
         )
         return Judgement("wrong_model", words, pushed)
     if fits_noise(identification):
@@ -527,25 +546,26 @@ def _judged(
     if any(one.is_far for one in identification.missed):
         words = f"Wrong model: {misfit}: one model does not fit all of the data, do not use the values. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words.rstrip(), (*(one.words for one in identification.missed), *pushed))
-    apart = find_apart()
-    if any(one.share > (GROSSLY_CONTRADICTING_PART if one.is_gross else CONTRADICTING_PART) for one in apart):
-        apart = tuple(sorted(apart, key=lambda one: (not one.is_gross, -one.share)))
-        words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"
-        return Judgement("wrong_model", words, (*(_apart(one) for one in apart), *pushed))
+    disagreements = find_disagreements()
+    if any(one.share > (GROSSLY_CONTRADICTING_PART if one.is_gross else CONTRADICTING_PART) for one in disagreements):
+        disagreements = tuple(sorted(disagreements, key=lambda one: (not one.is_gross, -one.share)))
+        words = f"Wrong model: parts of the data contradict each other: {_apart(disagreements[0])}. {_searched(n_tried)}{also}"
+        return Judgement("wrong_model", words, (*(_apart(one) for one in disagreements), *pushed))
     if is_far and _is_large(identification):
         words = (
             f"Wrong model: {misfit}; resonances agree, and so do most values from parts of the data, but what is wrong may move"
             f" all values alike, beyond their intervals: do not use them. {_searched(n_tried)}{also}"
         )
-        return Judgement("wrong_model", words.rstrip(), (misfit, *pushed, *map(_apart, apart)))
+        return Judgement("wrong_model", words.rstrip(), (misfit, *pushed, *map(_apart, disagreements)))
     words = (
         f"Approximate: {misfit}; that is more than the data show, and {_INTERVALS['noise']}."
         if _is_below_noise(identification)
         else f"Approximate: {misfit}; the intervals include the model error."
     )
-    if apart:
+    if disagreements:
+        name = disagreements[0].name
         words += (
-            f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}; this part of"
+            f" Do not rely on {name}: it {_apart(disagreements[0]).removeprefix(name).strip()}; this part of"
             " the model is wrong, or depends on frequency or place."
         )
     words += also
@@ -556,7 +576,7 @@ def _judged(
         words += (
             f"; do not rely on {first.moved[0].name}, which would then be far outside its interval." if far else "."
         )
-    return Judgement("approximate", words, (misfit, *pushed, *map(_apart, apart)))
+    return Judgement("approximate", words, (misfit, *pushed, *map(_apart, disagreements)))
 
 
 def find_moving_change(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:

@@ -121,7 +121,10 @@ class DenseFields:
     def _solve_lines(
         self, lines: IntArray, coefficients: ComplexArray, loads: IntArray, reader: FloatArray | None
     ) -> ComplexArray:
-        """Fields (or `reader` times fields) under the chosen loads at some lines, one factorization each, (n, n_dofs, n_loads)."""
+        """Fields (or `reader` times fields) under the chosen loads at some lines, one factorization each, (n, n_dofs, n_loads).
+
+        `coefficients` (n_lines, n_matrices) weigh the matrices at each line.
+        """
         n_dofs = self.matrices.shape[1]
         stiffness = coefficients[lines] @ self.matrices.reshape(-1, n_dofs**2)
         try:

@@ -239,7 +239,10 @@ def _root(
 def _modes_of_root(
     triangle: FloatArray, mass_root: FloatArray, order: NDArray[np.intp], shift: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Circular frequencies, ascending, and mass-normalized shapes of a stiffness R'R - `shift` M."""
+    """Circular frequencies, ascending, and mass-normalized shapes of a stiffness R'R - `shift` M.
+
+    `triangle` is R, `mass_root` is L with L L' = M, and `order` that of the degrees of freedom in both.
+    """
     left, singular, _ = linalg.svd(linalg.solve_triangular(triangle, mass_root, trans="T"), full_matrices=False)
     shapes = np.empty_like(left)
     shapes[order] = linalg.solve_triangular(triangle, left) / singular
@@ -297,6 +300,7 @@ def _add_missed_modes(
 
     From one vector it sees one of several modes with the same frequency, as of equal parts of a structure, and the
     others by rounding alone. What a block of vectors finds beside `shapes` is put among them until nothing changes.
+    `eigenvalues` and `shapes` are those that Lanczos found about `shift`, `inverse` that of the shifted stiffness.
     """
     count, rng = len(eigenvalues), np.random.default_rng(1)
     for _ in range(_MOST_ROUNDS):

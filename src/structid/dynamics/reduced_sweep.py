@@ -147,7 +147,10 @@ class FieldSweep:
             self._factorize_line()
 
     def _factorize_line(self, is_damped: bool = True) -> NumberArray:
-        """Factorize Z at the current line, solve for the fields, and add them with their Krylov vectors to the basis."""
+        """Factorize Z at the current line, solve for the fields, and add them with their Krylov vectors to the basis.
+
+        Without `is_damped`, the real part of Z is factorized.
+        """
         self._last = None
         self.n_factorizations += 1
         solver = self.stiffness.solver(self._line, is_damped)

@@ -97,7 +97,10 @@ def cards_in(file: str, text: str, name: str) -> Iterator[Card]:
 
 
 def _split_fields(line: str, is_free: bool, width: int) -> list[tuple[int, str]]:
-    """Offset in the line and text of each field of a card behind its name; `width` is that of a fixed field."""
+    """Offset in the line and text of each field of a card behind its name; `width` is that of a fixed field.
+
+    `is_free` says that the card is in free format.
+    """
     if not is_free:
         return [(at, line[at : at + width]) for at in range(_SMALL, min(len(line), ROW * _SMALL - _SMALL), width)]
     words = line.split(",")

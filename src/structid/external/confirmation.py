@@ -72,7 +72,10 @@ def commands_told(tell: Callable[[str, Path], None]) -> Iterator[None]:
 
 
 def tell_command(command: str, study: Path, confirmation: str) -> None:
-    """Report that `command` is about to run, if somebody listens (`commands_told`) and has not heard of it."""
+    """Report that `command` is about to run, if somebody listens (`commands_told`) and has not heard of it.
+
+    `confirmation` is the digest that the user confirms.
+    """
     tell, reported = _teller.get()
     if tell is not None and confirmation not in reported:
         reported.add(confirmation)

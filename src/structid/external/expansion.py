@@ -240,7 +240,10 @@ def _both(a: _Axis, b: _Axis, p: float, q: float) -> dict[str, float]:
 def _fit_products(
     table: _Table, polynomial: Mapping[Powers, FloatArray], a: _Axis, b: _Axis, orders: Mapping[str, int]
 ) -> dict[Powers, FloatArray]:
-    """Coefficients of products of powers of two parameters, fitted to what the polynomial lacks; empty if nothing is left."""
+    """Coefficients of products of powers of two parameters, fitted to what the polynomial lacks; empty if nothing is left.
+
+    `orders` are the polynomial orders by parameter.
+    """
     points = [_both(a, b, p, q) for p, q in _grid(orders, a, b)]
     powers = list(product(range(1, orders[a.name] + 1), range(1, orders[b.name] + 1)))
     residuals = []

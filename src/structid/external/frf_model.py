@@ -116,7 +116,10 @@ class FrfsOut(OneFile):
 def _channel_indices(
     path: Path, word: str, wanted: Sequence[Dof], of_file: Sequence[Dof]
 ) -> tuple[IntArray, FloatArray]:
-    """Index in `of_file`, the channels of the file, of each channel of `wanted`, and the relative sign."""
+    """Index in `of_file`, the channels of the file, of each channel of `wanted`, and the relative sign.
+
+    `word` names the channels in errors.
+    """
     index_and_sign = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(of_file)}
     missing = [str(dof.unsigned) for dof in wanted if dof.unsigned not in index_and_sign]
     if missing:

@@ -140,7 +140,10 @@ class _Pattern:
     entries: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def with_run(self, table: Mapping[str, ImportedMatrix], words: str) -> _Pattern:
-        """The pattern extended by the entries of one run; `words` describe the run in the error for other degrees of freedom."""
+        """The pattern extended by the entries of one run; `words` describe the run in the error for other degrees of freedom.
+
+        `table` has the imported matrices by kind.
+        """
         codes_of_run = {key: np.sort(codes_of(item.dofs)) for key, item in table.items() if item.dofs is not None}
         first = self.codes_by_kind or codes_of_run
         for key, codes in codes_of_run.items():
@@ -154,7 +157,10 @@ class _Pattern:
         return replace(pattern, entries=np.concatenate([self.entries, new]))
 
     def rows(self, tables: Sequence[Mapping[str, ImportedMatrix]]) -> tuple[FloatArray, FloatArray]:
-        """Matrix entries of each run, (n_runs, n_entries), and the size relative to which each is judged, (n_entries,)."""
+        """Matrix entries of each run, (n_runs, n_entries), and the size relative to which each is judged, (n_entries,).
+
+        `tables` have the imported matrices of each run by kind.
+        """
         values = np.zeros((len(tables), len(self.entries)))
         order = np.argsort(self.entries)
         for row, table in zip(values, tables, strict=True):
@@ -184,7 +190,10 @@ class _Pattern:
         return kind, column, row
 
     def _entries_of(self, table: Mapping[str, ImportedMatrix]) -> tuple[np.ndarray, FloatArray]:
-        """Codes of the positions and values of all matrix entries of one run, (n,) each."""
+        """Codes of the positions and values of all matrix entries of one run, (n,) each.
+
+        `table` has the imported matrices by kind.
+        """
         found_entries, values = [], []
         for number, key in enumerate(self.codes_by_kind):
             item = table[key]

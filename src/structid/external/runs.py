@@ -204,7 +204,10 @@ def _is_done(folder: Path) -> bool:
 
 
 def _try_run(solver: Solver, values: Mapping[str, float], folder: Path) -> str:
-    """Run the solver once; returns "" if the run is good and kept in `folder`, else the reason of the failure."""
+    """Run the solver once; returns "" if the run is good and kept in `folder`, else the reason of the failure.
+
+    `values` are the parameters of the deck by name.
+    """
     start, trial = time.perf_counter(), solver.folder / f".{folder.name[:12]}.{secrets.token_hex(4)}"
     try:
         trial.mkdir()

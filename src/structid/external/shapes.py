@@ -106,7 +106,10 @@ def _shapes_of_modes_file(path: Path) -> Shapes:
 def _sorted_shapes(
     path: Path, frequency: Sequence[float] | FloatArray, dofs: IntArray, values: FloatArray, has_mass: bool, suffix: str
 ) -> Shapes:
-    """Modes in order of frequency (Hz), after checks; `dofs` (n_dofs, 2) are node and component, `values` (n_dofs, n_modes)."""
+    """Modes in order of frequency (Hz), after checks; `dofs` (n_dofs, 2) are node and component, `values` (n_dofs, n_modes).
+
+    `has_mass` says that the shapes have unit modal mass, `suffix` is that of the file.
+    """
     frequencies = np.asarray(frequency, dtype=np.float64)
     if len(frequencies) != values.shape[1]:
         raise FileError(f"{path}: holds {len(frequencies)} frequencies and {values.shape[1]} shapes; {_RUN_AGAIN}")

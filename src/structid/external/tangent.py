@@ -146,7 +146,10 @@ def tangent(name: str, centre: Shapes, differences: Sequence[Pair[Shapes]]) -> T
 
 
 def _count_common_modes(centre: Shapes, runs: Sequence[Shapes], n_moved: int) -> int:
-    """Number of lowest modes that span the same motions in all runs; higher ones may differ between the lists."""
+    """Number of lowest modes that span the same motions in all runs; higher ones may differ between the lists.
+
+    `n_moved` is the number of degrees of freedom that move in the runs.
+    """
     n_common = min([len(centre.frequency), *(len(run.frequency) for run in runs)])
     if n_moved < n_common:
         raise InputError(

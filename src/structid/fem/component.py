@@ -77,7 +77,10 @@ class Component:
         interface: str | Dof | Iterable[str | Dof] = (),
         whole: bool = False,
     ) -> None:
-        """Store and check the arguments; see the class."""
+        """A component called `name` of some element sets, reduced to its `interface` and to modes up to a frequency, Hz.
+
+        `whole` keeps the component unreduced.
+        """
         given = (interface,) if isinstance(interface, str | Dof) else tuple(interface)
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "elements", (elements,) if isinstance(elements, str) else tuple(elements))
@@ -211,6 +214,8 @@ def _reduce_component(
 ) -> Reduction:
     """A component reduced to its interface and modes; `codes` are its degrees of freedom, `joined` those to keep, `constrained`
     the constrained ones.
+
+    `terms` are the properties of all element sets, by set.
     """
     matrices = _nominal_matrices(component, terms, codes)
     kept, free = np.isin(codes, joined), ~np.isin(codes, list(constrained))
@@ -256,7 +261,10 @@ def _interface_codes(component: Component, codes: IntArray, equations: Equations
 def _nominal_matrices(
     component: Component, terms: Mapping[str, tuple[Term, ...]], codes: IntArray
 ) -> dict[str, sparse.csc_array]:
-    """Matrices of a component by kind at nominal values, (n_codes, n_codes) each."""
+    """Matrices of a component by kind at nominal values, (n_codes, n_codes) each.
+
+    `terms` are the properties of all element sets by set, `codes` (n_codes,) the component's degrees of freedom.
+    """
     properties, start = [], 0
     for name, several in terms.items():
         for term in several:
@@ -279,7 +287,10 @@ def _nominal_matrices(
 def _as_matrix_group(
     component: Component, codes: IntArray, matrices: Mapping[str, sparse.csc_array]
 ) -> tuple[MatrixGroup, tuple[Term, ...]]:
-    """The component as a group of matrices with one factor each, and its terms."""
+    """The component as a group of matrices with one factor each, and its terms.
+
+    `codes` (n_codes,) are the degrees of freedom of the rows of the `matrices` (by kind).
+    """
     stiffness, structural = matrices["stiffness"], matrices["structural_damping"]
     largest = abs(stiffness).max()
     largest_entry = np.unravel_index(abs(stiffness).argmax(), stiffness.shape)
@@ -312,7 +323,8 @@ def _reduction_basis(
 
     With the border fixed, first come modes K_ii phi = omega^2 M_ii phi, then what they lack of K_ii^-1 (M_ii Psi +
     M_ib), where Psi = -K_ii^-1 K_ib. Motions without force are among the modes; K_ii then has a small shift, which
-    changes Psi by these motions alone.
+    changes Psi by these motions alone. `matrices` are those of the component by kind; `border` and `inside` index their
+    rows.
     """
     stiffness, mass = matrices["stiffness"], matrices["mass"]
     stiffness_inside, mass_inside = (sparse.csc_array(matrix[inside][:, inside]) for matrix in (stiffness, mass))

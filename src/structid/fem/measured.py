@@ -83,7 +83,10 @@ class MeasuredComponent:
         source: str = "",
         variance: ArrayLike | None = None,
     ) -> None:
-        """Store and check the arguments; see the class."""
+        """A component known by its measured receptance (n_lines, n, n), m/N, at the lines `frequency`, Hz.
+
+        `interface` are its n degrees of freedom, `variance` is E|error|^2 of each value, and `source` names the file.
+        """
         dofs = parse_dofs((interface,) if isinstance(interface, str | Dof) else tuple(interface))
         axis, values = locked(frequency, np.float64), np.asarray(receptance, dtype=np.complex128)
         if not dofs or len({dof.unsigned for dof in dofs}) < len(dofs):
@@ -265,7 +268,10 @@ def _read_between(axis: FloatArray, values: ComplexArray, frequency: FloatArray)
 
 
 def _cubic_weights(axis: FloatArray, frequency: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Indices of the four lines next to each `frequency`, and weights of the cubic through them (Lagrange), (n_frequency, 4)."""
+    """Indices of the four lines next to each `frequency`, and weights of the cubic through them (Lagrange), (n_frequency, 4).
+
+    `axis` are the measured lines, Hz.
+    """
     near = np.clip(np.searchsorted(axis, frequency) - 2, 0, len(axis) - 4)[:, None] + np.arange(4)
     nodes, weights = axis[near], np.ones(near.shape)
     for k, j in ((k, j) for k in range(4) for j in range(4) if j != k):

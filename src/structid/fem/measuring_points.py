@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +13,11 @@ from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
 from structid.fem.elements import ElementSet
 from structid.fem.elements.element import dof_code, dof_of_code, joined_codes
-from structid.fem.meshes import Mesh
 from structid.fem.structure import Structure
 from structid.fem.supports import Constraint, Equations
+
+if TYPE_CHECKING:
+    from structid.fem.meshes import Mesh
 
 #: Part of a force that is rounding, and of the largest eigenvalue of a correlation matrix what counts as 0.
 _NOTHING, _SAME = 1e-12, 1e-8
@@ -56,7 +59,10 @@ class AimedSensor:
         return Dof(self.label, self.seen)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-        """The sensor's code with the codes and weights of the node's translations along its direction; see `Tie.equations`."""
+        """Code of the sensor's own degree of freedom, with the codes and coefficients of its node's translations.
+
+        `positions` are not needed; `active` are the directions in which nodes move.
+        """
         parts = {
             dof_code(self.node, d): part
             for d, part in zip(DIRECTIONS, self.direction, strict=False)
@@ -229,14 +235,16 @@ def together(values: FloatArray) -> FloatArray | None:
     return parts * np.where(parts.sum(axis=0) < 0, -1.0, 1.0)
 
 
-def with_joint_forces(structure: Structure, made: Sequence[Dof], loads: Sequence[Dof], parts: FloatArray) -> Structure:
-    """The structure with one new degree of freedom for each column of `parts` (n_loads, n_joint), at new nodes.
+def with_joint_forces(
+    structure: Structure, joint_dofs: Sequence[Dof], loads: Sequence[Dof], parts: FloatArray
+) -> Structure:
+    """The structure with new degrees of freedom, one for each column of `parts` (n_loads, n_joint), on which joint forces act.
 
-    Each of `made` moves as those `loads` do on which its force acts, by their work (a `Constraint`), and stands where
-    most of it acts.
+    Each of `joint_dofs` follows the `loads`, weighted by its column (a `Constraint`), so that its force does the same work; its
+    new node lies where the load with the largest weight is.
     """
     nodes, ties = dict(structure.nodes), list(structure.ties)
-    for dof, column in zip(made, parts.T, strict=True):
+    for dof, column in zip(joint_dofs, parts.T, strict=True):
         nodes[dof.node] = structure.nodes[loads[int(np.abs(column).argmax())].node]
         acting = [(load, float(part)) for load, part in zip(loads, column, strict=True) if abs(part) > _NOTHING]
         ties.append(Constraint(f"joint force {dof.node}", dof, acting))

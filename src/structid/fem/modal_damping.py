@@ -169,7 +169,10 @@ class ModalDamping(Factor):
         return ModalState(shapes, scaled_sum @ shapes, heavy, stiff * np.sqrt(scaling))
 
     def _dense_matrix(self, matrix_kind: str, values: FloatArray) -> FloatArray:
-        """Dense mass or stiffness matrix of the contributions at these property values, (n_dofs, n_dofs)."""
+        """Dense mass or stiffness matrix of the contributions at these property values, (n_dofs, n_dofs).
+
+        `matrix_kind` is "mass" or "stiffness".
+        """
         total = np.zeros(self._shape)
         for part in self.parts:
             if part.matrix_kind == matrix_kind:

@@ -190,7 +190,10 @@ def split_by_length_power(
 
 
 def _split_by_power(matrix_term: ElementMatrixTerm, local: FloatArray) -> list[ElementMatrixTerm]:
-    """The parts of a matrix term by powers of the length, from its matrices at every scale (n_scales, n_elements, n, n)."""
+    """The parts of a matrix term by powers of the length, from its matrices at every scale (n_scales, n_elements, n, n).
+
+    `local` are those matrices.
+    """
     parts = np.einsum("pk,kenm->penm", _WEIGHTS, local)
     least = _ROUNDING * np.abs(matrix_term.local).max(axis=(1, 2), keepdims=True)
     cleaned = [np.where(np.abs(part) > least, part, 0.0) for part in parts]

@@ -116,7 +116,12 @@ class Structure(Shown, StructurePlots):
         left_aside: Iterable[str] = (),
         file_notes: Iterable[str] = (),
     ) -> None:
-        """Store and check the arguments; see the class."""
+        """A structure of nodes (positions in m), element sets, supports and ties; arguments as the attributes of the
+        class.
+
+        `active` are the directions of motion, `fixed` the supports, `subdivide` the pieces of each line, `sliding` the
+        nodes whose position is a property, and `left_aside` and `file_notes` remarks on the mesh file.
+        """
         if not isinstance(nodes, Mapping):
             raise InputError(
                 f"`nodes` must be a mapping of label to position, got {type(nodes).__name__}; write {{1: 0.0, 2: 0.5}}"

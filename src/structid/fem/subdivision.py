@@ -61,8 +61,8 @@ def numbered_terms(
 
     An element owns its pieces: it keeps one matrix for each property, on the nodes between them too. The end that a
     joint releases has a degree of freedom of its own in the element's matrices, in place of the node's; all others stay
-    the node's. Matrices of bars and beams with an end at one of the nodes `sliding`, or with a tolerance of their lengths, are
-    split by powers of the length.
+    the node's. Matrices of bars and beams with an end at one of the nodes `sliding`, or with a tolerance of their
+    lengths, are split by powers of the length. `active` are the directions in which nodes move.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def is_divisible(element: ElementSet, positions: Positions, active: Sequence[str
     """True if the elements of a set are lines whose pieces are held sideways, so that they can be cut.
 
     A node between two bars that moves across them would have mass and no stiffness. Bars on a line have no such motion,
-    and beams have bending stiffness against it.
+    and beams have bending stiffness against it. `active` are the directions in which nodes move.
     """
     if not element.is_line:
         return False
@@ -239,7 +239,10 @@ def _stiff_directions(terms: Sequence[Term], row: int, node: int) -> list[str]:
 def _require_stiff_direction(
     joint: str, text: str, dof: Dof, nodes: IntArray, directions: Sequence[str], active: Sequence[str]
 ) -> None:
-    """Raise `InputError` if the element has no stiffness at the degree of freedom `dof` that the joint releases."""
+    """Raise `InputError` if the element has no stiffness at the degree of freedom `dof` that the joint releases.
+
+    `directions` are those in which the element has stiffness, `active` those in which nodes move.
+    """
     name = dof.place
     if dof.node not in nodes:
         raise InputError(

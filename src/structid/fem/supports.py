@@ -71,7 +71,9 @@ class RigidLink:
         dependents: int | Iterable[int],
         directions: str | Iterable[str] | None = None,
     ) -> None:
-        """Store and check the arguments; see the class."""
+        """A link called `name` by which the nodes `dependents` follow the node `main` rigidly, in all or in some
+        `directions`.
+        """
         nodes = (dependents,) if isinstance(dependents, int) else tuple(int(n) for n in dependents)
         if not nodes or main in nodes:
             raise InputError(f"rigid link {name!r} needs dependent nodes other than its main node {main}, got {nodes}")
@@ -85,7 +87,10 @@ class RigidLink:
         object.__setattr__(self, "directions", chosen)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-        """Codes of the dependent nodes, each with codes and coefficients of the main node; see `Tie.equations`."""
+        """Codes of the dependent nodes' degrees of freedom, each with codes and coefficients of the main node.
+
+        `positions` in m; `active` are the directions in which nodes move.
+        """
         result: Equations = {}
         for node in self.dependents:
             arm = np.zeros(3)
@@ -120,7 +125,9 @@ class Constraint:
     depends_on: tuple[tuple[Dof, float], ...]
 
     def __init__(self, name: str, dependent: str | Dof, depends_on: Iterable[tuple[str | Dof, float]]) -> None:
-        """Store and check the arguments; see the class."""
+        """A constraint called `name`: the degree of freedom `dependent` is the sum of others times factors,
+        `depends_on`.
+        """
         pairs = tuple((parse_dof(d), float(c)) for d, c in depends_on)
         if not all(np.isfinite(c) for _, c in pairs):
             raise InputError(f"coefficients of constraint {name!r} must be finite, got {[c for _, c in pairs]}")
@@ -129,7 +136,10 @@ class Constraint:
         object.__setattr__(self, "depends_on", pairs)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-        """The dependent code with the codes and coefficients that it follows; see `Tie.equations`."""
+        """Code of the dependent degree of freedom with the codes and coefficients of those that it follows.
+
+        `positions` are not needed; `active` are the directions in which nodes move.
+        """
         dependent = self.dependent
         others: dict[int, float] = {}
         for dof, coefficient in self.depends_on:
@@ -185,7 +195,9 @@ class Base:
     supports: tuple[Dof, ...]
 
     def __init__(self, name: str, supports: str | Dof | Iterable[str | Dof]) -> None:
-        """Store and check the arguments; see the class."""
+        """A base called `name`: the degrees of freedom `supports`, fixed in the structure, that one measured motion
+        drives.
+        """
         named = (supports,) if isinstance(supports, str | Dof) else tuple(supports)
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "supports", tuple(parse_dof(dof) for dof in named))
@@ -205,6 +217,8 @@ class Base:
 
 def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
     """All equations of `ties`, by dependent code.
+
+    `active` are the directions in which nodes move.
 
     Raises
     ------

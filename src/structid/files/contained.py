@@ -131,6 +131,8 @@ _running: list[_Child] = []
 def read_in_child(path: Path, reader: str, seconds: float | None = None, **options: Plain) -> Any:
     """Run the reader `reader` of `structid.files.worker` on `path` in a child process and return its values.
 
+    `seconds` limits the time, `options` go to the reader.
+
     Raises
     ------
     ReaderError

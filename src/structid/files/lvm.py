@@ -174,6 +174,8 @@ def _take_apart(path: Path) -> _Segment:
 def _count_rows(segment: _Segment, column: int, n_samples: int, layout: str) -> int:
     """Rows that belong to a channel: those of its head, or all where rows that were appended continue its times.
 
+    `column` is the channel's column, `n_samples` the number in its head, and `layout` says which columns have times.
+
     Raises
     ------
     ValueError

@@ -87,6 +87,7 @@ def hdf5_attributes(path: str) -> dict[str, Entry]:
     found: dict[str, Entry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        """Note the attributes of a dataset or group that are texts or a few numbers."""
         for key in item.attrs:
             value = item.attrs[key]
             entries = np.ravel(value).tolist() if np.size(value) <= _MOST_ENTRIES else []

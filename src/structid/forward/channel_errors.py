@@ -121,7 +121,10 @@ class ChannelErrors(NamedUnknowns):
         return np.einsum("fk,ko->fok", self._each_slope(physical, laplace), self.of_outputs)
 
     def _each_slope(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
-        """Log-derivative of readings by each error, (n_frequencies, n_params): 1 / gain, or -s for a delay."""
+        """Log-derivative of readings by each error, (n_frequencies, n_params): 1 / gain, or -s for a delay.
+
+        `physical` are the values of the errors.
+        """
         slopes = np.zeros((len(laplace), self.n_params), dtype=np.complex128)
         gains = self.rows("gain")
         slopes[:, gains] = 1 / physical[gains]

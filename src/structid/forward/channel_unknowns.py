@@ -81,7 +81,10 @@ class _Group:
 
 
 def _members(chosen: Sequence[tuple[int, ...]], n_channels: int) -> np.ndarray:
-    """Table of the channels that each parameter belongs to, (n_params, n_channels) bool."""
+    """Table of the channels that each parameter belongs to, (n_params, n_channels) bool.
+
+    `chosen` are the channel indices of each parameter.
+    """
     made = np.zeros((len(chosen), n_channels), dtype=bool)
     for row, own in zip(made, chosen, strict=True):
         row[list(own)] = True
@@ -165,7 +168,10 @@ def _groups(record: Measured, unknown: ChannelUnknown) -> list[_Group]:
 
 
 def _chosen(key: str, given: str | Sequence[str], channels: tuple[Dof, ...]) -> tuple[int, ...]:
-    """Indices in `channels` of the ones that the texts `given` name, in either direction; "all" names every one."""
+    """Indices in `channels` of the ones that the texts `given` name, in either direction; "all" names every one.
+
+    `key` is the option named in errors.
+    """
     texts = (given,) if isinstance(given, str) else tuple(given)
     if texts == (_ALL,):
         return tuple(range(len(channels)))

@@ -64,7 +64,9 @@ class ParameterForces:
         return len(self.indptr) - 1
 
     def entries(self, factors: ComplexArray, x: NumberArray) -> NumberArray:
-        """Forces (n_forces, n_x) of fields `x` (n_dofs, n_x), with the `factors` (n_maps,) of one frequency line."""
+        """Forces dZ/dp x (n_forces, n_x) of fields `x` (n_dofs, n_x), at one frequency line with the `factors`
+        (n_maps,) of matrices.
+        """
         is_complex = np.iscomplexobj(x)
         flat = np.ascontiguousarray(x)
         flat = flat.view(np.float64) if is_complex else flat
@@ -84,7 +86,10 @@ class ParameterForces:
         return np.concatenate(wide, axis=1)
 
     def contracted(self, factors: ComplexArray, x: NumberArray, y: NumberArray) -> list[NumberArray]:
-        """y' (dZ/dp) x (no conjugate) for fields x (n_dofs, n_x) and y (n_dofs, n_y): (n_params, n_y) for each x."""
+        """y' (dZ/dp) x (no conjugate) for fields x (n_dofs, n_x) and y (n_dofs, n_y): (n_params, n_y) for each x.
+
+        `factors` (n_maps,) are those of the matrices at one frequency line.
+        """
         entries = np.ascontiguousarray(self.entries(factors, x).T)
         rows = np.ascontiguousarray(y)
         shape = (self.n_params, self.n_dofs)
@@ -129,7 +134,9 @@ def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: i
 
 
 def _pairs(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Element index, parameter index and slope of every weight that depends on a parameter, in memory-sized parts."""
+    """Element index, parameter index and derivative of every element weight that depends on a parameter, in memory-
+    sized parts.
+    """
     element = np.repeat(np.arange(part.slope.shape[0]), np.diff(part.slope.indptr))
     local = part.blocks.dofs.shape[1] ** 2 if isinstance(part.blocks, Blocks) else 1
     step = max(1, _CHUNK_ENTRIES // max(1, local))
@@ -139,7 +146,10 @@ def _pairs(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatAr
 
 
 def _force_keys(part: WeightedElements, n_dofs: int) -> Iterator[IntArray]:
-    """Keys, parameter index times n_dofs plus degree of freedom, of all forces; each key once in a part."""
+    """Keys of all forces (dZ/dp) x that can be nonzero: parameter index times n_dofs plus degree of freedom.
+
+    Each array holds a key once; keys may repeat in later arrays.
+    """
     if not isinstance(part.blocks, Blocks):
         yield np.unique(_matrix_entries(part, n_dofs)[0])
         return
@@ -151,7 +161,10 @@ def _force_keys(part: WeightedElements, n_dofs: int) -> Iterator[IntArray]:
 def _force_maps(
     part: WeightedElements, pattern: IntArray, n_dofs: int
 ) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Row in the `pattern` of keys, column and value of d(sum of weights B_e)/dp, summed within each stretch."""
+    """Sparse entries (row, column, value) of d(sum of weights B_e)/dp, in parts that fit in memory.
+
+    Rows are positions among the sorted keys `pattern` (parameter index times n_dofs plus degree of freedom).
+    """
     if not isinstance(part.blocks, Blocks):
         key, column, value = _matrix_entries(part, n_dofs)
         yield np.searchsorted(pattern, key), column, value
@@ -219,7 +232,10 @@ class DenseForces:
         return found
 
     def _forces(self, coefficients: ComplexArray, x: NumberArray) -> ComplexArray:
-        """Forces (dZ/dp) x for fields x (n_lines, n_dofs, n_x): (n_forces, n_lines, n_x)."""
+        """Forces (dZ/dp) x for fields x (n_lines, n_dofs, n_x): (n_forces, n_lines, n_x).
+
+        `coefficients` (n_lines, n_matrices) are those of the matrices in Z.
+        """
         n_lines, n_dofs, n_x = x.shape
         flat = np.ascontiguousarray(np.moveaxis(x, 1, 0), np.complex128).reshape(n_dofs, -1).view(np.float64)
         total = np.zeros((len(self.dofs), n_lines, n_x), dtype=np.complex128)
@@ -267,7 +283,10 @@ class DenseSlopes:
 
 
 def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: sparse.sparray) -> DenseSlopes:
-    """Derivatives of dense system matrices by parameters that change values through `design` (n_values, n_params)."""
+    """Derivatives of dense system matrices by parameters that change values through `design` (n_values, n_params).
+
+    `matrix_kinds` name the matrices.
+    """
     table, n_dofs, members = sparse.csr_array(design), structure.n_dofs, structure.contributions
     n_weights = sum(item.blocks.n_elements for item in members)
     changes, numbers = np.diff(table.indptr) > 0, np.arange(table.shape[0])
@@ -314,7 +333,10 @@ def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: spar
 def _weighed_entries(
     members: Sequence[Contribution], matrix_kinds: Sequence[str], n_dofs: int
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """All entries of element matrices: row, column plus `n_dofs` times the index of the matrix, index of the weight, value."""
+    """Entries of all element matrices of several contributions, as row, column, index of the element weight, and value.
+
+    Columns are raised by `n_dofs` times the index of the matrix in `matrix_kinds`.
+    """
     known = {id(item.blocks): item.blocks.entries() for item in members}
     none: IntArray = np.zeros(0, dtype=np.int64)
     found: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]
@@ -330,7 +352,11 @@ def _weighed_entries(
 def _joined(
     entries: tuple[IntArray, IntArray, IntArray, FloatArray], design: sparse.csr_array, n_dofs: int
 ) -> Iterator[tuple[IntArray, IntArray, IntArray, FloatArray]]:
-    """Entries of (matrix times parameter): key of parameter and force row, column, element and value, by stretches."""
+    """Entries of the derivatives of matrices by parameters: key, column, index of the element weight and value, in parts.
+
+    The key is parameter index times n_dofs plus row. `entries` are row, column, weight index and value of the element
+    matrices, `design` (n_weights, n_params) the derivatives of the weights.
+    """
     row, column, element, value = entries
     counts = np.diff(design.indptr)
     for k in range(int(counts.max(initial=0))):

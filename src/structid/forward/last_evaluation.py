@@ -20,7 +20,9 @@ class LastEvaluation(Generic[T]):
         return LastEvaluation, ()
 
     def at(self, theta: FloatArray, made: Callable[[FloatArray], T]) -> T:
-        """Evaluation at free variables `theta` (n_params,): the cached one, or that of `made`, which is then cached."""
+        """The evaluation at free variables `theta` (n_params,): the cached one, or else that made by `made`, which is
+        then cached.
+        """
         found = self.known(theta)
         if found is None:
             found = made(theta)

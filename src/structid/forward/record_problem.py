@@ -66,7 +66,10 @@ def sparse_prior_rows(unknowns: NamedUnknowns, theta: FloatArray) -> tuple[Float
 
 
 def complex_rows(n_lines: int, names: Sequence[str], averages: FloatArray | None = None) -> DataRows:
-    """Labels of data rows for complex values of lines and channels: real parts first, then imaginary parts."""
+    """Labels of data rows for complex values of lines and channels: real parts first, then imaginary parts.
+
+    `averages` (n_data,) are the numbers of averages behind the variances.
+    """
     index, channel = np.repeat(np.arange(n_lines), len(names)), np.tile(2 * np.arange(len(names)), n_lines)
     both = tuple(name for name in names for _ in range(2))
     lines, series = np.concatenate([index, index]), np.concatenate([channel, channel + 1])
@@ -192,6 +195,11 @@ class RecordProblem(Problem):
     def with_parameters(self, parameters: Parameters) -> Self:
         """A copy with other starts or priors of the structure's parameters."""
         return self.with_parts((parameters, *self.parts[1:]))
+
+    def with_structure(self, structure: Structure, parameters: Parameters) -> Self | None:
+        """A copy with another structure and its parameters, data and weights as before; None where data depend on these."""
+        changed: dict[str, object] = {"structure": structure, "parameters": parameters}
+        return cast(Self, replace(cast("DataclassInstance", self), **changed))
 
     def with_channels(self, channels: ChannelErrors) -> Self:
         """A copy with other errors of channels."""

@@ -26,7 +26,7 @@ _REMEDIES = {"thickness": "take Young's modulus as the unknown", "position": "fi
 def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
     """Raise `InputError` if a value that enters matrices non-linearly is a parameter or not nominal.
 
-    A thickness, the place of a node, bending and shear stiffness of a beam that shears, and modal damping.
+    These are a thickness, a node coordinate, bending and shear stiffness of a shear-flexible beam, and modal damping.
     """
     if structure.damping_ratio is not None:
         raise InputError(

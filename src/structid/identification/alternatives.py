@@ -157,15 +157,17 @@ def _measured_words(problems: Sequence[RecordProblem]) -> str:
 def deciding_measurement(
     names: tuple[str, ...], values: FloatArray, problem: RecordProblem
 ) -> DecidingMeasurement | None:
-    """A frequency beyond those measured, or a ratio of shape entries, that differs most between sets of values.
+    """The measurement that differs most between sets of values: a further natural frequency, or a ratio of shape entries.
+
+    None where nothing differs enough.
 
     Parameters
     ----------
     names : tuple of str
-        Of all parameters.
+        Names of all parameters.
     values : (n_sets, n_params) float array
     problem : RecordProblem
-        The first record; its structure is looked at.
+        That of the first record, with its structure.
     """
     if not problem.structure.has_modes:
         return None

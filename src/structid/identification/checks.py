@@ -120,7 +120,10 @@ def _scaled(matrix: FloatArray) -> FloatArray:
 
 
 def _null_words(structure: Structure, matrix: FloatArray, members: np.ndarray | None = None) -> str:
-    """Names of the degrees of freedom that move most in a null vector of a positive semidefinite matrix; "" if none."""
+    """Names of the degrees of freedom that move most in a null vector of a positive semidefinite matrix; "" if none.
+
+    `members` are the indices of the rows of `matrix` among all degrees of freedom; all by default.
+    """
     if not len(matrix):
         return ""
     index = np.arange(len(matrix)) if members is None else members

@@ -45,7 +45,7 @@ class PriorSummary:
     ----------
     mean, std : (n_params,) float arrays
         Prior of each parameter alone, physical units; NaN where there is none.
-    share : (n_params,) float array or None
+    variance_fraction : (n_params,) float array or None
         Part of each parameter's variance that stems from priors and regularization instead of data; None of a
         matrix-free search.
     regularizations : tuple of AppliedRegularization
@@ -56,7 +56,7 @@ class PriorSummary:
 
     mean: FloatArray
     std: FloatArray
-    share: FloatArray | None = None
+    variance_fraction: FloatArray | None = None
     regularizations: tuple[AppliedRegularization, ...] = ()
     varied: tuple[Varied, ...] = ()
 
@@ -72,14 +72,14 @@ class MassEstimate:
         in kg.
     ratios : Ratios or None
         Ratios of parameters where the data leave the scale free.
-    rests_on_force : bool
-        Whether the scale is the force's alone; see `ratios.rests_on_force`.
+    scale_from_force : bool
+        Whether only measured forces determine the scale.
     """
 
     total: float
     std: float
     ratios: Ratios | None = None
-    rests_on_force: bool = False
+    scale_from_force: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -232,13 +232,13 @@ class Identification(Shown, IdentificationPlots):
     @property
     def by_prior(self) -> tuple[int, ...]:
         """Indices of parameters that priors determine more than the data do, alone or in an unseen combination."""
-        if self.priors.share is None:
+        if self.priors.variance_fraction is None:
             return ()
-        is_open = np.zeros(len(self.priors.share), dtype=bool)
+        is_open = np.zeros(len(self.priors.variance_fraction), dtype=bool)
         for direction in self.estimate.identifiability.directions:
             size = np.abs(direction.vector)
             is_open |= size > _TAKES_PART * size.max()
-        is_by_prior = np.isfinite(self.priors.std) & ((self.priors.share > _MOSTLY) | is_open)
+        is_by_prior = np.isfinite(self.priors.std) & ((self.priors.variance_fraction > _MOSTLY) | is_open)
         return tuple(np.flatnonzero(is_by_prior).tolist())
 
     @property

@@ -14,7 +14,7 @@ from structid.forward import ChannelUnknown, RecordProblem
 from structid.forward.scatter import scatter_problems
 from structid.identification.alternatives import alternatives
 from structid.identification.fits.missed import missed_parts
-from structid.identification.fits.ratios import ratios, rests_on_force
+from structid.identification.fits.ratios import ratios, scale_from_force
 from structid.identification.fits.record_fit import Own
 from structid.identification.identified import Identification, MassEstimate, PriorSummary
 from structid.identification.joint_problem import first_values, freed_problems, harmonize_shared_parameters, indices_of
@@ -164,7 +164,7 @@ def identify_together(
     priors = PriorSummary(
         mean=first_values(found.names, problems, lambda part: part.priors.mean),
         std=first_values(found.names, problems, lambda part: part.priors.std),
-        share=share,
+        variance_fraction=share,
         regularizations=outcome.regularizations,
         varied=outcome.varied,
     )
@@ -179,7 +179,7 @@ def identify_together(
             total=mass,
             std=std,
             ratios=scale_free,
-            rests_on_force=target is not None and rests_on_force(problems, found),
+            scale_from_force=target is not None and scale_from_force(problems, found),
         ),
         warnings=tuple(warnings),
         intervals=ends,
@@ -201,9 +201,9 @@ def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem])
 
 
 def _own(problem: RecordProblem, found: Estimate) -> Own:
-    """Free variables, values and initial values of the problem's own parameters in the estimate.
+    """Free variables, values and initial values, in the estimate of all parameters, of those that the problem has.
 
-    A linear fit knows no free variables: values out of their range, as it may give them, have those of their start.
+    A linear fit has no free variables; a value out of its range gets those of the start.
     """
     place = indices_of(found.names, problem.names)
     values, theta = found.values[place], found.theta[place]

@@ -135,7 +135,10 @@ def harmonize_shared_parameters(problems: Sequence[RecordProblem], titles: Seque
 
 
 def _begun_alike(unknowns: N, first: Mapping[str, tuple[NamedUnknowns, int]], priors: Mapping[str, Prior]) -> N:
-    """A copy of the unknowns with start and scale from the part and index in `first`, and with these `priors`."""
+    """A copy of the unknowns that share their start and scale with an earlier problem, and have these `priors`.
+
+    `first` gives, by name, the unknowns of the earlier problem and the index in them.
+    """
     if not unknowns.names:
         return unknowns
     origin = [first[name] for name in unknowns.names]
@@ -165,7 +168,9 @@ def freed_problems(
 
 
 def taken_as_exact(problems: Sequence[RecordProblem], tolerances: Tolerances, carried: Sequence[str]) -> str:
-    """A clause on the fixed values with a tolerance that are not among those `carried`; "" where all are."""
+    """A clause that names the fixed values with a tolerance that the search could not include (all but `carried`); ""
+    if none.
+    """
     if not all(problem.structure.has_matrices for problem in problems):
         return "the model behind the FRFs of the solver is taken as exact"
     labels = dict.fromkeys(

@@ -105,9 +105,9 @@ def regularized(
     progress: StageProgress | None,
     work: Work,
 ) -> Regularized:
-    """The problems with regularizations and scatters at the strengths that are given or that the data choose.
+    """The problems with regularizations and scatters added, at strengths that are given or chosen by the data.
 
-    The rows stand with the parameters of the first problem, which the others share by name.
+    Their rows are added to the problem of the first record, whose parameters the others share by name.
 
     Parameters
     ----------
@@ -241,7 +241,10 @@ def _applied_regularization(
     converged: bool,
     determined: float = float("nan"),
 ) -> AppliedRegularization:
-    """The term with its strength as it was used; `rest` (n_rows,) is what its rows come to at the end."""
+    """The regularization with its strength as it was used; `rest` (n_rows,) is the residual of its rows at the answer.
+
+    `determined` is the number of combinations that the data determine, `converged` whether the strength settled.
+    """
     strengths = locked(np.array(np.broadcast_to(strength, rest.shape)))
     n_free = int((np.abs(rest) > _SMOOTHING).sum()) if term.is_sparse else None
     settled = converged or (term.rule == "given" and not term.is_sparse)

@@ -159,7 +159,7 @@ def _search_starts(
 def _without_priors(
     problems: Sequence[RecordProblem], best: Estimate, method: Method, search: Search, work: Work
 ) -> Estimate | None:
-    """The estimate from the data alone, searched from wide starts about that with priors; None where there are no priors."""
+    """The estimate from the data alone, searched from wide starts about `best`; None where no parameter has a prior."""
     if not any(problem.parameters.has_priors for problem in problems):
         return None
     bare = tuple(problem.with_parameters(problem.parameters.without_priors()) for problem in problems)
@@ -276,8 +276,8 @@ def reweighted(
 ) -> tuple[Estimate, tuple[RecordProblem, ...]]:
     """The fit repeated with errors in proportion to values that are taken from the fitted model, and its problems.
 
-    Where the model misses the values by more than twice their noise, the weights stay as they are measured. Strengths of
-    regularizations stay as they were chosen.
+    Where the model misses the values by more than twice their noise, the weights stay as they are measured. Strengths
+    of regularizations stay as they were chosen. `search` repeats the fit of problems from given free variables.
     """
     for _ in range(_REWEIGHTED):
         if not best.goodness.misfit < _REWEIGHTED_BELOW:

@@ -157,7 +157,8 @@ def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> 
     """The interval of a scatter that the data choose near the answer, and the covariance that it adds.
 
     The restricted likelihood of the scatter times a uniform prior on it, on a grid; the mean and covariance of the free
-    variables at each of its points give what not knowing it adds.
+    variables at each of its points give what not knowing it adds. `strengths` are those of all penalties, `index` is
+    the position of the scatter among them.
 
     References
     ----------
@@ -243,9 +244,10 @@ def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str
 def _chances(residual: FloatArray, std: float, left: FloatArray, is_known: bool) -> FloatArray:
     """Two-sided p-value (n,) of each deviation, before correction; NaN where the data say nothing of it.
 
-    The variance of a predicted deviation is the scatter's less what the data leave open, `left`. A scatter that the data chose
-    is first freed of the value's own part in it: of n values known exactly this is Grubbs's test, of values that their own
-    errors dominate the normal one.
+    The variance of a predicted deviation is the scatter's less what the data leave open, `left`. A scatter that the
+    data chose is first freed of the value's own part in it: of n values known exactly this is Grubbs's test, of values
+    that their own errors dominate the normal one. `residual` (n,) are the deviations from the mean, `std` is the
+    scatter; `is_known` says that the study states it.
     """
     told = std**2 - left
     seen = told > 1e-3 * std**2

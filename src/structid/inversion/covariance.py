@@ -56,9 +56,9 @@ def noise_covariance(problem: Problem, theta: FloatArray, at: Linearization) -> 
 
 
 def chi_square_law(problem: Problem, theta: FloatArray, at: Linearization) -> tuple[float, float]:
-    """Scale and degrees of freedom of the chi-square that noise alone would leave.
+    """Scale and degrees of freedom of the scaled chi-square distribution that noise alone gives the sum of squares.
 
-    Where few averages tell the variances of rows, see `row_law`. For rows with errors that vary together, the residual's
+    Where few averages determine the variances of rows, see `row_law`. For rows with correlated errors, the residual's
     covariance is P Sigma P with P the projection past the Jacobian: sums of squares have the mean and variance of scale
     times chi-square (Satterthwaite 1946, Biometrics Bull. 2, 110-114).
     """
@@ -99,7 +99,8 @@ def fit_covariance(problem: Problem, theta: FloatArray) -> FloatArray:
 def correlation_length(residual: FloatArray, lines: IntArray, series: IntArray) -> float:
     """Correlation length of a residual in lines: 1 + 2 sum of its autocorrelations.
 
-    The sum runs over lags up to the first autocorrelation below 0.05, on the mean over all channels.
+    The sum runs over lags up to the first autocorrelation below 0.05, on the mean over all channels. `lines` and
+    `series` (n_data,) are the numbers of line and channel of each row.
     """
     n_lines = int(lines.max(initial=0)) + 1
     numerator = np.zeros(n_lines)
@@ -232,7 +233,11 @@ def larger_covariance(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tuple[IntArray, ...]:
-    """Block number of each data row, (n_data,): by stretches of lines, and by channels if there are at least four."""
+    """Block number of each data row, (n_data,): by stretches of lines, and by channels if there are at least four.
+
+    `residual` (n_data,) gives the correlation length; `lines` and `series` (n_data,) number the line and channel of
+    each row.
+    """
     n_lines = int(lines.max(initial=0)) + 1
     length = 4 * correlation_length(residual, lines, series)
     n_blocks = int(np.clip(n_lines / length, min(_FEWEST_BLOCKS, n_lines), n_lines))
@@ -256,7 +261,10 @@ def effective_blocks(problem: Problem, at: Linearization) -> FloatArray:
 
 
 def _block_scores(jacobian: FloatArray, residual: FloatArray, block: IntArray) -> FloatArray:
-    """Sum over blocks b of g g', g = J_b' r_b, times B / (B - 1) for B blocks: (n_params, n_params)."""
+    """Sum over blocks b of g g', g = J_b' r_b, times B / (B - 1) for B blocks: (n_params, n_params).
+
+    `jacobian` is J, `residual` is r, and `block` (n_data,) numbers the blocks.
+    """
     n_blocks = int(block.max(initial=0)) + 1
     scores = np.zeros((n_blocks, jacobian.shape[1]))
     np.add.at(scores, block, jacobian * residual[:, None])

@@ -162,7 +162,10 @@ class FitWithinTolerances:
         return self.misfits_law(probability, *chi_square_law(self.problem, self.theta, self.at))
 
     def misfits_law(self, probability: float, scale: float, freedom: float) -> bool:
-        """`misfits` for a chi-square that is `scale` times that of `freedom` degrees of freedom; see `chi_square_law`."""
+        """True where the fit within tolerances misses the noise, tested at this probability.
+
+        The sum of squares of noise alone is `scale` times chi-square of `freedom` degrees of freedom; see `chi_square_law`.
+        """
         if np.abs(self.asked).max() > limit_of(len(self.asked), probability):
             return True
         more = float(self.asked @ self.asked)
@@ -229,7 +232,11 @@ class FixedColumns:
         return self.influence_by(theta, changes, slope)
 
     def influence_by(self, theta: FloatArray, changes: FloatArray, slope: FloatArray) -> FixedValueInfluence:
-        """The influence with known `changes` (n_params, n_fixed) of the free variables by the logarithm of each fixed value."""
+        """Influence of the fixed values on the parameters, from known changes of the free variables.
+
+        `theta` are the free variables (n_params,), `changes` (n_params, n_fixed) their derivatives by the logarithm of each fixed
+        value, and `slope` (n_params,) the derivative of each physical parameter by its free variable.
+        """
         within = self.within
         asked = np.zeros(len(self.names)) if within is None else within.asked
         free = theta if within is None else within.parameters

@@ -138,7 +138,10 @@ def _index_of(names: tuple[str, ...], name: str) -> int:
 
 
 def _std_words(draws: int, n_solved: int, missed: int) -> str:
-    """Words on how standard deviations were found: number of draws, of parameters solved for and of failed draws."""
+    """Words on how standard deviations were found: number of draws, of parameters solved for and of failed draws.
+
+    `missed` is the number of failed draws.
+    """
     words = (
         f"standard deviations from {draws} posterior draws, +-{100 / np.sqrt(2 * draws):.0f} % each"
         if draws > 1
@@ -195,7 +198,7 @@ def counted_draws(
 ) -> tuple[FloatArray, float, int]:
     """Draws of the answer's errors that converged, number of combinations that the data determine, failed draws.
 
-    The number is tr(C J'J) = E |J s|^2 of the data rows; NaN without draws.
+    The number is tr(C J'J) = E |J s|^2 of the data rows; NaN without draws. `count` is the number of draws.
     """
     made, missed = posterior_draws(at, count, generator, None, precondition)
     sound = made[np.isfinite(made).all(axis=1)]

@@ -135,10 +135,10 @@ class DrawnCovariance:
         )
 
     def with_changes(self, changes: FloatArray) -> DrawnCovariance:
-        """The covariance of errors to which independent causes add `changes` (n_params, n_causes) of unit size.
+        """The covariance with independent errors added, whose changes of the parameters are `changes` (n_params, n_causes).
 
-        Every draw has some of each cause. Over all draws their sizes have unit mean square and are uncorrelated, where draws are
-        more than causes.
+        Every draw gets some of each error. Over all draws their sizes have unit mean square and are uncorrelated, if there are
+        more draws than errors.
         """
         n_draws, n_causes = len(self.draws), changes.shape[1]
         sizes = np.random.default_rng(0).standard_normal((n_draws, n_causes))
@@ -361,7 +361,7 @@ def dense_uncertainty(
 def effective_parameters(at: Linearization, n_data: int) -> float:
     """Degrees of freedom that the parameters take from `n_data` data rows: tr(J_d (J'J)^-1 J_d').
 
-    The rank of J where nothing else is known; less where rows of priors hold some combinations (Hoerl and Kennard 1970).
+    It is the rank of J without priors, and less where prior rows determine some combinations (Hoerl and Kennard 1970).
     """
     scale = np.linalg.norm(at.jacobian, axis=0)
     columns, singular, _ = np.linalg.svd(at.jacobian / np.where(scale > 0, scale, 1.0), full_matrices=False)

@@ -111,7 +111,10 @@ def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
 
 
 def _mean_and_variance(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean and variance of each column about its own mean, summed in chunks about the first row; (n_channels,) each."""
+    """Mean and variance of each column about its own mean, summed in chunks about the first row; (n_channels,) each.
+
+    `values` are (n_times, n_channels).
+    """
     start, total, square = values[0], np.zeros(values.shape[1]), np.zeros(values.shape[1])
     for first in range(0, len(values), _CHUNK):
         chunk = values[first : first + _CHUNK] - start
@@ -122,7 +125,10 @@ def _mean_and_variance(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> FloatArray:
-    """Root mean square of every channel, (n_channels,); `InputError` if a channel does not vary."""
+    """Root mean square of every channel, (n_channels,); `InputError` if a channel does not vary.
+
+    `series` are the samples of each record, (n_times, n_channels).
+    """
     n_samples = sum(map(len, series))
     moments = [_mean_and_variance(y) for y in series]
     spread = np.sqrt(sum(len(y) * variance for y, (_, variance) in zip(series, moments, strict=True)) / n_samples)
@@ -263,7 +269,10 @@ def window_hankel(y: FloatArray, start: int, stop: int, rows: int, columns: int,
 def window_hankels(
     data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int
 ) -> Iterator[FloatArray]:
-    """Block Hankel matrix of each window of the data, divided by the number of instants in all windows."""
+    """Block Hankel matrix of each window of the data, divided by the number of instants in all windows.
+
+    `rows` and `columns` are numbers of blocks, `offset` is the lag of the first block in samples.
+    """
     total = sum(piece.stop - piece.start for piece in windows)
     for piece in windows:
         y = data.series[piece.record]
@@ -271,7 +280,10 @@ def window_hankels(
 
 
 def lag_hankels(data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int) -> Iterator[FloatArray]:
-    """Block Hankel matrices of lag correlations, one for the contribution of each window."""
+    """Contribution of each window of the data to the block Hankel matrix of the lag correlations.
+
+    `rows` and `columns` are numbers of blocks, `offset` is the lag of the first block in samples.
+    """
     for piece in windows:
         y = data.series[piece.record]
         last = not any(p.record == piece.record and p.start >= piece.stop for p in windows)

@@ -143,7 +143,10 @@ def shared_motions(values: ArrayLike, rank: int = 40, rng: np.random.Generator |
 
 
 def _above_noise(singular: FloatArray, power: float, shape: tuple[int, ...]) -> int:
-    """Number of leading `singular` values that exceed those of white noise, at least 1."""
+    """Number of leading `singular` values that exceed those of white noise, at least 1.
+
+    `power` is the sum of squares of the samples, `shape` theirs.
+    """
     kept = 0
     while True:
         rest = max(power - float(np.sum(singular[:kept] ** 2)), (1e-14 * singular[0]) ** 2 * max(shape))
@@ -156,7 +159,10 @@ def _above_noise(singular: FloatArray, power: float, shape: tuple[int, ...]) -> 
 
 
 def _sketch(table: NDArray[np.floating], width: int, rng: np.random.Generator) -> FloatArray:
-    """W' Omega, (n_channels, width), for the samples W (n_times, n_channels) and a random Omega."""
+    """W' Omega, (n_channels, width), for the samples W (n_times, n_channels) and a random Omega.
+
+    `table` is W.
+    """
     sketch = np.zeros((table.shape[1], width))
     columns = _columns(width, _SKETCHED)
     sums, product = np.empty((2, columns, width), table.dtype)  # made once: memory that is asked for anew is slow
@@ -173,7 +179,10 @@ def _sketch(table: NDArray[np.floating], width: int, rng: np.random.Generator) -
 
 
 def _projected(table: NDArray[np.floating], basis: FloatArray) -> tuple[FloatArray, float]:
-    """W Q, (n_times, rank), and the sum of squares of the samples W (n_times, n_channels)."""
+    """W Q, (n_times, rank), and the sum of squares of the samples W (n_times, n_channels).
+
+    `table` is W and `basis` (n_channels, rank) is Q.
+    """
     short = basis.astype(np.float32) if table.dtype == np.float32 else basis
     rows = max(_PROJECTED, int(_SMALL / basis.size))
     columns = _columns(basis.shape[1], rows)

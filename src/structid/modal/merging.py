@@ -144,7 +144,10 @@ def _require_different(setups: Sequence[ModalRecord], called: Sequence[str]) -> 
 def common_sensors(
     channels: Sequence[Sequence[Dof]], references: Sequence[Dof | str] | None, called: Sequence[str]
 ) -> tuple[Dof, ...]:
-    """Reference sensors that all set-ups have, as positive directions: the ones named, or all by default."""
+    """Reference sensors that all set-ups have, as positive directions: the ones named, or all by default.
+
+    `called` are the names of the set-ups in errors.
+    """
     own = [{dof.unsigned for dof in part} for part in channels]
     common = set.intersection(*own)
     if references is None:
@@ -186,7 +189,10 @@ def pair_worth(
 
 
 def _members(setups: Sequence[ModalRecord], shared: Sequence[Dof], guard: float) -> IntArray:
-    """Mode numbers in each set-up of every merged mode, (n_setups, n_modes), by frequency; -1 where it is missing."""
+    """Mode numbers in each set-up of every merged mode, (n_setups, n_modes), by frequency; -1 where it is missing.
+
+    `shared` are the reference sensors; a pair is worth half as much at the logarithmic frequency distance `guard`.
+    """
     worth = {(a, b): pair_worth(setups[a], setups[b], shared, guard)[1] for a, b in permutations(range(len(setups)), 2)}
     order = sorted(range(len(setups)), key=lambda number: -setups[number].n_modes)
     groups: list[dict[int, int]] = []
@@ -221,7 +227,11 @@ def _worth_in(worth: Mapping[tuple[int, int], FloatArray], number: int, mode: in
 
 
 def _losses(setups: Sequence[ModalRecord], members: IntArray, shared: Sequence[Dof], guard: float) -> list[str]:
-    """Words on the modes that merging leaves out and why; empty if there are none."""
+    """Words on the modes that merging leaves out and why; empty if there are none.
+
+    `members` (n_setups, n_modes) are the mode numbers of merged modes, `shared` the reference sensors, `guard` the
+    logarithmic frequency distance at which a pair is worth half as much.
+    """
     lost = []
     for number, (setup, own) in enumerate(zip(setups, members, strict=True)):
         for mode in np.setdiff1d(np.arange(setup.n_modes), own).tolist():
@@ -237,7 +247,11 @@ def _losses(setups: Sequence[ModalRecord], members: IntArray, shared: Sequence[D
 
 
 def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Sequence[Dof], guard: float) -> str:
-    """Words on which set-ups lack a mode like this one, and how near their nearest mode comes."""
+    """Words on which set-ups lack a mode like this one, and how near their nearest mode comes.
+
+    The mode is number `mode` of set-up `number`; `guard` is the logarithmic frequency distance at which a pair is worth
+    half as much.
+    """
     if np.isnan(_rows(setups[number], shared)[:, mode]).all():
         return "none of its references is known"
     reasons = []
@@ -253,7 +267,10 @@ def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Seq
 
 
 def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> Merging:
-    """Weighted mean of frequencies and damping ratios, with merged shapes, for modes matched by `members`."""
+    """Weighted mean of frequencies and damping ratios, with merged shapes, for modes matched by `members`.
+
+    `members` (n_setups, n_modes) are mode numbers in each set-up, -1 where missing; remarks are appended to `notes`.
+    """
     n_setups, n_modes = members.shape
     frequency = np.array([_values_of(setup.frequency, row) for setup, row in zip(setups, members, strict=True)])
     damping = np.array([_values_of(setup.damping_ratio, row) for setup, row in zip(setups, members, strict=True)])
@@ -302,7 +319,10 @@ def _inverse_variances(variance: FloatArray, counts: NDArray[np.bool_]) -> Float
 
 
 def _scatter(values: FloatArray, variance: FloatArray) -> FloatArray:
-    """Between-set-up variance of each quantity, (n_quantities,), by DerSimonian and Laird."""
+    """Between-set-up variance of each quantity, (n_quantities,), by DerSimonian and Laird.
+
+    `values` and `variance` are (n_setups, n_quantities).
+    """
     counts = _stated(variance) & ~np.isnan(values)
     weight = _inverse_variances(variance, counts)
     total = np.maximum(weight.sum(axis=0), np.finfo(np.float64).tiny)
@@ -322,6 +342,7 @@ def _weighted_mean(
     """Weighted mean (n_quantities,) of frequencies and damping ratios over set-ups, and its covariance.
 
     A quantity whose deviation no set-up states is the plain mean of those that know it, with NaN in the covariance.
+    `values` and `variance` are (n_setups, n_quantities), `scatter` (n_quantities,) is the variance between set-ups.
     """
     counts = _stated(variance) & ~np.isnan(values)
     weighed = counts.any(axis=0)
@@ -420,7 +441,8 @@ def _merge_shapes(
 ) -> tuple[ComplexArray, FloatArray | None, tuple[Dof, ...], NDArray[np.bool_]]:
     """Merged shapes at all sensors, largest entry 1, their standard deviations, the sensors, and which lack deviations.
 
-    The last, (n_setups, n_modes), is true where a set-up states no deviation although others do.
+    The last, (n_setups, n_modes), is true where a set-up states no deviation although others do. `members` (n_setups,
+    n_modes) are mode numbers in each set-up, -1 where missing.
     """
     channels = tuple(dict.fromkeys(dof.unsigned for setup in setups for dof in setup.channels))
     index = [np.array([channels.index(dof.unsigned) for dof in setup.channels]) for setup in setups]
@@ -450,9 +472,10 @@ def _merge_shapes(
 def _all_stated(
     parts: Sequence[ComplexArray], errors: Sequence[FloatArray], places: Sequence[IntArray]
 ) -> list[FloatArray]:
-    """Errors of all shape entries; unstated ones are set to the median of the others, at the same scale.
+    """Errors of all shape entries of all parts; unstated ones get the median of the others, at the same scale.
 
-    The scale is the size at the sensors that all parts have.
+    `parts` are the shapes of one mode in each set-up, `errors` their standard deviations, `places` the channel indices of their
+    entries. The scale is the size at the sensors that all parts have.
     """
     shared = reduce(np.intersect1d, places)
     sizes = [float(np.linalg.norm(part[np.isin(place, shared)])) for part, place in zip(parts, places, strict=True)]
@@ -522,7 +545,10 @@ def merged_shape(
 
 
 def _order(index: Sequence[IntArray]) -> list[int]:
-    """Order of the set-ups in which each shares a channel with an earlier one; `InputError` if there is none."""
+    """Order of the set-ups in which each shares a channel with an earlier one; `InputError` if there is none.
+
+    `index` are the channel indices of each set-up.
+    """
     order, seen, rest = [0], set(index[0].tolist()), list(range(1, len(index)))
     while rest:
         s = next((s for s in rest if seen & set(index[s].tolist())), None)
@@ -541,7 +567,10 @@ def _best_shape(
     factors: ComplexArray,
     n_channels: int,
 ) -> ComplexArray:
-    """Weighted least-squares shape (n_channels,) from the parts, for given scale `factors` of these."""
+    """Weighted least-squares shape (n_channels,) from the parts, for given scale `factors` of these.
+
+    `errors` are the standard deviations of the parts' entries, `index` their channels.
+    """
     top, bottom = np.zeros(n_channels, dtype=np.complex128), np.zeros(n_channels)
     for part, error, own, factor in zip(parts, errors, index, factors, strict=True):
         np.add.at(top, own, factor.conj() * part / error**2)
@@ -560,7 +589,8 @@ def _deviation(
     """Standard deviation of the real part of shape / shape[largest], (n_channels,), to first order.
 
     Errors of real and imaginary parts are alike, so that complex least squares does: J = d(c psi) has columns c (shape)
-    and psi (factors), and (J^H W J)^-1 is the covariance of either part of the unknowns.
+    and psi (factors), and (J^H W J)^-1 is the covariance of either part of the unknowns. `errors` are the standard
+    deviations of the parts' entries, `index` their channels, and `factors` the scale of each part.
     """
     n, m = len(shape), len(factors)
     rows = []

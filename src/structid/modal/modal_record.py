@@ -276,7 +276,10 @@ def by_frequency(
 
 
 def joined(parts: Sequence[ModalRecord], warnings: Sequence[str], source: str) -> ModalRecord:
-    """Modes of several parts at the same channels as one record; errors of different parts count as independent."""
+    """Modes of several parts at the same channels as one record; errors of different parts count as independent.
+
+    `warnings` and `source` are those of the result.
+    """
     n = sum(part.n_modes for part in parts)
     covariance, before = np.zeros((2, n, 2, n)), 0
     for part in parts:

@@ -86,6 +86,7 @@ def mac_with_std(first: ModalRecord, second: ModalRecord) -> ShapeQuantity:
     shapes = [np.where(modes.known, modes.mode_shapes, 0.0) for modes in (first, second)]
 
     def mac_of(x: ComplexArray, y: ComplexArray) -> FloatArray:
+        """MAC of shapes `x` and `y` (..., n_channels, n_modes), over the entries that both know."""
         cross = np.abs(np.einsum("...ci,...cj->...ij", x.conj(), y)) ** 2
         of_first = np.einsum("...ci,cj->...ij", np.abs(x) ** 2, known[1])
         of_second = np.einsum("ci,...cj->...ij", known[0], np.abs(y) ** 2)

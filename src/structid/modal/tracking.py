@@ -139,7 +139,10 @@ def _at_sensors(record: ModalRecord, sensors: Sequence[Dof]) -> ModalRecord:
 
 
 def _likeness_std(records: Sequence[ModalRecord], members: IntArray) -> FloatArray:
-    """Standard deviation of the MAC of each mode with the last record that shows it, (n_records, n_tracks)."""
+    """Standard deviation of the MAC of each mode with the last record that shows it, (n_records, n_tracks).
+
+    `members` (n_records, n_tracks) are the mode numbers of each track, -1 where it is missing.
+    """
     std, pairs = np.full(members.shape, np.nan), dict[tuple[int, int], FloatArray]()
     for k, track in enumerate(members.T):
         seen = np.flatnonzero(track >= 0).tolist()

@@ -150,7 +150,10 @@ class _Ground:
     by_line: FloatArray | None = None
 
     def deviations(self, rows: FloatArray, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Relative standard deviations (n_params,) from noise, and from tolerances: K S K' with K = -(J'J + P)^-1 J'J_h."""
+        """Relative standard deviations (n_params,) from noise, and from tolerances: K S K' with K = -(J'J + P)^-1 J'J_h.
+
+        `rows` is J of the test; `cross` (n_params, n_fixed) is J'J_h, its product with the derivatives by fixed values.
+        """
         known = np.vstack([rows, self.prior])
         bread = inverse_information(known)
         seen = np.isfinite(np.diag(bread))
@@ -249,7 +252,10 @@ def _kammer_sensors(ground: _Ground, count: int) -> tuple[int, ...]:
 def _at_all_lines(
     ground: _Ground, label: str, sensors: tuple[int, ...] | range, loads: tuple[int, ...] | range
 ) -> PlannedTest:
-    """The test with these sensors and loads at every line."""
+    """The test with these sensors and loads at every line.
+
+    `label` names the test in tables.
+    """
     options = ground.options
     cross = ground.cross[np.ix_(list(sensors), list(loads))].sum(axis=(0, 1))
     std, of_tolerances = ground.deviations(ground.rows(sensors, loads), cross)
@@ -267,7 +273,10 @@ def _at_all_lines(
 def _at_lines(
     ground: _Ground, test: PlannedTest, label: str, lines: FloatArray, chosen: tuple[int, ...]
 ) -> PlannedTest:
-    """`test` at some of its lines."""
+    """`test` at some of its lines.
+
+    `label` names the test in tables; `chosen` are the indices of its lines among `lines`, Hz.
+    """
     index = sorted(chosen)
     cross = np.zeros(ground.cross.shape[2:]) if ground.by_line is None else ground.by_line[index].sum(axis=0)
     std, of_tolerances = ground.deviations(lines[index].reshape(-1, lines.shape[-1]), cross)

@@ -145,14 +145,14 @@ def _with_supports(
     is_viscous: bool,
     relative: bool,
 ) -> LinearResponse:
-    """`linear_response` where supports move.
+    """The response of a structure to forces and to accelerations of its moving supports `bases`.
 
     With u = G u_g + r, where G is the quasi-static motion under unit motion of each base, the rest obeys
 
-        M r'' + C r' + K r = -(M G + M_g) u_g'' - (C G + C_g) u_g'
+    M r'' + C r' + K r = -(M G + M_g) u_g'' - (C G + C_g) u_g'
 
     (Clough and Penzien 1993, Dynamics of Structures, Eq. 26.11), M_g the masses between structure and supports. Loss factors and
-    modal damping act on r alone.
+    modal damping act on r alone. The other arguments are those of `linear_response`.
     """
     released = replace(structure, damping_ratio=None).release_supports(bases)
     found = output_map(released, outputs, derivative)
@@ -173,6 +173,10 @@ def _with_supports(
         return np.asarray(inner @ motion + (whole @ support).toarray()[free])
 
     def quasi_static(values: FloatArray) -> FloatArray:
+        """Quasi-static motion (n_free, n_bases) of the free degrees of freedom under unit motion of each base.
+
+        `values` (n_values,) are the property values.
+        """
         stiffness = sparse.csc_array(plain.matrix("stiffness", values[same_values]))
         stiffness.sort_indices()
         pulled = columns_at(values, "stiffness", np.zeros((len(free), len(bases))))
@@ -194,6 +198,7 @@ def _with_supports(
     everything = sparse.csc_array(sparse.eye_array(len(free)))
 
     def poles_at(physical: FloatArray) -> PoleSum:
+        """The response as a sum over poles, at the physical parameters (n_params,)."""
         values = parameters.values(physical)
         reduced = reduce_structure(structure, values, basis, Sides(everything, loads))
         if reduced.is_rigid.any():

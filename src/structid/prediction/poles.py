@@ -158,7 +158,10 @@ def _independent(columns: FloatArray, mass: sparse.csc_array) -> FloatArray:
 
 
 def _without_modal_damping(structure: Structure, values: FloatArray) -> tuple[Structure, float]:
-    """The structure without the damping ratio that all modes share, and that ratio."""
+    """The structure without the damping ratio that all modes share, and that ratio.
+
+    `values` (n_values,) are the property values.
+    """
     if structure.damping_ratio is None:
         return structure, 0.0
     place = next(item.values for item in structure.properties if item.element == ALL_MODES)

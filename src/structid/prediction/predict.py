@@ -281,7 +281,8 @@ def _predict_all(
 ) -> list[Prediction]:
     """Predictions of quantities from their bases by the identified and the random models, with what the model misses.
 
-    What it misses of a base is drawn once for all quantities that follow from it.
+    What it misses of a base is drawn once for all quantities that follow from it. `words` say what the uncertainty
+    includes.
     """
     missed: dict[int, NumberArray | None] = {}
     predictions = []
@@ -299,7 +300,10 @@ def _predict_all(
 def _with_model_error(
     base: Quantity, nominal: NumberArray, draws: NumberArray, error: ModelError, seed: int
 ) -> NumberArray | None:
-    """Draws (n_draws, ...) of FRFs, histories or spectra with the error of the model; None for what it does not touch."""
+    """Draws (n_draws, ...) of FRFs, histories or spectra with the error of the model; None for what it does not touch.
+
+    `nominal` are those by the identified model.
+    """
     rng = np.random.default_rng(seed + 1)
     if isinstance(base, Frf):
         has_size = np.array([isinstance(each, Dof) and base.kind != "transmissibility" for each in base.outputs])
@@ -314,7 +318,10 @@ def _with_model_error(
 
 
 def _band(quantity: Quantity, nominal: NumberArray, draws: NumberArray, words: str) -> Prediction:
-    """The prediction with its 95 % band, from the nominal quantity and that of the random models (n_draws, ...)."""
+    """The prediction with its 95 % band, from the nominal quantity and that of the random models (n_draws, ...).
+
+    `words` say what the uncertainty includes.
+    """
     sizes = np.abs(draws) if np.iscomplexobj(draws) else draws
     # between order statistics so that the truth, which is like one model more, lies inside with the probability LEVEL
     low, high = np.quantile(sizes, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0, method="weibull")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from scipy import sparse
@@ -21,7 +21,15 @@ from structid.fem import Base, Friction, Structure
 from structid.forward.frf.response import Response, response
 from structid.prediction.linear_response import Input, LinearResponse, input_words, linear_response, parse_inputs
 from structid.prediction.poles import simulate_history
-from structid.prediction.recovery import Output, OutputMap, is_von_mises, output_map, output_unit, parse_outputs
+from structid.prediction.recovery import (
+    Output,
+    OutputMap,
+    distinct_channels,
+    is_von_mises,
+    output_map,
+    output_unit,
+    parse_outputs,
+)
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES, FRF_UNITS, MOTION_DERIVATIVES, QUANTITY_UNITS
 from structid.unknowns import Parameters
@@ -100,8 +108,8 @@ class Frf:
         if not (lines > 0).all():
             raise InputError(f"`frequency` must be greater than 0 Hz, got {lines.min():g}")
         for name, value in (
-            ("outputs", _distinct("outputs", parse_outputs(outputs))),
-            ("inputs", _distinct("inputs", parse_inputs(inputs))),
+            ("outputs", distinct_channels("outputs", parse_outputs(outputs))),
+            ("inputs", distinct_channels("inputs", parse_inputs(inputs))),
             ("frequency", lines),
             ("kind", kind),
         ):
@@ -129,6 +137,8 @@ class Frf:
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """FRFs as a function of physical parameters: solved line by line for small models, by poles for others.
 
+        `points` are parameter values (n_params,) for which a reduction must serve.
+
         Raises
         ------
         InputError
@@ -146,7 +156,10 @@ class Frf:
     def row_evaluator(
         self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]
     ) -> tuple[OutputMap, Evaluator]:
-        """The outputs, and the FRFs of their rows (a von Mises stress has three) as a function of physical parameters."""
+        """The outputs, and the FRFs of their rows (a von Mises stress has three) as a function of physical parameters.
+
+        `points` are parameter values (n_params,) for which a reduction must serve.
+        """
         bases = structure.driven([each for each in self.inputs if isinstance(each, Dof)])
         if bases and self.kind != "transmissibility":
             raise InputError(
@@ -197,6 +210,7 @@ def _by_fields(exact: Response, structure: Structure, parameters: Parameters, ro
     read_dofs = np.unique(rows.columns.indices)
 
     def evaluate(physical: FloatArray) -> ComplexArray:
+        """FRFs of the rows, (n_frequencies, n_rows, n_inputs), at the physical parameters (n_params,)."""
         by_order = (
             rows.rows(parameters.values(physical))[read_dofs, :].toarray().T.reshape(len(rows.orders), rows.n_rows, -1)
         )
@@ -254,7 +268,10 @@ class History:
         relative: bool = False,
     ) -> None:
         """Read the names of sensors and loads; require finite loads, a positive sampling rate and a known motion."""
-        sensors, driven = _distinct("outputs", parse_outputs(outputs)), _distinct("inputs", parse_inputs(inputs))
+        sensors, driven = (
+            distinct_channels("outputs", parse_outputs(outputs)),
+            distinct_channels("inputs", parse_inputs(inputs)),
+        )
         table = np.asarray(loads, dtype=np.float64)
         require_shape("loads", table, (None, len(driven)), "one column an input")
         require_finite("loads", table)
@@ -276,7 +293,10 @@ class History:
         return np.arange(len(self.loads)) / self.sampling_rate
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """The outputs (n_times, n_outputs) as a function of physical parameters, by a sum over poles."""
+        """The outputs (n_times, n_outputs) as a function of physical parameters, by a sum over poles.
+
+        `points` are parameter values (n_params,) for which a reduction must serve.
+        """
         _require_linear(structure, "a history")
         band, order = (self.sampling_rate / len(self.loads), self.sampling_rate / 2), MOTION_DERIVATIVES[self.motion]
         system = linear_response(
@@ -507,7 +527,10 @@ class Extremes(DerivedQuantity):
         return np.array([self._maximum(*each) for each in zip(*(m.tolist() for m in moments), strict=True)])
 
     def _maximum(self, m0: float, m1: float, m2: float) -> float:
-        """Mean or quantile of the largest magnitude from the first spectral moments; 0 where nothing moves."""
+        """Mean or quantile of the largest magnitude from the first spectral moments; 0 where nothing moves.
+
+        `m0`, `m1` and `m2` are the spectral moments of order 0 to 2.
+        """
         if m0 <= 0 or m2 <= 0:
             return 0.0
         crossings = self.duration * np.sqrt(m2 / m0) / np.pi
@@ -561,7 +584,10 @@ class NaturalModes:
     reference: ReferenceModes | None = None
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """Frequencies and damping ratios (n_modes, 2) as a function of physical parameters."""
+        """Frequencies and damping ratios (n_modes, 2) as a function of physical parameters.
+
+        Modes are matched to those at the first of `points` (n_params,).
+        """
         structure.require_modes("modes")
         n_modes = self.n_modes if self.reference is None else self.n_modes + _MORE_MODES
         first = structure_modes(structure, parameters.values(points[0]), n_modes).mode_shapes
@@ -610,10 +636,6 @@ def comparable_modes(
     """
     for structure, _ in (before, after):
         structure.require_modes("modes")
-    if not after[0].n_dofs:
-        raise InputError(
-            "nothing of the changed structure can move, so that it has no modes; hold or take out less of it"
-        )
     shapes = structure_modes(*before, quantity.n_modes).mode_shapes
     n_modes = min(shapes.shape[1], structure_modes(*after, quantity.n_modes).mode_shapes.shape[1])
     reference = ReferenceModes(before[0].dofs, shapes[:, :n_modes], before[0].matrix("mass", before[1]))
@@ -650,13 +672,3 @@ def _once(units: Sequence[str]) -> str:
 
 def _words(outputs: Sequence[Output]) -> tuple[str, ...]:
     return tuple(str(output) for output in outputs)
-
-
-def _distinct(name: str, channels: tuple[Any, ...]) -> tuple[Any, ...]:
-    """`channels` unchanged; `InputError` if there is none, or one stands twice."""
-    if not channels:
-        raise InputError(f"`{name}` must name at least one channel, got none")
-    for number, channel in enumerate(channels):
-        if channel in channels[:number]:
-            raise InputError(f"`{name}` names {channel} twice; leave one out")
-    return channels

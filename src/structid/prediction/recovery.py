@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from scipy import sparse
@@ -96,7 +96,7 @@ class SectionForce:
         return "N m" if self.component[0] in "MT" else "N"
 
     def terms(self, structure: Structure) -> list[list[_Term]]:
-        """See `ElementOutput.terms`."""
+        """The force at the end of the element, as a sum of weighted columns over the free degrees of freedom (one sum)."""
         element, row = _element_of(structure, self.name, self.number, str(self))
         directions = element.section_directions(structure.nodes)
         if not directions:
@@ -163,7 +163,7 @@ class FibreStress:
         return "1" if self.youngs_modulus is None else "Pa"
 
     def terms(self, structure: Structure) -> list[list[_Term]]:
-        """See `ElementOutput.terms`."""
+        """The stress or strain of the fibre, as a sum of weighted columns over the free degrees of freedom (one sum)."""
         element, row = _element_of(structure, self.name, self.number, str(self))
         directions = element.section_directions(structure.nodes)
         levers = {"N": 1.0, "M": -self.y, "MZ": -self.y, "MY": self.z}
@@ -222,7 +222,10 @@ class CellStress:
         return "Pa"
 
     def terms(self, structure: Structure) -> list[list[_Term]]:
-        """See `ElementOutput.terms`."""
+        """The stress at the middle of the cell, as sums of weighted columns over the free degrees of freedom.
+
+        There is one sum for a component, and three for a von Mises stress.
+        """
         element, row = _element_of(structure, self.name, self.number, str(self))
         if not isinstance(element, ThinSet):
             raise InputError(f"{self}: {self.name!r} is no set of plates or shells; {_offered(element)}")
@@ -302,6 +305,16 @@ def parse_outputs(texts: Sequence[str | Output]) -> tuple[Output, ...]:
     return tuple(parse_output(text) for text in texts)
 
 
+def distinct_channels(name: str, channels: tuple[Any, ...]) -> tuple[Any, ...]:
+    """`channels` unchanged; `InputError` if there is none, or one stands twice."""
+    if not channels:
+        raise InputError(f"`{name}` must name at least one channel, got none")
+    for number, channel in enumerate(channels):
+        if channel in channels[:number]:
+            raise InputError(f"`{name}` names {channel} twice; leave one out")
+    return channels
+
+
 def is_von_mises(output: Output) -> bool:
     """True if an output is a von Mises stress, which is not linear in the loads."""
     return isinstance(output, CellStress) and output.component == "von_mises"
@@ -364,7 +377,10 @@ class OutputMap:
         return tuple(sorted(set(self.derivative.tolist())))
 
     def rows(self, values: FloatArray) -> sparse.csc_array:
-        """Weights of the rows for each derivative in `orders`, one after another, (n_dofs, n_orders n_rows)."""
+        """Weights of the rows for each derivative in `orders`, one after another, (n_dofs, n_orders n_rows).
+
+        `values` (n_values,) are the property values.
+        """
         weights = np.array([weight(values) for weight in self.weights])
         terms, group = np.arange(len(weights)), np.searchsorted(self.orders, self.derivative)
         shape = len(terms), len(self.orders) * self.n_rows
@@ -472,7 +488,10 @@ def _element_of(structure: Structure, name: str, number: int, text: str) -> tupl
 
 
 def _end_of(element: ElementSet, row: int, node: int, text: str) -> int:
-    """0 or 1: which end of the element is at `node`."""
+    """0 or 1: which end of the element is at `node`.
+
+    `row` is the element in its set.
+    """
     ends = element.nodes[row].tolist()
     if node not in ends:
         raise InputError(f"{text}: the element runs from node {ends[0]} to {ends[1]}, got {node}")

@@ -224,7 +224,10 @@ def state_space(
 
 
 def _judged_lines(reduced: ReducedMatrices, low: float, high: float) -> FloatArray:
-    """Frequencies, Hz, on which an error is judged: evenly spaced ones, and some across each resonance."""
+    """Frequencies, Hz, on which an error is judged: evenly spaced ones, and some across each resonance.
+
+    `low` and `high` are the ends of the band, Hz.
+    """
     omega = reduced.omega[~reduced.is_rigid]
     half = np.diag(reduced.viscous_equivalent())[~reduced.is_rigid] / 2
     near = (omega + half * np.linspace(-3, 3, _ACROSS)[:, None]).ravel() / (2 * np.pi)
@@ -307,8 +310,8 @@ class _Equations:
     ) -> _Equations:
         """Stable equations with `order` states: those of the `balances` that miss least of the own FRFs `exact` at `frequency`, Hz.
 
-        Balancing on a band may lose a resonance just above it; balancing over all frequencies does not, but spends states on what
-        is outside the band.
+        Balancing on a band may lose a resonance just above it; balancing over all frequencies does not, but spends
+        states on what is outside the band. `highest` is the upper end of the band, Hz.
         """
         if order >= self.n_states:
             return self
@@ -316,7 +319,10 @@ class _Equations:
         return min(cuts, key=lambda cut: cut.miss(frequency, exact))
 
     def _cut_states(self, order: int, highest: float, balance: _Balance) -> _Equations:
-        """The equations with the first `order` balanced states, made stable."""
+        """The equations with the first `order` balanced states, made stable.
+
+        `highest` is the upper end of the band, Hz.
+        """
         keep, r = max(order - self.n_rigid, 0), self.n_rigid
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
         left, right = balance.back[:keep], balance.states[:, :keep]

@@ -200,6 +200,7 @@ def _couple_damper(
     """Receptances (..., n_lines, n_outputs, n_inputs) with a damper at the first output and input: H - H_od z H_di / (1 + z H_dd).
 
     z = -w^2 m (k + i w c) / (k + i w c - w^2 m) is the force that moves the foot of the damper, per displacement.
+    `mass` in kg, `tuned` frequency in Hz, damping `ratio`.
     """
     w, rate = 2 * np.pi * frequency, 2 * np.pi * tuned
     strut = mass * (rate**2 + 2j * ratio * rate * w)
@@ -209,7 +210,10 @@ def _couple_damper(
 
 
 def _search(objective: Callable[[float, float], float], start: tuple[float, float]) -> tuple[float, float]:
-    """Frequency and damping ratio at the least of `objective`, by a simplex in their logarithms."""
+    """Frequency and damping ratio at the least of `objective`, by a simplex in their logarithms.
+
+    `start` is a first guess of both.
+    """
     first = np.log(start)
 
     def of_logarithms(point: FloatArray) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from scipy import linalg, signal, sparse
@@ -16,8 +16,9 @@ from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoAnswerError
 from structid.dynamics.exact_discretization import stepped
 from structid.prediction.identified_model import IdentifiedModel
+from structid.prediction.innovations import Innovations, InnovationVerdict, judge_innovations
 from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis
-from structid.prediction.recovery import Output, OutputMap, is_von_mises, output_map, parse_outputs
+from structid.prediction.recovery import Output, OutputMap, distinct_channels, is_von_mises, output_map, parse_outputs
 from structid.records import TimeRecord
 from structid.records.record import MOTION_DERIVATIVES
 
@@ -33,6 +34,10 @@ _NOISE = 0.01
 #: Variance, in units of a state's own size, by which every modal state moves at random in a time 1 / reference: so small that it
 #: shows nowhere, so that no state is known without error and the equations for the steady gains have a solution.
 _STRAY = 1e-10
+#: Error of a sensor that was left out, over its stated deviation, from which on the model or the forces are wrong there.
+LARGEST_CHECK = 2.0
+#: Random records of the model to which the innovations of the record are compared.
+_REPLICATES = 20
 #: Largest doublings of the number of samples after which the covariance must have settled, and by what part it may still grow.
 _DOUBLINGS, _CONVERGED = 40, 1e-12
 #: Part of the variance far from the ends, below which what is missing at the end of the record no longer counts.
@@ -49,6 +54,10 @@ _SPEED = 1e-6
 _FILTER = 9, 0.1, 80.0
 #: Shortest correlation time that is sought, in samples, and number of times with which the search begins.
 _SHORTEST, _TIMES = 0.1, 12
+#: Segments of which the spectrum of forces is averaged to see their frequency, and evaluations that its search may take.
+_SEGMENTS, _MOST_TRIALS = 8, 80
+#: Longest correlation time of forces about a frequency, in lengths of the record: nearly a sine.
+_LONGEST = 10.0
 #: Steps towards shorter times, each by this factor, and by how much (log) the record may get less likely: that of chance.
 _SHORTER, _STEPS, _LESS_LIKELY = 0.8, 18, 2.0
 
@@ -63,7 +72,8 @@ class UnknownForces:
         Where they act.
     correlation_time : float, optional
         s; short for wind or traffic, long for what changes slowly. By default the shortest one under which the record is as
-        likely, but for chance, as under any.
+        likely, but for chance, as under any; where that does not fit, and neither it nor `std` is stated, the covariance may be
+        std^2 exp(-|t| / correlation_time) cos(2 pi frequency t) with the likeliest frequency.
     std : float, optional
         N; the one under which the record is likeliest by default.
     """
@@ -107,6 +117,10 @@ class SensedMotion(Shown):
         Sensors that were left out, and the root mean square of measured less sensed over the stated deviation: 1 is right.
     words : tuple of str
         What the record does not tell.
+    contradiction : str
+        A sentence on how the record contradicts the model; "" where it does not.
+    force_frequency : float
+        About which the spectrum of the unknown forces lies, Hz; 0 where it falls from 0 Hz on, NaN where there are none.
     """
 
     time: FloatArray
@@ -121,6 +135,13 @@ class SensedMotion(Shown):
     correlation_time: float
     checks: tuple[tuple[Dof, float], ...] = ()
     words: tuple[str, ...] = ()
+    contradiction: str = ""
+    force_frequency: float = float("nan")
+
+    @property
+    def is_explained(self) -> bool:
+        """True where the model explains the record, also at the sensors that were left out."""
+        return not self.contradiction and all(z < LARGEST_CHECK for _, z in self.checks)
 
     def overview(self) -> Overview:
         """A table with the size and the standard deviation of each output and force, and checks of left-out sensors."""
@@ -159,7 +180,8 @@ def sense(
     """Motion, forces and stresses anywhere during a record, whose loads may be known, partly known or unknown.
 
     A Kalman filter with steady gains and a Rauch-Tung-Striebel smoother run over the modes up to the sampling rate, with each
-    unknown force as a state of first order. They are run again for models within the uncertainty: the deviation includes both.
+    unknown force as a state of first or second order, and again for models within the uncertainty: the deviation includes both.
+    The innovations of the filter give the verdict, see `judge_innovations`.
 
     Parameters
     ----------
@@ -179,7 +201,8 @@ def sense(
     seed : int
     is_filtered : bool
         Whether the record went through a filter against aliasing, as measured ones do. All that is sensed is then meant without
-        what is above half the sampling rate; a filter acts on responses as if it acted on the unknown forces.
+        what is above half the sampling rate; a filter acts on responses as if it acted on the unknown forces. Known forces are
+        then band-limited between samples, else straight lines.
 
     Returns
     -------
@@ -188,9 +211,9 @@ def sense(
     Raises
     ------
     InputError
-        If an output or a force is not part of the structure, an output is a von Mises stress, there are more unknown forces than
-        sensors, `leave_out` names no sensor of the record, the record holds strains or other quantities that are neither motions
-        nor forces, or a sensor has no noise and reads a constant.
+        If an output or a force is not part of the structure or named twice, an output is a von Mises stress, there are more
+        unknown forces than sensors, `leave_out` names no sensor of the record, the record holds strains or other quantities that
+        are neither motions nor forces, or a sensor has no noise and reads a constant.
     NoAnswerError
         If the record cannot tell the motion: nothing holds the structure and accelerations alone are measured, or no sensor sees
         one of the modes.
@@ -204,7 +227,7 @@ def sense(
     """
     if motion not in MOTION_DERIVATIVES:
         raise InputError(f"`motion` must be one of {', '.join(MOTION_DERIVATIVES)}, got {motion!r}")
-    wanted, left = parse_outputs(outputs), parse_dofs(leave_out)
+    wanted, left = distinct_channels("outputs", parse_outputs(outputs)), parse_dofs(leave_out)
     curved = next((output for output in wanted if is_von_mises(output)), None)
     if curved is not None:
         raise InputError(
@@ -212,6 +235,8 @@ def sense(
         )
     channels = _Channels.of_record(record, left)
     forces = () if unknown is None else parse_dofs(unknown.dofs)
+    if forces:
+        distinct_channels("unknown", tuple(dof.unsigned for dof in forces))
     if len(forces) > len(channels.sensors):
         raise InputError(
             f"{len(forces)} unknown forces cannot be told by {len(channels.sensors)} sensors; name fewer, or use more sensors"
@@ -244,13 +269,16 @@ def sense(
         smoother, std, is_trusted = smoother.with_likeliest_time(reduced, std)
     elif std is None:
         std, is_trusted = smoother.likeliest_std(reduced)
-    nominal = smoother.run(reduced, std)
-    spread = np.zeros_like(nominal.mean)
-    for physical in model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ():
-        values = model.parameters.values(physical)
-        other = smoother.mean(reduce_structure(structure, values, basis, sides_at(values)), std)
-        spread += (other - nominal.mean) ** 2 / n_draws
-    deviation = np.sqrt(nominal.variance + spread)
+    drawn = model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ()
+    others = [reduce_structure(structure, v, basis, sides_at(v)) for v in map(model.parameters.values, drawn)]
+    nominal, deviation, verdict = _within_uncertainty(smoother, std, reduced, others, seed)
+    # with as many forces as sensors a frequency would explain the resonance of a wrong model
+    is_free = unknown is not None and unknown.correlation_time is None and unknown.std is None
+    if verdict.words and is_free and len(channels.sensors) > len(forces):
+        likelier = smoother.with_likeliest_frequency(reduced, std, nominal.mean[:, -len(forces) :])
+        retried = likelier and _within_uncertainty(*likelier, reduced, others, seed)
+        if likelier and retried and not retried[2].is_contradicted:
+            (smoother, std), (nominal, deviation, verdict) = likelier, retried
     n_out, n_left = len(wanted), len(channels.left)
     out, seen, force = slice(0, n_out), slice(n_out, n_out + n_left), slice(n_out + n_left, None)
     error = (channels.left_values - nominal.mean[:, seen]) ** 2 / (deviation[:, seen] ** 2 + channels.left_variance)
@@ -266,8 +294,35 @@ def sense(
         std if forces else float("nan"),
         smoother.correlation_time if forces else float("nan"),
         tuple(zip(channels.left, np.sqrt(error.mean(axis=0)).tolist(), strict=True)),
-        (*(() if is_trusted else (_DOUBTED,)), *_unseen_words(forces, nominal.covariance[force, force], std)),
+        (
+            *(() if is_trusted else (_DOUBTED,)),
+            *((verdict.words,) if verdict.words and not verdict.is_contradicted else ()),
+            *_unseen_words(forces, nominal.covariance[force, force], std),
+        ),
+        verdict.words if verdict.is_contradicted else "",
+        smoother.frequency if forces else float("nan"),
     )
+
+
+def _within_uncertainty(
+    smoother: _Smoother, std: float, reduced: ReducedMatrices, others: Sequence[ReducedMatrices], seed: int
+) -> tuple[_Smoothed, FloatArray, InnovationVerdict]:
+    """Smoothed outputs of a model, their deviation (n_times, n) with that of `others` within its uncertainty, and the verdict.
+
+    Unknown forces have the standard deviation `std`, N; `seed` is that of records that the models could have given.
+    """
+    fit, rng = smoother.fit(reduced, std), np.random.default_rng([seed, 1])
+    nominal = smoother.run(fit)
+    spread = np.zeros_like(nominal.mean)
+    replicates: list[_Smoother] = []
+    for other in others:
+        of_other = smoother.fit(other, std)
+        spread += (smoother.mean(of_other) - nominal.mean) ** 2 / len(others)
+        if len(replicates) < _REPLICATES:
+            replicates.append(smoother.with_replicate(of_other, rng))
+    replicates += [smoother.with_replicate(fit, rng) for _ in range(_REPLICATES - len(replicates))]
+    verdict = judge_innovations(fit.filtered.innovations, [item.innovations(fit.system) for item in replicates])
+    return nominal, np.sqrt(nominal.variance + spread), verdict
 
 
 _DOUBTED = (
@@ -399,36 +454,40 @@ def _aliasing_filter(rate: float | None) -> tuple[FloatArray, FloatArray, FloatA
 
 @dataclass(frozen=True, eq=False)
 class _ForceModel:
-    """An unknown force of unit variance: z' = dynamics z + white noise of density `noise` in the first state; force = output z.
+    """An unknown force of unit variance: z' = dynamics z + white noise of density `noise`; force = output z.
 
     Attributes
     ----------
     dynamics : (n, n) float array
-        1/s. The first state has the covariance exp(-|t| / correlation time); a filter against aliasing follows.
-    noise : float
-        Square of the first state per second.
+        1/s. The first state has the covariance exp(-|t| / correlation time) cos(2 pi frequency t), with a second one where there is
+        a frequency; a filter against aliasing follows.
+    noise : (n,) float array
+        Square of each state per second.
     output : (n,) float array
     """
 
     dynamics: FloatArray
-    noise: float
+    noise: FloatArray
     output: FloatArray
 
     @classmethod
-    def of(cls, correlation_time: float, filtered_rate: float | None) -> _ForceModel:
-        """A force with a correlation time, s, as a record holds it that was filtered for `filtered_rate`, samples per second.
+    def of(cls, correlation_time: float, frequency: float, filtered_rate: float | None) -> _ForceModel:
+        """A force with a correlation time, s, about a frequency, Hz, as a record filtered for `filtered_rate`, Hz, holds it.
 
         Where `filtered_rate` is None no filter follows.
         """
         inner, entry, output, direct = _aliasing_filter(filtered_rate)
-        dynamics = np.zeros((1 + len(inner),) * 2)
-        dynamics[0, 0], dynamics[1:, 0], dynamics[1:, 1:] = -1 / correlation_time, entry, inner
-        white = np.zeros_like(dynamics)
-        white[0, 0] = 2 / correlation_time
-        covariance = linalg.solve_continuous_lyapunov(dynamics, -white)
-        size, read = np.sqrt(np.diag(covariance)), np.append(direct, output)
+        n_own = 2 if frequency else 1
+        turning = 2 * np.pi * frequency * np.array([[0.0, -1.0], [1.0, 0.0]])[:n_own, :n_own]
+        dynamics = np.zeros((n_own + len(inner),) * 2)
+        dynamics[:n_own, :n_own] = turning - np.eye(n_own) / correlation_time
+        dynamics[n_own:, 0], dynamics[n_own:, n_own:] = entry, inner
+        white = np.where(np.arange(len(dynamics)) < n_own, 2 / correlation_time, 0.0)
+        covariance = linalg.solve_continuous_lyapunov(dynamics, -np.diag(white))
+        size = np.sqrt(np.diag(covariance))
+        read = np.concatenate([[direct], np.zeros(n_own - 1), output])
         scaled = dynamics * size / size[:, None]  # states of unit variance, for the digits of the filter
-        return cls(scaled, float(white[0, 0] / size[0] ** 2), read * size / np.sqrt(read @ covariance @ read))
+        return cls(scaled, white / size**2, read * size / np.sqrt(read @ covariance @ read))
 
 
 @dataclass(frozen=True, eq=False)
@@ -453,12 +512,14 @@ class _Filtered:
 
     Attributes
     ----------
-    from_rest : (n_times, n_states) float array
-        Mean before the reading of each sample, had the first state been 0.
+    before : (n_times, n_states) float array
+        Mean before the reading of each sample.
     start : (n_states,) float array
         Mean that the whole record gives the first state before its reading.
     read : (n_times, n_used) float array
         Readings without what known forces make in them at once, in standard deviations of their noise.
+    innovations : Innovations
+        Readings less those expected from the samples before.
     gain : (n_states, n_used) float array
         K, the steady gain.
     predicted, updated : (n_states, n_states) float arrays
@@ -472,9 +533,10 @@ class _Filtered:
         Of the record, less a constant.
     """
 
-    from_rest: FloatArray
+    before: FloatArray
     start: FloatArray
     read: FloatArray
+    innovations: Innovations
     gain: FloatArray
     predicted: FloatArray
     updated: FloatArray
@@ -482,6 +544,14 @@ class _Filtered:
     step: FloatArray
     start_covariance: FloatArray
     log_likelihood: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """State equations of a model, and the states of their filter over a record."""
+
+    system: _StateSpace
+    filtered: _Filtered
 
 
 @dataclass(frozen=True, eq=False)
@@ -501,6 +571,8 @@ class _Smoother:
         Samples per second.
     read : OutputMap
         What is asked for, behind used and left-out sensors among the outputs.
+    frequency : float
+        Hz, about which the spectrum of the unknown forces lies; 0 where it falls from 0 Hz on.
     """
 
     channels: _Channels
@@ -509,11 +581,30 @@ class _Smoother:
     is_filtered: bool
     rate: float
     read: OutputMap
+    frequency: float = 0.0
 
-    def run(self, reduced: ReducedMatrices, std: float) -> _Smoothed:
-        """Smoothed motion and forces, where unknown forces have the standard deviation `std`, N."""
+    def fit(self, reduced: ReducedMatrices, std: float) -> _Fit:
+        """The filter of the record under a model, where unknown forces have the standard deviation `std`, N."""
         system = self._system(reduced, std)
-        filtered = self._filter(system)
+        return _Fit(system, self._filter(system))
+
+    def with_replicate(self, fit: _Fit, rng: np.random.Generator) -> _Smoother:
+        """The smoother for a random record that the model of `fit` could have given under the known forces of the record."""
+        system, filtered, known = fit.system, fit.filtered, self.channels.known
+        n, count = len(system.transition), len(known)
+        first = filtered.start + square_root(filtered.predicted + filtered.start_covariance) @ rng.standard_normal(n)
+        drive = rng.standard_normal((count - 1, n)) @ square_root(system.noise).T
+        states = stepped(system.transition, drive + self._entered(system), first)
+        read = states @ system.reading.T + known @ system.direct.T + rng.standard_normal(self._measured.shape)
+        return replace(self, channels=replace(self.channels, measured=read * np.sqrt(self.channels.variance)))
+
+    def innovations(self, system: _StateSpace) -> Innovations:
+        """Innovations of the record under the equations `system`."""
+        return self._filter(system).innovations
+
+    def run(self, fit: _Fit) -> _Smoothed:
+        """Smoothed motion and forces."""
+        system, filtered = fit.system, fit.filtered
         mean, back = self._smoothed_mean(system, filtered)
         predicted, updated = filtered.predicted, filtered.updated
         covariance = _symmetric(linalg.solve_discrete_lyapunov(back, updated - back @ predicted @ back.T))
@@ -524,16 +615,17 @@ class _Smoother:
         at_start = _variance_of_start(system.wanted, onwards, back, filtered, variance)
         return _Smoothed(mean, variance + at_end + at_start, wanted)
 
-    def mean(self, reduced: ReducedMatrices, std: float) -> FloatArray:
+    def mean(self, fit: _Fit) -> FloatArray:
         """The mean of `run` alone, (n_times, n)."""
-        system = self._system(reduced, std)
-        return self._smoothed_mean(system, self._filter(system))[0]
+        return self._smoothed_mean(fit.system, fit.filtered)[0]
 
     def _smoothed_mean(self, system: _StateSpace, filtered: _Filtered) -> tuple[FloatArray, FloatArray]:
-        """Requested outputs, (n_times, n), and the gain (n_states, n_states) by which later states correct earlier ones."""
+        """Smoothed outputs that were requested, (n_times, n), and the smoother gain (n_states, n_states).
+
+        The gain is the factor by which the error of a later state corrects the state one sample before.
+        """
         back = np.linalg.solve(filtered.predicted, system.transition @ filtered.updated).T
-        at_rest = np.zeros_like(filtered.from_rest[1:])
-        before = filtered.from_rest + stepped(filtered.step, at_rest, filtered.start)
+        before = filtered.before
         after = before @ filtered.keep.T + filtered.read @ filtered.gain.T
         drive = (after[:-1] - before[1:] @ back.T)[::-1]
         smoothed = stepped(back, drive, after[-1])[::-1]
@@ -609,6 +701,41 @@ class _Smoother:
                 return of_time(shorter), float(smaller), True
         return of_time(log_time), largest, True
 
+    def with_likeliest_frequency(
+        self, reduced: ReducedMatrices, std: float, forces: FloatArray
+    ) -> tuple[_Smoother, float] | None:
+        """The smoother with forces about the likeliest frequency, and their standard deviation, N; None where none is likelier.
+
+        The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without one. A frequency is one
+        parameter more, which must be worth it: Schwarz (1978), Annals of Statistics 6, 461-464.
+        """
+        count = len(forces)
+        lines, power = signal.welch(forces, self.rate, nperseg=max(count // _SEGMENTS, min(count, 16)), axis=0)
+        peak = float(lines[1:][np.argmax(power[1:].sum(axis=1))])
+        first = float(forces.std())
+
+        def of_point(point: FloatArray) -> tuple[_Smoother, float]:
+            time, frequency, size = np.exp(point).tolist()
+            return replace(self, correlation_time=time, frequency=frequency), size
+
+        def unlikely(point: FloatArray) -> float:
+            is_within = (
+                _SHORTEST / self.rate <= np.exp(point[0]) <= _LONGEST * count / self.rate
+                and np.exp(point[1]) < self.rate / 2
+            )
+            smoother, size = of_point(point)
+            return -smoother._log_likelihood(reduced, size) if is_within else float("inf")
+
+        starts = [
+            np.log([time, peak, first]) for time in (1 / peak, np.sqrt(count / self.rate / peak), count / self.rate / 2)
+        ]
+        start = min(starts, key=unlikely)
+        simplex = start + np.vstack([np.zeros(3), np.diag([-0.7, 0.02, 0.3])])
+        options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": _MOST_TRIALS}
+        search = minimize(unlikely, start, method="Nelder-Mead", options=options)
+        gain = -float(search.fun) - self._log_likelihood(reduced, std)
+        return of_point(search.x) if gain > 0.5 * np.log(count) else None
+
     def _first_std(self, reduced: ReducedMatrices) -> float:
         """A first guess of the unknown forces, N: with them the sensors would move about as much as they do.
 
@@ -621,6 +748,25 @@ class _Smoother:
                 "no sensor moves with the unknown forces, so that their size cannot be told; give `std`"
             )
         return float(np.sqrt(max(float(self._measured.var(axis=0) @ made), 1.0) / float(made @ made)))
+
+    @cached_property
+    def _driving(self) -> FloatArray:
+        """Samples (n_times, n_known) that make known forces run right between them when straight lines join them.
+
+        Straight lines weaken what was sampled behind a filter by sinc(f / rate)^2, by 3 % at a tenth of the rate, so that the
+        samples are made stronger by as much; what the lines add above half the rate hardly moves the modes below it. Forces of
+        records that went through no filter are taken to run in straight lines.
+        """
+        known = self.channels.known
+        if not self.is_filtered or not known.shape[1]:
+            return known
+        both = np.fft.rfft(np.concatenate([known, known[::-1]]), axis=0)
+        weakened = np.sinc(np.linspace(0, 0.5, len(both))) ** 2
+        return np.asarray(np.fft.irfft(both / weakened[:, None], 2 * len(known), axis=0)[: len(known)])
+
+    def _entered(self, system: _StateSpace) -> FloatArray:
+        """Effect (n_times - 1, n_states) of the known forces on the states from sample to sample."""
+        return np.asarray(np.hstack([self._driving[:-1], self._driving[1:]]) @ system.entry.T)
 
     @property
     def _measured(self) -> FloatArray:
@@ -644,28 +790,33 @@ class _Smoother:
         keep = np.eye(n) - gain @ system.reading
         step = system.transition @ keep
         read = self._measured - known @ system.direct.T
-        drive = read[:-1] @ (system.transition @ gain).T + np.hstack([known[:-1], known[1:]]) @ system.entry.T
+        drive = read[:-1] @ (system.transition @ gain).T + self._entered(system)
         from_rest = stepped(step, drive, np.zeros(n))
-        half = np.linalg.cholesky(innovation)
-        error = linalg.solve_triangular(half, (read - from_rest @ system.reading.T).T, lower=True).T
-        seen = linalg.solve_triangular(half, system.reading, lower=True)
+        sizes, directions = np.linalg.eigh(innovation)
+        whiten = directions / np.sqrt(sizes)
+        error, seen = (read - from_rest @ system.reading.T) @ whiten, whiten.T @ system.reading
         root = square_root(self._first_covariance(system) - predicted)
         information = _symmetric(_sum_of_powers(step.T, seen.T @ seen, step, count))
         score = root.T @ stepped(step.T, (error @ seen)[::-1], np.zeros(n))[-1]
         posterior = np.eye(root.shape[1]) + root.T @ information @ root
         start = np.linalg.solve(posterior, np.column_stack([score, root.T]))
         likelihood = 0.5 * (score @ start[:, 0] - (error**2).sum() - np.linalg.slogdet(posterior)[1])
+        first, at_rest = root @ start[:, 0], np.zeros_like(from_rest[1:])
+        before = from_rest + stepped(step, at_rest, first)
         return _Filtered(
-            from_rest,
-            root @ start[:, 0],
+            before,
+            first,
             read,
+            Innovations(
+                (read - before @ system.reading.T) @ whiten, np.arange(len(sizes)) >= len(sizes) - self.n_forces
+            ),
             gain,
             predicted,
             predicted - gain @ innovation @ gain.T,
             keep,
             step,
             _symmetric(root @ start[:, 1:]),
-            float(likelihood - count * np.log(np.diag(half)).sum()),
+            float(likelihood - 0.5 * count * np.log(sizes).sum()),
         )
 
     def _first_covariance(self, system: _StateSpace) -> FloatArray:
@@ -695,9 +846,12 @@ class _Smoother:
         return np.asarray(linalg.solve_discrete_lyapunov(fade * system.transition, noise))
 
     def _system(self, reduced: ReducedMatrices, std: float) -> _StateSpace:
-        """The equations from sample to sample of modal displacements, speeds and unknown forces, in scaled units."""
+        """The equations from sample to sample of modal displacements, speeds and unknown forces, in scaled units.
+
+        `std` is the standard deviation of the unknown forces, N.
+        """
         n, n_forces, n_known = len(reduced.omega), self.n_forces, reduced.inputs.shape[1] - self.n_forces
-        force = _ForceModel.of(self.correlation_time, self.rate if self.is_filtered else None)
+        force = _ForceModel.of(self.correlation_time, self.frequency, self.rate if self.is_filtered else None)
         n_each = len(force.output)
         step, size = 1 / self.rate, 2 * n + n_forces * n_each
         known, unknown = reduced.inputs[:, :n_known], reduced.inputs[:, n_known:]
@@ -729,10 +883,8 @@ class _Smoother:
         wanted = np.vstack([asked, rows[left], forces]) * units
         wanted_direct = np.vstack([asked_direct, direct[left], np.zeros((n_forces, n_known))])
         dynamics = dynamics * units / units[:, None]
-        noisy = np.zeros(n_each)
-        noisy[0] = force.noise
         random = np.diag(
-            np.full(size, _STRAY * reference) + np.concatenate([np.zeros(2 * n), np.tile(noisy, n_forces)])
+            np.full(size, _STRAY * reference) + np.concatenate([np.zeros(2 * n), np.tile(force.noise, n_forces)])
         )
         wide = np.block([[-dynamics, random], [np.zeros_like(dynamics), dynamics.T]]) * step
         held = np.zeros((size + 2 * n_known,) * 2)
@@ -797,10 +949,10 @@ def _sum_of_powers(left: FloatArray, middle: FloatArray, right: FloatArray, coun
 
 
 def _variance_beside_end(wanted: FloatArray, step: FloatArray, excess: FloatArray, steady: FloatArray) -> FloatArray:
-    """Variance (n_times, n) of outputs beyond the `steady` one at an end of the record, the sample at that end first.
+    """Variance (n_times, n) of outputs beyond the `steady` one near an end of the record, from the end inwards.
 
-    The outputs `wanted` (n, n_states) read the state at the end, whose covariance has the `excess` (n_states, n_states); a sample
-    farther away they read it through one `step` more.
+    The outputs are `wanted` (n, n_states) times the state, whose covariance at the end exceeds the steady one by `excess`
+    (n_states, n_states); each sample inwards multiplies the excess by `step` (n_states, n_states).
     """
     beyond, rows = np.zeros_like(steady), wanted
     for k in range(len(beyond)):
@@ -816,9 +968,9 @@ def _variance_of_start(
 ) -> FloatArray:
     """Variance (n_times, n) of outputs beyond the `steady` one by what the record leaves open of its first state.
 
-    In a record without end an error of the first state leaves `onwards` (n_states, n_states) of itself when all readings from it
-    onwards are smoothed. Of N samples the smoothed state k is off by onwards step^k + back^(N-1-k) (keep - onwards) step^(N-1)
-    times that error.
+    In a record without end an error of the first state leaves `onwards` (n_states, n_states) of itself when all
+    readings from it onwards are smoothed. Of N samples the smoothed state k is off by onwards step^k + back^(N-1-k)
+    (keep - onwards) step^(N-1) times that error. `wanted` (n, n_states) reads the outputs from the state.
     """
     step, excess, count = filtered.step, filtered.start_covariance, len(steady)
     late = (filtered.keep - onwards) @ np.linalg.matrix_power(step, count - 1)

@@ -319,7 +319,10 @@ class _Stored(NamedTuple):
 
 
 def _locate_array(path: Path, array: str, when: str) -> _Stored:
-    """Shape, type, first byte and order of the array of an NPY file, or of the dataset `array` of an HDF5 file."""
+    """Shape, type, first byte and order of the array of an NPY file, or of the dataset `array` of an HDF5 file.
+
+    `when` completes the errors of reading.
+    """
     with _reading_errors(path, when):
         if array:
             return _Stored(*hdf5_datasets(path)[array], False)

@@ -73,7 +73,10 @@ def structure(shown: Structure, axes: Where) -> Picture:
 
 
 def frf(identification: Identification, sensor: str, load: str, record: int, axes: Where) -> Picture:
-    """Picture of a measured FRF with the models' at one sensor and load; the worst fitted one if neither is named."""
+    """Picture of a measured FRF with the models' at one sensor and load; the worst fitted one if neither is named.
+
+    `record` is the number of the record.
+    """
     fit = _fit(identification, record)
     outputs, inputs = fit.measured.outputs, fit.measured.inputs
     if sensor or load:

@@ -217,7 +217,7 @@ def _extend_group(
     """Model modes that span the measured modes `members`: their pairs, and unpaired modes close to these with enough MAC.
 
     `number` (n_measured,) is the paired model mode or -1, `likeness` the MAC (n_measured, n_model), `frequency`
-    (n_model,) that of the model.
+    (n_model,) that of the model. `closeness` is the relative frequency distance of close modes.
     """
     chosen = [int(k) for k in number[members] if k >= 0]
     others = set(number.tolist()) - set(chosen)
@@ -235,6 +235,7 @@ def _find_ambiguous(
     """Model modes that are nearly as good a partner as the pair, for each measured mode outside of groups.
 
     `number` (n_measured,) is the paired model mode or -1, `likeness` (MAC) and `worth` are (n_measured, n_model).
+    `grouped` are the measured modes in groups; partners with a MAC below `least_mac` do not count.
     """
     ambiguous = {}
     for i, k in enumerate(number.tolist()):

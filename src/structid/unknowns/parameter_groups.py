@@ -283,7 +283,10 @@ def _make_field_group(
     indices: IntArray,
     item: IntArray,
 ) -> ParameterGroup:
-    """The group of a field: one parameter for each shape function of its coarse grid."""
+    """The group of a field: one parameter for each shape function of its coarse grid.
+
+    `indices` are the property values of its entries, `item` the property of each.
+    """
     assert unknown.field is not None
     if unknown.each or unknown.tied_to is not None or unknown.factor is False:
         raise InputError(
@@ -302,7 +305,10 @@ def _make_field_group(
 def _element_centres(
     structure: Structure, items: tuple[Property, ...], indices: IntArray, item: IntArray
 ) -> FloatArray:
-    """Mean position of the nodes of each entry's element, m, (n_entries, n_coordinates)."""
+    """Mean position of the nodes of each entry's element, m, (n_entries, n_coordinates).
+
+    `indices` are the property values of the entries, `item` the property of each.
+    """
     tables = {element.name: element.nodes for element in structure.sets}
     labels = np.array(sorted(structure.nodes), dtype=np.int64)
     positions = np.array([structure.nodes[label] for label in labels.tolist()])

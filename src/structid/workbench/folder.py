@@ -231,7 +231,7 @@ class OpenFolder:
     def save(self, name: str, text: str, before: str) -> str:
         """Save the text of a study whose digest is still `before` ("" for a new one), and return the new digest.
 
-        Other servers and editors may write at the same time: what is told as saved is there, and replaced nothing unseen.
+        Other servers and editors may write at the same time: nothing that they wrote is replaced.
 
         Raises
         ------
@@ -366,7 +366,10 @@ def _is_printable(name: str) -> bool:
 
 
 def _study(name: str, path: Path, size: int, is_parsed: bool) -> list[dict[str, Any]]:
-    """Listing entry of a TOML study, broken ones included; empty list for other TOML files."""
+    """Listing entry of a TOML study, broken ones included; empty list for other TOML files.
+
+    `size` is in bytes; without `is_parsed` the text is not parsed.
+    """
     begin = read_start(path, _STUDY_BYTES)
     try:
         if not is_parsed or size > _STUDY_BYTES:

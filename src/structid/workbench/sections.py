@@ -58,7 +58,10 @@ def circle(diameter: float) -> CrossSection:
 
 
 def tube(diameter: float, wall: float) -> CrossSection:
-    """A round tube of outer `diameter`."""
+    """A round tube of outer `diameter`.
+
+    `wall` is the wall thickness; both in m.
+    """
     inner = diameter - 2 * wall
     if inner < 0:
         raise InputError(f"the wall must be at most half the diameter of {diameter:g} m, got {wall:g} m")
@@ -67,7 +70,10 @@ def tube(diameter: float, wall: float) -> CrossSection:
 
 
 def box(height: float, width: float, wall: float) -> CrossSection:
-    """A rectangular tube with sharp corners; torsion by Bredt's formula for thin walls."""
+    """A rectangular tube with sharp corners; torsion by Bredt's formula for thin walls.
+
+    Outer `height` and `width`, `wall` thickness, in m.
+    """
     if 2 * wall >= min(height, width):
         raise InputError(f"the wall must be less than half of {min(height, width):g} m, got {wall:g} m")
     outer, inner = rectangle(height, width), rectangle(height - 2 * wall, width - 2 * wall)
@@ -77,7 +83,10 @@ def box(height: float, width: float, wall: float) -> CrossSection:
 
 
 def rolled_i(height: float, width: float, web: float, flange: float, fillet: float) -> CrossSection:
-    """A rolled I or H profile with parallel flanges and round fillets; torsion as tables of profiles give it."""
+    """A rolled I or H profile with parallel flanges and round fillets; torsion as tables of profiles give it.
+
+    `web` and `flange` are thicknesses, `fillet` is the radius; all in m.
+    """
     corner = (1 - math.pi / 4) * fillet**2
     offset = fillet * (10 - 3 * math.pi) / (12 - 3 * math.pi)  # of its centroid from the corner
     own = fillet**4 * (1 / 3 - math.pi / 16 - 1 / (9 * (4 - math.pi)))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.base import beside_call, results_folder, say
+from structid.cli.base import WRONG_MODEL, beside_call, results_folder, say
 from structid.prediction.options import SenseOptions
 from structid.records import ReadOptions
 
@@ -26,6 +26,7 @@ def sense(
 
     A Kalman smoother runs over the modes of the identified model. Every value has a standard deviation, which includes the noise of
     the sensors, the uncertainty of the model and what the unknown forces leave open.
+    Where the record contradicts the model, the result is written and the exit code is 3.
 
     \b
     Examples:
@@ -45,3 +46,5 @@ def sense(
         (staged / "sensed.json").write_text(json_text(sensed_summary(found, results, record)), encoding="utf-8")
     show(sensing_text(found))
     say(folder / "sensed.csv")
+    if not found.is_explained:
+        raise typer.Exit(WRONG_MODEL)

@@ -337,7 +337,11 @@ def _sensor_mass(
     pairing: Pairing,
     options: CorrelateOptions,
 ) -> FloatArray:
-    """Mass matrix reduced to the sensors, (n_sensors, n_sensors), by Guyan or SEREP reduction."""
+    """Mass matrix reduced to the sensors, (n_sensors, n_sensors), by Guyan or SEREP reduction.
+
+    `seen` (n_sensors, n_modes) are the model's shapes at the sensors, `pairs` the paired measured modes that SEREP
+    uses.
+    """
     if options.reduction == "guyan" and sensors.shape[0] <= _STATIC_UP_TO:
         return reduced_mass(mass, constrained_shapes(stiffness, sensors))
     chosen = pairing.number[pairs][: len(seen)]

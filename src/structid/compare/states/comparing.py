@@ -27,9 +27,9 @@ from structid.inversion.fixed_values import FIXED
 from structid.inversion.search.minimum import residual_at, squared
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import StageProgress
-from structid.study.run.run import SearchFailedError, is_matrix_free, refine_mesh, run_started
-from structid.study.run.solver.rounds import about_answer
-from structid.study.run.start import started
+from structid.study.run.run import SearchFailedError, is_matrix_free, refine_mesh, run_prepared
+from structid.study.run.solver.rounds import relinearize_solver
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import Study, load_study
 from structid.unknowns.named_unknowns import begun_at
 
@@ -139,7 +139,9 @@ def compare(
     fixed = _fixed_in_both(_problems_with_free_values(first), _problems_with_free_values(second), names)
     both = _joint_estimate(joint, fixed)
     comparison = compare_jointly(both, names, **settings)
-    cost = squared(residual_at(joint, both.theta) if fixed is None else fixed.refit(both.names, both.theta).at.residual)
+    cost = squared(residual_at(joint, both.theta))
+    if fixed is not None:
+        cost = squared(fixed.refit(both.names, both.theta, cost).at.residual)
     common = (
         0 if fixed is None else sum(name.startswith(FIXED) and not name.endswith(LATER) for name in fixed.problem.names)
     )
@@ -153,10 +155,11 @@ def _least_cost(state: State) -> float:
     answer = state.result.identification
     if answer.target is None:
         raise InputError("states fitted in time cannot be joined; compare their results folders, or use fit 'spectra'")
+    cost = squared(residual_at(answer.target, answer.estimate.theta))
     fixed = fixed_values(answer.freed) if answer.freed else None
     if fixed is None:
-        return squared(residual_at(answer.target, answer.estimate.theta))
-    return squared(fixed.refit(answer.estimate.names, answer.estimate.theta).at.residual)
+        return cost
+    return squared(fixed.refit(answer.estimate.names, answer.estimate.theta, cost).at.residual)
 
 
 def _unchanged_test(
@@ -213,13 +216,13 @@ def _state(path: Path, progress: StageProgress | None) -> State:
 
 def _run_study(study: Study, progress: StageProgress | None) -> State:
     """The state that `study` gives when it is run; raises `InputError` if the search is matrix-free."""
-    ready = about_answer(started(study), progress)
+    ready = relinearize_solver(prepare_study(study), progress)
     if is_matrix_free(ready):
         raise InputError(
             f"{study.path}: [method] search is 'matrix_free', which gives no covariance matrix to compare by; group the"
             " unknowns and leave it out"
         )
-    _, result = refine_mesh(ready, run_started(ready, progress), progress)
+    _, result = refine_mesh(ready, run_prepared(ready, progress), progress)
     return state_of(result)
 
 

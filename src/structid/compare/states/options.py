@@ -23,7 +23,7 @@ class CompareOptions:
     power : float
         Probability that belongs to the detection limit.
     correction : {"holm", "benjamini_hochberg"}
-        holm (family-wise) or benjamini_hochberg.
+        holm bounds the risk of any false declaration by `level`; benjamini_hochberg the share of false ones among those made.
     least : float or str
         Least change of interest, as a part or in per cent, as in 0.01 or 1%: only what is surely larger is declared.
     """
@@ -42,7 +42,7 @@ class CompareOptions:
 
 
 def least_part(value: float | str) -> float:
-    """A least change of interest as a part, from a number or a text such as ``1 %``.
+    """The smallest change of interest as a fraction, from a number or a text such as ``1 %``.
 
     Raises
     ------

@@ -79,18 +79,18 @@ CAUSES: tuple[type[Candidate], ...] = (
 LeftOut = FaultyChannel | OtherState | ExtraMode | OutlyingLines
 
 
-def candidates(records: Sequence[Receptances], names: Sequence[str] = ("",)) -> list[Candidate]:
+def candidates(records: Sequence[Receptances], record_names: Sequence[str] = ("",)) -> list[Candidate]:
     """All candidates whose effects follow from receptances, for records of one structure at one set of parameters.
 
     Parameters
     ----------
     records : sequence of Receptances
         The first gives the structure; a change of it is one of all.
-    names : sequence of str
+    record_names : sequence of str
         Names of the records. Where there are several, each may have masses of its own.
     """
     kinds = (*OF_MODEL, *OF_CHANNELS, *OF_PLACES) if has_places(records[0].problem) else OF_CHANNELS
-    return list(chain.from_iterable(kind.from_receptances(records, names) for kind in kinds))
+    return list(chain.from_iterable(kind.from_receptances(records, record_names) for kind in kinds))
 
 
 def exchanged_channels(records: Sequence[Receptances]) -> list[Candidate]:
@@ -104,10 +104,12 @@ def set_candidates(model: TestedModel, problems: Sequence[RecordProblem]) -> lis
     return list(chain.from_iterable(kind.from_model(model, problems) for kind in OF_SETS))
 
 
-def data_candidates(problems: Sequence[RecordProblem], names: Sequence[str]) -> Iterator[FaultyChannel | OtherState]:
+def data_candidates(
+    problems: Sequence[RecordProblem], record_names: Sequence[str]
+) -> Iterator[FaultyChannel | OtherState]:
     """Channels and records, by these names, that may be left out."""
-    yield from OtherState.from_data(problems, names)
-    yield from FaultyChannel.from_data(problems, names)
+    yield from OtherState.from_data(problems, record_names)
+    yield from FaultyChannel.from_data(problems, record_names)
 
 
 def residual_candidates(problems: Sequence[RecordProblem], residual: FloatArray) -> list[Candidate]:

@@ -38,7 +38,7 @@ class Appendage(Candidate):
     frequency: float
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate appendages at chosen degrees of freedom of the first record, one for each frequency."""
         first = records[0]
         nodes = set(spread(sorted(chosen_nodes(first)), _MOST_NODES))

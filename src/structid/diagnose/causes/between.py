@@ -25,32 +25,33 @@ _PARTS = np.array([0.1, 0.25, 0.5, 0.75, 0.9])
 _BOUNDS = (0.0, 1.0)
 
 
-def following(ends: Sequence[FloatArray], axis: int, part: float, bends: bool) -> FloatArray:
+def following(ends: Sequence[FloatArray], axis: int, fraction: float, bends: bool) -> FloatArray:
     """Weights (2, 6) by which a translation at a point between two nodes follows the six motions of each node.
 
-    Along the line it is straight, across it cubic where a beam bends between them.
+    Along the line it is interpolated linearly, across it by cubic beam shape functions where a beam bends between them.
 
     Parameters
     ----------
     ends : two (n_axes,) float arrays
-        Where the nodes are, m.
+        Positions of the two nodes, m.
     axis : int
-        Of the translation.
-    part : float
-        Of the distance from the first node.
+        Axis of the translation: 0, 1 or 2.
+    fraction : float
+        Distance of the point from the first node, as a fraction of the distance between the nodes.
     bends : bool
+        Whether a beam joins the nodes; a bar otherwise.
     """
     line = np.zeros(3)
     line[: len(ends[0])] = ends[1] - ends[0]
     length = float(np.linalg.norm(line))
-    tangent, own = line / length, np.eye(3)[axis]
+    tangent, unit_axis = line / length, np.eye(3)[axis]
     along = tangent[axis] * tangent
-    far = part**2 * (3 - 2 * part) if bends else part
-    slopes = length * part * (1 - part) * np.array([1 - part, -part]) * bends
-    found = np.zeros((2, 6))
-    found[:, :3] = np.outer([1 - far, far], own - along) + np.outer([1 - part, part], along)
-    found[:, 3:] = np.outer(slopes, np.cross(tangent, own))
-    return found
+    moved = fraction**2 * (3 - 2 * fraction) if bends else fraction
+    slopes = length * fraction * (1 - fraction) * np.array([1 - fraction, -fraction]) * bends
+    weights = np.zeros((2, 6))
+    weights[:, :3] = np.outer([1 - moved, moved], unit_axis - along) + np.outer([1 - fraction, fraction], along)
+    weights[:, 3:] = np.outer(slopes, np.cross(tangent, unit_axis))
+    return weights
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -72,7 +73,7 @@ class SensorBetween(Candidate):
     bends: bool
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         for channel, other, bends in _lines(records, 1):
             where = (channel.dof.place, other.place)
             yield cls(where=where, strengths=_PARTS, record=channel.record, bends=bends)
@@ -106,7 +107,7 @@ class LoadBetween(Candidate):
     bends: bool
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate places of each measured force on the lines from its node to the next ones."""
         for channel, other, bends in _lines(records, 2):
             if records[channel.record].problem.facts.measures_force:
@@ -124,7 +125,10 @@ class LoadBetween(Candidate):
 
 
 def _lines(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Channel, Dof, bool]]:
-    """Sensors (axis 1) or loads (axis 2), each with a next node's direction and whether a beam is between."""
+    """Pairs of a channel and a neighbouring node: sensors for axis 1, loads for axis 2.
+
+    Each is the channel, its direction at the neighbour that an element joins to its node, and whether that is a beam.
+    """
     for receptances, channel in channels(records, axis):
         bends: dict[int, bool] = {}
         dof = channel.dof
@@ -141,37 +145,47 @@ def _lines(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Channel,
                 yield channel, other, is_beam
 
 
-def _ends(structure: Structure, places: Sequence[str]) -> tuple[tuple[Dof, Dof], list[FloatArray]]:
-    """The degrees of freedom named by two `places`, and the positions (m) of their nodes."""
-    first, second = (parse_dof(place) for place in places)
+def _ends(structure: Structure, dof_names: Sequence[str]) -> tuple[tuple[Dof, Dof], list[FloatArray]]:
+    """The degrees of freedom named by two `dof_names`, and the positions (m) of their nodes."""
+    first, second = (parse_dof(place) for place in dof_names)
     return (first, second), [np.atleast_1d(structure.nodes[dof.node]) for dof in (first, second)]
 
 
 def _effect(
-    receptances: Receptances, axis: int, places: Sequence[str], bends: bool, strengths: FloatArray
+    receptances: Receptances, axis: int, dof_names: Sequence[str], bends: bool, fractions: FloatArray
 ) -> ComplexArray:
-    """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by a channel that far between two nodes."""
-    index = index_of(receptances, axis, places[0])
+    """Changes of the FRF, (n_fractions, n_lines, n_outputs, n_inputs), by moving a channel towards a neighbouring node.
+
+    The channel is a sensor (axis 1) or a load (axis 2). `dof_names` are its own degree of freedom and that of the neighbour;
+    `fractions` (n_fractions,) are of the way from one to the other, along which a beam (`bends`) or a bar lies.
+    """
+    index = index_of(receptances, axis, dof_names[0])
     record = receptances.problem.record
     sign = (record.outputs if axis == 1 else record.inputs)[index].sign
-    (first, second), ends = _ends(receptances.structure, places)
+    (first, second), ends = _ends(receptances.structure, dof_names)
     codes = np.array([dof_code(dof.node, direction) for dof in (first, second) for direction in DIRECTIONS])
-    weights = np.stack([following(ends, first.axis, float(part), bends).ravel() for part in strengths])
+    weights = np.stack([following(ends, first.axis, float(part), bends).ravel() for part in fractions])
     reading = channel_reading(receptances, axis, index, sign * weights @ receptances.reached(codes))
     return channel_change(receptances, axis, index, reading - receptances.frf.take(index, axis))
 
 
-def _edits(model: TestedModel, record: int, places: Sequence[str], bends: bool, part: float, side: str) -> Edits:
-    """Edits that put a channel at a new node between two `places`, at the fraction `part`; it moves as a beam (`bends`) or bar."""
+def _edits(
+    model: TestedModel, record: int, dof_names: Sequence[str], bends: bool, fraction: float, role_prefix: str
+) -> Edits:
+    """Edits that move a channel of a record to a new node between the nodes of two degrees of freedom.
+
+    The first of `dof_names` is the channel's own; `fraction` is of the way to the second. The new node moves with both as a beam
+    (`bends`) or bar does. `role_prefix` is "load " for a load, "" for a sensor.
+    """
     structure = model.setups[record].structure
-    (first, second), ends = _ends(structure, places)
-    label, weights = model.new_node(), following(ends, first.axis, part, bends)
+    (first, second), ends = _ends(structure, dof_names)
+    label, weights = model.new_node(), following(ends, first.axis, fraction, bends)
     pairs = [
         [f"{dof.node}{direction}", rounded(weight)]
         for dof, own in zip((first, second), weights.tolist(), strict=True)
         for direction, weight in zip(DIRECTIONS, own, strict=True)
         if direction in (structure.active or DIRECTIONS) and rounded(weight)
     ]
-    name = model.unique_name(f"between {' '.join(places)}")
-    node = AddNode(label, first.node, second.node, part)
-    return follower(model, record, name, first, label, pairs, node, side)
+    name = model.unique_name(f"between {' '.join(dof_names)}")
+    node = AddNode(label, first.node, second.node, fraction)
+    return follower(model, record, name, first, label, pairs, node, role_prefix)

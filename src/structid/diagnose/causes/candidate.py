@@ -55,7 +55,7 @@ class Candidate:
     record: int | None = None
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidates for records of one structure whose effects follow from its receptances; none by default."""
         yield from ()
 

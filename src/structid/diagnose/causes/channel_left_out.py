@@ -31,7 +31,7 @@ class FaultyChannel(Candidate):
     others: tuple[str, ...] = ()
 
     @classmethod
-    def from_data(cls, problems: Sequence[RecordProblem], names: Sequence[str]) -> Iterator[FaultyChannel]:
+    def from_data(cls, problems: Sequence[RecordProblem], record_names: Sequence[str]) -> Iterator[FaultyChannel]:
         """A candidate for each sensor of every record of FRFs that has several."""
         for number, problem in enumerate(problems):
             outputs = tuple(dof.place for dof in problem.record.outputs) if isinstance(problem, FrfProblem) else ()

@@ -110,7 +110,10 @@ def _unknown(prop: str, names: list[str], **more: bool) -> AddUnknown:
 
 
 def _viscous(element: ElementSet, prop: str, weight: float) -> list[float]:
-    """Nominal viscous damping of each element: `weight` times its stiffness, or its mass for `mass_damping`."""
+    """Nominal viscous damping of each element: `weight` times its stiffness, or its mass for `mass_damping`.
+
+    `prop` is the name of the damping property.
+    """
     known = declarations(element)
     key = next((key for key in (("mass", "density") if prop == "mass_damping" else _STIFFNESSES) if key in known), "")
     nominal = np.atleast_1d(np.asarray(vars(element)[key], dtype=float)) if key and prop in known else np.zeros(1)

@@ -25,7 +25,7 @@ class Dashpot(Candidate):
     direction: Directions = field(repr=False)
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate dampers from chosen degrees of freedom to the ground, and across springs between moving ends."""
         first = records[0]
         places = [((dof.place,), direction) for dof, direction in chosen_dofs(first)]

@@ -23,9 +23,11 @@ def _delays(receptances: Receptances) -> FloatArray:
     return np.concatenate([sign * FACTORS / (np.pi * receptances.problem.record.frequency[-1]) for sign in (1, -1)])
 
 
-def _effect(receptances: Receptances, axis: Literal[1, 2], places: Sequence[str], delays: FloatArray) -> ComplexArray:
+def _effect(
+    receptances: Receptances, axis: Literal[1, 2], channel_names: Sequence[str], delays: FloatArray
+) -> ComplexArray:
     factors = np.exp(-receptances.laplace * delays[:, None])
-    indices = [index_of(receptances, axis, place) for place in places]
+    indices = [index_of(receptances, axis, place) for place in channel_names]
     return np.sum([scaled_channel(receptances, axis, index, factors) for index in indices], axis=0)
 
 
@@ -37,7 +39,7 @@ class SensorDelay(Candidate):
     record: int | None = 0
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         for receptances, channel in channels(records, 1):
             yield cls(where=(channel.dof.place,), record=channel.record, strengths=_delays(receptances))
 
@@ -63,7 +65,7 @@ class LoadDelay(Candidate):
     record: int | None = 0
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         for receptances, channel in channels(records, 2):
             yield cls(where=(channel.dof.place,), record=channel.record, strengths=_delays(receptances))
 

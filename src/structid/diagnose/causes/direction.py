@@ -23,10 +23,15 @@ _SQUARE = 0.03
 _BOUNDS = (-np.pi, np.pi)
 
 
-def _effect(receptances: Receptances, axis: int, places: Sequence[str], sign: int, angles: FloatArray) -> ComplexArray:
-    """Changes of the FRF, (n_angles, n_lines, n_outputs, n_inputs), with a channel turned by these angles, rad."""
-    index = index_of(receptances, axis, places[0])
-    column = sign * receptances.columns[parse_dof(places[1])]
+def _effect(
+    receptances: Receptances, axis: int, dof_names: Sequence[str], sign: int, angles: FloatArray
+) -> ComplexArray:
+    """Changes of the FRF, (n_angles, n_lines, n_outputs, n_inputs), by turning a sensor (axis 1) or a load (axis 2).
+
+    `dof_names` are its own degree of freedom and the one that it turns to, the latter in the sense `sign`; `angles` in rad.
+    """
+    index = index_of(receptances, axis, dof_names[0])
+    column = sign * receptances.columns[parse_dof(dof_names[1])]
     own = receptances.frf.take(index, axis)
     turns = angles[:, None, None]
     reading = channel_reading(receptances, axis, index, column[None])
@@ -44,7 +49,7 @@ class SensorDirection(Candidate):
     record: int | None = 0
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         for receptances, channel in channels(records, 1):
             for place, _ in other_directions(receptances, channel.dof):
                 yield cls(where=(channel.dof.place, place), strengths=ANGLES, record=channel.record)
@@ -83,7 +88,7 @@ class LoadDirection(Candidate):
     sign: int = 1
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate turns of each measured force towards every other direction of its node."""
         for receptances, channel in channels(records, 2):
             if not receptances.problem.facts.measures_force:
@@ -108,15 +113,40 @@ class LoadDirection(Candidate):
 
 
 def follower(
-    model: TestedModel, record: int, name: str, dof: Dof, label: int, pairs: Sequence[object], node: AddNode, side: str
+    model: TestedModel,
+    record: int,
+    tie_name: str,
+    dof: Dof,
+    new_label: int,
+    weighted_dofs: Sequence[object],
+    node: AddNode,
+    role_prefix: str,
 ) -> Edits:
-    """The edits that move a channel to a new node, which follows weighted others and is otherwise held."""
-    acts = f"{label}{dof.direction}"
+    """The edits that let a channel of a record act at a new node, which follows weighted degrees of freedom through a tie.
+
+    Parameters
+    ----------
+    model : TestedModel
+    record : int
+        Position of the record.
+    tie_name : str
+    dof : Dof
+        The channel's degree of freedom, whose direction the new node has.
+    new_label : int
+        Label of the new node, supported in all other directions.
+    weighted_dofs : sequence of (name, weight)
+        Degrees of freedom that the new node follows.
+    node : AddNode
+        The edit that adds the node.
+    role_prefix : str
+        "load " for a load, "" for a sensor.
+    """
+    acts = f"{new_label}{dof.direction}"
     active = model.setups[record].structure.active or DIRECTIONS
-    held = tuple(f"{label}{direction}" for direction in active if direction != dof.direction)
+    held = tuple(f"{new_label}{direction}" for direction in active if direction != dof.direction)
     return [
         node,
-        AddPart("constraint", {"name": name, "dependent": acts, "depends_on": list(pairs)}),
+        AddPart("constraint", {"name": tie_name, "dependent": acts, "depends_on": list(weighted_dofs)}),
         HoldSupports(held),
-        RenameChannels(record, {f"{side}{dof.place}": acts}),
+        RenameChannels(record, {f"{role_prefix}{dof.place}": acts}),
     ]

@@ -38,7 +38,7 @@ class DryFriction(Candidate):
         return len(problem.record.inputs) == 1 and problem.facts.measures_force
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         for dof, _ in chosen_dofs(records[0]) if cls.can_act(records[0]) else ():
             yield cls(where=(dof.place,), strengths=FORCES)
 

@@ -33,7 +33,7 @@ class SensorGain(Candidate):
     record: int | None = 0
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate gains of each sensor that is not the only one: calibrations and mistaken units."""
         for _, channel in channels(records, 1):
             if channel.n_alike > 1:
@@ -72,7 +72,7 @@ class LoadGain(Candidate):
     record: int | None = 0
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate gains of each load: calibrations and mistaken units of the force."""
         units = np.log([factor for factor, _, _ in MISTAKEN_FORCES])
         for _, channel in channels(records, 2):

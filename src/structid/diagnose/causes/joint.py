@@ -42,7 +42,7 @@ class FlexibleJoint(Candidate):
     loss_factor: float | None = None
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate flexible joints at the rotations of element ends that have a bending stiffness."""
         first = records[0]
         ends: dict[tuple[str, int, int], list[_Column]] = {}

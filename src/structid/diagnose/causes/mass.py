@@ -36,12 +36,12 @@ class Mass(Candidate):
     kind: ClassVar[str] = "mass"
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate masses at chosen nodes, in all records together and, with several names, in each record alone."""
         yield from cls._at_nodes(records[0])
-        for number, receptances in enumerate(records if len(names) > 1 else ()):
+        for number, receptances in enumerate(records if len(record_names) > 1 else ()):
             if has_places(receptances.problem):
-                yield from cls._at_nodes(receptances, number, names[number])
+                yield from cls._at_nodes(receptances, number, record_names[number])
 
     @classmethod
     def _at_nodes(cls, receptances: Receptances, record: int | None = None, name: str = "") -> Iterator[Candidate]:

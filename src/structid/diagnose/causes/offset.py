@@ -48,7 +48,7 @@ class MassOffset(Candidate):
     lever: FloatArray = field(default_factory=lambda: np.zeros((3, 3)), repr=False)
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate offsets of each point mass along each axis, where rotations of its node would move it."""
         first = records[0]
         nodes = {one.name: one.nodes.ravel() for one in first.structure.elements if isinstance(one, PointMass)}
@@ -68,7 +68,10 @@ class MassOffset(Candidate):
                     )  # fmt: skip
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF by levers q (m): with them the mass moves by u + q lever theta instead of u."""
+        """Changes of the FRF by levers q (m): with them the mass moves by u + q lever theta instead of u.
+
+        `strengths` (n_strengths,) are the levers.
+        """
         codes = np.array([dof_code(self.node, direction) for direction in DIRECTIONS])
         first, second = np.zeros((6, 6)), np.zeros((6, 6))
         first[:3, 3:], first[3:, :3], second[3:, 3:] = self.lever, self.lever.T, self.lever.T @ self.lever

@@ -119,14 +119,19 @@ class Factored(NamedTuple):
         return inertia(receptances) if self.kind == "mass" else constant(receptances, self.loss)
 
 
-def factored(receptances: Receptances, one: ElementMatrix, most: float = np.inf) -> Factored | None:
-    """An element matrix as D D' with its directions D; None where nothing of it moves, or in more than `most` ways."""
-    size, vectors = np.linalg.eigh(one.matrix)
+def factored(
+    receptances: Receptances, element_matrix: ElementMatrix, most_directions: float = np.inf
+) -> Factored | None:
+    """An element matrix as D D' with the directions D in which it acts; None where D does not move or is too wide.
+
+    It is too wide with more than `most_directions` columns.
+    """
+    size, vectors = np.linalg.eigh(element_matrix.matrix)
     keep = size > 1e-9 * max(size[-1], 0.0)
-    directions = Directions(one.codes, vectors[:, keep] * np.sqrt(size[keep]))
-    if not 0 < keep.sum() <= most or not len(directions.rows(receptances)[0]):
+    directions = Directions(element_matrix.codes, vectors[:, keep] * np.sqrt(size[keep]))
+    if not 0 < keep.sum() <= most_directions or not len(directions.rows(receptances)[0]):
         return None
-    return Factored(directions, one.kind, one.loss)
+    return Factored(directions, element_matrix.kind, element_matrix.loss)
 
 
 def record_words(title: str) -> str:

@@ -23,7 +23,7 @@ class SensorPolarity(Candidate):
     record: int | None = 0
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         for _, channel in channels(records, 1):
             yield cls(where=(channel.dof.place,), record=channel.record)
 
@@ -47,7 +47,7 @@ class LoadPolarity(Candidate):
     record: int | None = 0
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         for _, channel in channels(records, 2):
             if channel.n_alike > 1:
                 yield cls(where=(channel.dof.place,), record=channel.record)

@@ -25,9 +25,9 @@ class OtherState(Candidate):
     record: int | None = 0
 
     @classmethod
-    def from_data(cls, problems: Sequence[RecordProblem], names: Sequence[str]) -> Iterator[OtherState]:
-        """A candidate for each record, by its name in `names`, where there are several."""
-        for number, name in enumerate(names if len(problems) > 1 else ()):
+    def from_data(cls, problems: Sequence[RecordProblem], record_names: Sequence[str]) -> Iterator[OtherState]:
+        """A candidate for each record, by its name in `record_names`, where there are several."""
+        for number, name in enumerate(record_names if len(problems) > 1 else ()):
             yield cls(where=(name,), record=number)
 
     def rows_left_out(self, problem: RecordProblem) -> np.ndarray:

@@ -28,7 +28,7 @@ class AddedRotaryInertia(Candidate):
     kind: ClassVar[str] = "inertia"
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate inertias at free rotations of chosen nodes; a negative one takes no more than the model has."""
         first, nodes = records[0], chosen_nodes(records[0])
         mass, free = first.structure.matrix("mass", first.values), set(first.structure.numbering.free)

@@ -44,8 +44,8 @@ class SensorMass(Candidate):
     nodes: tuple[str, ...]
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
-        """One candidate mass for all sensors together, where they are at several nodes and move in few ways."""
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
+        """One candidate mass common to all sensors, where these are at several nodes and move in few independent ways."""
         nodes = list(dict.fromkeys(node for one in records for node in _sensed(one)))
         most = max(len(_translations(one, _sensed(one))) for one in records)
         if len(nodes) > 1 and most <= _MOST_WAYS:

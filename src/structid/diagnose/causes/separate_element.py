@@ -96,7 +96,7 @@ class DifferingElement(Differing):
     nodes: tuple[int, ...] = ()
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidates for the stiffness, the mass and all stiffnesses of each element in a set of several, and for mounts."""
         first = records[0]
         moved = list(moved_elements(first))
@@ -144,6 +144,7 @@ class DifferingElement(Differing):
         return self.matrices[0].kind if self.matrices else "stiffness"
 
     def sentence(self, value: float | None) -> str:
+        """A clause that says which element or mount differs from its group; `value` is not part of it."""
         if self.nodes:
             ends = " and ".join(map(str, self.nodes))
             ends = f"at node {ends}" if len(self.nodes) == 1 else f"between nodes {ends}"
@@ -153,8 +154,10 @@ class DifferingElement(Differing):
         return f"the {self._kind_of_matrix} of {self.where[0]} is not that of its group"
 
 
-def _separation(model: TestedModel, differing: DifferingProperty, start: float) -> SeparateElement:
-    """The edit for one property; it needs the nominal values of all sets that have it and the number of elements of the set."""
+def _separation(model: TestedModel, differing: DifferingProperty, start_factor: float) -> SeparateElement:
+    """The edit that gives one property of an element or set a parameter of its own, started at `start_factor` times
+    nominal.
+    """
     where, prop, follows = differing
     nominal: dict[str, tuple[float, ...]] = {}
     count = 1
@@ -164,7 +167,7 @@ def _separation(model: TestedModel, differing: DifferingProperty, start: float) 
                 nominal[item.element] = tuple(item.term.values.tolist())
             if item.element == where.rpartition(":")[0]:
                 count = max(count, len(item.term.values))
-    return SeparateElement(where, prop, start, count, nominal, follows)
+    return SeparateElement(where, prop, start_factor, count, nominal, follows)
 
 
 def _label(one: ElementMatrix) -> str:
@@ -172,10 +175,16 @@ def _label(one: ElementMatrix) -> str:
 
 
 def _of_elements(moved: Sequence[Moved]) -> Iterator[ElementMatrix]:
-    """Stiffness and mass matrices of elements, summed over properties that the same parameters change."""
+    """Element matrices of stiffness and mass, one for each element and group of properties that the same parameters change.
+
+    `moved` are pairs of an element matrix and the numbers of the parameters that change it.
+    """
     parts: dict[tuple[object, ...], list[ElementMatrix]] = {}
-    for one, moved_by in moved:
-        parts.setdefault((one.element, one.number, one.kind, moved_by or one.property), []).append(one)
+    for element_matrix, moved_by in moved:
+        parts.setdefault(
+            (element_matrix.element, element_matrix.number, element_matrix.kind, moved_by or element_matrix.property),
+            [],
+        ).append(element_matrix)
     for items in parts.values():
         yield summed(items)
 
@@ -204,10 +213,18 @@ def groups_of_stiffnesses(
     unit_of: Callable[[ElementMatrix], Hashable],
     label: Callable[[ElementMatrix], str],
 ) -> Iterator[list[Moved]]:
-    """Groups of stiffness matrices, one for each element, set or mount (`unit_of`), that can change in two ways or more.
+    """Groups of stiffness matrices, one group for each element, set or mount that can change in two ways or more.
 
-    Units with a parameter of their own are left out. One fixed stiffness does not count, but for springs of a mount, which
-    have a label each: that of a bent beam along its axis hardly matters.
+    Groups with a parameter of their own are left out. A single fixed stiffness does not count (a beam's axial one hardly
+    matters in bending), except at a mount, whose springs have a label each.
+
+    Parameters
+    ----------
+    stiff : sequence of (ElementMatrix, numbers of the parameters that change it)
+    unit_of : callable
+        Gives the key of the element, set or mount that a matrix belongs to.
+    label : callable
+        Gives the name of a matrix's element or set.
     """
     groups: dict[Hashable, list[Moved]] = {}
     moving: dict[int, set[Hashable]] = {}
@@ -227,16 +244,27 @@ def groups_of_stiffnesses(
 def differing_properties(
     group: Sequence[Moved], label: Callable[[ElementMatrix], str]
 ) -> tuple[DifferingProperty, ...]:
-    """Properties of a unit by its labels, with one factor for those that the same parameters move, and one for all fixed ones."""
-    if not any(moved_by for _, moved_by in group) and len({label(one) for one, _ in group}) == 1:
+    """Properties of one group of stiffness matrices, each with the factor that it shares.
+
+    Properties that the same parameters change share one factor, and all fixed properties share another.
+
+    Parameters
+    ----------
+    group : sequence of (ElementMatrix, numbers of the parameters that change it)
+    label : callable
+        Gives the name of a matrix's element or set.
+    """
+    if not any(moved_by for _, moved_by in group) and len({label(element_matrix) for element_matrix, _ in group}) == 1:
         return (DifferingProperty(label(group[0][0]), "stiffness"),)
-    found = dict[tuple[str, str], DifferingProperty]()
+    properties = dict[tuple[str, str], DifferingProperty]()
     leaders = dict[tuple[int, ...], str]()
-    for one, moved_by in sorted(group, key=lambda pair: not pair[1]):
-        if (label(one), one.property) in found:
+    for element_matrix, moved_by in sorted(group, key=lambda pair: not pair[1]):
+        if (label(element_matrix), element_matrix.property) in properties:
             continue
         follows = leaders.get(moved_by)
-        found[label(one), one.property] = DifferingProperty(label(one), one.property, follows)
+        properties[label(element_matrix), element_matrix.property] = DifferingProperty(
+            label(element_matrix), element_matrix.property, follows
+        )
         if follows is None:
-            leaders[moved_by] = f"{one.property}[{label(one)}]"
-    return tuple(found.values())
+            leaders[moved_by] = f"{element_matrix.property}[{label(element_matrix)}]"
+    return tuple(properties.values())

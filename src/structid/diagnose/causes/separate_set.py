@@ -34,7 +34,7 @@ class DifferingSet(Differing):
     result_kind: ClassVar[str] = "untied"
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidates for the stiffness or mass of each set that one parameter ties to others, and for all its stiffnesses."""
         first = records[0]
         moved = list(moved_elements(first))
@@ -58,15 +58,23 @@ class DifferingSet(Differing):
 
     @classmethod
     def _of_matrix(
-        cls, first: Receptances, one: ElementMatrix, properties: tuple[DifferingProperty, ...], is_whole: bool
+        cls,
+        receptances: Receptances,
+        element_matrix: ElementMatrix,
+        properties: tuple[DifferingProperty, ...],
+        is_whole: bool,
     ) -> Iterator[Candidate]:
-        """A candidate for what a matrix of a set changes, where that is not too large."""
-        matrix = factored(first, one, _MOST_WAYS) if len(one.codes) <= _MOST_CODES else None
+        """The candidate that an element set differs in its `element_matrix`; none where the matrix is too large.
+
+        It multiplies the `properties` of the set; `is_whole` says that these are all of its stiffnesses.
+        """
+        matrix = factored(receptances, element_matrix, _MOST_WAYS) if len(element_matrix.codes) <= _MOST_CODES else None
         if matrix is not None:
-            where = (one.element,)
+            where = (element_matrix.element,)
             yield cls(where=where, strengths=PARTS, properties=properties, matrices=(matrix,), is_whole=is_whole)
 
     def sentence(self, value: float | None) -> str:
+        """A clause that says in which stiffness a whole set differs from its group; `value` is not part of it."""
         if self.is_whole and len(self.properties) == 1:  # the study fixes all of them
             return f"the stiffnesses of all of {self.where[0]}, which the study fixes, are off by one factor"
         if self.is_whole:

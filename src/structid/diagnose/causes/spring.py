@@ -26,7 +26,7 @@ class SpringToGround(Candidate):
     loss_factor: float | None = None
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         first = records[0]
         for dof, direction in chosen_dofs(first):
             yield cls(where=(dof.place,), strengths=strengths_about(stiffness_scale(first, direction, constant(first))))

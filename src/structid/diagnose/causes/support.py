@@ -47,8 +47,8 @@ class Support(Candidate):
     loss_factor: float | None = None
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
-        """A candidate for each direction that some record holds or drives."""
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
+        """A candidate flexible support for each direction that is fixed or driven in some record."""
         inputs = [{dof.unsigned for dof in one.problem.record.inputs} for one in records]
         scales = {
             dof.unsigned: float(1 / np.median(np.abs(own)))
@@ -82,7 +82,9 @@ class Support(Candidate):
         return [*to_base, *released, *added_spring("spring", entry, self.loss_factor)]
 
     def _driving_end(self, model: TestedModel, dof: Dof) -> tuple[list[Edit], dict[str, str]]:
-        """The edits and the second end of a spring at a support that drives: a new node that moves in its place."""
+        """The edits for a driven support, and the second end of its spring: a new node that moves with the base in its
+        place.
+        """
         if not any(base.moves(dof) for setup in model.setups for base in setup.structure.bases):
             return [], {}
         label = model.new_node()

@@ -17,9 +17,12 @@ from structid.diagnose.receptances import Receptances
 from structid.diagnose.tested_model import TestedModel
 
 
-def _effect(receptances: Receptances, axis: int, places: Sequence[str], strengths: FloatArray) -> ComplexArray:
-    """Changes of the FRF with two sensors (axis 1) or loads (axis 2) exchanged, times the strengths (n_strengths,)."""
-    i, k = (index_of(receptances, axis, place) for place in places)
+def _effect(receptances: Receptances, axis: int, channel_names: Sequence[str], strengths: FloatArray) -> ComplexArray:
+    """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs): `strengths` times that by exchanging two channels.
+
+    The channels are sensors (axis 1) or loads (axis 2) with the two `channel_names`.
+    """
+    i, k = (index_of(receptances, axis, place) for place in channel_names)
     order = np.arange(receptances.frf.shape[axis])
     order[[i, k]] = k, i
     change: ComplexArray = strengths[:, None, None, None] * (np.take(receptances.frf, order, axis) - receptances.frf)
@@ -34,7 +37,7 @@ class SwappedSensors(Candidate):
     record: int | None = 0
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         for number, receptances in enumerate(records):
             for first, second in combinations(receptances.problem.record.outputs, 2):
                 yield cls(where=(first.place, second.place), record=number)
@@ -58,7 +61,7 @@ class SwappedLoads(Candidate):
     record: int | None = 0
 
     @classmethod
-    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         for number, receptances in enumerate(records):
             for first, second in combinations(receptances.problem.record.inputs, 2):
                 yield cls(where=(first.place, second.place), record=number)

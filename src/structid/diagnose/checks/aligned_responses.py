@@ -76,7 +76,11 @@ class Aligned:
 
 
 def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
-    """Mean cosine of the phase angle between two complex arrays over the first axis; NaN where there are no values."""
+    """Cosine of the phase angle between two complex arrays, averaged over the first axis; NaN where there are no
+    values.
+
+    Both are (n_lines, ...), and the mean is (...).
+    """
     product = measured * model.conj()
     cosine = product.real / np.maximum(np.abs(product), np.finfo(float).tiny)
     count = (~np.isnan(cosine)).sum(axis=0)
@@ -85,7 +89,7 @@ def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
 
 
 def median(values: FloatArray, axis: int) -> FloatArray:
-    """Median along an axis, NaN left out; NaN where nothing else is there."""
+    """Median along an axis without NaN values; NaN where all are NaN."""
     moved = np.moveaxis(values, axis, 0)
     flat = moved.reshape(len(moved), -1)
     found: FloatArray = np.full(flat.shape[1], np.nan)
@@ -95,51 +99,52 @@ def median(values: FloatArray, axis: int) -> FloatArray:
 
 
 def aligned(problem: FrfProblem, predicted: ComplexArray) -> Aligned:
-    """A record beside the initial model with its frequency axis bent so that resonances meet.
+    """Measured and modelled FRFs with the model's frequency axis warped so that their resonances coincide.
 
-    What is then left in the magnitudes is the level of the mass lines between resonances, which stiffness has no part
-    in, and the gains of the channels.
+    The magnitudes then differ by the level of the mass lines between resonances, which does not depend on stiffness, and by
+    the gains of the channels.
 
     Parameters
     ----------
     problem : FrfProblem
     predicted : (n_lines, n_outputs, n_inputs) complex array
-        The initial model on the problem's lines.
+        FRFs of the initial model on the problem's lines.
     """
     record = problem.record
     pairs = resonance_pairs(record, predicted)
-    both = [(one.measured, one.model) for one in pairs if np.isfinite(one.measured) and np.isfinite(one.model)]
+    both = [(pair.measured, pair.model) for pair in pairs if np.isfinite(pair.measured) and np.isfinite(pair.model)]
     keep = np.flatnonzero(record.frequency > 0)
     if len(keep) > _MOST_LINES:
         keep = keep[np.linspace(0, len(keep) - 1, _MOST_LINES).round().astype(int)]
     if not len(keep):
         empty: ComplexArray = np.zeros((0, *record.values.shape[1:]), complex)
         return Aligned(record, pairs, empty, empty)
-    own = record.lines(keep)
-    axis = own.frequency
+    used = record.lines(keep)
+    axis = used.frequency
     if both:
-        at, to = np.array(both).T
-        axis = axis * np.exp(np.interp(np.log(axis), np.log(at), np.log(to / at)))
-        bent = replace(own, frequency=axis)
+        measured_peaks, model_peaks = np.array(both).T
+        axis = axis * np.exp(np.interp(np.log(axis), np.log(measured_peaks), np.log(model_peaks / measured_peaks)))
+        bent = replace(used, frequency=axis)
         if not problem.structure.has_modes:  # parts of it are known at lines alone; between them is close enough
             found = _between(axis, record.frequency, predicted)
         else:
             found = problem.predicted_on(bent, problem.physical(np.asarray(problem.theta_start)))
     else:
-        bent, found = own, predicted[keep]
+        bent, found = used, predicted[keep]
     power = DERIVATIVES["accelerance"] - DERIVATIVES[record.kind]
     model = found * (bent.laplace**power)[:, None, None]
-    measured = own.values * (own.laplace**power)[:, None, None]
-    if own.variance is not None:
-        measured = np.where(np.abs(own.values) > _CLEAR * np.sqrt(own.variance), measured, np.nan)
+    measured = used.values * (used.laplace**power)[:, None, None]
+    if used.variance is not None:
+        measured = np.where(np.abs(used.values) > _CLEAR * np.sqrt(used.variance), measured, np.nan)
     measured = np.where(np.abs(model) > _SILENT * np.abs(model).max(initial=0.0), measured, np.nan)
-    return Aligned(own, pairs, model, np.where(_tells(model, measured), measured, np.nan))
+    return Aligned(used, pairs, model, np.where(_tells(model, measured), measured, np.nan))
 
 
 def _tells(model: ComplexArray, measured: ComplexArray) -> np.ndarray:
-    """A mask (n_outputs, n_inputs) of FRFs that judge their sensor: enough clear lines, and more than what cancels.
+    """A mask (n_outputs, n_inputs) of FRFs that can judge their sensor: enough clear lines, and no strong cancellation.
 
-    What one end of a car sees of the other's wheel hangs on small differences: any start that is off moves it by its whole.
+    Both FRFs are (n_lines, n_outputs, n_inputs), with NaN on lines that are not clear. An FRF far below what its row and
+    column suggest is a small difference of large terms, which any error of the start values changes completely.
     """
     clear = np.isfinite(measured).sum(axis=0)
     enough: np.ndarray = clear >= min(_FEWEST_LINES, len(measured))
@@ -151,16 +156,19 @@ def _tells(model: ComplexArray, measured: ComplexArray) -> np.ndarray:
     return enough & ~(beside < np.log(_CANCELS))
 
 
-def _between(axis: FloatArray, frequency: FloatArray, values: ComplexArray) -> ComplexArray:
-    """FRFs at the frequencies `axis` (Hz), linearly interpolated between the lines `frequency`."""
-    after = np.clip(np.searchsorted(frequency, axis), 1, len(frequency) - 1)
-    part = np.clip((axis - frequency[after - 1]) / (frequency[after] - frequency[after - 1]), 0, 1)[:, None, None]
-    found: ComplexArray = (1 - part) * values[after - 1] + part * values[after]
-    return found
+def _between(wanted: FloatArray, frequency: FloatArray, values: ComplexArray) -> ComplexArray:
+    """FRFs interpolated linearly at the frequencies `wanted` (Hz), from their `values` at the lines `frequency` (Hz)."""
+    after = np.clip(np.searchsorted(frequency, wanted), 1, len(frequency) - 1)
+    part = np.clip((wanted - frequency[after - 1]) / (frequency[after] - frequency[after - 1]), 0, 1)[:, None, None]
+    interpolated: ComplexArray = (1 - part) * values[after - 1] + part * values[after]
+    return interpolated
 
 
 def resonance_pairs(record: FrfRecord, predicted: ComplexArray) -> tuple[ResonancePair, ...]:
-    """Peaks of a record and of a model on its lines, paired in order by frequency and shape, by measured frequency."""
+    """Peaks of a record and of a model on its lines, paired in order by frequency and shape, by measured frequency.
+
+    `predicted` are the model's FRFs, shaped as those of the record.
+    """
     (f, own), (g, other) = (_shapes(record, values) for values in (record.values, predicted))
     likeness = np.nan_to_num(mac(own.T, other.T)) if len(f) and len(g) else np.zeros((len(f), len(g)))
     apart = np.log(f)[:, None] - np.log(g)
@@ -179,25 +187,28 @@ def resonance_pairs(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonan
 
 
 def _shapes(record: FrfRecord, values: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Peak frequencies (n_peaks,), Hz, and the FRFs' quadrature parts there, (n_peaks, n_channels)."""
-    found = peaks(record.frequency, values, record.kind)
-    near = np.abs(record.frequency[:, None] - found).argmin(axis=0)
+    """Peak frequencies (n_peaks,), Hz, of FRFs `values` on a record's lines, and their quadrature parts there,
+    (n_peaks, n_frfs).
+    """
+    peak_frequencies = peaks(record.frequency, values, record.kind)
+    near = np.abs(record.frequency[:, None] - peak_frequencies).argmin(axis=0)
     part = values.real if record.kind == "mobility" else values.imag
-    return found, part[near].reshape(len(found), values[0].size)
+    return peak_frequencies, part[near].reshape(len(peak_frequencies), values[0].size)
 
 
 def in_order(
-    cost: FloatArray, alone: float, begun: float = 0.0
+    cost: FloatArray, unpaired_cost: float, initial_cost: float = 0.0
 ) -> tuple[Sequence[tuple[int | None, int | None]], float]:
-    """The cheapest way to pair two rows in their order, one without a like at the cost `alone`; the pairs and the cost.
+    """The cheapest pairing of two sequences that keeps their order, as pairs of positions (None where unpaired), and its cost.
 
     Parameters
     ----------
     cost : (n, m) float array
-        Of each pair.
-    alone : float
-    begun : float
-        Cost to begin with.
+        Cost of pairing each item of the first with each of the second sequence.
+    unpaired_cost : float
+        Cost of each item that is left without a partner.
+    initial_cost : float
+        Added to the total of a sequence with unpaired items at its start.
 
     References
     ----------
@@ -205,20 +216,25 @@ def in_order(
     """
     n, m = cost.shape
     total = np.zeros((n + 1, m + 1))
-    total[:, 0], total[0] = begun + alone * np.arange(n + 1), begun + alone * np.arange(m + 1)
+    total[:, 0], total[0] = (
+        initial_cost + unpaired_cost * np.arange(n + 1),
+        initial_cost + unpaired_cost * np.arange(m + 1),
+    )
     for i in range(n):
         for j in range(m):
-            total[i + 1, j + 1] = min(total[i, j] + cost[i, j], total[i, j + 1] + alone, total[i + 1, j] + alone)
+            total[i + 1, j + 1] = min(
+                total[i, j] + cost[i, j], total[i, j + 1] + unpaired_cost, total[i + 1, j] + unpaired_cost
+            )
     i, j = n, m
-    found: list[tuple[int | None, int | None]] = []
+    pairs: list[tuple[int | None, int | None]] = []
     while i or j:
         if i and j and total[i, j] == total[i - 1, j - 1] + cost[i - 1, j - 1]:
             i, j = i - 1, j - 1
-            found.append((i, j))
-        elif i and total[i, j] == total[i - 1, j] + alone:
+            pairs.append((i, j))
+        elif i and total[i, j] == total[i - 1, j] + unpaired_cost:
             i -= 1
-            found.append((i, None))
+            pairs.append((i, None))
         else:
             j -= 1
-            found.append((None, j))
-    return found[::-1], float(total[n, m])
+            pairs.append((None, j))
+    return pairs[::-1], float(total[n, m])

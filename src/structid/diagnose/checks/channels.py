@@ -57,24 +57,28 @@ class ChannelWarnings(NamedTuple):
         return (*self.of_loads, *self.of_sensors, *self.of_pairs)
 
 
-def channel_warnings(found: Aligned) -> ChannelWarnings:
-    """Warnings about channels of a record, from the initial model beside it and from reciprocity."""
-    record, level, agreement = found.record, found.level, found.accord
+def channel_warnings(comparison: Aligned) -> ChannelWarnings:
+    """Warnings about channels of a record, from its comparison with the initial model and from reciprocity."""
+    record, level, agreement = comparison.record, comparison.level, comparison.accord
     of_pairs = tuple(_reciprocity(record))
     if not np.isfinite(level).any():
         return ChannelWarnings(of_pairs=of_pairs)
-    of_loads = (*_whole_record(found, level, agreement), *_single_loads(record, level, agreement))
-    of_sensors = tuple(_sensors(found, level, agreement))
+    of_loads = (*_whole_record(comparison, level, agreement), *_single_loads(record, level, agreement))
+    of_sensors = tuple(_sensors(comparison, level, agreement))
     if record.is_per_motion:
         return ChannelWarnings((), (*of_loads, *of_sensors), of_pairs)
     return ChannelWarnings(of_loads, of_sensors, of_pairs)
 
 
-def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
-    """Warnings of a factor or a sense that all channels share; level and agreement are (n_outputs, n_inputs)."""
-    record = found.record
+def _whole_record(comparison: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
+    """Warnings about a factor or a sign that all channels share.
+
+    `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
+    (n_outputs, n_inputs).
+    """
+    record = comparison.record
     common, goes = float(np.nanmedian(level)), float(np.nanmedian(agreement))
-    told = (
+    measured_level = (
         f"the measured {record.kind} is {np.exp(common):.3g} times the initial model's (median over lines and channels,"
         " resonance upon resonance)"
     )
@@ -82,7 +86,7 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
     nearest = round(decades)
     if abs(nearest) >= _DECADES and abs(decades - nearest) <= _NEAR_DECADE:
         yield (
-            f"{told}, close to 10^{nearest}: record and model are in different units. structid works in m, N, kg and s."
+            f"{measured_level}, close to 10^{nearest}: record and model are in different units. structid works in m, N, kg and s."
             f" {_decade_remedy(nearest)}"
         )
         return
@@ -97,17 +101,17 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
         )
     loads = median(level, 0)
     alike = bool((np.abs(loads - common) < _NEAR).all())
-    paired = [np.isfinite(one.mac) for one in found.pairs]
+    paired = [np.isfinite(one.mac) for one in comparison.pairs]
     agree = len(level) >= _FEWEST and float(np.nanmax(level) - np.nanmin(level)) < _ALIKE
     is_clear = abs(common) > (_SHARED if agree else _SHARED_BY_MOST) and abs(goes) >= _AGREE
     if not (alike and is_clear and any(paired) and np.mean(paired) >= _PAIRED):
         return
     if record.kind == "accelerance" and abs(abs(common) - np.log(STANDARD_GRAVITY)) <= _NEAR:
         yield (
-            f"{told}, close to 9.81: accelerations look to be in m/s^2 and were read as g, or forces in kgf and read as N;"
-            " correct the unit in the file or in [record]"
+            f"{measured_level}, close to 9.81: accelerations look to be in m/s^2 and were read as g, or forces in kgf and read as"
+            " N; correct the unit in the file or in [record]"
             if common > 0
-            else f"{told}, close to 1/9.81: accelerations look to be in g and were read as m/s^2; give"
+            else f"{measured_level}, close to 1/9.81: accelerations look to be in g and were read as m/s^2; give"
             ' unit = "g/N" in [record]'
         )
         return
@@ -115,7 +119,7 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
         times = f"{np.exp(common):.2g}" if common > 0 else f"1/{np.exp(-common):.2g}"
         yield (
             f"support {_listed(record.inputs)}: its motion is {times} times what the record says, or the model is far off:"
-            f" {told}; {_SUPPORT_REMEDY}"
+            f" {measured_level}; {_SUPPORT_REMEDY}"
         )
         return
     unit = mistaken_unit(common, MISTAKEN_FORCES, _NEAR) if agree else ""
@@ -125,11 +129,15 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
         else f"the force is 1/{np.exp(-common):.2g} of what the record says, or the model's masses are too small by that"
     )
     remedy = f", as if it were {unit}" if unit else f"; {_LOAD_REMEDY}"
-    yield f"load {_listed(record.inputs)}: {cause}: {told}{remedy}"
+    yield f"load {_listed(record.inputs)}: {cause}: {measured_level}{remedy}"
 
 
 def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
-    """Warnings of loads, or supports that drive, whose level or sense differs from that of the others."""
+    """Warnings about loads or driven supports whose level or sign differs from that of the others.
+
+    `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
+    (n_outputs, n_inputs).
+    """
     if len(record.inputs) < 2:
         return
     loads, goes = median(level, 0), median(agreement, 0)
@@ -152,9 +160,13 @@ def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -
                 yield f"{told}: {f'the force looks to be {unit}' if unit else _LOAD_REMEDY}"
 
 
-def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
-    """Warnings of sensors whose level or sense differs from that of the others, or that look exchanged."""
-    record = found.record
+def _sensors(comparison: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
+    """Warnings about sensors whose level or sign differs from that of the others, or that look exchanged.
+
+    `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
+    (n_outputs, n_inputs).
+    """
+    record = comparison.record
     apart: list[int] = []
     for o, fault, size in _faults(level, agreement):
         sensor = record.outputs[o]
@@ -175,42 +187,48 @@ def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterat
             )
         else:
             apart.append(o)
-    pairs = _exchanged(found, apart)
+    pairs = _exchanged(comparison, apart)
     for a, b in pairs:
         a_dof, b_dof = record.outputs[a], record.outputs[b]
         yield f"sensors {a_dof} and {b_dof} look exchanged: each moves as the model does at the other"
     for o in apart:
         if not any(o in pair for pair in pairs):
             yield (
-                f"sensor {record.outputs[o]} does not go with the model as the others do: check its direction, place and cable"
+                f"sensor {record.outputs[o]} fits the model far worse than the others: check its direction, position and cable"
             )
 
 
 def _faults(
     level: FloatArray, agreement: FloatArray
 ) -> Iterator[tuple[int, Literal["turned", "level", "apart"], float]]:
-    """Sensors, by position, that fit worse than the others, with the fault and the logarithm of their level."""
-    own, goes = median(level - median(level, 0), 1), median(agreement, 1)
-    if len(own) < 3:
+    """Sensors that fit worse than the others: position, fault, and logarithm of the level relative to the others.
+
+    `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
+    (n_outputs, n_inputs).
+    """
+    levels, goes = median(level - median(level, 0), 1), median(agreement, 1)
+    if len(levels) < 3:
         return
-    for o in range(len(own)):
-        rest = float(median(np.delete(goes, o), 0))
-        size = float(own[o] - median(np.delete(own, o), 0))
-        if not (np.isfinite(goes[o]) and rest >= _GOES):
+    for o in range(len(levels)):
+        others_agreement = float(median(np.delete(goes, o), 0))
+        size = float(levels[o] - median(np.delete(levels, o), 0))
+        if not (np.isfinite(goes[o]) and others_agreement >= _GOES):
             continue
         if goes[o] <= _TURNED and abs(size) <= _ABOUT_ONE:
             yield o, "turned", size
         elif abs(size) > _FAR and goes[o] >= _APART:
             yield o, "level", size
-        elif rest >= _GOES_WELL and (goes[o] < _APART or abs(size) > _LEVEL):
+        elif others_agreement >= _GOES_WELL and (goes[o] < _APART or abs(size) > _LEVEL):
             yield o, "apart", size
 
 
-def _exchanged(found: Aligned, apart: Sequence[int]) -> list[tuple[int, int]]:
-    """Pairs of sensors, by position among those `apart`, that go with the model once exchanged."""
+def _exchanged(comparison: Aligned, misfits: Sequence[int]) -> list[tuple[int, int]]:
+    """Pairs of sensors that agree with the model once exchanged, by their positions, sought among the positions
+    `misfits`.
+    """
     pairs: list[tuple[int, int]] = []
-    for a, b in combinations(apart, 2):
-        changed = accord(found.measured[:, [a, b]], found.model[:, [b, a]])
+    for a, b in combinations(misfits, 2):
+        changed = accord(comparison.measured[:, [a, b]], comparison.model[:, [b, a]])
         is_free = not any({a, b} & set(pair) for pair in pairs)
         if is_free and np.nanmin(median(changed, 1)) >= _GOES:
             pairs.append((a, b))
@@ -218,7 +236,7 @@ def _exchanged(found: Aligned, apart: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def _reciprocity(record: FrfRecord) -> Iterator[str]:
-    """Warnings of two places, each driven and measured, whose FRFs differ by the way they are taken."""
+    """Warnings about pairs of channels that are both driven and measured and whose FRFs are not reciprocal."""
     sensors = {dof.unsigned: o for o, dof in enumerate(record.outputs)}
     loads = {dof.unsigned: i for i, dof in enumerate(record.inputs)}
     for one, other in combinations([dof for dof in loads if dof in sensors], 2):

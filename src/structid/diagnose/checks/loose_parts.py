@@ -57,7 +57,10 @@ def _idle_supports(structure: Structure) -> list[PlacedFinding]:
 
 
 def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding]:
-    """Findings about parts that nothing joins to another and that no stiffness holds against any shift."""
+    """Findings about parts that are joined to nothing and that no stiffness restrains.
+
+    `values` (n_values,) are the property values.
+    """
     codes = np.array(structure.numbering.free, dtype=np.int64)
     label, node = np.unique(codes // 6, return_inverse=True)
     of_node = sparse.csr_array((np.ones(len(node)), (node, np.arange(len(node)))), (len(label), len(node)))
@@ -88,7 +91,11 @@ def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding
 
 
 def coarse_elements(structure: Structure, values: FloatArray, mesh: MeshErrors) -> PlacedFinding | None:
-    """The elements with half of the energy of the mode that the mesh puts off most; None without such a mode."""
+    """A finding that names the elements with half of the energy of the mode with the largest mesh error; None without
+    such a mode.
+
+    `values` (n_values,) are the property values.
+    """
     if not mesh.words or not mesh.number.size:
         return None
     mode = int(mesh.number[mesh.worst])

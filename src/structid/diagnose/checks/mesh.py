@@ -73,9 +73,9 @@ class MeshErrors:
 
     @cached_property
     def needed(self) -> int:
-        """Number of pieces to cut each element into (along each edge) so that no mode in the band is off by more.
+        """Number of pieces to cut each element into (along each edge) so that no mode in the band is off by more than allowed.
 
-        0 where these are enough.
+        0 where the elements are fine enough.
         """
         size = np.abs(self.error)
         if not (size > self.allowed).any():
@@ -135,10 +135,10 @@ class MeshErrors:
 def mesh_errors(
     structure: Structure, values: FloatArray, band: tuple[float, float], deviation: float = np.inf
 ) -> MeshErrors | str:
-    """Frequency errors by the mesh of the modes in `band`; in words why they are not known, "" where no mesh is.
+    """Discretization errors of the natural frequencies in `band`, or a sentence on why they are not known; "" without a mesh.
 
-    The model is solved with elements a half and a quarter as long; what is left goes with a power of the length that the
-    three show (Richardson).
+    The model is solved again with elements a half and a quarter as long; the error is extrapolated with the power of the
+    element length that the three solutions show (Richardson).
 
     Parameters
     ----------
@@ -146,9 +146,9 @@ def mesh_errors(
     values : (n_values,) float array
         Property values.
     band : (float, float)
-        Hz.
+        Frequency band, Hz.
     deviation : float
-        Relative, the least of measured frequencies: what else a mode may be off by.
+        Smallest relative standard deviation of the measured frequencies: a larger mesh error matters.
 
     References
     ----------
@@ -187,34 +187,49 @@ def mesh_errors(
     return MeshErrors(structure, looked[kept], frequency[kept], damping, error, order[kept], lost, deviation)
 
 
-def _limit(frequency: FloatArray, finer: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Frequencies with elements of no size, and the powers of the length that errors go with, (n,) each."""
-    first = frequency - finer[0]
+def _limit(frequency: FloatArray, refined_frequencies: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Natural frequencies (n,) extrapolated to elements of zero length, and the orders of convergence (n,).
+
+    `frequency` (n,) are those of the given mesh, `refined_frequencies` those with elements a half and, if known, a quarter as
+    long.
+    """
+    first = frequency - refined_frequencies[0]
     order = np.full(len(frequency), _USUAL)
-    last, change = finer[0], first
-    if len(finer) == 2:
-        second = finer[0] - finer[1]
+    last, change = refined_frequencies[0], first
+    if len(refined_frequencies) == 2:
+        second = refined_frequencies[0] - refined_frequencies[1]
         is_clear = (
             (np.abs(first) > _ROUNDING * frequency) & (np.abs(second) > _ROUNDING * frequency) & (first * second > 0)
         )
         ratio = np.divide(first, second, out=np.full(len(frequency), 2**_USUAL), where=is_clear)
         order = np.clip(np.log2(np.maximum(ratio, 1.0)), *_ORDERS)
-        last, change = finer[1], second
+        last, change = refined_frequencies[1], second
     return last - change / (2**order - 1), order
 
 
 def _paired(
-    structure: Structure, values: FloatArray, own: Modes, looked: IntArray, made: Refined, found: Modes
+    structure: Structure,
+    values: FloatArray,
+    modes: Modes,
+    mode_numbers: IntArray,
+    refined: Refined,
+    refined_modes: Modes,
 ) -> IntArray:
-    """Position of the refined model's mode that is like each of the modes `looked`; -1 where none is."""
-    rows = made.places(structure)
+    """Number of the refined model's mode that matches each of the modes `mode_numbers` by MAC; -1 where none does.
+
+    `modes` and `refined_modes` are those of the structure and of the `refined` one. `values` (n_values,) are the
+    property values.
+    """
+    rows = refined.places(structure)
     mass = structure.matrix("mass", values)
-    coarse, fine = own.mode_shapes[:, looked], found.mode_shapes[rows]
+    coarse, fine = modes.mode_shapes[:, mode_numbers], refined_modes.mode_shapes[rows]
     size = np.einsum("dm,dm->m", fine, mass @ fine)
     likeness = (coarse.T @ (mass @ fine)) ** 2 / np.where(size > 0, size, 1.0)
-    near = np.abs(np.log(np.maximum(found.frequency, 1e-300) / own.frequency[looked][:, None])) < _FARTHEST
+    near = (
+        np.abs(np.log(np.maximum(refined_modes.frequency, 1e-300) / modes.frequency[mode_numbers][:, None])) < _FARTHEST
+    )
     likeness = np.where(near, likeness, 0.0)
-    pairs: IntArray = np.full(len(looked), -1)
+    pairs: IntArray = np.full(len(mode_numbers), -1)
     left, right = assign_pairs(likeness)
     good = likeness[left, right] >= _ALIKE
     pairs[left[good]] = right[good]

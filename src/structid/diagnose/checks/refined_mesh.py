@@ -21,7 +21,10 @@ Child = tuple[tuple[int, ...], ...]
 
 
 def _boxes(corners: Sequence[tuple[int, ...]]) -> tuple[Child, ...]:
-    """Children of a split line, quadrilateral or hexahedron, one at each corner, their nodes by parent corners."""
+    """Elements into which a line, quadrilateral or hexahedron is halved, one at each of its `corners` (parametric coordinates).
+
+    A child is a tuple of its nodes; each node is the tuple of parent corners in whose middle it lies.
+    """
 
     def middle_of(at: tuple[int, ...], to: tuple[int, ...]) -> tuple[int, ...]:
         stays = [a == b for a, b in zip(at, to, strict=True)]
@@ -97,7 +100,7 @@ def n_split(structure: Structure) -> int:
 
 
 def obstacle(structure: Structure) -> str | None:
-    """The reason why a structure cannot be refined, in words; "" where nothing has a size, None where it can be."""
+    """A sentence on why a structure cannot be refined; "" where no element has a size, None where it can be."""
     if not structure.has_matrices:
         return ""
     if structure.measured:
@@ -122,46 +125,48 @@ def obstacle(structure: Structure) -> str | None:
     return None
 
 
-def refined(structure: Structure, values: FloatArray, times: int, most: int) -> Refined | None:
-    """`structure` with elements 1/`times` as long; None where it then has more than `most` degrees of freedom.
+def refined(structure: Structure, values: FloatArray, times: int, most_dofs: int) -> Refined | None:
+    """`structure` with elements 1/`times` as long; None where it then has more than `most_dofs` degrees of freedom.
 
-    A new node between supported ones on a side at the rim is supported as they are.
+    A new node between supported nodes of one free side is supported as they are.
 
     Parameters
     ----------
     structure : Structure
-        Without `obstacle`.
+        One for which `obstacle` gives None.
     values : (n_values,) float array
         Property values.
     times : int
-        A power of 2 where there are cells.
-    most : int
+        Number of pieces along each edge; a power of 2 for areas and solids.
+    most_dofs : int
     """
     if not any(made.cells for made in structure.elements):
         more = (times - 1) * n_split(structure) * len(structure.active or DIRECTIONS)
-        if structure.n_dofs + more > most or structure.subdivide * times > MOST_PIECES:
+        if structure.n_dofs + more > most_dofs or structure.subdivide * times > MOST_PIECES:
             return None
         return Refined(replace(structure, subdivide=structure.subdivide * times), values, _inside(structure, times))
-    if structure.n_dofs * times ** split_power(structure) > most:
+    if structure.n_dofs * times ** split_power(structure) > most_dofs:
         return None
-    found = Refined(structure, values, {})
+    finer = Refined(structure, values, {})
     for _ in range(times.bit_length() - 1):
-        found = _split(found)
-    return found
+        finer = _split(finer)
+    return finer
 
 
 def _inside(structure: Structure, times: int) -> dict[int, int]:
-    """New labels, by old ones, of nodes between pieces and of released ends once each piece is cut into `times`."""
+    """New labels by old ones, for nodes inside subdivided elements and at released ends, once each piece is cut into
+    `times`.
+    """
     first = max(structure.nodes) + 1
     pieces, n_lines = structure.subdivide, sum(len(made.nodes) for made in structure.divisible)
-    found = {
+    new_labels = {
         first + line * (pieces - 1) + piece - 1: first + line * (pieces * times - 1) + piece * times - 1
         for line in range(n_lines)
         for piece in range(1, pieces)
     }
     before, after = first + n_lines * (pieces - 1), first + n_lines * (pieces * times - 1)
     loosened = sum(made.loosened is not None for made in structure.elements)
-    return found | {before + joint: after + joint for joint in range(loosened)}
+    return new_labels | {before + joint: after + joint for joint in range(loosened)}
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -197,9 +202,9 @@ class _Middles:
         return self.labels[corners]
 
 
-def _split(given: Refined) -> Refined:
-    """The structure with cells halved along each edge; lines too, unless their halves would lack stiffness sideways."""
-    structure = given.structure
+def _split(refined: Refined) -> Refined:
+    """A refined structure with all areas and solids halved along each edge, and lines where their halves stay stable."""
+    structure = refined.structure
     middles, edges = _Middles(structure), _edges(structure)
     divisible = {made.name for made in structure.divisible}
     elements: list[ElementSet] = []
@@ -215,17 +220,17 @@ def _split(given: Refined) -> Refined:
                 nodes = [middles.label(frozenset(int(row[i]) for i in corners)) for corners in child]
                 rows.append(nodes + [-1] * (made.nodes.shape[1] - len(nodes)))
                 parent.append(e)
-        own = np.array(parent)
+        parent_of = np.array(parent)
         each = {
-            name: getattr(made, name)[own]
+            name: getattr(made, name)[parent_of]
             for name, what in declarations(made).items()
             if what.kind is not None and getattr(made, name) is not None
         }
         elements.append(replace(made, nodes=np.array(rows), **each))
-        parents[made.name] = own
+        parents[made.name] = parent_of
     held = (*structure.fixed, *_held(structure, middles))
     finer = replace(structure, nodes=middles.positions, elements=tuple(elements), fixed=held)
-    old = {(p.element, p.term.property): given.values[p.values] for p in structure.properties}
+    old = {(p.element, p.term.property): refined.values[p.values] for p in structure.properties}
     parts = []
     for p in finer.properties:
         values, of_element = old[p.element, p.term.property], parents.get(p.element)
@@ -248,7 +253,7 @@ def _edges(structure: Structure) -> set[frozenset[int]]:
 
 
 def _held(structure: Structure, middles: _Middles) -> list[Dof]:
-    """Supports of new nodes at the rim, amid nodes of one side that are all supported in that direction."""
+    """Supports of new nodes on free sides whose nodes are all supported in the same direction."""
     sides: dict[frozenset[int], int] = {}
     for made in structure.elements:
         if made.cells:
@@ -264,9 +269,9 @@ def _held(structure: Structure, middles: _Middles) -> list[Dof]:
     fixed: dict[int, set[str]] = {}
     for dof in structure.fixed:
         fixed.setdefault(dof.node, set()).add(dof.direction)
-    found = []
+    supports = []
     for corners, label in middles.labels.items():
         shared = set.intersection(*(fixed.get(node, set()) for node in corners))
         if shared and any(corners <= rim for rim in at_rim.get(min(corners), ())):
-            found += [Dof(label, direction) for direction in sorted(shared)]
-    return found
+            supports += [Dof(label, direction) for direction in sorted(shared)]
+    return supports

@@ -145,7 +145,10 @@ class _Handle:
     """The library's memory of one pattern in one arithmetic; freed with this object."""
 
     def __init__(self, kind: int, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None) -> None:
-        """Set PARDISO's options for one pattern; `kind` is its matrix type, `loaded` marks rows that right-hand sides use."""
+        """Set PARDISO's options for one pattern; `kind` is its matrix type, `loaded` marks rows that right-hand sides use.
+
+        `indices` and `indptr` are the pattern of the upper triangle in compressed rows.
+        """
         order = None if loaded is None else loaded.astype(np.int32)  # the library writes its order there
         self.kind, self.held = kind, _Held(kind, indices, indptr, order)
         self.options = self.held.options
@@ -158,7 +161,10 @@ class _Handle:
         weakref.finalize(self, self.held.release)
 
     def run(self, phase: int, entries: NumberArray, right: NumberArray | None = None) -> NumberArray | None:
-        """Run one phase of PARDISO; returns the solution (n, n_right) if `right` is given, raises `SingularMatrixError`."""
+        """Run one phase of PARDISO; returns the solution (n, n_right) if `right` is given, raises `SingularMatrixError`.
+
+        `entries` are those of the pattern, in its order.
+        """
         solution = None if right is None else np.empty_like(right, order="F")
         with _limit_threads(self.threads):
             error = self.held.call(phase, entries, right, solution)
@@ -171,7 +177,10 @@ class PardisoAnalysis:
     """A pattern; the library's analysis of it is made when the first matrix comes, once for each arithmetic."""
 
     def __init__(self, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None = None) -> None:
-        """Keep the upper triangle of a symmetric pattern; `loaded` marks rows that right-hand sides use."""
+        """Keep the upper triangle of a symmetric pattern; `loaded` marks rows that right-hand sides use.
+
+        `indices` and `indptr` are the whole pattern in compressed columns.
+        """
         n = len(indptr) - 1
         columns = np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr))
         self.loaded = loaded if loaded is not None and loaded.sum() <= _FEW * n else None
@@ -231,7 +240,10 @@ class PardisoFactor:
         return loaded is not None and not self.n_changed and not right[~loaded].any()
 
     def _check_solution(self, right: NumberArray, solution: NumberArray | None) -> NumberArray:
-        """`solution` as it is; raises `SingularMatrixError` if pivots were changed and the residual is too large."""
+        """`solution` as it is; raises `SingularMatrixError` if pivots were changed and the residual is too large.
+
+        `right` are the right-hand sides (n, n_right).
+        """
         assert solution is not None
         if self.n_changed and _backward_error(self.handle, self.values, right, solution) > _RESIDUAL:
             raise SingularMatrixError(f"{self.n_changed} pivots are 0 to rounding")

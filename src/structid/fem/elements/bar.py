@@ -36,6 +36,7 @@ class Bar(ElementSet):
     """Bars between nodes on a line (X), in a plane (X, Y) or in space (X, Y, Z)."""
 
     is_line = True
+    symbol = "line"
     section_stiffness: ClassVar = {"N": "axial_stiffness"}
 
     nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))
@@ -58,7 +59,10 @@ class Bar(ElementSet):
         return {"N": element_vectors(self.name, self.nodes, positions)[1]}
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices of mass, axial stiffness and axial force, by property; arguments as for `ElementSet.terms`."""
+        """Element matrices of mass, axial stiffness and axial force, by property.
+
+        `positions` of nodes in m; `used_codes` are not needed.
+        """
         length, direction = element_vectors(self.name, self.nodes, positions)
         dimensions = direction.shape[1]
         codes = node_codes(self.nodes, TRANSLATIONS[:dimensions])

@@ -209,6 +209,7 @@ class Beam(ElementSet):
     """Straight beams on a line (deflection Y, rotation RZ) or in a plane (X, Y, RZ)."""
 
     is_line = True
+    symbol = "line"
     section_stiffness: ClassVar = {"N": "axial_stiffness", "M": "bending_stiffness"}
 
     nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))
@@ -224,7 +225,10 @@ class Beam(ElementSet):
     axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
 
     def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
-        """Shear force V and bending moment M, in a plane axial force N too; see `ElementSet.section_directions`."""
+        """Unit vectors, on the motions of a node, of shear force V and bending moment M, in a plane of axial force N too.
+
+        They are (n_elements, n_coordinates) by the name of the force; `positions` of nodes in m.
+        """
         _, direction = element_vectors(self.name, self.nodes, positions)
         if direction.shape[1] == 1:
             unit = np.tile(np.eye(2), (len(direction), 1, 1))
@@ -233,7 +237,10 @@ class Beam(ElementSet):
         return {"N": along[:, 0, :3], "V": across[:, 0, :3], "M": across[:, 1, :3]}
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices by property, from mass to axial force; arguments as for `ElementSet.terms`."""
+        """Element matrices by property, from mass to axial force.
+
+        `positions` of nodes in m; `used_codes` are not needed.
+        """
         length, direction = element_vectors(self.name, self.nodes, positions)
         bending, shear = ("bending_stiffness", self.bending_stiffness), ("shear_stiffness", self.shear_stiffness)
         if direction.shape[1] == 1:

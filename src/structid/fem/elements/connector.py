@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated, TypeAlias
-
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray, locked
@@ -13,11 +10,13 @@ from structid.core.errors import InputError
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     Declared,
+    Dofs,
     ElementMatrixTerm,
     ElementSet,
-    Given,
+    Ends,
     Matrices,
     Nodes,
+    OtherEnds,
     Positions,
     Values,
     declarations,
@@ -25,11 +24,6 @@ from structid.fem.elements.element import (
     dof_code,
     element,
 )
-
-Dofs = Sequence[str | Dof] | str | Dof
-#: Degrees of freedom, one an element, or several of another kind.
-Ends: TypeAlias = Annotated[Given[Dofs, tuple[Dof, ...]], "degree of freedom or sequence of them"]
-OtherEnds: TypeAlias = Annotated[Given[Dofs | None, tuple[Dof, ...] | None], "the same, optional"]
 
 
 def dofs_stored(name: str, dofs: Dofs) -> tuple[Dof, ...]:
@@ -56,7 +50,10 @@ class Connector(ElementSet):
         super().__post_init__()
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices d d' with d = +1 at the first end and -1 at the second, each times the sign of its `Dof`."""
+        """Element matrices d d' with d = +1 at the first end and -1 at the second, each times the sign of its degree of freedom.
+
+        Positions and other elements' degrees of freedom have no influence.
+        """
         columns = [self.first] if self.second is None else [self.first, self.second]
         codes = np.array([[dof_code(d.node, d.direction) for d in ends] for ends in columns]).T
         jump: FloatArray = np.array([[d.sign for d in ends] for ends in columns], dtype=np.float64).T
@@ -71,7 +68,10 @@ class Connector(ElementSet):
 
 
 def _require_ends(name: str, first: tuple[Dof, ...], second: tuple[Dof, ...] | None) -> None:
-    """Raise `InputError` unless both ends are as many, of one kind of motion, and differ."""
+    """Raise `InputError` unless both ends are as many, of one kind of motion, and differ.
+
+    `second` is None for the ground.
+    """
     if not first:
         raise InputError(f"`first` of {name!r} must name at least one degree of freedom")
     if second is None:
@@ -89,6 +89,8 @@ def _require_ends(name: str, first: tuple[Dof, ...], second: tuple[Dof, ...] | N
 class Spring(Connector):
     """Springs between pairs of degrees of freedom, or to the ground."""
 
+    symbol = "spring"
+
     stiffness: Values = declared("Stiffness", "stiffness", "N/m", about_axes="N m/rad", kw_only=True)
     loss_factor: Values = declared(*LOSS_FACTOR, default=0.0, kw_only=True)
 
@@ -96,5 +98,7 @@ class Spring(Connector):
 @element
 class Dashpot(Connector):
     """Viscous dashpots between pairs of degrees of freedom, or to the ground."""
+
+    symbol = "dashpot"
 
     viscous_damping: Values = declared("Damping", "viscous_damping", "N s/m", about_axes="N m s/rad", kw_only=True)

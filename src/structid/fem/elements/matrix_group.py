@@ -78,14 +78,16 @@ class MatrixGroup(ElementSet):
         return {key: matrix for key, matrix in every.items() if matrix is not None}
 
     def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
-        """The group's factors as properties with their matrices; see `ElementSet.terms`."""
+        """The group's factors as properties with the matrices that they multiply; positions and other elements have no
+        influence.
+        """
         matrix_terms_of, unit = self.matrices(positions, used_codes), np.ones(1)
         terms = [Term(key, _KINDS[key], "1", unit, matrix_terms) for key, matrix_terms in matrix_terms_of.items()]
         loss = [Term("loss_factor", "loss_factor", "1", self.loss_factor)] if "stiffness" in matrix_terms_of else []
         return (*terms, *loss)
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """The group's matrices as one element each; see `ElementSet.matrices`."""
+        """The group's matrices by property, each as one element; positions and other elements have no influence."""
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
         signed = {key: sparse.csc_array(sign @ matrix @ sign) for key, matrix in self.given.items()}
@@ -93,7 +95,10 @@ class MatrixGroup(ElementSet):
 
 
 def _require_symmetric(group: str, name: str, matrix: sparse.csc_array, size: int) -> None:
-    """Raise `InputError` unless the matrix is of the right size, finite and symmetric."""
+    """Raise `InputError` unless the matrix is of the right size, finite and symmetric.
+
+    `group` and `name` are named in the message.
+    """
     if matrix.shape != (size, size):
         raise InputError(f"`{name}` of group {group!r} must be ({size}, {size}) like its dofs, got {matrix.shape}")
     if not np.isfinite(matrix.data).all():

@@ -70,6 +70,7 @@ class Membrane(CellSet):
     """
 
     cells = _CELLS
+    symbol = "flat"
     moves = ("Z",)
 
     nodes: Nodes = declared(
@@ -86,7 +87,10 @@ class Membrane(CellSet):
     )
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices of the mass and of the tension; see `ElementSet.matrices`."""
+        """Element matrices of the mass and of the tension, by property.
+
+        `positions` of nodes in m; `used_codes` are not needed.
+        """
         corners = cell_positions(self.name, self.nodes, positions, 2)
         gradients(self.name, self.nodes, corners, CELLS["triangle"], np.zeros((1, 2)))  # so that a flat one is told
         first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

@@ -41,6 +41,7 @@ class Plane(CellSet):
     """
 
     cells = PLANE_CELLS
+    symbol = "flat"
     moves = ("X", "Y")
 
     nodes: Nodes = declared(
@@ -61,7 +62,10 @@ class Plane(CellSet):
     formulation: Formulation = declared("Of four-node quadrilaterals; see `elastic_stiffness`", default="incompatible")
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices of density and Young's modulus; see `ElementSet.matrices`."""
+        """Element matrices of density (mass) and Young's modulus (stiffness), by property.
+
+        `positions` of nodes in m; `used_codes` are not needed.
+        """
         corners = cell_positions(self.name, self.nodes, positions, 2)
         elasticity = plane_elasticity(self.poisson, self.state == "strain")
         stiffness = partial(elastic_stiffness, elasticity=elasticity, formulation=self.formulation)

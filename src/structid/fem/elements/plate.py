@@ -81,9 +81,13 @@ class Plate(ThinSet):
     """
 
     moves = ("Z", "RX", "RY")
+    symbol = "flat"
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """Element matrices of density (mass) and Young's modulus (bending stiffness), by property.
+
+        `positions` of nodes in m; `used_codes` are not needed.
+        """
         corners = cell_positions(self.name, self.nodes, positions, 2)
         bending = partial(bending_stiffness, elasticity=plane_elasticity(self.poisson, strain=False))
         return {
@@ -92,7 +96,10 @@ class Plate(ThinSet):
         }
 
     def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
-        """Maps from an element's motion to strains and to strains per height at its centre; see `ThinSet.centre_strains`."""
+        """Maps from the motion of the element in `row` to in-plane strains, and to strains per height, at its centre.
+
+        `positions` of nodes in m.
+        """
         nodes = self.nodes[row][self.nodes[row] >= 0][None]
         corners = cell_positions(self.name, nodes, positions, 2)
         curvatures = centre_curvatures(self.name, nodes, corners, PLATE_CELLS[nodes.shape[1]])[0]

@@ -45,7 +45,8 @@ class Facets:
     def in_space(self, local: FloatArray) -> FloatArray:
         """Matrices on (u, v, w, rotations) of each corner in the facet's axes, turned to global axes, (n_cells, 6 n, 6 n).
 
-        Nodes out of the plane are joined to it by rigid links along the normal.
+        Nodes out of the plane are joined to it by rigid links along the normal. `local` (n_cells, 6 n, 6 n) are those
+        matrices.
         """
         n_cells, n = self.height.shape
         if self.height.any():
@@ -134,6 +135,7 @@ class Shell(ThinSet):
     """
 
     moves = DIRECTIONS
+    symbol = "shell"
 
     linear_strains: Annotated[float, "float", Limits(above=0, most=1)] = declared(
         "Share of the stiffness against strains that vary linearly within a facet. 1 is exact for webs one cell deep that"
@@ -142,7 +144,10 @@ class Shell(ThinSet):
     )
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices of density and Young's modulus, for stretching and bending; see `ElementSet.matrices`."""
+        """Element matrices of density and Young's modulus, for stretching and bending, by property.
+
+        `positions` of nodes in m; `used_codes` are not needed.
+        """
         corners = cell_positions(self.name, self.nodes, positions, 3)
         elasticity = plane_elasticity(self.poisson, strain=False)
         stretching = partial(
@@ -160,7 +165,10 @@ class Shell(ThinSet):
         }
 
     def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
-        """Maps from an element's motion to strains and to strains per height at its centre; see `ThinSet.centre_strains`."""
+        """Maps from the motion of the element in `row` to in-plane strains, and to strains per height, at its centre.
+
+        `positions` of nodes in m.
+        """
         nodes = self.nodes[row][self.nodes[row] >= 0][None]
         flat = facets(self.name, nodes, cell_positions(self.name, nodes, positions, 3))
         n = nodes.shape[1]
@@ -218,7 +226,10 @@ def _rotary_inertia(name: str, nodes: IntArray, points: FloatArray, cell: str) -
 
 
 def _on_all_coordinates(small: FloatArray, axes: tuple[int, ...]) -> FloatArray:
-    """Matrices on some coordinates (`axes`) of each corner as matrices on all six, (n_cells, 6 n, 6 n)."""
+    """Matrices on some coordinates (`axes`) of each corner as matrices on all six, (n_cells, 6 n, 6 n).
+
+    `small` (n_cells, m n, m n) are those matrices.
+    """
     n = small.shape[1] // len(axes)
     rows = np.ravel([[6 * k + axis for axis in axes] for k in range(n)])
     full = np.zeros((len(small), 6 * n, 6 * n))

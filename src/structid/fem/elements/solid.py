@@ -41,6 +41,7 @@ class Solid(CellSet):
     """
 
     cells = SOLID_CELLS
+    symbol = "solid"
     moves = TRANSLATIONS
 
     nodes: Nodes = declared(
@@ -57,7 +58,10 @@ class Solid(CellSet):
     formulation: Formulation = declared("Of eight-node hexahedra; see `elastic_stiffness`", default="incompatible")
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """Element matrices of density (mass) and Young's modulus (stiffness), by property.
+
+        `positions` of nodes in m; `used_codes` are not needed.
+        """
         corners = cell_positions(self.name, self.nodes, positions, 3)
         stiffness = partial(elastic_stiffness, elasticity=solid_elasticity(self.poisson), formulation=self.formulation)
         return {

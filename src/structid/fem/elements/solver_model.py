@@ -91,7 +91,9 @@ class SolverModel(ElementSet):
                 )
 
     def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
-        """The model's properties (factors and parameters) with their matrices; see `ElementSet.terms`."""
+        """The model's properties (factors and parameters) with the matrices that they multiply; the arguments have no
+        influence.
+        """
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
         references = {one.name: one.reference for one in self.parameters}
@@ -224,7 +226,9 @@ class SolverFrfs(ElementSet):
         return tuple(dict.fromkeys(dof.unsigned for dof in (*self.table.outputs, *self.table.inputs)))
 
     def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
-        """The parameters as properties with empty matrices; see `ElementSet.terms`."""
+        """The parameters as properties with empty matrices, since the model has FRFs alone; the arguments have no
+        influence.
+        """
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         nothing = sparse.csc_array((codes.size, codes.size))
         matrix_term = ElementMatrixTerm(

@@ -59,6 +59,7 @@ class SpaceBeam(ElementSet):
 
     moves = DIRECTIONS
     is_line = True
+    symbol = "line"
     section_stiffness: ClassVar = {
         "N": "axial_stiffness",
         "T": "torsional_stiffness",
@@ -97,14 +98,20 @@ class SpaceBeam(ElementSet):
     axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
 
     def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
-        """Axial force N, shear forces VY and VZ, torque T, moments MY and MZ; see `ElementSet.section_directions`."""
+        """Unit vectors, on the motions of a node, of N, shear forces VY and VZ, torque T, and moments MY and MZ.
+
+        They are (n_elements, 6) by the name of the force; `positions` of nodes in m.
+        """
         axes = _local_axes(self.name, element_vectors(self.name, self.nodes, positions)[1], self.orientation)
         wide = np.zeros((len(axes), 6, 6))
         wide[:, :3, :3] = wide[:, 3:, 3:] = axes
         return {name: wide[:, row] for row, name in enumerate(("N", "VY", "VZ", "T", "MY", "MZ"))}
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices of each property; see `ElementSet.matrices`."""
+        """Element matrices of mass, axial, torsional and bending stiffness and axial force, by property.
+
+        `positions` of nodes in m; `used_codes` are not needed.
+        """
         length, direction = element_vectors(self.name, self.nodes, positions)
         if direction.shape[1] != 3:
             raise InputError(f"beams of {self.name!r} need 3-D nodes; use the element type `beam`")
@@ -151,7 +158,10 @@ def _local_axes(name: str, x: FloatArray, orientation: FloatArray | None) -> Flo
 
 
 def _space_maps(axes: FloatArray) -> dict[str, FloatArray]:
-    """Maps from the twelve global coordinates to axial, twist and bending coordinates, (n_elements, 2 or 4, 12) by name."""
+    """Maps from the twelve global coordinates to axial, twist and bending coordinates, (n_elements, 2 or 4, 12) by name.
+
+    `axes` (n_elements, 3, 3) are the local axes as rows.
+    """
     n = len(axes)
     maps: dict[str, FloatArray] = {
         key: np.zeros((n, size, 12)) for key, size in (("along", 2), ("twist", 2), ("about_y", 4), ("about_z", 4))

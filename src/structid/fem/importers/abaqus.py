@@ -66,7 +66,10 @@ def read(path: Path) -> list[ImportedMatrix]:
 
 
 def _read_table(path: Path, content: bytes) -> tuple[FloatArray, bool]:
-    """Numbers of all lines except comments and keywords, (n_lines, 3 to 6), and True if they are separated by commas."""
+    """Numbers of all lines except comments and keywords, (n_lines, 3 to 6), and True if they are separated by commas.
+
+    `content` is the text of the file.
+    """
     if b"*" in content:
         lines = content.split(b"\n")
         content = b"\n".join(b"" if line.lstrip().startswith(b"*") else line for line in lines)

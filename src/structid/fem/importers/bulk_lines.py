@@ -159,7 +159,10 @@ def bulk_lines(
 
 
 def _split_lines(content: bytes) -> tuple[Bytes, IntArray, IntArray, IntArray]:
-    """Bytes, first and last byte (exclusive) of each line without its comment, and line numbers from 1."""
+    """Bytes, first and last byte (exclusive) of each line without its comment, and line numbers from 1.
+
+    `content` is the text of the deck.
+    """
     buffer = np.frombuffer(content, dtype=np.uint8)
     ends = np.flatnonzero(buffer == ord("\n"))
     if not len(ends) or ends[-1] != len(buffer) - 1:
@@ -181,7 +184,10 @@ def _with_comma(buffer: Bytes, start: IntArray, end: IntArray) -> NDArray[np.boo
 def _widen_free_lines(
     content: bytes, free: NDArray[np.bool_], number: IntArray, whole_lines: bool
 ) -> tuple[bytes, IntArray]:
-    """Text in which each free-field line (`free`) is rewritten in wide fixed fields, and the source line number of each line."""
+    """Text in which each free-field line (`free`) is rewritten in wide fixed fields, and the source line number of each line.
+
+    `whole_lines` gives every such line two lines of four fields.
+    """
     lines, numbers = [], []
     for line, is_free, source in zip(content.split(b"\n"), free.tolist(), number.tolist(), strict=False):
         for text in _widen_line(line, whole_lines) if is_free else (line,):
@@ -226,7 +232,10 @@ def _select_cards(
     names: tuple[str, ...],
     origins: Origins | None,
 ) -> BulkLines:
-    """The lines of the cards called `names`, with the index of the card that each belongs to."""
+    """The lines of the cards called `names`, with the index of the card that each belongs to.
+
+    `start` and `end` are the first and last byte of each line in `buffer`, `number` its line number.
+    """
     head = np.concatenate([fields_at(buffer, start[part], end[part], 8) for part in chunks(len(start))])
     blank_line = (head <= ord(" ")).all(axis=1) & (end - start <= 8)
     blank_line |= end <= start

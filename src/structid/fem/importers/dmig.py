@@ -190,7 +190,10 @@ def _complex_values(entries: _Entries, polar: bool) -> np.ndarray:
 
 
 def _require_single(lines: BulkLines, header: _Header, entries: _Entries, rows: IntArray, columns: IntArray) -> None:
-    """Raise `FileError` if an entry is given twice."""
+    """Raise `FileError` if an entry is given twice.
+
+    `rows` and `columns` are the indices of each entry.
+    """
     order = np.lexsort((codes_of(rows), codes_of(columns)))
     is_repeated = (np.diff(codes_of(rows)[order]) == 0) & (np.diff(codes_of(columns)[order]) == 0)
     if is_repeated.any():

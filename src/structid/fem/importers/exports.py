@@ -214,7 +214,10 @@ def _matrix_difference(name: str, base: Any, changed: Any, digits: int) -> spars
 
 
 def _power_hint(first: sparse.csc_array, second: sparse.csc_array, factor: float, third_factor: float) -> str:
-    """A sentence that names the power of p which explains two differences of exports, or says that none does."""
+    """A sentence that names the power of p which explains two differences of exports, or says that none does.
+
+    `first` and `second` are the changes by `factor` and by `third_factor` times p.
+    """
     ratio = float((first.multiply(second)).sum() / first.multiply(first).sum())
     same_shape = norm(second - ratio * first) < 1e-6 * norm(second)
     powers: FloatArray = np.concatenate([np.arange(-4.0, 0.0), np.arange(0.5, 5.0, 0.5)])

@@ -84,7 +84,10 @@ def _read_block(
     count: int,
     convert: Callable[[np.ndarray], np.ndarray],
 ) -> tuple[np.ndarray, int]:
-    """`count` numbers from line index `first` on in the Fortran format `form`, and the index of the line behind them."""
+    """`count` numbers from line index `first` on in the Fortran format `form`, and the index of the line behind them.
+
+    `convert` turns the texts of fields into numbers.
+    """
     per_line, width = int(form[0] or b"1"), int(form[2])
     stop = first + -(-count // per_line)
     if stop > len(lines):

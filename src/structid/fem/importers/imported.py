@@ -250,7 +250,10 @@ def _is_one_triangle(matrix: sparse.csc_array) -> bool:
 def matrix_from_entries(
     name: str, rows: IntArray, columns: IntArray, values: np.ndarray[Any, Any], symmetric: bool | None
 ) -> ImportedMatrix:
-    """A square matrix from entries whose rows and columns are tables of node and component, (n_entries, 2) each."""
+    """A square matrix from entries whose rows and columns are tables of node and component, (n_entries, 2) each.
+
+    `symmetric` is True where one triangle is stored, None where that is unknown.
+    """
     codes, index = np.unique(np.concatenate([codes_of(rows), codes_of(columns)]), return_inverse=True)
     n = len(rows)
     matrix = sparse.coo_array((values, (index[:n], index[n:])), (len(codes), len(codes)))

@@ -112,7 +112,10 @@ def _read_banner(path: Path, line: bytes) -> tuple[str, str, str]:
 
 
 def _read_lines(path: Path, body: bytes, n_sizes: int, per_line: int) -> tuple[list[int], _WordTable]:
-    """The sizes, and a table of the words in the lines behind them; comments and blank lines are passed over."""
+    """The sizes, and a table of the words in the lines behind them; comments and blank lines are passed over.
+
+    `body` follows the banner; `n_sizes` numbers are on its first line, and `per_line` words on the others.
+    """
     buffer = np.frombuffer(body.replace(b"\r", b" ") + b"\n", dtype=np.uint8)
     word = buffer > ord(" ")
     start = np.flatnonzero(word & ~np.concatenate([[False], word[:-1]]))
@@ -146,7 +149,10 @@ def _read_lines(path: Path, body: bytes, n_sizes: int, per_line: int) -> tuple[l
 def _array_positions(
     path: Path, n_rows: int, n_columns: int, symmetry: str, n_entries: int
 ) -> tuple[IntArray, IntArray]:
-    """Row and column of each of `n_entries` of an array layout: whole columns, or the part on and below the diagonal."""
+    """Row and column of each of `n_entries` of an array layout: whole columns, or the part on and below the diagonal.
+
+    `symmetry` is the word in the banner.
+    """
     if symmetry == "general":
         wanted = n_rows * n_columns
     else:
@@ -163,7 +169,10 @@ def _array_positions(
 def _require_triangle(
     path: Path, words: _WordTable, row: IntArray, column: IntArray, n_rows: int, n_columns: int, symmetry: str
 ) -> None:
-    """Raise `FileError` unless the matrix is square and its entries are on one side of the diagonal."""
+    """Raise `FileError` unless the matrix is square and its entries are on one side of the diagonal.
+
+    `row` and `column` are the indices of the entries, `symmetry` is the word in the banner.
+    """
     if n_rows != n_columns:
         raise FileError(f"{path}: is called {symmetry} and has {n_rows} rows and {n_columns} columns; {_REMEDY}")
     above = row < column

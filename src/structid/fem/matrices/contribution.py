@@ -310,7 +310,7 @@ def rigid_mass(
 ) -> tuple[float, FloatArray]:
     """Mass in kg in rigid motion along the first of `directions` that has any, and its derivative by every value, (n_values,).
 
-    See `Structure.mass_of`.
+    See `Structure.mass_of`. `length_dependences` are the changes of lengths by element set.
     """
     total, gradient = 0.0, np.zeros(len(values))
     pairs = [(item, matrix_term) for item in properties for matrix_term in item.term.matrix_terms]
@@ -341,7 +341,10 @@ def _factor_of(
     matrix_term: ElementMatrixTerm,
     length_dependences: Mapping[str, LengthDependence],
 ) -> Factor | None:
-    """The factor on the weights of a matrix term that depends on thickness, length, powers of values or shear; None for 1."""
+    """The factor on the weights of a matrix term that depends on thickness, length, powers of values or shear; None for 1.
+
+    `element` is the name of the set; `length_dependences` are the changes of lengths by element set.
+    """
     if matrix_term.length_power:
         return LengthFactor(length_dependences[element], matrix_term.length_power)
     if matrix_term.shear is not None:

@@ -200,7 +200,10 @@ def _make_mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
 
 
 def _mesh_nodes(assembly: Assembly, blocks: Iterable[CellBlock], factor: float) -> tuple[IntArray, FloatArray]:
-    """Labels (n,) and positions in m (n, 3) of the nodes of instances, and of those nodes of the assembly that cells use."""
+    """Labels (n,) and positions in m (n, 3) of the nodes of instances, and of those nodes of the assembly that cells use.
+
+    `factor` turns lengths of the file into m.
+    """
     labels: list[int] = []
     positions: list[list[float]] = []
     for scope in assembly.scopes:
@@ -216,7 +219,10 @@ def _mesh_nodes(assembly: Assembly, blocks: Iterable[CellBlock], factor: float) 
 
 
 def _reference_points(assembly: Assembly, factor: float) -> dict[int, FloatArray]:
-    """Positions in m of the nodes of the assembly itself (reference points), by label."""
+    """Positions in m of the nodes of the assembly itself (reference points), by label.
+
+    `factor` turns lengths of the file into m.
+    """
     own = assembly.own
     if own is None:
         return {}

@@ -81,7 +81,10 @@ class Scope:
             self.blocks.append(block)
 
     def _take_nodes(self, options: dict[str, str], rows: list[list[str]]) -> None:
-        """Take up the data lines of a *NODE, in the current coordinate system."""
+        """Take up the data lines of a *NODE, in the current coordinate system.
+
+        `options` are those of the keyword, `rows` the words of its data lines.
+        """
         labels = [int(row[0]) for row in rows]
         for label in labels:
             if label in self.nodes:
@@ -144,7 +147,10 @@ class Scope:
         )
 
     def move(self, rows: list[list[str]]) -> None:
-        """Move the nodes to the place of the instance: by a shift, then by a rotation about a line."""
+        """Move the nodes to the place of the instance: by a shift, then by a rotation about a line.
+
+        `rows` are the words of the data lines.
+        """
         numbers = [[float(word) for word in row if word] for row in rows if any(row)]
         if not numbers or not self.nodes:
             return
@@ -159,7 +165,10 @@ class Scope:
 
 
 def _read_system(rows: list[list[str]]) -> CoordinateSystem | None:
-    """The coordinate system of a *SYSTEM keyword; None if it ends one."""
+    """The coordinate system of a *SYSTEM keyword; None if it ends one.
+
+    `rows` are the words of its data lines.
+    """
     lines = [[float(word or 0) for word in row] for row in rows if any(row)]
     if not lines:
         return None
@@ -191,7 +200,8 @@ def _rotation_matrix(axis: FloatArray, degrees: float) -> FloatArray:
 def element_rows(rows: list[list[str]], count: int) -> tuple[dict[int, list[str]], bool]:
     """Nodes (as words) of each element by label, and True if lines have more nodes than the element (CalculiX accepts that).
 
-    With `count` nodes an element, or lines that end in a comma, its data run over several lines.
+    With `count` nodes an element, or lines that end in a comma, its data run over several lines. `rows` are the words
+    of the data lines.
     """
     table: dict[int, list[str]] = {}
     pending: list[str] = []
@@ -304,7 +314,10 @@ class Assembly:
                     members.setdefault(owner, set()).update(labels)
 
     def _members_of_name(self, word: str, is_nodes: bool) -> dict[str, set[int]]:
-        """Labels that `word` stands for, by instance: a set of the assembly, INSTANCE.SET or INSTANCE.LABEL."""
+        """Labels that `word` stands for, by instance: a set of the assembly, INSTANCE.SET or INSTANCE.LABEL.
+
+        `is_nodes` says that node sets are meant, not element sets.
+        """
         assert self.own is not None
         every = self.node_sets if is_nodes else self.cell_sets
         key = word.strip('"').upper()

@@ -68,7 +68,10 @@ def keyword_options(words: list[str]) -> dict[str, str]:
 
 
 def _read_lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]:
-    """Line number and text of each line that is no comment or blank; continued keyword lines are joined."""
+    """Line number and text of each line that is no comment or blank; continued keyword lines are joined.
+
+    `root` is the folder of the job; `depth` counts nested includes.
+    """
     if depth > _MOST_INCLUDES:
         raise FileError(f"{path}: includes itself, or more than {_MOST_INCLUDES} files in one another; write one file")
     number, pending = 0, ""
@@ -93,7 +96,10 @@ def _read_lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]
 def _included_lines(
     path: Path, root: Path, number: int, options: dict[str, str], depth: int
 ) -> Iterator[tuple[int, str]]:
-    """The lines of an included file, looked for in the folder of the job, then in that of the including file."""
+    """The lines of an included file, looked for in the folder of the job, then in that of the including file.
+
+    `number` is the line of the keyword with these `options`; `depth` counts nested includes.
+    """
     name = options.get("INPUT", "").replace("\\", "/")
     try:
         folder = next((folder for folder in (root, path.parent) if (folder / name).is_file()), root)

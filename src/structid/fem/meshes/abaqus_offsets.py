@@ -92,7 +92,10 @@ class SectionOffsets:
         return labels
 
     def _shell_offsets(self, block: KeywordBlock, chosen: Sequence[tuple[int, IntArray]]) -> list[CellOffsets]:
-        """Shells whose nodes are on a surface so many thicknesses above their middle."""
+        """Shells whose nodes are on a surface so many thicknesses above their middle.
+
+        `chosen` are cell blocks, by index, with the rows of the section.
+        """
         part, thickness = _share(block.options["OFFSET"]), self._length * _thickness(block)
         corners = [self._corners(index, rows) for index, rows in chosen]
         normals = [unit_normals(positions) for positions in corners]
@@ -112,7 +115,10 @@ class SectionOffsets:
         return offsets
 
     def _beam_offsets(self, scope: Scope, block: KeywordBlock, index: int, rows: IntArray) -> CellOffsets:
-        """Beams of CalculiX whose line is so many widths along the local directions 1 and 2 off their axis."""
+        """Beams of CalculiX whose line is so many widths along the local directions 1 and 2 off their axis.
+
+        `index` is that of the cell block, `rows` are its cells in the section.
+        """
         shape = block.options.get("SECTION", "").upper()
         words = [[float(word) for word in row if word] for row in block.rows if any(row)]
         if shape not in ("RECT", "CIRC"):
@@ -148,7 +154,10 @@ def _is_zero(word: str) -> bool:
 
 
 def _share(word: str) -> float:
-    """An offset in thicknesses."""
+    """An offset in thicknesses.
+
+    `word` is a number, or SPOS, SNEG or MIDDLE.
+    """
     side = _SIDES.get(word.upper())
     if side is not None:
         return side

@@ -212,6 +212,8 @@ def read_parts(
 ) -> list[DeckPart]:
     """The parts of an input file beside its cells: those that structid has elements for, and others with the obstacle.
 
+    `axes` are the displacement axes of nodes by label.
+
     Raises
     ------
     FileError
@@ -289,7 +291,10 @@ def _read_springs(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 def _spring_weights(
     deck: _Deck, scope: Scope, kind: str, nodes: Sequence[int], row: Sequence[str]
 ) -> tuple[dict[tuple[int, str], float], str, bool]:
-    """Weights of displacements by (node, direction) on which a spring acts, an obstacle or "", and True if it is rotational."""
+    """Weights of displacements by (node, direction) on which a spring acts, an obstacle or "", and True if it is rotational.
+
+    `kind` is the type of the spring, `row` the data line with its degrees of freedom.
+    """
     if kind.endswith("A"):
         along = deck.positions[nodes[1]] - deck.positions[nodes[0]]
         length = float(np.linalg.norm(along))
@@ -446,7 +451,10 @@ def _read_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 def _mean_constraints(
     deck: _Deck, main: int, weights: Mapping[int, float], chosen: Sequence[int]
 ) -> tuple[str, DeckPart]:
-    """Refusal ("" if none) and deck part from a reference node that moves as the weighted mean of other nodes."""
+    """Refusal ("" if none) and deck part from a reference node that moves as the weighted mean of other nodes.
+
+    `main` is the reference node, `weights` are those of the others, `chosen` its components (0 to 5).
+    """
     if main in weights:
         return "its reference node is one of its surface", DeckPart("COUPLING", 1)
     components = [Component(node, axis, False, weight) for node, weight in weights.items() for axis in np.eye(3)]
@@ -488,7 +496,10 @@ def _read_surface_tie(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 def _tie_near_nodes(
     deck: _Deck, block: KeywordBlock, followers: Sequence[int], carriers: Surface
 ) -> tuple[list[RigidLink | Constraint], int, float]:
-    """Constraints of the nodes that lie near a surface, the number of nodes that do not, and the distance that is near, m."""
+    """Constraints of the nodes that lie near a surface, the number of nodes that do not, and the distance that is near, m.
+
+    `followers` are the nodes, `carriers` the surface.
+    """
     from scipy.spatial import cKDTree
 
     faces = [np.array([deck.positions[node] for node in face]) for face, _ in carriers.faces]

@@ -70,7 +70,10 @@ def mean_motion(
 
 
 def global_directions(axes: FloatArray, components: Sequence[int]) -> list[str] | None:
-    """Global directions that span the same motions as some of a node's own, 0 to 5 along `axes` (rows); None where none do."""
+    """Global directions that span the same motions as some of a node's own, 0 to 5 along `axes` (rows); None where none do.
+
+    `components` are the indices of those motions.
+    """
     directions: list[str] = []
     for start in (0, 3):
         chosen = axes[[component - start for component in components if start <= component < start + 3]]
@@ -88,7 +91,10 @@ Row = dict[tuple[int, str], float]
 def mean_rows(
     reference: int, axes: FloatArray, chosen: Sequence[int], components: Sequence[Component], mean: FloatArray
 ) -> list[Row]:
-    """Equations, each a sum that is 0: components of the reference node along `axes` less those of the mean motion."""
+    """Equations, each a sum that is 0: components of the reference node along `axes` less those of the mean motion.
+
+    `chosen` are these components (0 to 5); `mean` (6, n_components) is the mean motion.
+    """
     rows = []
     for component in chosen:
         axis, is_rotation = axes[component % 3], component > 2

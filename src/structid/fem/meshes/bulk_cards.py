@@ -106,7 +106,10 @@ def bulk_text(path: Path) -> BulkText:
 
 
 def _require_one_section(lines: _Lines, row: int, match: re.Match[bytes], begun: bool) -> None:
-    """Raise `FileError` if a line begins the bulk data of a superelement or the like, which is a model of its own."""
+    """Raise `FileError` if a line begins the bulk data of a superelement or the like, which is a model of its own.
+
+    `row` is the index of the line; `begun` says that bulk data have begun.
+    """
     word, name = match[1].decode("latin-1"), match[2].decode("latin-1")
     if not word or (word == "SUPER" and not begun and not name.strip("0")):
         return
@@ -118,7 +121,10 @@ def _require_one_section(lines: _Lines, row: int, match: re.Match[bytes], begun:
 
 
 def _take_lines(lines: _Lines, path: Path, root: Path, depth: int) -> None:
-    """Append the lines of the file at `path` to `lines`, with those of included files in place of INCLUDE."""
+    """Append the lines of the file at `path` to `lines`, with those of included files in place of INCLUDE.
+
+    `depth` counts nested includes.
+    """
     if depth > _MOST_INCLUDES:
         raise FileError(f"{path}: includes itself, or more than {_MOST_INCLUDES} files in one another; write one file")
     lines.paths.append(path)

@@ -238,7 +238,10 @@ def choose_parts(parts: Sequence[DeckPart], take: str | Sequence[str], source: s
 
 
 def describe_left_aside(parts: Iterable[DeckPart], taken: Sequence[DeckPart], source: str) -> str:
-    """A sentence on the parts of a deck that were not taken, with the remedy; "" if there are none."""
+    """A sentence on the parts of a deck that were not taken, with the remedy; "" if there are none.
+
+    `source` names the deck.
+    """
     not_taken = [part for part in parts if not any(part is other for other in taken)]
     if not not_taken:
         return ""

@@ -206,7 +206,10 @@ def _make_mesh(path: Path, content: _Content, factor: float) -> Mesh:
 
 
 def _require_nodes(path: Path, name: str, rows: IntArray, labels: IntArray) -> None:
-    """Raise `FileError` if cells name nodes that the file does not have."""
+    """Raise `FileError` if cells name nodes that the file does not have.
+
+    `rows` are the nodes of cells (n_cells, n_nodes), `labels` those of the file.
+    """
     is_known = np.isin(rows, labels)
     if is_known.all():
         return

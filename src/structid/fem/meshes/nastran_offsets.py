@@ -90,7 +90,10 @@ class OffsetReader:
         return split_by_obstacle(f"{name} offset", items)
 
     def _bars(self, name: str, index: int, block: CellBlock) -> list[DeckPart]:
-        """Parts with the end offsets of the bars in `block` (card `name`), with obstacles, and a part for released ends."""
+        """Parts with the end offsets of the bars in `block` (card `name`), with obstacles, and a part for released ends.
+
+        `index` is that of the block.
+        """
         cards = self._cards[name]
         vectors = np.stack([cards.reals(10 + k) for k in range(6)], axis=1).reshape(-1, 2, 3) * self._length
         rows = self._with_grids(block, np.flatnonzero(vectors.any(axis=(1, 2))))
@@ -118,7 +121,10 @@ class OffsetReader:
     def _bar_arm(
         self, block: CellBlock, row: int, end: int, vector: FloatArray, words: Sequence[str], flags: str
     ) -> FloatArray:
-        """The arm of an end in global directions: along those of the grid point's motion, or of the element (O of OFFT)."""
+        """The arm of an end in global directions: along those of the grid point's motion, or of the element (O of OFFT).
+
+        `row` is the bar, `vector` its offset, `words` are the fields of its card and `flags` its OFFT.
+        """
         flag = flags[1 + end] if len(flags) == 3 else ""
         node = int(block.nodes[row, end])
         if flag == "G":
@@ -207,7 +213,10 @@ def _bar_masses(words: Sequence[str]) -> list[str]:
 
 
 def _library_beam_masses(words: Sequence[str]) -> list[str]:
-    """Non-structural masses of a PBEAML at its stations."""
+    """Non-structural masses of a PBEAML at its stations.
+
+    `words` are the fields of the card.
+    """
     count = _DIMENSIONS.get(words[3] if len(words) > 3 else "", len(words))
     masses, at = list(words[8 + count : 9 + count]), 9 + count
     while at + 2 + count < len(words):
@@ -222,7 +231,10 @@ def _beam_masses(words: Sequence[str]) -> list[str]:
 
 
 def _beam_stations(words: Sequence[str]) -> tuple[list[int], int]:
-    """Fields of the mass at end A and each station of a PBEAM, and where the last lines begin."""
+    """Fields of the mass at end A and each station of a PBEAM, and where the last lines begin.
+
+    `words` are the fields of the card.
+    """
     fields, at = [7], 16
     while at < len(words) and words[at] in ("YES", "YESA", "NO"):
         fields.append(at + 7)

@@ -256,7 +256,10 @@ def _component_indices(word: str) -> list[int]:
 
 
 def _read_body(deck: _Deck, name: str, row: Sequence[str]) -> Item:
-    """Refusal ("" if none) and deck part from a CONM1 or CONM2 card: the mass matrix of a grid point."""
+    """Refusal ("" if none) and deck part from a CONM1 or CONM2 card: the mass matrix of a grid point.
+
+    `row` are the fields of the card.
+    """
     words = _pad_words(row, 24)
     node = _whole(words[1])
     if node not in deck.positions:
@@ -266,7 +269,10 @@ def _read_body(deck: _Deck, name: str, row: Sequence[str]) -> Item:
 
 
 def _read_scalar_mass(deck: _Deck, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
-    """Refusal ("" if none) and deck part from a CMASS1 (`table` has property values) or CMASS2 card: mass of one component."""
+    """Refusal ("" if none) and deck part from a CMASS1 (`table` has property values) or CMASS2 card: mass of one component.
+
+    `row` are the fields of the card.
+    """
     words = _pad_words(row, 8)
     kind = "CMASS2" if table is None else "CMASS1"
     node, component = _whole(words[2]), words[3]
@@ -285,7 +291,10 @@ def _read_scalar_mass(deck: _Deck, table: Mapping[int, list[str]] | None, row: S
 
 
 def _conm2_matrix(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
-    """Mass matrix (6, 6) of a CONM2 card in global directions and SI units."""
+    """Mass matrix (6, 6) of a CONM2 card in global directions and SI units.
+
+    `words` are the fields of the card of `node`.
+    """
     system, mass = _whole(words[2]), deck.units.mass * _real(words[3])
     arm = deck.units.length * np.array([_real(word) for word in words[4:7]])
     xx, yx, yy, zx, zy, zz = (deck.units.inertia * _real(word) for word in words[8:14])
@@ -296,7 +305,10 @@ def _conm2_matrix(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
 
 
 def _conm1_matrix(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
-    """Mass matrix (6, 6) of a CONM1 card in global directions and SI units."""
+    """Mass matrix (6, 6) of a CONM1 card in global directions and SI units.
+
+    `words` are the fields of the card of `node`.
+    """
     matrix = np.zeros((6, 6))
     matrix[np.tril_indices(6)] = [_real(word) for word in words[3:24]]
     matrix += np.tril(matrix, -1).T
@@ -314,7 +326,10 @@ def _property_fields(deck: _Deck, name: str, width: int) -> dict[int, list[str]]
 
 
 def _read_scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
-    """Refusal ("" if none) and deck part from a CELAS1 or CDAMP1 (`table` has property values), CELAS2 or CDAMP2 card."""
+    """Refusal ("" if none) and deck part from a CELAS1 or CDAMP1 (`table` has property values), CELAS2 or CDAMP2 card.
+
+    `row` are the fields of the card.
+    """
     words = _pad_words(row, 8)
     if table is not None and _whole(words[1]) not in table:
         return _NO_PROPERTY, DeckPart(name, 1)
@@ -343,7 +358,10 @@ def _read_scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] |
 
 
 def _read_bush(deck: _Deck, name: str, values: Values, row: Sequence[str]) -> Item:
-    """Refusal ("" if none) and deck part from a CBUSH, CBUSH1D or CVISC card: springs and dashpots along its axes."""
+    """Refusal ("" if none) and deck part from a CBUSH, CBUSH1D or CVISC card: springs and dashpots along its axes.
+
+    `values` are the properties by number, `row` the fields of the card.
+    """
     words = _pad_words(row, 16)
     first, second = _whole(words[2]), _whole(words[3])
     number = _whole(words[1]) or _whole(words[0])
@@ -391,7 +409,10 @@ def _bush_weights(
 
 
 def _bush_axes(deck: _Deck, name: str, first: int, second: int, words: Sequence[str]) -> tuple[FloatArray | None, str]:
-    """Axes of the element as rows (3, 3) and an obstacle or ""; None if it has no orientation and no length."""
+    """Axes of the element as rows (3, 3) and an obstacle or ""; None if it has no orientation and no length.
+
+    `first` and `second` are its nodes, `words` the fields of the card `name`.
+    """
     system = words[7] if name == "CBUSH" else words[4] if name == "CBUSH1D" else ""
     if system:
         return deck.axes_of(int(system), first), ""
@@ -479,7 +500,10 @@ def _make_rigid_element(
 
 
 def _read_rbe2(deck: _Deck, words: Sequence[str]) -> Ties:
-    """Refusal ("" if none) and ties from an RBE2 card: nodes that follow a main node."""
+    """Refusal ("" if none) and ties from an RBE2 card: nodes that follow a main node.
+
+    `words` are the fields of the card.
+    """
     main = int(words[1])
     dependents = _node_list([word for word in words[3:] if _is_listed(word) or not _is_number(word)])
     if main not in deck.positions or not set(dependents) <= set(deck.positions):
@@ -502,7 +526,10 @@ def _follow_rigidly(deck: _Deck, name: str, main: int, dependents: Sequence[int]
 
 
 def _read_rbar(deck: _Deck, words: Sequence[str]) -> Ties:
-    """Refusal ("" if none) and ties from an RBAR card, where all independent components are at one node."""
+    """Refusal ("" if none) and ties from an RBAR card, where all independent components are at one node.
+
+    `words` are the fields of the card.
+    """
     padded = _pad_words(words, 8)
     first, second = int(padded[1]), int(padded[2])
     independent_first, independent_second, dependent_first, dependent_second = padded[3:7]
@@ -520,6 +547,7 @@ def _read_rbe3(deck: _Deck, words: Sequence[str]) -> Ties:
     """Refusal ("" if none) and ties from an RBE3 card: a reference node moves as the weighted mean of others.
 
     The mean is the least-squares fit of a rigid motion; the constraints are solved for the components that UM names.
+    `words` are the fields of the card.
     """
     reference, chosen = int(words[2]), _component_indices(words[3])
     averaged, solved_for = _averaged_groups(words[4:])
@@ -549,7 +577,10 @@ def _read_rbe3(deck: _Deck, words: Sequence[str]) -> Ties:
 
 
 def _averaged_groups(words: Sequence[str]) -> tuple[list[tuple[float, str, list[int]]], list[tuple[int, str]]]:
-    """Weight, components and nodes of each group of an RBE3, and nodes with components behind UM."""
+    """Weight, components and nodes of each group of an RBE3, and nodes with components behind UM.
+
+    `words` are the fields of the card.
+    """
     groups: list[tuple[float, str, list[int]]] = []
     rest = [word for word in words if word]
     end = next((k for k, word in enumerate(rest) if word in ("UM", "ALPHA", "TREF")), len(rest))
@@ -577,7 +608,10 @@ def _is_number(word: str) -> bool:
 
 
 def _node_list(words: Sequence[str]) -> list[int]:
-    """Labels, with those from one THRU another."""
+    """Labels, with those from one THRU another.
+
+    `words` are the fields of a card.
+    """
     labels: list[int] = []
     rest = [word for word in words if word]
     while rest:
@@ -613,7 +647,10 @@ def _read_mpc_set(deck: _Deck, case_control: bytes) -> list[DeckPart]:
 
 
 def _read_mpc(deck: _Deck, words: Sequence[str]) -> Ties:
-    """Refusal ("" if none) and tie from one MPC card: factors times components add up to 0, the first is dependent."""
+    """Refusal ("" if none) and tie from one MPC card: factors times components add up to 0, the first is dependent.
+
+    `words` are the fields of the card.
+    """
     terms: list[tuple[int, str, float]] = []
     for start in range(0, len(words), 8):
         for column in (start + 1, start + 4):

@@ -94,7 +94,10 @@ class BulkSystems:
         return self._resolved[number]
 
     def _grid_point(self, number: int, label: int, within: tuple[int, ...]) -> FloatArray:
-        """Basic position (3,) of the grid point `label` that a coordinate system refers to."""
+        """Basic position (3,) of the grid point `label` that a coordinate system refers to.
+
+        `number` is that of the coordinate system; `within` are those being resolved.
+        """
         rows = np.flatnonzero(self.labels == label)
         if not len(rows):
             raise FileError(f"{self._path}: coordinate system {number} names GRID {label}, which is not there; add it")

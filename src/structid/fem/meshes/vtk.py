@@ -72,7 +72,8 @@ def read(path: Path, units: DeckUnits) -> Mesh:
 def _orient_wedges(kind: str, rows: IntArray, points: AnyArray) -> IntArray:
     """Rows of wedges with the normal of the first triangle towards the second, which writers of VTK files do differently.
 
-    Writers differ in both, so that the positions tell.
+    Writers differ in both, so that the positions tell. `kind` is the cell type, `rows` are its nodes, and `points` the
+    positions.
     """
     order = _OTHER_WAY.get(kind)
     if order is None or not len(rows):

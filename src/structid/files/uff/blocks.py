@@ -104,7 +104,10 @@ def _truncation_error(path: Path, ordinal: int) -> FileError:
 
 
 def _read_block(path: Path, data: bytes, begin_of_head: int, count: int) -> tuple[Block, int]:
-    """The dataset whose number (its kind) stands at byte `begin_of_head`, and the byte after its closing tag."""
+    """The dataset whose number (its kind) stands at byte `begin_of_head`, and the byte after its closing tag.
+
+    `count` is the number of datasets read before.
+    """
     if not data[begin_of_head : begin_of_head + 6].strip().isdigit():
         raise FileError(f"{path}: dataset {count} has no number (byte {begin_of_head}); the file is damaged")
     number, end_of_head = int(data[begin_of_head : begin_of_head + 6]), data.find(b"\n", begin_of_head)

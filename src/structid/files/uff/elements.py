@@ -109,7 +109,10 @@ def read_elements(path: Path, blocks: Sequence[Block]) -> UniversalElements:
 def _add_elements(
     where: str, lines: list[str], elements: UniversalElements, rows: dict[int, tuple[str, list[int]]]
 ) -> None:
-    """Add the elements of one dataset 2412 to `elements`; `rows` has the elements so far by label: one repeated counts once."""
+    """Add the elements of one dataset 2412 to `elements`; `rows` has the elements so far by label: one repeated counts once.
+
+    `where` names the dataset in errors.
+    """
     row_index = 0
     while row_index < len(lines):
         label, descriptor, *_, count = row_of_integers(where, lines, row_index, 6)

@@ -227,7 +227,10 @@ def _read_node_rows(path: Path, tables: Sequence[Block]) -> dict[int, _Node]:
 def _require_one_motion(
     path: Path, label: int, first: _Node, other: _Node, systems: Mapping[int, CoordinateSystem]
 ) -> None:
-    """Refuse a node whose datasets give its motion along different axes."""
+    """Refuse a node whose datasets give its motion along different axes.
+
+    `first` and `other` are the node's entries, `systems` the coordinate systems by label.
+    """
     named = {node.displacement for node in (first, other)}
     named = {0 if system in _GLOBAL and system not in systems else system for system in named}
     if len(named) > 1:
@@ -294,7 +297,10 @@ def _kind(where: str, label: int, kind: int) -> int:
 
 
 def _matrix_systems(path: Path, block: Block, scale: float) -> list[CoordinateSystem]:
-    """Coordinate systems of one dataset 2420, whose matrices have the axes in three rows and the origin in the fourth."""
+    """Coordinate systems of one dataset 2420, whose matrices have the axes in three rows and the origin in the fourth.
+
+    `scale` turns lengths of the file into m.
+    """
     where, lines = f"{path}: dataset {block.ordinal} (2420)", block.lines
     systems = []
     for at in range(2, len(lines), 6):

@@ -74,7 +74,7 @@ def channels(loads: sparse.csc_array, sensors: sparse.csc_array, slides: sparse.
 
 
 def _distinct(columns: sparse.csc_array) -> tuple[sparse.csc_array, list[tuple[int, float]]]:
-    """Columns that differ by more than their sign, and for each given column its (place among these, sign)."""
+    """Columns that differ by more than their sign, and for each given column its index among these and its sign."""
     kept: dict[tuple[bytes, bytes], int] = {}
     first, places = [], []
     for j in range(columns.shape[1]):

@@ -63,7 +63,10 @@ def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsO
 
 
 def _deviation(component: MeasuredComponent, i: int, j: int) -> FloatArray:
-    """Standard deviation of the mean of two reciprocal entries, at each of the component's lines."""
+    """Standard deviation of the mean of two reciprocal entries, at each of the component's lines.
+
+    `i` and `j` are the indices of the entry.
+    """
     assert component.variance is not None
     variance = component.variance[:, i, j]
     if i != j:

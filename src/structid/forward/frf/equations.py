@@ -88,7 +88,11 @@ def _motion(structure: Structure, record: FrfRecord) -> ComplexArray:
 def _equations(
     structure: Structure, unknown: Parameters, physical: FloatArray, motion: ComplexArray, coefficients: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Z(p) x, (n_frequencies, n_dofs, n_inputs), and its derivative with respect to p, (..., n_params)."""
+    """Z(p) x, (n_frequencies, n_dofs, n_inputs), and its derivative with respect to p, (..., n_params).
+
+    `physical` are the parameters p, `motion` (n_frequencies, n_dofs, n_inputs) is x, and `coefficients` (n_frequencies,
+    n_matrices) are those of the matrices in Z.
+    """
     matrix_kinds = structure_matrix_kinds(structure)
     values = unknown.values(physical)
     forces = np.zeros(motion.shape, dtype=np.complex128)

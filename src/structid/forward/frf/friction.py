@@ -36,7 +36,11 @@ class Contact:
 def sliding_contacts(
     structure: Structure, matrix_kinds: tuple[str, ...], record: FrfRecord, measured: set[str]
 ) -> tuple[tuple[Contact, ...], sparse.csc_array]:
-    """Friction elements in harmonic balance, and sparse columns (n_dofs, n_contacts) that read their sliding motion."""
+    """Friction elements in harmonic balance, and sparse columns (n_dofs, n_contacts) that read their sliding motion.
+
+    `matrix_kinds` name the matrices of the model; `measured` are the names of elements whose sliding was measured,
+    which are left out.
+    """
     contacts, columns = [], [sparse.csc_array((structure.n_dofs, 0))]
     for element in structure.elements:
         if isinstance(element, Friction) and element.name not in measured:
@@ -72,6 +76,7 @@ class Sliding:
         """Coefficients of the matrices with sliding amplitudes in equilibrium, and readings of sensors and contacts; cached.
 
         The readings (n_lines, n_sensors, 1) come from those without friction; None where that would lose digits.
+        `physical` are the parameter values (n_params,).
         """
         key = physical.tobytes()
         cached = self._cache.get(key)
@@ -118,7 +123,10 @@ class Sliding:
         return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), np.finfo(float).tiny)
 
     def _free(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Readings of sensors and contacts under the load, and under unit forces at the contacts, without their friction."""
+        """Readings of sensors and contacts under the load, and under unit forces at the contacts, without their friction.
+
+        `physical` are the parameter values (n_params,).
+        """
         (load, load_sign), n_outputs = self.channels.inputs, self.channels.n_outputs
         columns, signs = self.channels.outputs[0][n_outputs:], self.channels.outputs[1][n_outputs:]
         used, place = np.unique(np.concatenate([load, columns]), return_inverse=True)
@@ -159,7 +167,11 @@ def balanced_amplitudes(
 def _newton_step(
     flexibility: ComplexArray, free: ComplexArray, force: FloatArray, floor: FloatArray, size: FloatArray
 ) -> FloatArray:
-    """Sliding amplitudes (n_frequencies, n_contacts) after one Newton step from `size`, changed fivefold at most."""
+    """Sliding amplitudes (n_frequencies, n_contacts) after one Newton step from `size`, changed fivefold at most.
+
+    The other arguments are those of `balanced_amplitudes`: motion per contact force and under the load, friction
+    forces, and smallest amplitudes.
+    """
     n_contacts = len(force)
     pull = 1j * force / size
     system = np.eye(n_contacts) + flexibility * pull[:, None, :]

@@ -21,7 +21,7 @@ from structid.records import FrfRecord
 _RATES = np.array([7.1280398 + 2.4029110j, 6.3283629 + 7.2468134j, 4.2522907 + 12.3814214j])
 _PARTS = 0.5 * np.array([2.0649946 + 3.6948381j, -1.1024809 - 0.0996842j, 0.0374863 - 0.0205247j])
 RATES, PARTS = np.concatenate([_RATES, _RATES.conj()]), np.concatenate([_PARTS, _PARTS.conj()])
-#: FrfSolver from the lowest on that read what leaks from below 0 Hz.
+#: Lines from the lowest on that read what leaks from below 0 Hz.
 LEAST_LINE = 2.0
 
 
@@ -33,12 +33,12 @@ class LeakedFrf:
     ----------
     observed : ObservedFrf
         At the lines that are summed, see `leaking_lines`.
-    place : (n_lines, n_parts) int array
-        Where the parts of each line stand among them.
+    line_indices : (n_lines, n_parts) int array
+        Index among them of each part of a line.
     """
 
     observed: ObservedFrf
-    place: IntArray
+    line_indices: IntArray
 
     def values(self, physical: FloatArray) -> ComplexArray:
         """The FRFs, (n_lines, n_outputs, n_inputs)."""
@@ -52,10 +52,10 @@ class LeakedFrf:
     def _summed(self, parts: ComplexArray) -> ComplexArray:
         """Weighted sums, (n_lines, ...), of FRFs `parts` (n_shifted_lines, ...) over each line's shifted lines."""
         flat = parts.reshape(len(parts), -1)
-        found = np.zeros((len(self.place), flat.shape[1]), dtype=np.complex128)
-        for weight, place in zip(PARTS, self.place.T, strict=True):
-            found += weight * flat[place]
-        return found.reshape(-1, *parts.shape[1:])
+        sums = np.zeros((len(self.line_indices), flat.shape[1]), dtype=np.complex128)
+        for weight, indices in zip(PARTS, self.line_indices.T, strict=True):
+            sums += weight * flat[indices]
+        return sums.reshape(-1, *parts.shape[1:])
 
 
 def require_leaking(record: FrfRecord, segment: float) -> None:

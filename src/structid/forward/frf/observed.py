@@ -55,9 +55,10 @@ class ObservedFrf:
         return values * factor[..., 0], np.concatenate([derivative, change], axis=-1) * factor
 
     def _moved(self, channels: ChannelErrors, rest: FloatArray) -> tuple[Response, ComplexArray]:
-        """Response and its Laplace variables (1/s), shifted by the window's decay rate if that is a parameter.
+        """Response model and its Laplace variables (1/s), shifted by the decay rate of an exponential window.
 
-        A window exp(-decay t) makes of H at i omega that at s = decay + i omega. The structure has no friction then.
+        A window exp(-decay t) turns H at i omega into H at s = decay + i omega. They are not shifted where the decay is no
+        parameter; where it is, the structure has no friction. `rest` are the values of the channel errors.
         """
         decay = channels.decay(rest)
         if decay is None:
@@ -73,7 +74,8 @@ def _laplace_slope(
 ) -> ComplexArray:
     """dH/ds of the FRF `values` of `model`, in the unit of H times s, (n_frequencies, n_outputs, n_inputs).
 
-    With H = s^n S' Z^-1 F and Z = s^2 M + s C + K it is n H / s - s^n Y' (2 s M + C) X, where X = Z^-1 F and Y = Z^-1 S.
+    With H = s^n S' Z^-1 F and Z = s^2 M + s C + K it is n H / s - s^n Y' (2 s M + C) X, where X = Z^-1 F and Y = Z^-1
+    S. `physical` are the parameter values (n_params,), `laplace` the values of s (n_frequencies,), 1/s.
     """
     fields = model.fields_at(physical, model.channels.columns)
     x, y = model.channels.under_loads(fields), model.channels.under_sensors(fields)

@@ -200,7 +200,10 @@ class FrfProblem(RecordProblem):
         return self.form != "equation" and any(one.variance is not None for one in self.structure.measured)
 
     def _component_errors(self, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
-        """Changes of the observed FRFs by the errors of measured components, with channel errors applied."""
+        """Changes of the observed FRFs by the errors of measured components, with channel errors applied.
+
+        `physical` are the parameter values (n_params,).
+        """
         of_structure, of_channels = np.split(physical, [self.parameters.n_params])
         for entry in errors_of_entries(self.model, of_structure):
             factor = 1.0 if self.channels is None else self.channels.factor(of_channels, self.record.laplace)
@@ -390,7 +393,10 @@ def _has_friction(structure: Structure) -> bool:
 
 
 def _require_weights(form: Form, record: FrfRecord, deviation: FloatArray) -> None:
-    """Raise `InputError` if a value has infinite weight, or is zero where `form` divides by measured values."""
+    """Raise `InputError` if a value has infinite weight, or is zero where `form` divides by measured values.
+
+    `deviation` is the standard deviation of each value.
+    """
     if form != "equation" and not (deviation > 0).all():
         line, output, load = np.argwhere(deviation <= 0)[0]
         raise InputError(
@@ -427,7 +433,10 @@ def _require_leakage(problem: FrfProblem, segment: float) -> None:
 def _equation_rows(
     problem: FrfProblem, theta: FloatArray, h: ComplexArray, dh: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Residual and derivative weighted by the inverse of Y' conj(Y), which counts as constant."""
+    """Residual and derivative weighted by the inverse of Y' conj(Y), which counts as constant.
+
+    `h` are the model's FRFs (n_frequencies, n_outputs, n_inputs), `dh` their derivative (..., n_params).
+    """
     weight = problem.model.sensor_gram(problem.physical(theta))
     factor = np.linalg.cholesky(weight)
     receptance_scale = problem.model.kind_factor[:, None, None]
@@ -477,7 +486,7 @@ def decay_continuation(problem: FrfProblem, start_error: float = START_ERROR) ->
         (f"smoothed FRFs, {level:g} times the frequency", _smooth_stage(near_start, record)) for level, record in smooth
     ]
     near = replace(near_start, form="output" if is_noisy(problem.record) else "pole_free")
-    return *stages, ("held on the axis", near.subsampled() or near)
+    return *stages, ("measured FRFs, prior at the start", near.subsampled() or near)
 
 
 def smooth_stage(problem: FrfProblem, record: FrfRecord, start_error: float = START_ERROR) -> FrfProblem:

@@ -82,7 +82,10 @@ class Response:
         return values, derivative
 
     def fields_at(self, physical: FloatArray, loads: sparse.csc_array) -> ComplexArray:
-        """Motion of every degree of freedom under unit loads, (n_frequencies, n_dofs, n_loads)."""
+        """Motion of every degree of freedom under unit loads, (n_frequencies, n_dofs, n_loads).
+
+        `physical` are the parameter values (n_params,), `loads` (n_dofs, n_loads) the columns of the loads.
+        """
         fields = np.empty((len(self.frequency), *loads.shape), dtype=np.complex128)
         for part, found in self.solver.fields(physical, self._coefficients(physical), loads):
             fields[part] = found
@@ -102,7 +105,10 @@ class Response:
         return self.slopes.contracted(physical, -self._coefficients(physical), x, y)
 
     def sensor_gram(self, physical: FloatArray) -> ComplexArray:
-        """Y' conj(Y) with Y = Z^-1 S, the receptance from every force to the sensors, (n_frequencies, n_outputs, n_outputs)."""
+        """Y' conj(Y) with Y = Z^-1 S, the receptance from every force to the sensors, (n_frequencies, n_outputs, n_outputs).
+
+        `physical` are the parameter values (n_params,).
+        """
         n_outputs = self.channels.n_outputs
         gram = np.empty((len(self.frequency), n_outputs, n_outputs), dtype=np.complex128)
         for part, fields in self.solved_at(physical):
@@ -152,7 +158,10 @@ class ResponseCache:
     def sparse_solver(
         self, slopes: StiffnessSlopes, sides: Channels, record: FrfRecord, reduced: float | None = None
     ) -> SparseSolver:
-        """Sparse solver for the channels of `record`, cached; with friction contacts each record has its own."""
+        """Sparse solver for the channels of `record`, cached; with friction contacts each record has its own.
+
+        `reduced` is the largest relative error of values from few factorizations.
+        """
         own = record if sides.n_contacts else None
         key: tuple[object, ...] = (
             slopes,

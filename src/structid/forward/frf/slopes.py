@@ -27,7 +27,8 @@ def matrix_coefficients(
 ) -> ComplexArray:
     """Coefficient of each matrix in the dynamic stiffness, (n_frequencies, n_matrices): s^2, s, 1, i, i / amplitude.
 
-    `laplace` is s, 1/s: i omega on the axis. Friction with no amplitude in `sliding` gets 0.
+    `laplace` is s, 1/s: i omega on the axis. Friction with no amplitude in `sliding` gets 0. `matrix_kinds` name the
+    matrices.
     """
     table: dict[str, ComplexArray] = {
         "mass": laplace**2,
@@ -71,13 +72,13 @@ class StiffnessSlopes:
         return same and self.structure is structure
 
     def parts_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[WeightedParts, ComplexArray]:
-        """Element matrices weighted by the parameters, and the factor of each kind at every line.
+        """Element matrices weighted by the parameters, and the factor of each group of them in Z, (n_lines, n_groups).
 
         Parameters
         ----------
         physical : (n_params,) float array
         coefficients : (n_lines, n_matrices) complex array
-            Coefficient of each matrix in the dynamic stiffness.
+            Coefficient of each matrix (s^2 of mass, s of damping, ...) in the dynamic stiffness.
         """
         structure, parameters = self.structure, self.parameters
         key = parameters.values(physical)[self._steering].tobytes()
@@ -93,7 +94,11 @@ class StiffnessSlopes:
         return found, factors
 
     def forces_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[ParameterForces, ComplexArray]:
-        """Derivative forces (dZ/dp) x of all parameters, and factors (n_lines, n_maps) of their maps at every line."""
+        """Derivative forces (dZ/dp) x of all parameters, and factors (n_lines, n_maps) of their maps at every line.
+
+        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
+        Z.
+        """
         parts, factors = self.parts_at(physical, coefficients)
         cached = self._forces_cache.get("last")
         if cached is None or (cached[0] is not parts and not cached[0].same_slopes(parts)):
@@ -104,7 +109,11 @@ class StiffnessSlopes:
     def contracted(
         self, physical: FloatArray, coefficients: ComplexArray, x: NumberArray, y: NumberArray
     ) -> ComplexArray:
-        """y' (dZ/dp) x for fields x (n_lines, n_dofs, n_x) and y (n_lines, n_dofs, n_y), (n_lines, n_y, n_x, n_params)."""
+        """y' (dZ/dp) x for fields x (n_lines, n_dofs, n_x) and y (n_lines, n_dofs, n_y), (n_lines, n_y, n_x, n_params).
+
+        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
+        Z.
+        """
         if self.structure.n_dofs <= DENSE_UP_TO:
             return self.dense.at(self.parameters.values(physical)).contracted(coefficients, x, y)
         forces, factors = self.forces_at(physical, coefficients)

@@ -12,7 +12,10 @@ from structid.forward.modal.model import ModalModel
 
 
 def dynamic_rows(data: MeasuredModes, model: ModalModel, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Force residual of each mode with a shape, relative to inertia force and shape error, and its slope."""
+    """Force residual of each mode with a shape, relative to inertia force and shape error, and its slope.
+
+    `physical` are the parameter values (n_params,).
+    """
     shown = data.record.known[:, data.measured].any(axis=0)
     found = [
         dynamic_residual(

@@ -71,7 +71,10 @@ class MatrixSlopes:
         return found
 
     def _changes_at(self, physical: FloatArray) -> dict[str, FloatArray]:
-        """Derivatives dA/dp, (n_params, n_dofs, n_dofs), of each matrix A, by its kind."""
+        """Derivatives dA/dp, (n_params, n_dofs, n_dofs), of each matrix A, by its kind.
+
+        `physical` are the parameter values (n_params,).
+        """
         at, n_dofs = self._dense.at(self.parameters.values(physical)), self.structure.n_dofs
         shape = (self.parameters.n_params, n_dofs, n_dofs)
         found: dict[str, FloatArray] = {matrix_kind: np.zeros(shape) for matrix_kind in self._matrix_kinds}
@@ -105,7 +108,10 @@ class MatrixSlopes:
         return {member: self._weight_slope(*member, values) for member in self._designs}
 
     def _weight_slope(self, number: int, member: int, values: FloatArray) -> Slope:
-        """Derivative of element weights of contribution `member` in group `number`, (n_elements, n_params)."""
+        """Derivative of element weights of contribution `member` in group `number`, (n_elements, n_params).
+
+        `values` (n_values,) are the property values.
+        """
         part, rows = self.structure.contributions[member], self.elements[number].rows
         designs = self._designs[number, member]
         if not designs:

@@ -234,7 +234,10 @@ def _require_sound(modes: MeasuredModes) -> None:
 
 
 def _require_errors(modes: MeasuredModes, what: str, std: FloatArray, key: str, unit: str, usual: str) -> None:
-    """Refuse modes whose standard deviation is zero or not known, by their numbers."""
+    """Raise `InputError`, which names the modes, unless every standard deviation `std` (n_measured,) is greater than 0.
+
+    `what`, `key`, `unit` and `usual` are words of the message: the quantity, its option, its unit and a usual value.
+    """
     lost = modes.measured[~(std > 0)]
     if lost.size == modes.measured.size:
         raise InputError(

@@ -76,7 +76,10 @@ class ModalModel:
         return ModelState(mass, damping, stiffness, structural, found, sensors, self.slopes, own, change)
 
     def readings(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Readings of sensors over the true motion, (n_channels,), and the slope of their logarithm, (n_channels, n_errors)."""
+        """Readings of sensors over the true motion, (n_channels,), and the slope of their logarithm, (n_channels, n_errors).
+
+        `physical` are the parameter values, those of channel errors last.
+        """
         if self.errors is None:
             return np.ones(self.sensors.shape[1]), np.zeros((self.sensors.shape[1], 0))
         errors, still = physical[self.parameters.n_params :], np.zeros(1, dtype=np.complex128)

@@ -168,7 +168,10 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes
 def _fitted(
     state: ModelState, group: GroupData, phi: FloatArray, omega: FloatArray, weights: FloatArray, slopes: _Slopes
 ) -> GroupFit:
-    """`GroupFit` from the shapes `phi` (n_dofs, m), `omega` (rad/s) and what sensors and damping see, `weights`."""
+    """Model's counterparts of a measured group from the shapes `phi` (n_dofs, m) and frequencies `omega` (rad/s) of its modes.
+
+    The first rows of `weights` are the shapes at the sensors; `slopes` gives derivatives by parameters.
+    """
     n_channels, m = state.readings.shape[0], len(omega)
     shape, d_shape, a, d_a = _projected(weights[:n_channels], slopes.seen[:n_channels], group.shapes)
     frequency, d_frequency, mixing, d_mixing = _turned(omega**2, slopes.eigenvalues, a, d_a, group)
@@ -188,17 +191,22 @@ def _widened(state: ModelState, slope: NDArray[np.floating]) -> FloatArray:
 def group_changes(
     state: ModelState, group: GroupData, chosen: IntArray, shapes: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Changes of frequency, shape residual and mixing of a group by changes of its measured `shapes`.
+    """Changes of frequency, shape residual and mixing of a group of close modes by changes of its measured `shapes`.
 
     Parameters
     ----------
+    state : ModelState
+    group : GroupData
+        The measured modes.
+    chosen : (m,) int array
+        Indices of the model's modes.
     shapes : (n_own, m, n_changes) float array
-        In standard deviations of each channel.
+        Changes of the shapes, in standard deviations of each channel.
 
     Returns
     -------
     (m, n_changes), (n_own, m, n_changes) and (m, m, n_changes) float arrays
-        Of the frequency (Hz), the shapes' residual and the mixing.
+        Changes of the frequency (Hz), the shapes' residual and the mixing.
     """
     eigenvalues = (2 * np.pi * state.modes.frequency[chosen]) ** 2
     b = state.sensors.T @ state.modes.mode_shapes[:, chosen]
@@ -224,7 +232,10 @@ def _damping(state: ModelState, phi: FloatArray, omega: float, slopes: _Slopes) 
 
 
 def _adjoint(state: ModelState, phi: FloatArray, eigenvalues: FloatArray, right: FloatArray) -> FloatArray:
-    """(K - lambda_k M)^+ `right` for each mode k of the group, (m, n_dofs, n_right), by the bordered system."""
+    """(K - lambda_k M)^+ `right` for each mode k of the group, (m, n_dofs, n_right), by the bordered system.
+
+    `phi` (n_dofs, m) are the shapes of the group, `eigenvalues` (m,) their lambda.
+    """
     n, m = phi.shape
     border = state.mass @ phi
     if n <= _DENSE_UP_TO:
@@ -245,7 +256,10 @@ def _adjoint(state: ModelState, phi: FloatArray, eigenvalues: FloatArray, right:
 def _projected(
     b: FloatArray, d_b: FloatArray, measured: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Least-squares residual Psi - B A of measured shapes Psi by the model's B, and A, each with its slope."""
+    """Least-squares residual Psi - B A of measured shapes Psi by the model's B, and A, each with its slope.
+
+    `d_b` is the slope of B by the parameters.
+    """
     pseudo = np.linalg.pinv(b)
     a = pseudo @ measured
     residual = measured - b @ a
@@ -262,7 +276,8 @@ def _turned(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Diagonal of T = A^-1 Lambda A as frequencies (Hz) and its scaled off-diagonal, each with its derivative.
 
-    For a single mode T is Lambda, whatever its shape factor A.
+    For a single mode T is Lambda, whatever its shape factor A. `eigenvalues` (m,) are the diagonal of Lambda,
+    `d_lambda` and `d_a` the slopes of Lambda and A by the parameters.
     """
     if len(eigenvalues) == 1:
         a, d_a = np.ones_like(a), np.zeros_like(d_a)

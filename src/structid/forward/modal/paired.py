@@ -45,7 +45,10 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
 def _groups_at(
     data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool
 ) -> list[tuple[ModelState, GroupData, IntArray]]:
-    """Triples of each group of measured modes: the model state scaled to it, the group, and indices of its model modes."""
+    """Triples of each group of measured modes: the model state scaled to it, the group, and indices of its model modes.
+
+    `physical` are the parameter values (n_params,); with `in_order` modes are paired by frequency order.
+    """
     state = model.state(physical)
     pairs = dict(zip(data.measured.tolist(), pairing(data, state, in_order).tolist(), strict=True))
     found = []
@@ -59,7 +62,10 @@ def _groups_at(
 def output_rows(
     data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool, with_slopes: bool = True
 ) -> tuple[FloatArray, FloatArray, int]:
-    """Weighted data rows of form ``output``, their slopes by parameters, and the number of eliminated unknowns."""
+    """Weighted data rows of form ``output``, their slopes by parameters, and the number of eliminated unknowns.
+
+    `physical` are the parameter values (n_params,); with `in_order` modes are paired by frequency order.
+    """
     fits: list[GroupFit] = []
     rows: list[FloatArray] = []
     slopes: list[FloatArray] = []
@@ -89,7 +95,8 @@ def output_rows(
 def output_changes(data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool) -> FloatArray | None:
     """Changes (n_changes, n_data) of the data rows whose products sum to their covariance; None if unknown.
 
-    None where the record does not say how its numbers vary together; the rows then count as independent.
+    None where the record does not say how its numbers vary together; the rows then count as independent. `physical` are
+    the parameter values (n_params,); with `in_order` modes are paired by frequency order.
     """
     if data.changes is None:
         return None

@@ -202,7 +202,20 @@ def _entries(structure: Structure, unknown: Parameters) -> tuple[IntArray, IntAr
 def _expanded(
     part: Contribution, design: sparse.csr_array, offset: FloatArray, n_dofs: int, matrix_kind: int
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """Entries of one contribution's element matrices, repeated for every parameter in a weight, and for known parts."""
+    """Sparse entries of one contribution to the equations, one for each parameter in a weight and for the known parts.
+
+    Entries are row, field column, parameter (n_params for known terms) and value.
+
+    Parameters
+    ----------
+    part : Contribution
+    design : (n_elements, n_params) sparse array
+        Derivative of the element weights by parameters.
+    offset : (n_elements,) float array
+        Known part of the element weights.
+    n_dofs, matrix_kind : int
+        Number of degrees of freedom, and position of the matrix among mass, damping and stiffness.
+    """
     row, column, element, value = part.blocks.entries()
     field = matrix_kind * n_dofs + column
     del column

@@ -103,7 +103,10 @@ class RecursiveMotionFit:
             )
 
     def bias(self, values: FloatArray | None = None, exact_motion: bool = False) -> FloatArray:
-        """Predicted bias (n_params,) of the fit by noise of the motion, at `values` or the fitted parameters."""
+        """Predicted bias (n_params,) of the fit by noise of the motion, at `values` or the fitted parameters.
+
+        With `exact_motion`, the fit is of motion without noise, and the noise is added to its normal equations.
+        """
         found = self.solution()
         p = found.values if values is None else np.asarray(values, dtype=np.float64)
         gram, cross = self.equations.noise_gram(self.error)

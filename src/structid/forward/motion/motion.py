@@ -229,7 +229,10 @@ def field_map(structure: Structure, record: TimeRecord | ChunkedRecord, quantity
 
 
 def _motion_of(structure: Structure, sensors: sparse.csc_array, quantity: str) -> sparse.sparray:
-    """Matrix (S S')^-1 S from sensor readings to free degrees of freedom; `InputError` where some are not measured."""
+    """Matrix (S S')^-1 S from sensor readings to free degrees of freedom; `InputError` where some are not measured.
+
+    `sensors` (n_dofs, n_sensors) is S, `quantity` names the motion in errors.
+    """
     from scipy.sparse.linalg import splu  # here, because it takes time to load
 
     gram = sparse.csc_array(sensors @ sensors.T)

@@ -150,7 +150,10 @@ def reduced_by_chunks(
     first: int = 0,
     last: int | None = None,
 ) -> RecursiveMotionFit:
-    """Fit updated by samples `first` to `last` of a record that is read in pieces."""
+    """Fit updated by samples `first` to `last` of a record that is read in pieces.
+
+    `longest` is the largest number of samples in a piece.
+    """
     at = record_rows(fit.equations, structure, record)
     _give_back_memory()
     keeper = FitKeeper(checkpoint)

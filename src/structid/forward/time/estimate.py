@@ -227,9 +227,10 @@ def linear_estimate(
 ) -> Estimate:
     """Estimate from a linear fit in time: covariance, status and identifiability.
 
-    `values` are None where none were found; `known_noise` is False for rows whose unit
-    variance is that of their own residual, so that chi-square says nothing. `fixed` holds the values that the model fixes at
-    these `values`; they are exact without it.
+    `values` are None where none were found; `known_noise` is False for rows whose unit variance is that of their own
+    residual, so that chi-square says nothing. `fixed` holds the values that the model fixes at these `values`; they are
+    exact without it. `history` are the values of all iterations, `converged` and `message` say how they ended, and a
+    chi-square less probable than `misfit_probability` counts as model error.
     """
     unknown = rows.parameters
     n_params, determined = unknown.n_params, values is not None

@@ -39,10 +39,10 @@ class InputHold:
 
     @cached_property
     def generator(self) -> FloatArray:
-        """System matrix (n_inputs, n_inputs) that generates the inputs between samples, for `exact_step`.
+        """System matrix (n_states, n_states) of the differential equation whose state gives the inputs between samples.
 
-        Their state is all forces, and then slopes or quadratures; of supports accelerations and slopes, and then velocities
-        over a step and displacements over its square.
+        The state is all forces, and then their slopes or quadratures; under driven supports it is accelerations and slopes, then
+        velocities over a step and displacements over its square.
         """
         eye = np.eye(self.n_loads)
         if self.moves_supports:
@@ -79,7 +79,9 @@ class InputHold:
         return self.oscillation(n_times)[-n_times:, : self.n_loads]
 
     def known(self, samples: FloatArray) -> FloatArray:
-        """Force samples (n_times, n_loads) as measured, or amplitudes of an oscillation by least squares."""
+        """Force samples (n_times, n_loads) as measured; of an oscillation its amplitudes (n_force_values,) fitted to
+        them.
+        """
         if not self.oscillates:
             return samples
         waveforms = self.waveforms(len(samples))

@@ -182,7 +182,10 @@ class InstrumentalFit:
         return replace(self, model=model, equations=equations).rows(values)
 
     def _whitening(self, values: FloatArray, residual: FloatArray) -> FloatArray:
-        """Inverse Cholesky factor (n_dofs, n_dofs) of the covariance of the equation error at an instant."""
+        """Inverse Cholesky factor (n_dofs, n_dofs) of the covariance of the equation error at an instant.
+
+        `values` are the parameters, `residual` (n_times, n_dofs) is the equation error.
+        """
         if self.noise is None:
             size = np.sqrt((residual**2).mean(axis=0))
             return np.diag(1 / np.where(size > 0, size, max(float(size.max(initial=0.0)), 1e-300)))
@@ -297,7 +300,9 @@ class _End:
 
 
 def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tuple[int, FloatArray]]:
-    """Number of samples of the first stage and starting parameters, for each attempt in turn."""
+    """Number of samples of the first stage and starting parameters, for each attempt in turn; `size` is the smallest
+    number.
+    """
     n_times, given = fit.motion.n_times, np.array(unknown.start)
     for first in dict.fromkeys((min(size, n_times), min(8 * size, n_times))):
         found = identify_motion(fit.structure, unknown, fit.motion.at(slice(0, first))).values
@@ -308,7 +313,10 @@ def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tupl
 
 
 def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, steps: InstrumentalSteps) -> _End:
-    """Instrumental fit from `size` samples and parameters `values` on, samples doubling up to all of them."""
+    """Outcome of the instrumental-variables fit started with `size` samples, which double until all are used.
+
+    Each stage starts at the values of the one before; the last takes at most `most` iterations. `steps` caches iterations.
+    """
     history = [values]
     while size < fit.motion.n_times:
         stage = _iterated(fit.first(size), values, _STEPS_A_STAGE, history, steps).values
@@ -320,9 +328,9 @@ def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, st
 def _iterated(
     fit: InstrumentalFit, values: FloatArray, most: int, history: list[FloatArray], steps: InstrumentalSteps
 ) -> _End:
-    """End after at most `most` iterations from `values`, with the rows of the last one; solutions are appended to `history`.
+    """Outcome of at most `most` instrumental iterations from the parameters `values`, with the rows of the last one.
 
-    Solutions that swing to and fro are halved in between.
+    Each solution is appended to `history`. Steps that reverse the one before are halved. `steps` caches iterations.
     """
     converged, last, before = False, None, values
     for _ in range(most):

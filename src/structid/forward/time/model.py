@@ -141,7 +141,10 @@ class TimeModel:
         return system.readings(system.start_of(np.eye(2 * len(self.free))), nothing, n_times)
 
     def unit_pulses(self, values: FloatArray, n_times: int) -> FloatArray:
-        """Readings from rest for a unit of each force sample alone, (n_times, n_sensors, n_times, n_loads)."""
+        """Readings from rest for a unit of each force sample alone, (n_times, n_sensors, n_times, n_loads).
+
+        `values` (n_params,) are the parameters.
+        """
         system, n_loads = self._linear(values, derivatives=False), len(self.loads)
         found = np.zeros((n_times, len(self.sensors), n_times, n_loads))
         rest = np.zeros((2 * len(self.free), 2))
@@ -247,7 +250,10 @@ class LinearSystem:
         return (usual if same else self._step(gap)), usual
 
     def _pieces(self, n_times: int, width: int) -> Iterator[tuple[Step, slice]]:
-        """Time step and range of step numbers of each stretch that fits in memory; a first step may differ."""
+        """Time step and range of step numbers of each stretch that fits in memory; a first step may differ.
+
+        `width` is the number of columns that are carried along.
+        """
         n_steps = n_times - 1 + (self.model.drive.gap > 0)
         first = 0
         if self.model.drive.gap > 0:

@@ -246,6 +246,9 @@ class OutputErrorProblem(RecordProblem):
         """Linear unknowns in addition to the parameters: initial states and noisy forces."""
         return Incidentals(self.model, self.histories, self.free_start)
 
+    def with_structure(self, structure: Structure, parameters: Parameters) -> None:
+        """None: the model of histories is made of the structure, and decides where the fit begins."""
+
     def with_parts(self, parts: Sequence[NamedUnknowns]) -> OutputErrorProblem:
         channels = cast("ChannelErrors", parts[1]) if len(parts) > 1 else None
         return replace(self, model=replace(self.model, unknown=cast("Parameters", parts[0])), channels=channels)
@@ -370,7 +373,10 @@ def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, op
 
 
 def _bases(structure: Structure, record: TimeRecord, loads: IntArray) -> tuple[Base, ...]:
-    """Supports whose measured motion drives the structure; () if forces do."""
+    """Supports whose measured motion drives the structure; () if forces do.
+
+    `loads` are the indices of the input channels.
+    """
     moved = [i for i in loads if record.quantities[i] == "support_acceleration"]
     bases = structure.driven(record.channels[i] for i in loads) if moved else ()
     if moved and not bases:

@@ -114,7 +114,10 @@ def _tried(
     work: Work,
     progress: StageProgress | None,
 ) -> Iterator[tuple[_Way, int]]:
-    """Result of each starting point in turn, with the iterations spent; further `rounds` are drawn when needed."""
+    """Result of the search from each starting point in turn, with its iterations; further `rounds` are drawn when needed.
+
+    `shared` is the problem, the numbers of samples of the stages, and the options.
+    """
     count = 0
     for starts in rounds:
         for first in range(0, len(starts), work.n_workers):
@@ -125,7 +128,10 @@ def _tried(
 
 
 def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], start: _Start, tools: Tools) -> dict[str, Any]:
-    """Result of the search from one start, as a parallel task; a start that ends at its first stage passes none."""
+    """Stages passed, excess of chi-square, free variables and iterations of the search from one start, as a parallel task.
+
+    `shared` is the problem, the numbers of samples of the stages, and the options.
+    """
     problem, sizes, options = shared
     reached, excess, theta, spent = _followed(problem, sizes[start.first :], start.theta, options, True, tools)
     reached += start.first if reached else 0
@@ -133,7 +139,7 @@ def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], start: _Star
 
 
 def _stages(problem: OutputErrorProblem, options: TimeOptions) -> list[int]:
-    """Numbers of samples of the stages, doubling; the last is the whole record."""
+    """Numbers of samples of the search stages, each twice the one before; the last is the whole record."""
     size = options.first_samples or max(2, _samples(problem, 1))
     sizes = []
     while size < problem.n_times:
@@ -157,10 +163,15 @@ def _followed(
     strict: bool,
     tools: Tools,
 ) -> tuple[int, float, FloatArray, int]:
-    """Stages passed, chi-square per degree of freedom of the last one, free variables there, and iterations spent.
+    """A search through stages with more and more samples, from the free variables `theta`.
 
-    While stages are short, parameters are drawn to where they begin by half of each value, so that what the data do
-    not say yet stays where it is; the last stage is without.
+    With `strict`, it ends at the first stage that misses the noise. In all stages but the last, parameters have a prior
+    at where the stage begins, with half of each value as deviation. `sizes` are the numbers of samples of the stages.
+
+    Returns
+    -------
+    (int, float, (n_params,) float array, int)
+        Stages passed, chi-square per degree of freedom of the last one, free variables there, and iterations.
     """
     spent, excess = 0, np.inf
     method = LevenbergMarquardt(max_iterations=options.max_iterations, gain_tolerance=_STAGE_TOLERANCE)
@@ -202,9 +213,10 @@ def _rounds(
 ) -> Iterator[list[_Start]]:
     """Starting points of the search in rounds: linear fits where possible, the given start, then random points.
 
-    The others are random points, in turn about 5 % from where the way that came furthest ended and about 20 % from one
-    of the first. Between the first two and the rest comes where posterior linearization leads, which costs more and
-    finds the answer more often. Each round is made when those before have failed; `ways` holds what became of them.
+    The random points are in turn about 5 % from where the best search ended and about 20 % from one of the first starts.
+    Between the first two and the others come starts by posterior linearization, which cost more and find the answer more
+    often. Each round is made when those before have failed; `ways` holds the results of all searches so far, `sizes` the
+    numbers of samples of the stages.
     """
     structure, unknown = problem.structure, problem.parameters
     sound: list[FloatArray] = []
@@ -234,9 +246,10 @@ def _far_rounds(
 ) -> Iterator[list[_Start]]:
     """Starting points by posterior linearization, in turn from the given start and twice from the best minimum.
 
-    The one looks far; what it misses are often a few high modes, some periods off, which the others find. A way
-    begins at the samples that were linearized, since fewer may lead away again, and then at the first. Where the data
-    lead back to the same minimum, the model is wrong and there is no other.
+    From the given start it may miss a few high modes by some periods, which it finds from the best minimum. A search
+    begins at the stage whose samples were linearized, since fewer may lead away again, and then at the first. Where the data
+    lead back to the same minimum, the model is wrong and there is no other. `ways` holds the results of all searches so far,
+    `sizes` the numbers of samples of the stages.
     """
     first = _first_far(problem, sizes)
     short, agreed = problem.first(sizes[first]), 0
@@ -260,9 +273,9 @@ def _confirmed(
     work: Work,
     progress: StageProgress | None,
 ) -> tuple[FloatArray, int]:
-    """Best of `theta` and an answer found near it by posterior linearization, and the iterations spent.
+    """The better of `theta` and an answer found near it by posterior linearization, and the iterations.
 
-    Where there are minima that miss the noise, there may be one beside the answer that does not.
+    It finds a minimum beside the answer that misses the noise less. `sizes` are the numbers of samples of the stages.
     """
     first = _first_far(problem, sizes)
     short, task = problem.first(sizes[first]), (theta, _NEAR_SPREAD, options.seed + _MOST_FAR)

@@ -63,18 +63,18 @@ def missed_parts(
 ) -> tuple[Missed, ...]:
     """Records, or kinds of values of modes, that the fit misses beyond their errors, the worst first.
 
-    Every sum of squares is held against chi-square of as many degrees of freedom as it has values: that a fit takes some of
-    them makes the test say less, never more. Where the whole misfit shows that something is wrong, nothing hides it.
+    Every sum of squares is compared with chi-square of as many degrees of freedom as it has values: the test is
+    conservative, since a fit takes some of them.
 
     Parameters
     ----------
     names : sequence of str
-        Of each record; "" of an only one.
+        Names of the records; "" for a single one.
     problems : sequence of RecordProblem
     found : Estimate
-        Of all parameters.
+        Estimate of all parameters.
     freed : sequence of RecordProblem
-        The problems with what their models hold among the unknowns; they are judged where that is within its tolerances.
+        Problems with the fixed values of their models among the unknowns; where given, the fit within tolerances is tested.
     """
     is_whole = len(problems) == 1 and not isinstance(problems[0], ModalProblem)
     if is_whole or not found.goodness.misfit < _HIDES:
@@ -101,7 +101,7 @@ def missed_parts(
 
 
 def _parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[tuple[str, FloatArray, float]]:
-    """Parts of a record to test: name, rows of the residual, and chi-square per value from where they are missed."""
+    """Parts of a record to test: name, rows of the residual, and the chi-square per value above which they are missed."""
     if isinstance(problem, ModalProblem):
         kinds = row_kinds(problem)
         for kind in dict.fromkeys(kinds.tolist()):

@@ -156,7 +156,10 @@ class ModalFit:
 
 
 def modal_fit(name: str, problem: ModalProblem, own: Own, n_modes: int) -> ModalFit:
-    """The initial and the fitted model beside one record of measured modes, with `n_modes` modes of each."""
+    """The initial and the fitted model beside one record of measured modes, with `n_modes` modes of each.
+
+    `own` are the free variables and values of the problem's own parameters; `name` is that of the record.
+    """
     values = own.initial, own.values
     before, after = (structure_modes(problem.structure, problem.property_values(v), n_modes) for v in values)
     free = problem.unknowns.transforms.free(own.initial)

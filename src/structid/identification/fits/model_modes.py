@@ -17,9 +17,9 @@ _ROUNDING = 1e-3
 
 
 def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
-    """The lowest modes of `structure` with the property values `values`, without friction; no modes where it has none.
+    """The lowest modes of `structure` with property values `values`, without friction; none where it has no modes.
 
-    Of the modes of a solver, those alone: what else its model moves by holds their changes, and is no mode.
+    A structure from a solver's modes has those modes alone, not the residual vectors added for its changes.
     """
     if not structure.has_modes:
         return Modes(np.zeros(0), np.zeros(0), np.zeros((structure.n_dofs, 0)), np.zeros(0))

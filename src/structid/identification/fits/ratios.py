@@ -55,14 +55,13 @@ def ratios(problem: Problem, found: Estimate) -> Ratios | None:
     """Ratios of the parameters where data and priors leave their common scale free; None where they determine it.
 
     The scale is free where the data do not see one common relative change of several masses and stiffnesses (with
-    dampings), and no prior holds it: their standard deviations are then larger than their values.
+    dampings), and no prior determines it: their standard deviations are then larger than their values.
 
     Parameters
     ----------
     problem : Problem
-        That was solved.
     found : Estimate
-        Of it.
+        Estimate of that problem.
     """
     theta = np.asarray(found.theta)
     jacobian = relative_jacobian(problem, theta, problem.linearize(theta))
@@ -87,11 +86,11 @@ def ratios(problem: Problem, found: Estimate) -> Ratios | None:
     )
 
 
-def rests_on_force(problems: Sequence[Problem], found: Estimate) -> bool:
-    """True where only measured forces give the scale of masses, stiffnesses and dampings.
+def scale_from_force(problems: Sequence[Problem], found: Estimate) -> bool:
+    """True where only measured forces determine the common scale of masses, stiffnesses and dampings.
 
-    Making all of them larger by a part then makes every FRF smaller by it: no known mass or stiffness and no prior says more,
-    and an error of the load cell is one of all values.
+    A larger scale then makes every FRF smaller by the same factor: no known mass or stiffness and no prior contradicts, and an
+    error of the load cell is an error of all values.
     """
     for problem in problems:
         if not isinstance(problem, FrfProblem) or problem.form == "equation" or not problem.facts.measures_force:
@@ -109,7 +108,11 @@ def rests_on_force(problems: Sequence[Problem], found: Estimate) -> bool:
 
 
 def common_scale(jacobian: FloatArray, kinds: Sequence[str], noise_scale: float = 1.0) -> np.ndarray | None:
-    """Indices of masses, stiffnesses and dampings whose common scale the data do not see; None where they do."""
+    """Indices of masses, stiffnesses and dampings whose common scale the data do not see; None where they do.
+
+    `jacobian` is the whitened derivative by relative changes, `kinds` those of the parameters, `noise_scale` the factor
+    on the noise.
+    """
     members = _scaled(kinds)
     scaled = {kinds[i] for i in members}
     if not scaled & {"stiffness", "axial_force"} or not scaled & set(_INERTIAS):
@@ -136,7 +139,10 @@ def scale_words(names: list[str], reference: str = "") -> str:
 
 
 def _std(i: int, reference: int, singular: FloatArray, rows: FloatArray) -> float:
-    """Standard deviation of log(p_i / p_reference); NaN where it moves in a direction the data do not see."""
+    """Standard deviation of log(p_i / p_reference); NaN where the ratio changes in a direction the data do not see.
+
+    `singular` and `rows` are the singular values and right singular vectors (as rows) of the Jacobian by relative changes.
+    """
     contrast = np.zeros(len(rows))
     contrast[i], contrast[reference] = 1.0, -1.0
     parts = rows @ contrast

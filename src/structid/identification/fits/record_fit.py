@@ -131,12 +131,13 @@ def record_fit(title: str, measured: FrfRecord, problem: FrfProblem, own: Own, o
     Parameters
     ----------
     title : str
-        What reports call it.
+        Name of the record in reports.
     measured : FrfRecord
-        All of its lines.
+        Record with all lines.
     problem : FrfProblem
-        Its lines that were used.
+        Problem of the lines that were used.
     own : Own
+        Free variables and values of the problem's own parameters.
     options : IdentifyOptions
     """
     before, after = (problem.property_values(values) for values in (own.initial, own.values))

@@ -82,7 +82,10 @@ def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
 
 
 def modes_truncation(structure: Structure, values: FloatArray, top: float) -> Truncation | None:
-    """The error of natural frequencies up to `top`, Hz, by reduced components; None of a structure without them."""
+    """The error of natural frequencies up to `top`, Hz, by reduced components; None of a structure without them.
+
+    `values` (n_values,) are the property values.
+    """
     if not structure.components:
         return None
     top = min(top, *(one.up_to for one in structure.components))

@@ -37,9 +37,9 @@ class _Hit(NamedTuple):
 def frfs_of(record: TimeRecord) -> FrfRecord:
     """FRFs of all motions over all forces (or support motions) of time histories, in the kind of most channels.
 
-    Of one hit those of the whole record, with an exponential window where the motion has not died out: averaging by
-    segments would take the hit off. Else those of estimator Hv from four segments. They begin and end where a force rises
-    above its noise: beyond, no peak is a resonance.
+    A record of a single hit is transformed whole, with an exponential window where the motion has not died out: averaging by
+    segments would lose the hit. Others are averaged by the estimator Hv from four segments. The lines are those
+    where a force rises above its noise: beyond, no peak is a resonance.
     """
     pairs = list(zip(record.channels, record.quantities, strict=True))
     loads = [dof for kind in LOADS for dof, quantity in pairs if quantity == kind]
@@ -62,7 +62,7 @@ def frfs_of(record: TimeRecord) -> FrfRecord:
 
 
 def _hit(record: TimeRecord) -> _Hit | None:
-    """The only blow of the record; None where there are others, other loads, or motion before it."""
+    """The single hit of the record; None where there are others, other loads, or motion before it."""
     columns = [k for k, quantity in enumerate(record.quantities) if quantity in LOADS]
     if len(columns) != 1 or record.quantities[columns[0]] != "force":
         return None
@@ -79,9 +79,9 @@ def _hit(record: TimeRecord) -> _Hit | None:
 
 
 def _of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord | None:
-    """FRFs of one blow: transforms of motions over that of the force, at decay + i omega, with variances from noise.
+    """FRFs from a single hit: transforms of motions over that of the force, at decay + i omega, with variances from noise.
 
-    None where the hit is hardly above its noise and drives no line.
+    None where the hit is hardly above its noise and excites no line. `sensors` are the motion channels that are used.
     """
     values = np.array(record.values[hit.first :])
     count, rate = len(values), record.sampling_rate

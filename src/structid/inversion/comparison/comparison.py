@@ -352,7 +352,10 @@ _NOTHING_IN_COMMON = "the two states have no parameter in common to compare; giv
 
 
 def _common(first: Sequence[str], second: Sequence[str], shared: Sequence[str]) -> tuple[str, ...]:
-    """Names of parameters in both estimates, except shared ones and those of a record; `InputError` if none is left."""
+    """Names of parameters in both estimates, except shared ones and those of a record; `InputError` if none is left.
+
+    `first` and `second` are the names in both.
+    """
     names = tuple(n for n in first if n in second and n not in shared and OF_RECORD not in n)
     if not names:
         raise InputError(_NOTHING_IN_COMMON)
@@ -378,10 +381,10 @@ def _places(estimate: Identified, names: Sequence[str]) -> np.ndarray:
 def _by_fixed_values(
     baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray]:
-    """Changes of the parameters of both states per tolerance of each fixed value, (n, n_changes) each.
+    """Changes of the compared parameters of both states by one tolerance of each fixed value, (n, n_fixed) each.
 
-    The prior of carried parameters moves with the baseline, and with them the later state; what that says of them moves the
-    baseline.
+    `first` and `second` are their indices in the two estimates; `carried` are the parameters whose prior in the later state was
+    the baseline's result, so that they tie both states.
     """
     names = tuple(dict.fromkeys(name for one in (baseline, later) if one.fixed for name in one.fixed.change_names))
     before, after = _aligned(baseline, names), _aligned(later, names)
@@ -408,9 +411,10 @@ def _aligned(estimate: Identified, names: tuple[str, ...]) -> FloatArray:
 def _carried(
     baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Baseline values (n,), both covariances and their cross-covariance (n, n), updated for carried parameters.
+    """Baseline values (n,), covariances of both states and their cross-covariance (n, n), updated for carried parameters.
 
-    The tie is linear in the logarithms of what is positive in both states, in the values of the rest.
+    `first` and `second` are the indices of the compared parameters in the two estimates. The update is linear in the
+    logarithms of values that are positive in both states, and in other values themselves.
     """
     p, q = baseline.covariance_of_data, later.covariance_of_data
     values, other = baseline.values[first], q[np.ix_(second, second)]
@@ -439,7 +443,10 @@ def _carried(
 
 
 def _together(change: FloatArray, covariance: FloatArray) -> tuple[float, float]:
-    """Chi-square of all determined changes together, and the probability of a larger one without any change."""
+    """Chi-square of all determined changes jointly, and the probability of a larger one without any change.
+
+    `change` is (n,), `covariance` (n, n).
+    """
     seen = np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0)
     if not seen.any():
         return float("nan"), float("nan")

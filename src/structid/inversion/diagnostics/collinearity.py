@@ -124,7 +124,11 @@ def _by_correlation(size: FloatArray) -> list[set[int]]:
 
 
 def _by_proportions(condition: FloatArray, proportions: FloatArray) -> list[set[int]]:
-    """Sets of parameters that share strong near-dependencies, by their variance proportions."""
+    """Sets of parameters that share strong near-dependencies, by their variance proportions.
+
+    `condition` (n,) are the condition indices of the singular directions, `proportions` (n, n_params) their parts of
+    each variance.
+    """
     strong = proportions[condition > STRONG_CONDITION]
     involved = np.flatnonzero(strong.sum(axis=0) > STRONG_PROPORTION)
     sets: list[set[int]] = []
@@ -136,7 +140,10 @@ def _by_proportions(condition: FloatArray, proportions: FloatArray) -> list[set[
 
 
 def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_scale: float) -> CollinearGroup:
-    """Collinear group of the parameters `members`, given all others free."""
+    """Collinear group of the parameters with indices `members`, with its spread and words; all others are unknown too.
+
+    `correlation` is that of all parameters, `of` their singular directions, `noise_scale` the factor on the noise.
+    """
     others = [i for i in range(len(of.names)) if i not in members]
     triangle = np.asarray(np.linalg.qr(of.jacobian[:, others + members], mode="r"))
     root = triangle[len(others) :, len(others) :] / noise_scale

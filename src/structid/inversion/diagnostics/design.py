@@ -53,9 +53,11 @@ def merit(rows: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray 
     Parameters
     ----------
     rows : (n_rows, n_params) float array
-        Of full column rank.
-    criterion, of_interest
-        As for `gains`.
+        Whitened derivatives by the parameters, of full column rank.
+    criterion : {"d", "a"}
+        Determinant or trace.
+    of_interest : (n_params,) bool array, optional
+        Parameters whose covariance counts; all by default.
     """
     inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
     part = inverse if of_interest is None else inverse[np.asarray(of_interest, dtype=bool)]
@@ -66,20 +68,22 @@ def merit(rows: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray 
 
 
 def gains(
-    candidates: FloatArray, known: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray | None = None
+    candidates: FloatArray, existing: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray | None = None
 ) -> FloatArray:
-    """Increase of the design criterion by adding each candidate to the known data, (n_candidates,).
+    """Increase of the design criterion by adding each candidate to the existing rows, (n_candidates,).
 
-    With C the covariance of what is known, A = (J'J)^-1, and C_i its part of the parameters of interest: ``d`` is the
+    With C the covariance by the existing rows, A = (J'J)^-1, and C_i its part of the parameters of interest: ``d`` is the
     fall of log det C_i (D-optimality, Ds-optimality for a part of the parameters), ``a`` that of trace C_i. By the
     matrix determinant lemma a candidate with rows G costs one factorization of I + G C G', of the size of its rows.
 
     Parameters
     ----------
     candidates : (n_candidates, n_rows, n_params) float array
-    known : (n_known, n_params) float array
+        Whitened derivatives of each candidate's data by the parameters.
+    existing : (n_existing, n_params) float array
         Rows that are there already, of full column rank.
     criterion : {"d", "a"}
+        Determinant or trace of the covariance.
     of_interest : (n_params,) bool array, optional
         Parameters whose covariance counts; all by default. The others count as unknown all the same.
 
@@ -88,7 +92,7 @@ def gains(
     Fedorov (1972), Theory of Optimal Experiments; Atkinson and Donev (1992), Optimum Experimental Designs.
     """
     n_candidates, n_rows, n_params = candidates.shape
-    root = np.asarray(np.linalg.qr(known, mode="r"))
+    root = np.asarray(np.linalg.qr(existing, mode="r"))
     inverse = np.linalg.inv(root)
     wanted = np.ones(n_params, dtype=bool) if of_interest is None else np.asarray(of_interest, dtype=bool)
     found = np.empty(n_candidates)
@@ -101,7 +105,11 @@ def gains(
 
 
 def _gains(reached: FloatArray, inverse: FloatArray, criterion: Criterion, is_all: bool) -> FloatArray:
-    """Gain of the criterion by each candidate, with rows G R^-1 `reached` and `inverse` rows of R^-1 of interest."""
+    """Gain (n_candidates,) of the design criterion by each candidate's rows G, with R the triangle of the known rows.
+
+    `reached` is G R^-1, (n_candidates, n_rows, n_params); `inverse` holds the rows of R^-1 of the parameters of interest, which
+    are all parameters with `is_all`.
+    """
     grown = np.eye(reached.shape[1]) + reached @ np.swapaxes(reached, 1, 2)
     if criterion == "a":
         seen = reached @ inverse.T
@@ -116,21 +124,26 @@ def _gains(reached: FloatArray, inverse: FloatArray, criterion: Criterion, is_al
 
 def greedy(
     candidates: FloatArray,
-    known: FloatArray,
+    existing: FloatArray,
     count: int,
     criterion: Criterion = "d",
     of_interest: np.ndarray | None = None,
     enough: Callable[[tuple[int, ...]], bool] | None = None,
 ) -> tuple[int, ...]:
-    """Indices of candidates chosen one by one for the largest gain: `count` of them, or fewer if `enough` says so.
+    """Indices of candidates chosen one by one for the largest gain of the design criterion, at most `count` of them.
 
     Parameters
     ----------
-    candidates, known, criterion, of_interest
-        As for `gains`.
+    candidates : (n_candidates, n_rows, n_params) float array
+    existing : (n_existing, n_params) float array
+        Rows that are there already, of full column rank.
     count : int
+    criterion : {"d", "a"}
+        Determinant or trace of the covariance; see `gains`.
+    of_interest : (n_params,) bool array, optional
+        Parameters whose covariance counts; all by default.
     enough : callable, optional
-        Told those chosen so far; the choice ends where it says so.
+        Is given the indices chosen so far; the choice ends where it returns True.
 
     Raises
     ------
@@ -139,7 +152,7 @@ def greedy(
     """
     _require_count(count, len(candidates))
     chosen: list[int] = []
-    root = np.asarray(np.linalg.qr(known, mode="r"))
+    root = np.asarray(np.linalg.qr(existing, mode="r"))
     while len(chosen) < count and not (enough is not None and enough(tuple(chosen))):
         gain = gains(candidates, root, criterion, of_interest)
         gain[chosen] = -np.inf
@@ -150,18 +163,21 @@ def greedy(
 
 def exchanged(
     candidates: FloatArray,
-    known: FloatArray,
+    existing: FloatArray,
     chosen: Sequence[int],
     criterion: Criterion = "d",
     of_interest: np.ndarray | None = None,
 ) -> tuple[int, ...]:
-    """Candidates `chosen`, improved by single exchanges until none gains (Fedorov's algorithm)."""
+    """Indices of the `chosen` candidates, improved by single exchanges until none gains (Fedorov's algorithm).
+
+    `existing` rows (n_existing, n_params) are there already; `criterion` and `of_interest` are those of `gains`.
+    """
     members = list(chosen)
     for _ in range(_MOST_PASSES):
         changed = False
         for place, member in enumerate(members):
             rest = members[:place] + members[place + 1 :]
-            gain = gains(candidates, np.vstack([known, *candidates[rest]]), criterion, of_interest)
+            gain = gains(candidates, np.vstack([existing, *candidates[rest]]), criterion, of_interest)
             own = gain[member]
             gain[rest] = -np.inf
             best = int(np.argmax(gain))
@@ -174,15 +190,19 @@ def exchanged(
 
 def optimal(
     candidates: FloatArray,
-    known: FloatArray,
+    existing: FloatArray,
     count: int,
     criterion: Criterion = "d",
     of_interest: np.ndarray | None = None,
 ) -> tuple[int, ...]:
-    """Indices of the best `count` candidates found by greedy choice and exchange, most informative first."""
-    first = greedy(candidates, known, count, criterion, of_interest)
-    members = exchanged(candidates, known, first, criterion, of_interest)
-    order = greedy(candidates[list(members)], known, count, criterion, of_interest)
+    """Indices of the best `count` candidates by greedy choice and exchange, most informative first.
+
+    `candidates` are (n_candidates, n_rows, n_params), `existing` rows (n_existing, n_params) are there already; `criterion` is
+    the determinant or trace of the covariance of the parameters `of_interest`.
+    """
+    first = greedy(candidates, existing, count, criterion, of_interest)
+    members = exchanged(candidates, existing, first, criterion, of_interest)
+    order = greedy(candidates[list(members)], existing, count, criterion, of_interest)
     return tuple(members[i] for i in order)
 
 

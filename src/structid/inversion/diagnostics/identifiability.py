@@ -113,6 +113,8 @@ def identifiability(
 def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ...]) -> str:
     """Sentence on which parameters an undetermined direction of relative change involves.
 
+    `vector` (n_params,) is the direction and `values` (n_params,) the physical parameters.
+
     Examples
     --------
     >>> direction_words(np.array([1.0, -1.0]), np.array([2.0, 2.0]), ("mass[a]", "mass[b]"))
@@ -148,7 +150,10 @@ def _joined(names: list[str]) -> str:
 
 
 def _gain_words(relative: FloatArray, names: list[str]) -> str:
-    """Words on an undetermined common scale of all parameters with channel gains; "" if there is none."""
+    """Words on an undetermined common scale of all parameters with channel gains; "" if there is none.
+
+    `relative` (n,) is the direction of relative change of the parameters `names`.
+    """
     is_gain = np.array([name.startswith("gain[") for name in names])
     others = relative[~is_gain]
     if not is_gain.any() or len(others) == 0 or np.ptp(others) > 0.1 * np.abs(others).max():
@@ -161,7 +166,10 @@ def _gain_words(relative: FloatArray, names: list[str]) -> str:
 
 
 def _together(relative: FloatArray, values: FloatArray, kind: str) -> str:
-    """Words on which combination of parameters of one kind is determined, sum or series; "" if neither."""
+    """Words on the combination of parameters of one kind that is determined, their sum or series; "" if neither.
+
+    `relative` (n,) is the undetermined direction of relative changes of these parameters, with their `values`.
+    """
     change, inverse = relative * values, relative / values
     as_sum = abs(change.sum()) < 0.05 * np.abs(change).sum()
     as_series = "stiffness" in kind and abs(inverse.sum()) < 0.05 * np.abs(inverse).sum()

@@ -56,15 +56,18 @@ class Bound:
         )
 
 
-def bound_at(problem: Problem, theta: FloatArray, place: str) -> Bound:
-    """Lower bound of parameter standard deviations if the truth were `theta`; NaN if the model cannot be evaluated."""
+def bound_at(problem: Problem, theta: FloatArray, words: str) -> Bound:
+    """Cramer-Rao bound of the parameter standard deviations if the truth were `theta`; NaN if the model cannot be evaluated.
+
+    `words` name the point, such as "at the start".
+    """
     values, slope = problem.physical(theta), problem.slope(theta)
     try:
         with np.errstate(all="ignore"):
             covariance = inverse_information(problem.linearize(theta).jacobian)
     except (SingularModelError, np.linalg.LinAlgError):
         covariance = np.full((len(values), len(values)), np.nan)
-    return Bound(locked(np.sqrt(np.diag(covariance)) * np.abs(slope)), problem.unknowns.sizes(values), place)
+    return Bound(locked(np.sqrt(np.diag(covariance)) * np.abs(slope)), problem.unknowns.sizes(values), words)
 
 
 def carried(initial: Bound, sizes: FloatArray, std: FloatArray, fits: bool) -> np.ndarray:

@@ -277,9 +277,10 @@ def misses_noise(
 ) -> bool:
     """True if noise alone would leave a chi-square above that of `residual` with less than this `probability`.
 
-    `more` is added to the sum of squares. What few averages leave more than known noise would is no misfit, but where it has an
-    order that noise has not. Without degrees of freedom
-    data are missed where they are as far off as the truth itself seldom is.
+    `more` is added to the sum of squares. What few averages leave more than known noise would is no misfit, but where
+    it has an order that noise has not. Without degrees of freedom data are missed where they are as far off as the
+    truth itself seldom is. The sum of squares by noise alone is `scale` times chi-square of `freedom` degrees of
+    freedom.
     """
     data, (_, share) = residual[: problem.n_data], row_law(problem.rows.averages)
     chi_square, of_known = float(data @ data) + more, freedom / share

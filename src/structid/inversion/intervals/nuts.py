@@ -205,7 +205,10 @@ def _drawn(log_density: LogDensity, state: ChainState, rng: np.random.Generator)
 
 
 def _trajectory(log_density: LogDensity, start: Place, size: float, rng: np.random.Generator) -> _Tree:
-    """Binary tree of leapfrog steps from `start` with fresh random momentum, doubled until it turns back."""
+    """Binary tree of leapfrog steps from `start` with fresh random momentum, doubled until it turns back.
+
+    `size` is the step size.
+    """
     begin = _State(start, rng.standard_normal(len(start.x)))
     tree = _Tree(begin, begin, begin, 0.0, begin.p, False, False, 0.0, 0)
     for depth in range(_DEEPEST):
@@ -227,7 +230,10 @@ def _trajectory(log_density: LogDensity, start: Place, size: float, rng: np.rand
 def _grown(
     log_density: LogDensity, end: _State, step: float, depth: int, energy: float, rng: np.random.Generator
 ) -> _Tree:
-    """Tree of 2^depth leapfrog steps of size `step` from the state `end`."""
+    """Tree of 2^depth leapfrog steps of size `step` from the state `end`, built recursively.
+
+    `energy` is that of the trajectory's start, against which states are weighed.
+    """
     if depth == 0:
         half = end.p + 0.5 * step * end.at.gradient
         x = end.at.x + step * half
@@ -249,7 +255,10 @@ def _grown(
 
 
 def _joined(near: _Tree, far: _Tree, sign: int, drawn: _State) -> _Tree:
-    """Tree of two adjoining trajectories, `far` ahead of `near` in direction `sign`, with the step counts of `near`."""
+    """Tree of two adjoining trajectories, `far` ahead of `near` in direction `sign`, with the step counts of `near`.
+
+    `drawn` is the state sampled from both.
+    """
     early, late = (near, far) if sign > 0 else (far, near)
     momentum = near.momentum + far.momentum
     turned = _turns(momentum, early.backward, late.forward)

@@ -168,7 +168,11 @@ def _first_prior_rows(
     names: tuple[str, ...],
     first_counts: bool,
 ) -> tuple[IntArray, ...]:
-    """Indices of the prior rows of each problem that no earlier problem states."""
+    """Indices of the prior rows of each problem that no earlier problem states.
+
+    `columns` are the joint indices of each problem's parameters; with `first_counts` a later prior on a parameter is
+    dropped where it differs, else it is an `InputError`.
+    """
     known: dict[tuple[int, ...], list[tuple[FloatArray, float]]] = {}
     found = []
     for number, ((residual, prior), index) in enumerate(zip(priors, columns, strict=True), 1):
@@ -273,7 +277,10 @@ class JointUnknowns:
 
 
 def _first(unknowns: JointUnknowns, values: Sequence[FloatArray]) -> FloatArray:
-    """Row for each joint unknown, (n_params, ...), taken from the first problem that has it."""
+    """Row for each joint unknown, (n_params, ...), taken from the first problem that has it.
+
+    `values` are (n_own, ...) for each problem.
+    """
     rows = np.zeros((len(unknowns.names), *values[0].shape[1:]))
     for part_rows, index in reversed(list(zip(values, unknowns.columns, strict=True))):
         rows[index] = part_rows
@@ -369,7 +376,9 @@ class JointNoise:
 
 
 def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
-    """Numbers of all parts in one array, each part's raised beyond those before it by a multiple of `step`."""
+    """Integer labels of all parts in one array, those of each part raised above those before it, by a multiple of
+    `step`.
+    """
     raised, first = [], 0
     for part in parts:
         raised.append(part + first)

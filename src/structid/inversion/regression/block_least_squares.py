@@ -157,7 +157,10 @@ def _column_norms(state: StreamingQr) -> FloatArray:
 
 
 def _by_band(state: StreamingQr, scale: FloatArray, layout: BandLayout) -> BlockFit:
-    """Least-squares fit of all blocks by a banded orthogonal sweep, without columns that are undetermined."""
+    """Least-squares fit of all blocks by a banded orthogonal sweep, without columns that are undetermined.
+
+    `scale` (n_params,) is the factor on each column.
+    """
     band, right, rest = swept(state.triangles, state.columns, layout, scale)
     kept = scale > 0
     weak = (np.abs(band[layout.place, 0]) <= RANK_TOLERANCE) & kept
@@ -201,7 +204,10 @@ def _rows(state: StreamingQr, scale: FloatArray) -> tuple[sparse.csr_array, Floa
 
 
 def _by_normal_equations(state: StreamingQr, scale: FloatArray) -> BlockFit | None:
-    """Least-squares fit of all blocks by sparse normal equations; None if these would lose its weakest direction."""
+    """Least-squares fit of all blocks by sparse normal equations; None if these would lose its weakest direction.
+
+    `scale` (n_params,) is the factor on each column.
+    """
     rows, right = _rows(state, scale)
     kept = scale > 0
     normal = sparse.csc_array(rows.T @ rows + sparse.diags_array(np.where(kept, 0.0, 1.0)))
@@ -223,7 +229,10 @@ def _by_normal_equations(state: StreamingQr, scale: FloatArray) -> BlockFit | No
 
 
 def _unresolved(state: StreamingQr, scale: FloatArray) -> BlockFit:
-    """Fit without values (NaN), where neither normal equations nor the band can solve the system."""
+    """Fit without values (NaN), where neither normal equations nor the band can solve the system.
+
+    `scale` (n_params,) is the factor on each column.
+    """
     empty = locked(np.full(state.n_params, np.nan))
     seen = locked(scale > 0)
     nothing = _Normal(None, state.n_params)
@@ -240,7 +249,22 @@ def _fit(
     factor: _Band | _Normal,
     words: str,
 ) -> BlockFit:
-    """`BlockFit` of `values` (n_params,) with residual sum of squares `rest` and the factor of the normal matrix."""
+    """`BlockFit` of `values` (n_params,) with the factor of the normal matrix.
+
+    Parameters
+    ----------
+    state : StreamingQr
+    values : (n_params,) float array
+    scale : (n_params,) float array
+        Factor on each column.
+    kept : (n_params,) bool array
+        Columns that are determined.
+    rest : float
+        Residual sum of squares.
+    factor : _Band or _Normal
+    words : str
+        Name of the method.
+    """
     rank = int(kept.sum())
     freedom = state.n_rows - rank
     variance = rest / freedom if freedom > 0 else np.nan
@@ -387,7 +411,10 @@ def _dense(band: FloatArray) -> FloatArray:
 
 
 def solved(band: FloatArray, right: FloatArray, transposed: bool = False) -> FloatArray:
-    """R^-1 b, or R'^-1 b, for a banded triangle with no zero on its diagonal and (n,) or (n, k) right-hand sides."""
+    """R^-1 b, or R'^-1 b, for a banded triangle with no zero on its diagonal and (n,) or (n, k) right-hand sides.
+
+    With `transposed`, R' is solved for.
+    """
     stored = np.zeros((band.shape[1], len(band)))  # LAPACK's upper band: row width - 1 - j holds superdiagonal j
     for j in range(band.shape[1]):
         stored[band.shape[1] - 1 - j, j:] = band[: len(band) - j, j]

@@ -53,7 +53,10 @@ class Rows(NamedTuple):
 
 @_part
 def _products(b, left, right, count, sums):
-    """`sums` plus the inner products of each row `left` with each row `right` of `b` over `count` samples."""
+    """`sums` plus the inner products of the rows of `b` that begin at `left` with those that begin at `right`.
+
+    `b` is a flat array, the rows are `count` samples long, and `sums` is a flat tuple, one for each pair of rows.
+    """
     for t in range(uint64(count)):
         for i in range(len(left)):
             x = b[uint64(left[i]) + t]
@@ -65,7 +68,10 @@ def _products(b, left, right, count, sums):
 
 @_part
 def _combine(b, rows, fields, sources, factors, count, fresh):
-    """Add to (or, with `fresh`, set) `count` samples of each row of `b` a weighted sum of the `sources` in `fields`."""
+    """Add to rows of the flat array `b` the weighted sums of rows of the flat array `fields`; with `fresh`, replace them.
+
+    Rows begin at `rows` and `sources` and are `count` samples long; `factors` holds len(rows) times len(sources) weights.
+    """
     x = factors[: len(sources)]
     for t in range(uint64(count)):
         for k in range(len(sources)):
@@ -90,7 +96,7 @@ def _three(rows, k):
 
 @_part
 def _alike(blocks, row, other):
-    """True if two operator rows use the same fields, so that they can be formed together."""
+    """True if two rows of the sparse operator `blocks` use the same fields, so that they can be formed together."""
     a, b, k = blocks.starts[row], blocks.starts[other], 0
     n = blocks.starts[row + 1] - a
     while k < n and blocks.which[a + k] == blocks.which[b + k]:
@@ -100,7 +106,24 @@ def _alike(blocks, row, other):
 
 @_part
 def _make_alike(b, at, samples, blocks, row, side, factors):
-    """Form rows of up to three blocks with the same fields in `b`, four fields at a time."""
+    """Write the samples of up to three operator rows that use the same fields into `b`, four fields at a time.
+
+    Parameters
+    ----------
+    b : (n,) float array
+    at : tuple of int
+        Where each row begins in `b`.
+    samples : Samples
+        The fields and the range of samples.
+    blocks : Blocks
+        The sparse operator.
+    row : int
+        First operator row.
+    side : int
+        Distance of the rows in the operator.
+    factors : tuple of float
+        Four zeros for each row.
+    """
     start, end = blocks.starts[row], blocks.starts[row + 1]
     if start == end:
         for i in range(len(at)):
@@ -121,7 +144,26 @@ def _make_alike(b, at, samples, blocks, row, side, factors):
 
 @_part
 def _make(b, at, block, samples, blocks, row, side, n):
-    """Form the same equation row of `n` neighbouring blocks in `b`, up to three blocks with equal fields at a time."""
+    """Write the samples of the same equation row of `n` neighbouring blocks into `b`, up to three of equal fields at a time.
+
+    Parameters
+    ----------
+    b : (n,) float array
+    at : int
+        Where the first row begins in `b`.
+    block : int
+        Distance of the blocks in `b`.
+    samples : Samples
+        The fields and the range of samples.
+    blocks : Blocks
+        The sparse operator.
+    row : int
+        First operator row.
+    side : int
+        Distance of the rows in the operator.
+    n : int
+        Number of blocks.
+    """
     while n > 0:
         alike = 1
         while alike < min(n, 3) and _alike(blocks, row, row + alike * side):
@@ -137,7 +179,7 @@ def _make(b, at, block, samples, blocks, row, side, n):
 
 @_part
 def _put_triangle_first(r, q, rows, new):
-    """Prepend the triangle `r` to the `new` samples of the rows, padded with zeros."""
+    """Write the triangle `r` of `q` columns before the last `new` samples of the columns `rows`, padded with zeros."""
     n, last = _padded(q), r.shape[0] - 1
     for k in range(n + 1):
         at = rows.first + k * rows.apart
@@ -152,7 +194,7 @@ def _put_triangle_first(r, q, rows, new):
 
 @_part
 def _take(r, q, rows, i, j):
-    """Move entry i of row j to the triangle `r`, and put zero in its place."""
+    """Move entry i of column j of `rows` to the triangle `r` of `q` columns, and put zero in its place."""
     at = rows.first + j * rows.apart + i
     if i < q and (j < q or j == _padded(q)):
         r[i, j if j < q else r.shape[0] - 1] = rows.b[at]
@@ -161,9 +203,9 @@ def _take(r, q, rows, i, j):
 
 @_part
 def _reflect_panel(r, q, rows, k):
-    """Householder reflections of rows k to k + 2 and the right-hand side, with their factors.
+    """Reflect columns k to k + 2 of `rows` and the right-hand side by Householder vectors, and update the triangle `r`.
 
-    Returns their factors and the products of their vectors, which stand in the rows, with one another.
+    `q` is the number of columns. Returns the factors of the reflections and the products of their vectors with one another.
     """
     b, n, factors, overlap = rows.b, _padded(q), _THREE, _NINE
     v = _three(rows, k)
@@ -189,7 +231,9 @@ def _reflect_panel(r, q, rows, k):
 
 @_part
 def _by_reflections(r, q, rows):
-    """Update triangle `r` of the rows by Householder reflections, three columns at a time."""
+    """Update the triangle `r` of `q` columns by the samples in `rows` with Householder reflections, three columns at a
+    time.
+    """
     n, last = _padded(q), r.shape[0] - 1
     for k in range(0, n, 3):
         factors, overlap = _reflect_panel(r, q, rows, k)
@@ -212,9 +256,10 @@ def _by_reflections(r, q, rows):
 
 @_part
 def _cholesky(g, q):
-    """Cholesky factor of the products `g`, in place, with its inverse; returns the inverse's squared norm.
+    """Replace the products `g` of `q` columns by their Cholesky factor and its inverse; returns the inverse's squared norm.
 
-    The last column, of right-hand sides, is divided by the triangle transposed. Infinity where g is singular.
+    The norm is that with unit columns, infinite where g is singular. The last column of `g`, of right-hand sides, is divided by
+    the transposed triangle.
     """
     sizes, weakness = np.zeros(q), 0.0
     for k in range(q):
@@ -240,7 +285,7 @@ def _cholesky(g, q):
 
 @_part
 def _with_right(g, rows, n):
-    """Put the products of all rows with the right-hand side into the last column of `g`."""
+    """Put the products of all `n` columns of `rows` with the right-hand side into the last column of `g`."""
     right = (rows.first + n * rows.apart,)
     for i in range(0, n, 3):
         products = _products(rows.b, _three(rows, i), right, rows.length, _THREE)
@@ -251,7 +296,10 @@ def _with_right(g, rows, n):
 
 @_part
 def _refined(g, q, rows, n):
-    """Least-squares right-hand side in the last column of `g`, refined once; returns the residual's sum of squares."""
+    """Refine the right-hand side in the last column of the factor `g` once; returns the residual's sum of squares.
+
+    `q` columns of `rows` are used, `n` with padding.
+    """
     p = np.zeros(n)
     for i in range(q - 1, -1, -1):
         p[i] = g[i, n]
@@ -276,11 +324,11 @@ def _refined(g, q, rows, n):
 
 @_part
 def _by_products(r, q, rows):
-    """Update triangle `r` from the rows' products (Cholesky); False, and `r` left alone, if digits would be lost.
+    """Update the triangle `r` of `q` columns from the products of `rows` (Cholesky); False, and `r` unchanged, if inaccurate.
 
     Products cost half the reflections and square the condition. They count only if the inverse of the triangle with
     unit columns stays below `WEAKEST` in the sum of its squares: an error of so many roundings, 1e-13, in the weakest
-    direction. Of a right-hand side that is nearly explained what is left is summed itself, not found as a difference.
+    direction. The residual of a right-hand side that is nearly explained is summed itself, not found as a difference.
     """
     n, last = _padded(q), r.shape[0] - 1
     g = np.zeros((n + 1, n + 1))
@@ -307,9 +355,19 @@ def _by_products(r, q, rows):
 
 @_whole
 def fold_fields(triangles, fields, blocks, first, last, longest):
-    """Reduce the rows of block groups `first` to `last`, formed from `fields`, into their triangles.
+    """Update the triangles of block groups `first` to `last` by the equation rows formed from `fields`, in place.
 
     Group h is the blocks heads[h] to heads[h + 1], three at most.
+
+    Parameters
+    ----------
+    triangles : (n_blocks, k + 1, k + 1) float array
+    fields : (n_fields, n_times) float array
+    blocks : Blocks
+        Sparse operator from the fields to the rows of all blocks.
+    first, last : int
+    longest : int
+        Largest number of samples taken at a time.
     """
     side, n_times = triangles.shape[1], fields.shape[1]
     most = _padded(side - 1)

@@ -187,7 +187,10 @@ def folded_triangle(triangles: FloatArray, columns: IntArray, n_params: int) -> 
 
 
 def triangle_solution(triangle: FloatArray, n_rows: int, size: FloatArray | None = None) -> LinearFit:
-    """Least-squares solution from one triangle [R | z], (n_params + 1, n_params + 1), of `n_rows` rows."""
+    """Least-squares solution from one triangle [R | z], (n_params + 1, n_params + 1), of `n_rows` rows.
+
+    `size` (n_params,) is the norm of each column without cancellation.
+    """
     n_params = len(triangle) - 1
     factor, right = np.array(triangle[:n_params, :n_params]), triangle[:n_params, n_params]
     norm = np.linalg.norm(factor, axis=0)

@@ -170,7 +170,11 @@ def balanced_strengths(
 
 
 def _chosen(term: Differences, physical: FloatArray, determined: float, strength: float, begun: float) -> float:
-    """New strength of penalty `term`: determined combinations over its squared residual, limited in its change."""
+    """New strength of penalty `term`: determined combinations over its squared residual, limited in its change.
+
+    `physical` are the parameter values, `determined` the number of combinations that the data determine, `strength` the
+    present and `begun` the first strength.
+    """
     rows = term.residual(physical)
     cost = float(rows @ rows)
     wanted = determined / cost if determined > 0 and cost > 0 else np.inf
@@ -186,7 +190,10 @@ def _determined(
     strengths: Sequence[float],
     seed: int,
 ) -> tuple[float, ...]:
-    """Number of parameter combinations that the data determine within each penalty, by posterior draws."""
+    """Number of parameter combinations that the data determine within each penalty, by posterior draws.
+
+    `strengths` are those of the penalties `terms`.
+    """
     slope, physical = problem.slope(theta), problem.physical(theta)
     draws, _ = posterior_draws(at, _DRAWS, np.random.default_rng(seed))
     rows = [term.jacobian(physical) @ sparse.diags_array(slope) for term in terms]

@@ -133,7 +133,7 @@ def marginal_likelihood_strengths(model: LocalModel, start: tuple[float, ...] | 
     """Penalty strengths of largest marginal likelihood, by MacKay's fixed point.
 
     g_k = rank_k - l_k tr(C L_k'L_k) counts the combinations that the data determine in spite of the penalty. Each
-    penalty must hold combinations of its own.
+    penalty must hold combinations of its own. `start` are the strengths to begin with.
 
     References
     ----------
@@ -244,7 +244,10 @@ def sparse_strengths(model: LocalModel, index: int, strengths: tuple[FloatArray 
 
 
 def _row_strength(variance: float, rest: float, strength: float, held: float) -> float:
-    """Most probable strength of a row with posterior `variance` and residual `rest` at its present strength."""
+    """Strength of largest marginal likelihood for one penalty row, from its fit at the present `strength`.
+
+    `variance` is the row's posterior variance, `rest` its residual, and `held` the largest strength, which makes the row zero.
+    """
     own = 1 / variance - strength  # information from everything else
     if not own > 1e-12 * strength:
         return held

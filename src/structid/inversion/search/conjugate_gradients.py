@@ -62,6 +62,8 @@ def conjugate_gradients(
 ) -> tuple[FloatArray, int, float]:
     """The solution of A x = `right` for positive definite A, iterations, and the residual in parts of `right`.
 
+    `apply` multiplies by A; iterations end at a relative residual of `tolerance`, or after `most` of them.
+
     References
     ----------
     Nocedal and Wright (2006), Numerical Optimization, algorithm 5.3.

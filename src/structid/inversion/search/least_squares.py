@@ -259,7 +259,10 @@ def sizes_at(problem: Problem, theta: FloatArray) -> FloatArray:
 def damped_end(
     here: Point[A], damping: Damping, step: FloatArray, promised: float, step_tolerance: float, gain_tolerance: float
 ) -> End | None:
-    """Reason why a damped search ends before its next `step` of predicted decrease `promised`; None if it goes on."""
+    """Reason why a damped search ends before its next `step` of predicted decrease `promised`; None if it goes on.
+
+    It ends below a relative step of `step_tolerance`, or a relative decrease of `gain_tolerance`.
+    """
     if (np.abs(step) <= step_tolerance * here.size).all() or damping.factor > _MOST_DAMPING:
         return End(True, "the step fell below its tolerance")
     if promised <= gain_tolerance * here.cost and damping.factor < _MUCH_DAMPING:

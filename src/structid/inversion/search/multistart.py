@@ -134,11 +134,24 @@ def searched_minima(
 ) -> SearchedMinima:
     """Minima found by all searches, with the iterations of each.
 
-    The first search takes the first way from the given start. While none fits, restarts take the other ways in turn,
-    then random points. `uniqueness_starts` more take the first way from random points, whether one fits or not, and so do
-    `doubt_starts` where an answer that fits is to be doubted. Where there are restarts, a search that clearly misses the noise
-    and hardly gains any more is left, and gone on with only if its end is about the best.
+    The first search takes the first continuation path from the given start. While no minimum fits, restarts take the other
+    paths in turn, then random points. `uniqueness_starts` more take the first path from random points in any case, and so do
+    `doubt_starts` where an answer that fits is doubtful. Where there are restarts, a search that clearly misses the noise
+    and hardly gains any more is stopped, and completed only if its end is nearly the best.
     Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
+
+    Parameters
+    ----------
+    problem : Problem
+    method : Method
+        Search method.
+    ways : sequence of ContinuationPath
+    search : Search
+        Numbers of starts, seed and start.
+    fits : callable
+        True where the data allow a minimum.
+    progress : callable, optional
+    work : Work
     """
     start = np.array(problem.theta_start if search.start is None else search.start)
     chosen: Sequence[ContinuationPath] = ways or ((),)
@@ -173,7 +186,7 @@ def searched_minima(
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
     found = work.map("uniqueness starts", _search, (problem, method, tuple(chosen)), more, progress) if more else []
     minima += [_found(problem, method, task) for task in found]
-    if not search.wide_starts or (good and not _is_determined(problem, best)):
+    if not search.wide_starts or (good and not _is_determined_somewhere(problem, best, start)):
         return SearchedMinima(minima)
     grouped = _GroupedMinima(fits)
     for minimum, _ in minima:
@@ -230,7 +243,10 @@ def _wide_minima(
     progress: StageProgress | None,
     work: Work,
 ) -> tuple[list[tuple[Minimum, int]], bool]:
-    """Minima from starts far off and along the weakest directions, and True if no more are to be expected."""
+    """Minima from distant random starts and along the weakest directions, each with its iterations; True if no more are expected.
+
+    `way` is the continuation path of each search, `start` the centre of the starts, and `grouped` takes the new minima.
+    """
     rng = np.random.default_rng([search.seed, search.wide_starts])
     reach, size = problem.unknowns.reach, np.log(_WIDE) * sizes_at(problem, start)
     minima: list[tuple[Minimum, int]] = []
@@ -278,10 +294,20 @@ def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
     return [answer.theta + sign * step for step in steps for sign in (1.0, -1.0)]
 
 
-def _is_determined(problem: Problem, minimum: Minimum) -> bool:
-    """True if data and priors determine every direction of the parameters at a minimum."""
-    relative = cast(Linearization, minimum.linearization).jacobian * sizes_at(problem, minimum.theta)
-    if len(relative) < len(minimum.theta) or not np.isfinite(relative).all():
+def _is_determined_somewhere(problem: Problem, minimum: Minimum, start: FloatArray) -> bool:
+    """True if data and priors determine every direction of the parameters at a minimum, or at the start.
+
+    A search may end between several answers, where the data do not see the way from one to the next.
+    """
+    if _is_determined(problem, minimum.theta, cast(Linearization, minimum.linearization)):
+        return True
+    return _is_determined(problem, start, problem.linearize(start))
+
+
+def _is_determined(problem: Problem, theta: FloatArray, at: Linearization) -> bool:
+    """True if data and priors determine every direction of the parameters at free variables `theta`."""
+    relative = at.jacobian * sizes_at(problem, theta)
+    if len(relative) < len(theta) or not np.isfinite(relative).all():
         return False
     singular = np.linalg.svd(relative, compute_uv=False)
     return bool(singular[-1] > _SEEN * singular[0])
@@ -290,7 +316,9 @@ def _is_determined(problem: Problem, minimum: Minimum) -> bool:
 def _ended(
     problem: Problem, method: Method, minima: list[tuple[Minimum, int]], progress: StageProgress | None, work: Work
 ) -> list[tuple[Minimum, int]]:
-    """Minima of all searches, after those that were stopped early but are near the best have been completed."""
+    """Minima of all searches with their iterations; searches that were stopped early but are near the best are
+    completed.
+    """
     most = _NEAR_BEST * min(float(minimum.costs[-1]) for minimum, _ in minima)
     ended = []
     for number, (minimum, iterations) in enumerate(minima):
@@ -358,7 +386,7 @@ def staged(
     """Minimum reached through the stages and then the problem itself, and the number of iterations.
 
     Where the stages end with a larger sum of squares of the problem itself than they began with, they led astray: the
-    problem is then solved from where they began.
+    problem is then solved from where they began. `prefix` begins the names of stages in progress messages.
     """
     start, iterations = theta, 0
     courses: list[StageCourse] = []

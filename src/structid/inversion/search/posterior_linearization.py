@@ -86,7 +86,7 @@ def _drawn(
 ) -> tuple[FloatArray, FloatArray]:
     """Antithetic standard normal draws, (n_draws, n_params), and the residuals there, (n_draws, n_rows).
 
-    Those where the model cannot be evaluated are left out.
+    Those where the model cannot be evaluated are left out. The parameters are `middle` plus `factor` times a draw.
     """
     n_params = len(middle)
     half = rng.standard_normal((max(_FEWEST_DRAWS, _DRAWS_EACH * n_params) // 2, n_params))

@@ -131,6 +131,8 @@ class _Word(NamedTuple):
 def _canonical_column(cell: str) -> _Word:
     """Standard column name, unit factor and assumption for a column header of another program.
 
+    `cell` is the text of the header.
+
     Raises
     ------
     InputError

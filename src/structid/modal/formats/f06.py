@@ -236,7 +236,10 @@ class _Listing:
         self.last_row = number
 
     def _six_numbers(self, number: int, line: str, first: int, is_grid: bool, is_phase: bool = False) -> list[str]:
-        """The six numbers of a row as texts, from columns that begin at `first`; "" for a blank one."""
+        """The six numbers of a row as texts, from columns that begin at `first`; "" for a blank one.
+
+        `is_grid` says that the row is of a grid point, `is_phase` that phases are in it.
+        """
         self.first_column = first
         fields = [line[first + k * _WIDTH : first + (k + 1) * _WIDTH].strip() for k in range(6)]
         tail = line[first + 6 * _WIDTH :].strip()
@@ -335,7 +338,10 @@ def _real_eigenvalues(
 
 
 def _printed_mode(path: Path, key: VectorKey, vector: _Vector, eigenvalue: complex, mass: float) -> PrintedMode:
-    """One mode from the rows of its vector; `FileError` if a row is incomplete or a value is not finite."""
+    """One mode from the rows of its vector; `FileError` if a row is incomplete or a value is not finite.
+
+    `mass` is the generalized mass.
+    """
     rows = list(vector.rows.values())
     n_parts = 2 if vector.is_complex else 1
     if any(len(parts) != n_parts for parts in rows):

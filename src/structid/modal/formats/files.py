@@ -217,7 +217,10 @@ def _array(path: Path, data: Mapping[str, object], key: str, n_axes: int, prefix
 
 
 def _texts(path: Path, data: Mapping[str, object], key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
-    """List of texts under `key` of JSON `data`; `FileError` if the value is no list of texts."""
+    """List of texts under `key` of JSON `data`; `FileError` if the value is no list of texts.
+
+    `default` is taken where the key is missing.
+    """
     texts = data.get(key, default)
     if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
         raise FileError(f"{path}: `{key}` must be a list of texts, got {_short(texts)}; write it again")

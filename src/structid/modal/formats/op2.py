@@ -169,7 +169,10 @@ def _tables(path: Path, content: bytes, words: _Words) -> Iterator[_Table]:
 
 
 def _vectors(path: Path, table: _Table, words: _Words, system: int) -> Iterator[tuple[VectorKey, complex, PrintedMode]]:
-    """Key, eigenvalue (omega^2, or s of complex modes) and mode of each eigenvector in a table."""
+    """Key, eigenvalue (omega^2, or s of complex modes) and mode of each eigenvector in a table.
+
+    `system` is the number of the coordinate system of the vectors.
+    """
     for heading, data in zip(table.parts[0::2], table.parts[1::2], strict=False):
         if len(heading) != _HEADING * words.size:
             continue

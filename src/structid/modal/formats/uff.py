@@ -239,7 +239,10 @@ def _read_datasets(path: Path, blocks: Sequence[Block], notes: list[str]) -> lis
 
 
 def _drop_duplicates(path: Path, modes: list[_Mode], notes: list[str]) -> list[_Mode]:
-    """Modes with one shape each: displacements preferred, and one mode of each conjugate pair."""
+    """Modes with one shape each: displacements preferred, and one mode of each conjugate pair.
+
+    Remarks are appended to `notes`.
+    """
     numbers = {mode.number for mode in modes}
     if len(numbers) > 1:
         first, second = ([mode for mode in modes if mode.number == number] for number in (55, 2414))
@@ -297,6 +300,8 @@ def _units(path: Path, blocks: Sequence[Block], options: ModeFileOptions) -> tup
 def _mass_factors(modes: Sequence[_Mode], unit: float, notes: list[str]) -> list[complex]:
     """Factors that scale each shape to unit modal mass (kg); empty if a mode's modal mass is not stated.
 
+    Remarks are appended to `notes`.
+
     Parameters
     ----------
     unit : float
@@ -323,7 +328,10 @@ def _mass_factors(modes: Sequence[_Mode], unit: float, notes: list[str]) -> list
 def _turn_to_global_axes(
     universal: UniversalNodes, nodes: Sequence[int], values: NDArray[np.complex128], notes: list[str]
 ) -> None:
-    """Turn `values` (mode, node, direction) of nodes with their own displacement systems to global axes, in place."""
+    """Turn `values` (mode, node, direction) of nodes with their own displacement systems to global axes, in place.
+
+    Remarks are appended to `notes`.
+    """
     n_turned = 0
     for i, node in enumerate(nodes):
         axes = universal.axes(node)
@@ -348,7 +356,10 @@ def _turn_to_global_axes(
 
 
 def _read_55(where: str, lines: list[str]) -> _Mode | str:
-    """Mode in one dataset 55 of a universal file (its `lines`), or words on why it holds no mode."""
+    """Mode in one dataset 55 of a universal file (its `lines`), or words on why it holds no mode.
+
+    `where` names the dataset in errors.
+    """
     kind = _Kind(*_integers_of(where, lines, 5, 6, "record 6"))
     if words := kind.objection():
         return words
@@ -366,7 +377,10 @@ def _read_55(where: str, lines: list[str]) -> _Mode | str:
 
 
 def _read_2414(where: str, lines: list[str]) -> _Mode | str:
-    """Mode in one dataset 2414 of a universal file (its `lines`), or words on why it holds no mode."""
+    """Mode in one dataset 2414 of a universal file (its `lines`), or words on why it holds no mode.
+
+    `where` names the dataset in errors.
+    """
     (location,) = _integers_of(where, lines, 2, 1, "record 3")
     kind = _Kind(*_integers_of(where, lines, 8, 6, "record 9"))
     if words := kind.objection():
@@ -400,7 +414,10 @@ def _complex(reals: Sequence[float]) -> _Stated:
 
 
 def _make_mode(where: str, number: int, kind: _Kind, lines: list[str], begin: int, stated: _Stated) -> _Mode:
-    """The mode of a dataset whose nodes begin at line `begin`; `stated` is its eigenvalue (rad/s), damping ratio and modal mass."""
+    """The mode of a dataset whose nodes begin at line `begin`; `stated` is its eigenvalue (rad/s), damping ratio and modal mass.
+
+    `where` names the dataset in errors, `number` is that of the dataset.
+    """
     s, ratio, mass = stated
     if not np.isfinite([s.real, s.imag, mass.real, mass.imag]).all():
         raise FileError(f"{where} has an eigenvalue or modal mass that is not finite; export it again")
@@ -421,7 +438,10 @@ def _make_mode(where: str, number: int, kind: _Kind, lines: list[str], begin: in
 def _read_nodes(
     where: str, lines: list[str], begin: int, n_values: int, is_complex: bool
 ) -> dict[int, NDArray[np.complex128]]:
-    """Motion (6,) of each node label: each node has a line with its label, then its values."""
+    """Motion (6,) of each node label: each node has a line with its label, then its values.
+
+    `where` names the dataset in errors; the nodes begin at line `begin`.
+    """
     n_numbers = n_values * (2 if is_complex else 1)
     step = 1 + -(-n_numbers // 6)
     nodes: dict[int, NDArray[np.complex128]] = {}

@@ -88,6 +88,10 @@ def lscf(record: FrfRecord, options: ModalOptions) -> ModalIdentification:
 
 
 def _bands(record: FrfRecord, options: ModalOptions) -> list[tuple[float, float]]:
+    """Frequency bands (low, high), Hz, in which modes are identified: those of the options, or the range of the criteria.
+
+    `InputError` unless the record is one of FRFs, or if two bands overlap.
+    """
     if not isinstance(record, FrfRecord):
         raise InputError("`record` must be an FrfRecord; compute FRFs with frf_from_time, which needs a force channel")
     if not options.bands:
@@ -97,6 +101,10 @@ def _bands(record: FrfRecord, options: ModalOptions) -> list[tuple[float, float]
 
 
 def _of_band(record: FrfRecord, low: float, high: float, options: ModalOptions) -> _BandModes:
+    """Modes of FRFs between `low` and `high` (Hz): stable poles over the model orders, refined by least squares.
+
+    `NoModesError` if no mode is stable.
+    """
     band = frf_band(record, low, high)
     poles = pole_sweep(band, options.orders, options.criteria)
     selection = picked_poles(poles.sweep, band.output_scale, options)
@@ -181,7 +189,10 @@ def _refined(
 
 
 def _settled(band: FrfBand, start: PolesAndParticipation) -> tuple[PolesAndParticipation, FrfData, bool]:
-    """Minimum of the fit of one band, with as many powers of s for the modes outside the band as pay (`_wider`)."""
+    """Least-squares fit of the modes in one band from `start`: poles, data with their weights, and True if it converged.
+
+    Powers of s that stand for modes outside the band are added as long as they lower the misfit enough.
+    """
     data, at = _data(band, band.variance), start
     for gain in (1e-3, 1e-5):
         data = _weighted(band, data, at)
@@ -200,9 +211,11 @@ def _settled(band: FrfBand, start: PolesAndParticipation) -> tuple[PolesAndParti
 def _wider(
     data: FrfData, at: PolesAndParticipation, widths: Sequence[tuple[int, int]]
 ) -> tuple[tuple[int, int], FrfData, PolesAndParticipation] | None:
-    """The first of `widths` that pays, that of the least misfit at the poles as they are coming first.
+    """Wider powers of s for the modes outside the band, with the data and poles refitted; None where none of them pays.
 
-    With no more than half of the values taken up, and each new unknown worth `_PAYS` mean squares of the residual.
+    `widths` are candidate numbers of powers below and above; the one with the least misfit at the present poles is tried first.
+    No more than half of the values may be taken up, and each new unknown must lower the misfit by `_PAYS` mean squares of the
+    residual.
     """
     cost, freedom = misfit(data, at), _freedom(data, at)
     trials = [(width, replace(data, outside=_outside(*width))) for width in widths]
@@ -227,9 +240,9 @@ def _weighted(band: FrfBand, data: FrfData, at: PolesAndParticipation) -> FrfDat
 
 
 def _weakest(modes: FrfModes) -> np.ndarray:
-    """The mode least sure to be there, if its shape against the shape's covariance is within what noise can feign.
+    """Mask (n_modes,) of the mode least certain to exist, where noise alone could explain its shape; else all False.
 
-    The sum over outputs of phi' cov^-1 phi counts as a gain in likelihood, which must pay Schwarz's (1978) price of
+    The sum over outputs of phi' cov^-1 phi counts as a gain in likelihood, which must exceed Schwarz's (1978) price of
     log(number of values) for each unknown of the mode.
     """
     n_outputs, n = modes.shapes.shape
@@ -252,9 +265,9 @@ def _data(band: FrfBand, variance: FloatArray | None) -> FrfData:
 
 
 def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) -> FloatArray:
-    """Mean square residual of each FRF of `band` over the lines around each one, not below rounding.
+    """Mean square residual of each FRF of `band` over the lines around each line, which is left out, not below rounding.
 
-    The line itself is left out: a weight that knew its own error would make that error look small.
+    A weight that included the error of its own line would make that error look small.
     """
     scale = band.output_scale[:, None] * band.input_scale
     power = np.abs(residuals(data, at) / data.weights / scale) ** 2
@@ -267,6 +280,7 @@ def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) 
 
 
 def _lost(at: PolesAndParticipation, band: FrfBand, options: ModalOptions) -> np.ndarray:
+    """Mask (n_modes,) of the poles that left the band or the criteria during the fit."""
     size = np.abs(at.poles)
     frequency, (low, high) = size / (2 * np.pi), band.edges
     inside = replace(options.criteria, frequency=(0.0, np.inf)).meets(frequency, -at.poles.real / size)

@@ -191,12 +191,16 @@ def misfit(data: FrfData, at: PolesAndParticipation) -> float:
 def refined(
     data: FrfData, start: PolesAndParticipation, gain: float = _SMALL_GAIN
 ) -> tuple[PolesAndParticipation, bool]:
-    """The nearest minimum of `misfit`, and True if it was reached: steps go on while each promises `gain` of the misfit."""
+    """The nearest minimum of the FRF misfit from the poles and participation `start`, and True if it was reached.
+
+    Steps continue while each promises to lower the misfit by the fraction `gain`.
+    """
     n_free = len(start.free)
     if not n_free:
         return start, True
 
     def normal(changes: FloatArray) -> NormalEquations:
+        """Normal equations of the misfit after `changes` of the unknowns (poles and participation)."""
         matrix, gradient, cost = np.zeros((n_free, n_free)), np.zeros(n_free), 0.0
         for block in output_blocks(data, start.moved(changes), start.free):
             matrix = matrix + block.slope.T @ block.slope

@@ -107,6 +107,8 @@ def residue_shapes(
 ) -> ComplexArray:
     """Shapes phi of all outputs with poles and participation given, (n_outputs, n_modes).
 
+    `power` is 0, 1 or 2 for receptance, mobility or accelerance.
+
     Parameters
     ----------
     values : (n_lines, n_outputs, n_inputs) complex array

@@ -204,7 +204,10 @@ def _largest_change(modes: FrfModes, mode: int, top: int) -> ComplexArray:
 
 
 def _mass_change(modes: FrfModes, mode: int, point: DrivingPoint) -> tuple[complex, ComplexArray]:
-    """The factor c with c^2 = 2 i omega_d l_d / phi_d, and its relative change."""
+    """The factor c with c^2 = 2 i omega_d l_d / phi_d, and its relative change.
+
+    `mode` is the index of the mode, and l_d and phi_d are its participation and shape at the driving point.
+    """
     s, phi = modes.at.poles[mode], modes.shapes[point.output, mode]
     own = modes.at.participation[point.input, mode]
     change = np.zeros(len(modes.covariance) + 4, dtype=complex)

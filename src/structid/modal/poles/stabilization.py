@@ -157,7 +157,10 @@ def likely_modes(every: Sequence[Cluster]) -> tuple[Cluster, ...]:
 
 
 def _nearest_before(s: ComplexArray, shapes: ComplexArray, number: IntArray, n_orders: int) -> FloatArray:
-    """Distance of every pole to the nearest pole of the next lower order; infinite if there is none."""
+    """Distance of every pole to the nearest pole of the next lower order, (n_poles,); infinite if there is none.
+
+    `s` (n_poles,) and `shapes` (n_channels, n_poles) are of all poles, `number` is the index of the order of each.
+    """
     nearest = np.full(len(s), np.inf)
     edges = np.searchsorted(number, np.arange(n_orders + 1)).tolist()
     for first, here, after in zip(edges[:-2], edges[1:-1], edges[2:], strict=True):
@@ -180,7 +183,10 @@ def _two_means_boundary(values: FloatArray) -> float:
 
 
 def _linked(distance: FloatArray, number: IntArray, width: float) -> IntArray:
-    """Cluster labels 1, 2, ... of poles by average linkage up to `width`, at most one pole of each order in one."""
+    """Cluster labels 1, 2, ... of poles by average linkage up to `width`, at most one pole of each order in one.
+
+    `distance` (n_poles, n_poles) is that between poles, `number` the index of the order of each.
+    """
     if len(distance) < 2:
         return np.ones(len(distance), dtype=int)
     from scipy.cluster.hierarchy import fcluster, linkage
@@ -227,7 +233,10 @@ class _Pool:
 
 
 def _cluster(members: IntArray, pool: _Pool, distance: FloatArray) -> Cluster:
-    """Cluster of the poles `members` of a pool, with its central pole, stability and spread."""
+    """Cluster of the poles `members` of a pool, with its central pole, stability and spread.
+
+    `distance` (n_poles, n_poles) is that between the poles of the pool.
+    """
     s, number = pool.poles[members], pool.number[members]
     total = distance[np.ix_(members, members)].sum(axis=1)
     omega, chosen = np.abs(s), int(total.argmin())

@@ -210,7 +210,10 @@ def _smooth_end_corrected(z: FloatArray, derivative: FloatArray, to_z: FloatArra
 def _independent_motions(
     motion: FreeMotion, tolerance: float, n_modes: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Maps between channels y and independent motions z, <z z'> = 1, and relative eigenvalues of <y y'>."""
+    """Maps between channels y and independent motions z, <z z'> = 1, and relative eigenvalues of <y y'>.
+
+    Relative eigenvalues below `tolerance` count as zero.
+    """
     if not 0 < tolerance < 1:
         raise InputError(f"`tolerance` must lie between 0 and 1, got {tolerance!r}")
     scale = _channel_scale(motion.base, motion.channels)
@@ -231,7 +234,10 @@ def _independent_motions(
 
 
 def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
-    """Scale of each channel: root mean square of all translations or of all rotations."""
+    """Scale of each channel: root mean square of all translations or of all rotations.
+
+    `base` (n_times, n_channels) are the samples.
+    """
     turning = np.array([dof.is_rotation for dof in channels])
     scale = np.ones(len(channels))
     for group in (turning, ~turning):
@@ -245,7 +251,7 @@ def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
 def _real_where_close(eigenvalues: NumberArray, x: NumberArray) -> tuple[NumberArray, NumberArray]:
     """Eigenvalues and vectors with nearly real conjugate pairs replaced by two real vectors each.
 
-    Pairs stand side by side, the positive imaginary part first, as LAPACK gives them.
+    Pairs stand side by side, the positive imaginary part first, as LAPACK gives them. `x` holds the vectors as columns.
     """
     if np.isrealobj(eigenvalues):
         return eigenvalues, x
@@ -258,7 +264,10 @@ def _real_where_close(eigenvalues: NumberArray, x: NumberArray) -> tuple[NumberA
 
 
 def _omega(eigenvalues: NumberArray, step: float) -> tuple[FloatArray, NDArray[np.bool_], tuple[str, ...]]:
-    """Circular frequencies (rad/s), mask of the meaningful ones, and notes on the others."""
+    """Circular frequencies (rad/s), mask of the meaningful ones, and notes on the others.
+
+    `eigenvalues` are those of the quotient, omega^2; `step` is the time step of a second difference, s, else 0.
+    """
     size = np.abs(eigenvalues)
     value = np.where(eigenvalues.imag == 0, np.maximum(eigenvalues.real, 0.0), size)
     kept = eigenvalues.real >= -1e-9 * size.max()
@@ -320,7 +329,10 @@ def _require_oscillation(omega: FloatArray, duration: float, pair: str) -> None:
 
 
 def _doubts(found: StationaryValues, omega: FloatArray, pair: str, form: str, n_modes: int | None) -> tuple[str, ...]:
-    """Notes on what makes the modes doubtful; `omega` holds their circular frequencies (rad/s), increasing."""
+    """Notes on what makes the modes doubtful; `omega` holds their circular frequencies (rad/s), increasing.
+
+    `pair` and `form` are the options of `pseudo_rayleigh`.
+    """
     motion, gram, rank = found.motion, found.gram_eigenvalues, len(found.eigenvalues)
     # the printed forms push neighbours apart, to a gap of order 1 / T whatever the true one
     apart = np.sqrt(np.maximum(found.unsymmetrized.real, 0.0)) if form in _SYMMETRIC else omega
@@ -361,7 +373,10 @@ def _slow_modes(omega: FloatArray, duration: float, pair: str) -> list[str]:
 
 
 def _close_modes(apart: FloatArray, duration: float, form: str) -> list[str]:
-    """Notes on neighbouring modes too close in frequency for the `duration` (s) of the records."""
+    """Notes on neighbouring modes too close in frequency for the `duration` (s) of the records.
+
+    `apart` are the circular frequencies of the modes, rad/s; `form` is that of the quotient.
+    """
     effect = (
         "their frequencies are pushed apart and their shapes mixed; use the form 'end_corrected' or 'exact', and measure"
         if form in _SYMMETRIC

@@ -143,7 +143,10 @@ def _bands(data: Outputs, options: ModalOptions, notes: list[str]) -> tuple[Band
 
 
 def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptions, notes: list[str]) -> Band:
-    """Frequency band given by the user, with the places (Hz) of its modes: as given, at peaks, or at the maximum."""
+    """Frequency band given by the user, with the places (Hz) of its modes: as given, at peaks, or at the maximum.
+
+    `low` and `high` are its ends, Hz; remarks are appended to `notes`.
+    """
     top = spectrum.frequency[-1]
     if high > top:
         raise InputError(f"`bands` must lie between 0 and {top:g} Hz, got ({low:g}, {high:g}); sample faster")
@@ -162,7 +165,10 @@ def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptio
 
 
 def _doubts(number: int, band: Band, found: Posterior, data: Outputs) -> list[str]:
-    """Notes on a frequency band whose modes are doubtful."""
+    """Notes on a frequency band whose modes are doubtful.
+
+    `number` is that of the band.
+    """
     words, spacing = [], 1 / data.duration
     where = f"band {number}, {band.low:.4g} to {band.high:.4g} Hz"
     if not found.converged:
@@ -204,7 +210,10 @@ def _modal_record(
 
 
 def _unit_largest(shapes: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shapes with largest entry 1, and the standard deviation of every entry."""
+    """Shapes with largest entry 1, and the standard deviation of every entry.
+
+    `covariances` are those of each shape, (n_modes, n_channels, n_channels).
+    """
     unit, std = np.empty_like(shapes), np.empty_like(shapes)
     for r, (shape, covariance) in enumerate(zip(shapes.T, covariances, strict=True)):
         top = int(np.abs(shape).argmax())

@@ -110,13 +110,13 @@ def chart(centre: BandModes) -> Chart:
     return Chart(centre, np.array(tangents))
 
 
-def coordinates(place: Chart) -> FloatArray:
+def coordinates(chart: Chart) -> FloatArray:
     """Coordinates x of the centre of a chart, (size,)."""
-    m, x = place.centre.n_modes, np.zeros(place.size)
-    root = np.linalg.cholesky(place.centre.force)
+    m, x = chart.centre.n_modes, np.zeros(chart.size)
+    root = np.linalg.cholesky(chart.centre.force)
     size, below = root.diagonal().real, np.tril_indices(m, -1)
     ratio = root[below] / size[below[0]]
-    tail = np.concatenate([np.log(size), ratio.real, ratio.imag, [np.log(place.centre.noise)]])
+    tail = np.concatenate([np.log(size), ratio.real, ratio.imag, [np.log(chart.centre.noise)]])
     x[-len(tail) :] = tail
     return x
 
@@ -218,12 +218,12 @@ def negative_log_likelihood(data: BandLines, modes: BandModes) -> float:
     return solved(data, modes, force_spectra(transfer(data, modes)[0], modes)).value
 
 
-def gradient(data: BandLines, place: Chart, x: FloatArray) -> tuple[float, FloatArray]:
+def gradient(data: BandLines, chart: Chart, x: FloatArray) -> tuple[float, FloatArray]:
     """Negative log-likelihood at coordinates `x` (size,) of a chart, and its gradient (size,).
 
     With W_k = E_k^-1 - a_k a_k^*, a_k = E_k^-1 F_k, the change is the sum of tr(W_k dE_k).
     """
-    modes, m = modes_at(place, x), place.centre.n_modes
+    modes, m = modes_at(chart, x), chart.centre.n_modes
     h, dh_f, dh_zeta = transfer(data, modes)
     spectra = force_spectra(h, modes)
     found = solved(data, modes, spectra)
@@ -241,7 +241,7 @@ def gradient(data: BandLines, place: Chart, x: FloatArray) -> tuple[float, Float
     outside = found.a.T @ (found.seen.conj()[:, None, :] @ spectra)[:, 0]
     slope_shape = 2 * (modes.shapes @ inside - outside.real)
     return found.value, np.concatenate([
-        place.centre.damping_ratio * slope_f, slope_zeta, _along_tangents(place, x, modes, slope_shape),
+        chart.centre.damping_ratio * slope_f, slope_zeta, _along_tangents(chart, x, modes, slope_shape),
         _of_triangle(root, slope_root), [modes.noise * slope_noise],
     ])  # fmt: skip
 
@@ -254,7 +254,7 @@ def _along_tangents(place: Chart, x: FloatArray, modes: BandModes, slope: FloatA
 
 
 def _of_triangle(root: ComplexArray, slope: ComplexArray) -> FloatArray:
-    """Gradient by the coordinates of a Cholesky factor L, from the gradient by L itself."""
+    """Gradient by the coordinates of a lower Cholesky factor `root`, from the gradient `slope` by its entries."""
     below, size, lower = np.tril_indices(len(root), -1), root.diagonal().real, np.tril(root)
     slope_log = np.sum(slope.real * lower.real + slope.imag * lower.imag, axis=1)
     part = slope[below] * size[below[0]]

@@ -72,10 +72,9 @@ def posterior(data: BandLines, places: Sequence[float]) -> Posterior:
 
 
 def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, float, FloatArray]:
-    """Chart at the minimum found by Newton's method, the decrease still expected, and the Hessian there.
+    """Chart at the minimum found by at most `n_steps` of Newton's method, the decrease still expected, and the Hessian there.
 
-    A chart centred where it ends, the fall of twice the negative log-likelihood that is still to be expected (Newton's
-    decrement), and the Hessian there; NaN where the steps did not suffice.
+    The decrease is that of twice the negative log-likelihood (Newton's decrement); NaN where the steps did not suffice.
     """
     place = chart(modes)
     unknown = np.full((place.size,) * 2, np.nan)
@@ -102,11 +101,14 @@ def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, flo
     return place, decrement, unknown
 
 
-def _shortened(data: BandLines, place: Chart, x: FloatArray, step: FloatArray) -> FloatArray:
-    """Step shortened to 1 in every coordinate, and so that frequencies and damping ratios stay sensible."""
+def _shortened(data: BandLines, chart: Chart, x: FloatArray, step: FloatArray) -> FloatArray:
+    """Step shortened to 1 in every coordinate, and so that frequencies and damping ratios stay sensible.
+
+    `x` are the coordinates at which `step` begins.
+    """
     step = step / max(1.0, float(np.abs(step).max()))
-    m = place.centre.n_modes
-    low, high = _limits(data, place.centre)
+    m = chart.centre.n_modes
+    low, high = _limits(data, chart.centre)
     step[: 2 * m] = np.clip(x[: 2 * m] + step[: 2 * m], low, high) - x[: 2 * m]
     return np.asarray(step)
 
@@ -137,11 +139,11 @@ def _refined(data: BandLines, modes: BandModes) -> Posterior:
     return Posterior(modes, covariance, shapes, decrement < _DECREMENT)
 
 
-def hessian(data: BandLines, place: Chart, x: FloatArray) -> FloatArray:
+def hessian(data: BandLines, chart: Chart, x: FloatArray) -> FloatArray:
     """Hessian of the negative log-likelihood at coordinates `x`, by differences of its gradient; (size, size)."""
     rows = []
     for e in np.eye(len(x)) * _STEP:
-        rows.append((gradient(data, place, x + e)[1] - gradient(data, place, x - e)[1]) / (2 * _STEP))
+        rows.append((gradient(data, chart, x + e)[1] - gradient(data, chart, x - e)[1]) / (2 * _STEP))
     return np.asarray((np.array(rows) + np.array(rows).T) / 2)
 
 
@@ -187,7 +189,10 @@ def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
 
 
 def _rough(data: BandLines, places: Sequence[float], zetas: Sequence[float], shapes: FloatArray) -> BandModes:
-    """Rough modal parameters with force spectra fitted to given frequencies (Hz), damping ratios and shapes."""
+    """Rough modal parameters with force spectra fitted to given frequencies (Hz), damping ratios and shapes.
+
+    `places` are the frequencies, `zetas` the damping ratios.
+    """
     m, n = len(places), data.n_channels
     frequency = np.array(places, dtype=float)
     for r in range(1, m):  # modes that begin alike stay alike

@@ -115,7 +115,11 @@ def efdd(record: SpectrumRecord | CorrelationRecord, options: ModalOptions | Non
 
 
 def _bell(frequency: FloatArray, vectors: ComplexArray, matrix: ComplexArray, line: int) -> _Bell:
-    """The lines around a peak whose first singular vector resembles the peak's, seen through the vectors of the peak."""
+    """The spectral lines around a peak whose first singular vector resembles that of the peak: its spectral bell.
+
+    `frequency` (n_lines,), `vectors` (first singular vectors) and `matrix` (spectral matrices) are of all lines, `line` is the
+    index of the peak.
+    """
     left = vectors[line]
     right = matrix[line].conj().T @ left
     alike = np.abs(vectors.conj() @ left) ** 2 >= COHERENCE
@@ -136,7 +140,24 @@ def _mode(
     n_draws: int,
     rng: np.random.Generator,
 ) -> tuple[float, float, float, float]:
-    """Frequency (Hz) and its deviation, damping ratio and its deviation; NaN where the bell is too narrow for them."""
+    """Frequency (Hz) and its deviation, damping ratio and its deviation of one mode; NaN where its bell is too narrow.
+
+    Parameters
+    ----------
+    bell : _Bell
+        Spectral lines around the peak.
+    peak : float
+        Frequency of the peak, Hz.
+    duration : float
+        One over the spacing of the lines, s.
+    windows : tuple of callable
+        Windows that the averages may have had.
+    averages : float
+        Number of averages behind each line.
+    n_draws : int
+        Number of random spectra for the deviations; NaN without.
+    rng : numpy Generator
+    """
     if len(bell.offset) < _FEWEST_LINES:
         return peak, np.nan, np.nan, np.nan
     values = bell.values[None]
@@ -158,7 +179,9 @@ def _mode(
 
 
 def _scatter(n_lines: int, averages: float, n_draws: int, rng: np.random.Generator) -> FloatArray:
-    """Factors (n_draws, n_lines) by which averages of that number under Hann windows scatter a spectrum of one motion."""
+    """Random factors (n_draws, n_lines) by which a spectrum from so many `averages` under Hann windows scatters about
+    its mean.
+    """
     count = min(max(round(averages), 1), _DRAWN)
     parts = rng.standard_normal((2, n_draws, count, n_lines + 2))
     parts = sum(weight * parts[..., k : k + n_lines] for k, weight in enumerate(_HANN))
@@ -214,7 +237,11 @@ def _half_hann_window(part: FloatArray) -> FloatArray:
 def _notes(
     peaks: FloatArray, ratio: FloatArray, spacing: float, is_spectrum: bool, has_deviations: bool
 ) -> tuple[str, ...]:
-    """Warnings on the assumptions behind damping ratios, and on modes at `peaks` (Hz) whose `ratio` is NaN."""
+    """Warnings on the assumptions behind damping ratios, and on modes at `peaks` (Hz) whose `ratio` is NaN.
+
+    `spacing` is that of the lines, Hz; `is_spectrum` is False of correlation functions, `has_deviations` says that the
+    number of averages is known.
+    """
     notes = []
     if is_spectrum:
         notes.append(

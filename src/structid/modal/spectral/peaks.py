@@ -111,7 +111,10 @@ def default_segment(data: Outputs) -> int:
 
 
 def singular_spectrum(data: Outputs, segment: int) -> Spectrum:
-    """Singular value decomposition of the Welch spectral matrix at every line, with Hann windows."""
+    """Singular value decomposition of the Welch spectral matrix at every line, with Hann windows.
+
+    `segment` is the number of samples in a segment.
+    """
     data = centred(data)
     window = hann(segment)
     total, count = np.zeros((segment // 2 + 1, data.n_channels, data.n_channels), dtype=complex), 0
@@ -310,7 +313,7 @@ def mode_places(spectrum: Spectrum, low: float, high: float, peaks: Sequence[int
     Between two peaks of different shape the second singular value has one crest, where the modes change places. Modes
     that fall together show one peak and one crest. So there are as many modes as peaks, or one more than crests. Crests
     count near the top of a peak only, where the first singular value is down by less than 5: those in the valleys
-    between separate modes are explained.
+    between separate modes are explained. `low` and `high` are the ends of the band, Hz, `peaks` the lines of peaks.
     """
     frequency = spectrum.frequency
     inside = [int(k) for k in peaks if low <= frequency[k] <= high]

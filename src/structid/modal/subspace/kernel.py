@@ -79,9 +79,23 @@ def shift_invariant(
     windows: Sequence[Piece] = (),
     complete: bool = False,
 ) -> Subspace:
-    """Subspace from the singular value decomposition of a block Hankel `matrix` with one-sample shifts.
+    """Subspace from the singular value decomposition of a block Hankel `matrix` whose block rows are one sample apart.
 
-    The decomposition is `complete` where that is asked for or there are several windows, for a covariance.
+    Parameters
+    ----------
+    matrix : (n_rows, n_columns) float array
+    data : Outputs
+        The records behind it.
+    method : str
+        Name of the subspace method.
+    max_order : int
+        Largest model order.
+    parts : callable, optional
+        Gives the parts of the matrix from windows of the data.
+    windows : sequence of Piece
+        Windows for a covariance; with several the decomposition is complete.
+    complete : bool
+        Whether all singular vectors are computed.
     """
     left, singular, right = _singular_vectors(matrix, max_order, complete or len(windows) > 1)
     m, n = data.n_channels, min(max_order, len(singular), len(matrix) - data.n_channels)

@@ -62,7 +62,19 @@ def pencil(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) ->
 
 
 def ssi_cov(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
-    """Subspace by covariance-driven stochastic subspace identification; the parameters are of `pencil`."""
+    """Subspace by covariance-driven stochastic subspace identification.
+
+    Parameters
+    ----------
+    data : Outputs
+        Free decays or ambient motion.
+    block_rows : int
+        Delays on either side, at least 2.
+    max_order : int
+        Greatest number of states.
+    n_pieces : int
+        Pieces of the data for the covariance of the result.
+    """
     require_length(data, 2 * block_rows, max_order)
     windows = pieces(data, 0, 2 * block_rows, n_pieces)
     parts = partial(lag_hankels, rows=block_rows, columns=block_rows, offset=1)
@@ -71,12 +83,23 @@ def ssi_cov(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -
 
 
 def ssi_data(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
-    """Subspace by data-driven stochastic subspace identification; the parameters are of `pencil`.
+    """Subspace by data-driven stochastic subspace identification.
 
     With L L' the sum of P P' over the window, the projection is the pencil's sum of F P' times L^-T. Where the past
     is too close to singular for that (L's diagonal spans more than four decades, as in motion without noise), it
     comes from a QR decomposition of all samples, which costs 8 i^2 n^2 N for i delays and n channels. `parts` are
     weighted by L^-T in turn; they are None where the past is singular.
+
+    Parameters
+    ----------
+    data : Outputs
+        Free decays or ambient motion.
+    block_rows : int
+        Delays on either side, at least 2.
+    max_order : int
+        Greatest number of states.
+    n_pieces : int
+        Pieces of the data for the covariance of the result.
     """
     require_length(data, 2 * block_rows, max_order)
     windows = pieces(data, block_rows - 1, block_rows, n_pieces)

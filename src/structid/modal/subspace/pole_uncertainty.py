@@ -127,7 +127,10 @@ def _decay_fraction(data: Outputs, poles: ComplexArray) -> float:
 
 
 def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
-    """Ratio of the highest spectral level near the `poles` (rad/s) to the median level."""
+    """Ratio of the highest spectral level near the `poles` (rad/s) to the median level.
+
+    `y` are the samples (n_times, n_channels).
+    """
     n = len(y)
     size = np.sqrt(np.mean(y**2, axis=0))
     window = np.sin(np.pi * (np.arange(n) + 0.5) / n)[:, None]
@@ -235,6 +238,7 @@ def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_ch
     """Deviations of the subspace matrix by noise, estimated from shifted residuals of a free decay.
 
     Pieces of a decay are no repeats of each other, and what noise does at the end of one the next one undoes.
+    `n_changes` is the number of deviations.
     """
     assert subspace.parts is not None
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]
@@ -303,9 +307,10 @@ def pole_deviations(
 
 
 def _left_change(subspace: Subspace, right: FloatArray, left: FloatArray, order: int) -> FloatArray:
-    """First-order change (n_rows, order) of the leading left singular vectors that alters their span.
+    """First-order change (n_rows, order) of the leading left singular vectors of the subspace matrix by a change of the matrix.
 
-    Directions at the level of rounding, which noise-free motion leaves, stay as they are.
+    `right` is that change times the leading right singular vectors, `left` its transpose times the left ones. Directions at the
+    level of rounding, as of noise-free motion, stay unchanged.
     """
     u, s, v = subspace.left, subspace.singular, subspace.right
     known = s[:order] > np.finfo(float).eps * len(u) * s[0]

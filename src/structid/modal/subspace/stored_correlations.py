@@ -174,7 +174,10 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
 def error_deviations(
     record: CorrelationRecord, averages: int, subspace: Subspace, rows: int, columns: int, max_order: int
 ) -> Deviations:
-    """Deviations of the block Hankel matrix by errors of correlation functions whose references are all channels."""
+    """Deviations of the block Hankel matrix by errors of correlation functions whose references are all channels.
+
+    `averages` is the number behind each function; the matrix has so many block `rows` and `columns`.
+    """
     order = [record.references.index(dof) for dof in record.channels]
     scale = subspace.data.scale
     functions = record.values[:, :, order] / (scale[:, None] * scale)
@@ -210,7 +213,10 @@ def drawn_errors(functions: FloatArray, averages: float, n_draws: int) -> Iterat
 
 
 def _split(poles: ComplexArray, shapes: ComplexArray, probability: FloatArray) -> NDArray[np.bool_]:
-    """Mask (n_modes,) of poles that a surer one of the same shape stands for: noise splits a mode in two."""
+    """Mask (n_modes,) of poles that a surer one of the same shape stands for: noise splits a mode in two.
+
+    `probability` (n_modes,) tells how sure each pole is.
+    """
     likeness = mac(shapes, shapes)
     width = 2 * np.abs(poles.real)
     is_split = np.zeros(len(poles), dtype=bool)
@@ -224,7 +230,8 @@ def _split(poles: ComplexArray, shapes: ComplexArray, probability: FloatArray) -
 def _shape(record: CorrelationRecord, scale: FloatArray, block_rows: int | None) -> tuple[int, int]:
     """Block rows and block columns of the Hankel matrix, which take one lag less than their sum.
 
-    They cover a period of the lowest motion that has a part of the power, as far as there are lags.
+    They cover a period of the lowest motion that has a part of the power, as far as there are lags. `scale` is the size
+    of each channel, `block_rows` the option.
     """
     n_lags, n_channels, n_references = record.values.shape
     lines = np.abs(np.fft.rfft(record.values / scale[:, None], 2 * n_lags, axis=0)).sum(axis=(1, 2))

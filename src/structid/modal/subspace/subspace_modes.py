@@ -118,6 +118,7 @@ def _until_noise(data: Outputs, motion: FreeDecay, n_least: int) -> Outputs | No
     """Records cut where their free decay is lost in the noise; None if more than half of them would be kept.
 
     What comes after tells nothing of the modes, but its noise hides those that die out first from a subspace method.
+    `n_least` is the least number of samples to keep.
     """
     series = []
     for y, decay, rest in zip(data.series, motion.decay, motion.rest, strict=True):
@@ -131,20 +132,33 @@ def _until_noise(data: Outputs, motion: FreeDecay, n_least: int) -> Outputs | No
 
 
 def _with_left_over(
-    data: Outputs, sweep: Sequence[Poles], picked: list[tuple[int, int]], found: tuple[Cluster, ...], motion: FreeDecay,
+    data: Outputs, sweep: Sequence[Poles], picked: list[tuple[int, int]], chosen_clusters: tuple[Cluster, ...], motion: FreeDecay,
     options: ModalOptions, notes: list[str],
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], FreeDecay]:  # fmt: skip
-    """Chosen poles, clusters and decay, with missing modes added if the residual shows more than noise.
+    """The chosen poles, their clusters and the free decay, with missing modes added if its residual is more than noise.
 
-    Modes of high damping scatter over the orders, and their clusters are too small to be taken for modes.
+    Heavily damped modes scatter over the orders, so that their clusters are too small to be taken for modes.
+
+    Parameters
+    ----------
+    data : Outputs
+    sweep : sequence of Poles
+        Poles of each model order.
+    picked : list of (order number, pole index)
+    chosen_clusters : tuple of Cluster
+    motion : FreeDecay
+        The records split into free decay and residual.
+    options : ModalOptions
+    notes : list of str
+        A warning is appended where more than noise is left.
     """
-    every = clusters(sweep, data.scale, options.criteria, keep_all=True)
-    candidates = np.array([sweep[c.number[c.chosen]].poles[c.index[c.chosen]] for c in every if c.size > 1])
+    all_clusters = clusters(sweep, data.scale, options.criteria, keep_all=True)
+    candidates = np.array([sweep[c.number[c.chosen]].poles[c.index[c.chosen]] for c in all_clusters if c.size > 1])
     start = poles_of(sweep, picked)
     fit = decay_fit(data, start)
     poles = start if fit is None else fit.poles
     if fit is not None and is_near(poles, start) and not is_left_over(data, poles, candidates):
-        return picked, found, motion
+        return picked, chosen_clusters, motion
     poles = _pursued(data, poles, candidates)
     wider = free_decay(data, poles)
     if not wider.explains_all or is_left_over(data, poles, candidates):
@@ -152,9 +166,9 @@ def _with_left_over(
             "the free decay holds more than these modes and white noise: modes may be missing, and standard deviations too "
             "small. Read the part that is free motion (`start`, `stop`), or give `orders` or `frequencies`"
         )
-        return picked, found, motion
+        return picked, chosen_clusters, motion
     chosen = _nearest(sweep, poles)
-    return chosen, tuple(_around(sweep, every, *place) for place in chosen), wider
+    return chosen, tuple(_around(sweep, all_clusters, *place) for place in chosen), wider
 
 
 def _pursued(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> ComplexArray:
@@ -187,9 +201,11 @@ def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int
     return chosen
 
 
-def _around(sweep: Sequence[Poles], every: Sequence[Cluster], number: int, index: int) -> Cluster:
-    """Cluster of poles that holds the pole `index` of order `number`, or a new one of that pole alone."""
-    for cluster in every:
+def _around(sweep: Sequence[Poles], all_clusters: Sequence[Cluster], number: int, index: int) -> Cluster:
+    """The cluster that holds the pole `index` of order `number`, with that pole chosen, or a new one of that pole
+    alone.
+    """
+    for cluster in all_clusters:
         here = np.flatnonzero((cluster.number == number) & (cluster.index == index))
         if len(here):
             return replace(cluster, chosen=int(here[0]))
@@ -205,7 +221,11 @@ def poles_of(sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]) -> Compl
 def _damped(
     sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions, before: ComplexArray
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str], tuple[Cluster, ...]]:
-    """Chosen poles of ambient motion without undamped ones, and notes on the undamped ones left out."""
+    """Chosen poles (order number, pole index) of ambient motion, their clusters, notes, and the other clusters.
+
+    `before` are the poles that would be chosen with undamped ones allowed; a note names those left out. `scale`
+    (n_channels,) divides shapes before they are compared.
+    """
     selection = picked_poles(sweep, scale, options)
     picked = selection.places
     omega, undamped = np.abs(poles_of(sweep, picked)), np.abs(before[before.real >= 0])
@@ -221,18 +241,21 @@ def _damped(
 
 
 def _standing_out(
-    data: Outputs, sweep: Sequence[Poles], picked: list[tuple[int, int]], found: tuple[Cluster, ...], motion: FreeDecay,
+    data: Outputs, sweep: Sequence[Poles], picked: list[tuple[int, int]], chosen_clusters: tuple[Cluster, ...], motion: FreeDecay,
     notes: list[str],
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], FreeDecay]:  # fmt: skip
-    """Chosen poles of a free decay without those that do not stand out of the noise, which are noted."""
+    """The chosen poles, their clusters and the free decay, without modes that do not stand out of the noise.
+
+    `picked` are pairs of order number and pole index; modes left out are named in `notes`.
+    """
     s = poles_of(sweep, picked)
     keep = stands_out(data, s)
     if keep.all() or not keep.any():
-        return picked, found, motion
+        return picked, chosen_clusters, motion
     listed = ", ".join(f"{f:.4g}" for f in np.sort(np.abs(s[~keep])) / (2 * np.pi))
     notes.append(f"stable poles that do not stand out of the noise of the decay are left out: {listed} Hz")
     kept = np.flatnonzero(keep)
-    return [picked[i] for i in kept], tuple(found[i] for i in kept), free_decay(data, s[kept])
+    return [picked[i] for i in kept], tuple(chosen_clusters[i] for i in kept), free_decay(data, s[kept])
 
 
 def _keep_certain_modes(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> ModalIdentification:
@@ -297,7 +320,10 @@ def _block_rows(data: Outputs, given: int | None) -> int:
 
 
 def _orders(data: Outputs, rows: int, given: Sequence[int] | None) -> list[int]:
-    """Model orders to be tried, as given or all even ones; `InputError` if they exceed the matrix."""
+    """Model orders to be tried, as given or all even ones; `InputError` if they exceed the matrix.
+
+    `rows` is the number of block rows.
+    """
     room = (rows - 1) * data.n_channels
     orders = list(range(2, min(MAX_ORDER, room) + 1, 2)) if given is None else sorted({int(n) for n in given})
     if not orders or orders[0] < 1 or orders[-1] > room:
@@ -331,7 +357,10 @@ class PickedPoles:
 
 
 def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions) -> PickedPoles:
-    """Poles of the `sweep` over orders chosen as modes: the ones nearest given frequencies, or of stable clusters."""
+    """Poles of the `sweep` over orders chosen as modes: the ones nearest given frequencies, or of stable clusters.
+
+    `scale` (n_channels,) divides shapes before they are compared.
+    """
     criteria, frequencies = options.criteria, options.frequencies
     if len(sweep) == 1:
         places = [(0, int(i)) for i in criteria.indices(sweep[0])]
@@ -398,7 +427,7 @@ def numbers_of(found: Sequence[Cluster]) -> list[int]:
 def surest_poles(
     subspace: Subspace,
     sweep: Sequence[Poles],
-    found: Sequence[Cluster],
+    chosen_clusters: Sequence[Cluster],
     changes: PoleChanges,
     seconds: float,
     piece: float | None = None,
@@ -417,32 +446,39 @@ def surest_poles(
     Au (2014), Uncertainty law in ambient modal identification, part I: theory, Mech. Syst. Signal Process. 48, 15-33: the
     variance of a frequency f is at least zeta f / (2 pi T) in T seconds.
     """
-    start = poles_of(sweep, [cluster.place for cluster in found])
+    start = poles_of(sweep, [cluster.place for cluster in chosen_clusters])
     memory = _memory(start)
 
     def std(poles: ComplexArray, moved: ComplexArray) -> FloatArray:
+        """Standard deviations (2, n_poles) of frequencies (Hz) and damping ratios from changes `moved` (n_changes,
+        n_poles) of poles.
+        """
         batches = moved if piece is None else overlapping_batches(moved, moved[:, None], piece, memory)[0]
         slope = frequency_damping_slope(poles)
         both = np.concatenate([batches.real, batches.imag], axis=1) @ slope.T
         return np.asarray(np.sqrt(np.sum(both**2, axis=0)).reshape(2, -1))
 
-    clusters, ds, dshape = list(found), changes.poles.copy(), changes.shapes.copy()
+    clusters, ds, dshape = list(chosen_clusters), changes.poles.copy(), changes.shapes.copy()
     least = np.sqrt(np.maximum(-start.real, 0.0) / seconds) / (2 * np.pi)
     surest = std(start, ds)
-    likely = np.array([cluster.probability >= least_probability for cluster in found])
+    likely = np.array([cluster.probability >= least_probability for cluster in chosen_clusters])
     tries = dict.fromkeys(np.flatnonzero(likely & (surest[0] > _WIDE * least)).tolist(), _MORE_ORDERS)
-    numbers = [k for m in tries for k in found[m].number.tolist()]
+    numbers = [k for m in tries for k in chosen_clusters[m].number.tolist()]
     for k in sorted(set(numbers), key=lambda k: (-numbers.count(k), k)):
-        modes = [m for m, left in tries.items() if left and k in found[m].number and found[m].place[0] != k]
+        modes = [
+            m
+            for m, left in tries.items()
+            if left and k in chosen_clusters[m].number and chosen_clusters[m].place[0] != k
+        ]
         if not modes:
             continue
         tries |= {m: tries[m] - 1 for m in modes}
-        member = [int(np.flatnonzero(found[m].number == k)[0]) for m in modes]
-        index = [int(found[m].index[j]) for m, j in zip(modes, member, strict=True)]
+        member = [int(np.flatnonzero(chosen_clusters[m].number == k)[0]) for m in modes]
+        index = [int(chosen_clusters[m].index[j]) for m, j in zip(modes, member, strict=True)]
         moved, shapes = pole_deviations(subspace, changes.spread, sweep[k].order, index)
         own = std(sweep[k].poles[index], moved)
         for i, (m, j) in enumerate(zip(modes, member, strict=True)):
-            cluster = found[m]
+            cluster = chosen_clusters[m]
             apart = (
                 abs(cluster.frequency[j] - cluster.frequency[cluster.chosen]),
                 abs(cluster.damping_ratio[j] - cluster.damping_ratio[cluster.chosen]),
@@ -463,7 +499,10 @@ def _modal_record(
     subspace: Subspace, sweep: Sequence[Poles], picked: list[tuple[int, int]], motion: FreeDecay,
     changes: PoleChanges | None, notes: list[str],
 ) -> ModalRecord:  # fmt: skip
-    """Modal record of the chosen poles, with shapes scaled to largest entry 1, covariance and notes."""
+    """Modal record of the chosen poles, with shapes scaled to largest entry 1, covariance and notes.
+
+    `picked` are pairs of order number and pole index.
+    """
     data = subspace.data
     s = poles_of(sweep, picked)
     raw = np.stack([sweep[k].shapes[:, i] for k, i in picked], axis=1)
@@ -520,7 +559,10 @@ def _memory(s: ComplexArray) -> float:
 def changes_of_poles(
     subspace: Subspace, spread: Deviations, sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Changes of poles (rad/s) and shapes of chosen modes from models of several orders; see `pole_deviations`."""
+    """Changes of poles (rad/s) and shapes of chosen modes from models of several orders; see `pole_deviations`.
+
+    `picked` are pairs of order number and pole index.
+    """
     n_pieces = len(spread.right)
     ds = np.empty((n_pieces, len(picked)), dtype=complex)
     dshape = np.empty((n_pieces, subspace.data.n_channels, len(picked)), dtype=complex)

@@ -101,6 +101,7 @@ def _orders(text: str) -> tuple[int, ...]:
 
 
 def _numbers(name: str, text: str) -> tuple[float, ...]:
+    """The numbers in a text with commas; `InputError` that names the option `name` if a word is no number."""
     try:
         return tuple(float(word) for word in text.split(",") if word.strip())
     except ValueError as error:

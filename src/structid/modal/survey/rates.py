@@ -138,7 +138,9 @@ def _same_modes(low: ModalRecord, high: ModalRecord) -> list[tuple[int, int]]:
 
 
 def _likely_alone(look: ModalIdentification, other: ModalRecord, taken: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask (n_modes,) of modes of one look that are likely, where no mode of the other one that is `taken` is near."""
+    """Mask (n_modes,) of the likely modes of `look` that have no neighbour among the modes `taken` of the `other`
+    analysis.
+    """
     modes = look.modes
     gap = np.abs(modes.frequency[:, None] - other.frequency[taken])
     width = 2 * np.nan_to_num(modes.damping_ratio) * modes.frequency + 3 * np.nan_to_num(modes.frequency_std)

@@ -123,7 +123,10 @@ def _require_numbers(path: Path, array: np.ndarray, allowed: str, what: str) -> 
 
 
 def _per_channel(path: Path, name: str, entries: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """One entry for each of `count` channels from the option `name`: one for all, or as many as channels."""
+    """One entry for each of `count` channels from the option `name`: one for all, or as many as channels.
+
+    `entries` are those of the option.
+    """
     if len(entries) == 1:
         return entries * count
     if len(entries) != count:
@@ -134,7 +137,10 @@ def _per_channel(path: Path, name: str, entries: tuple[str, ...], count: int) ->
 def channel_units(
     path: Path, channels: tuple[Dof, ...], options: ReadOptions
 ) -> tuple[tuple[Quantity, ...], NDArray[np.float64]]:
-    """Quantity and factor to SI, (n_channels,), of each of `channels`, from the options `quantities` and `units`."""
+    """Quantity and factor to SI, (n_channels,), of each of `channels`, from the options `quantities` and `units`.
+
+    `path` is named in errors.
+    """
     if not options.units:
         quantities = _per_channel(path, "quantities", options.quantities, len(channels))
         for quantity in quantities:

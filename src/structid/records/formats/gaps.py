@@ -100,7 +100,8 @@ def _describe_gaps(
 ) -> str:
     """A message on the gaps of each channel (first sample, one after the last): the first one, totals and remedies.
 
-    `missing` is the mask (n_times, n_channels), `rate` in Hz and `start` in s.
+    `missing` is the mask (n_times, n_channels), `rate` in Hz and `start` in s. `named` says that the file names its
+    channels.
     """
     j, (a, b) = min(((j, runs[0]) for j, runs in gaps.items()), key=lambda entry: entry[1])
     longest = max(b - a for runs in gaps.values() for a, b in runs)

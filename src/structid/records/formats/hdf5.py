@@ -84,7 +84,10 @@ def _with_stated_units(
 
 
 def _agree(key: str, option: str | tuple[str, ...], stated: tuple[str, ...]) -> bool:
-    """True if the units `option` by an option are the units `stated` by a file, one for all or one for each channel."""
+    """True if the units `option` by an option are the units `stated` by a file, one for all or one for each channel.
+
+    `key` is the name of the option.
+    """
     parse: Callable[[str], object] = {"unit": parse_frf_unit, "units": parse_unit, "axis_unit": parse_frequency_unit}[
         key
     ]

@@ -102,7 +102,10 @@ def scale_of_times(described: str, name: str, unit: str, times: FloatArray, opti
 
 
 def _stated_scale_of_times(described: str, name: str, unit: str, options: ReadOptions) -> float:
-    """Factor from times to s that the column or the option `axis_unit` says."""
+    """Factor from times to s that the column or the option `axis_unit` says.
+
+    `described` begins error messages.
+    """
     try:
         by_file = time_factor(name, unit)
     except InputError as error:
@@ -127,7 +130,8 @@ def _stated_scale_of_times(described: str, name: str, unit: str, options: ReadOp
 def _require_no_dates(described: str, times: FloatArray, scale: float, options: ReadOptions) -> None:
     """Raise `InputError` for times in s that look like dates of a spreadsheet, days since 1900; `described` begins the message.
 
-    Seconds of a day lie between the same numbers, but hardly at 50 kHz and more.
+    Seconds of a day lie between the same numbers, but hardly at 50 kHz and more. `scale` turns the written times into
+    s.
     """
     step = float(times[-1] - times[0]) / max(len(times) - 1, 1)
     if scale != 1.0 or not _DATES[0] < times[0] < _DATES[1] or not 0 < step < _SHORTEST:
@@ -295,7 +299,10 @@ def _require_samples(part: NamedChannels, j: int) -> None:
 def _require_names_agree(
     part: NamedChannels, quantities: Sequence[str], factors: Sequence[float], options: ReadOptions
 ) -> None:
-    """Raise `FileError` if the name of a channel says another unit than that which it is read in."""
+    """Raise `FileError` if the name of a channel says another unit than that which it is read in.
+
+    `factors` turn the channels' values into SI.
+    """
     for j, (name, quantity, factor) in enumerate(zip(part.names, quantities, factors, strict=True)):
         text = other_unit_in_name(name, parse_unit, quantity.removeprefix("support_"), factor)
         if text:

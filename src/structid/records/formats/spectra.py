@@ -148,7 +148,10 @@ def _matrix_of_array(
     n_points: int | None,
     points: str,
 ) -> _MatrixOfArray:
-    """The array that the options choose, of shape (n_points, n_channels, n_references); `points` names what comes first."""
+    """The array that the options choose, of shape (n_points, n_channels, n_references); `points` names what comes first.
+
+    `load` gives the values of an array by its name.
+    """
     require_option(path, options, "channels", "where its channels were measured")
     if not options.quantities and not options.units:
         require_option(path, options, "units", "what its channels hold (of the motion, such as g; or quantities=...)")

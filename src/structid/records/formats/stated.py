@@ -241,8 +241,10 @@ def _judge_scale(
 ) -> str:
     """A note on a factor, an offset or a sensitivity of an array that is not applied; "" where it changes nothing.
 
-    As an attribute of the array itself it may stand only beside units that say what the values are, since a gain may be taken out
-    already and an offset may be one of time; a packed array, and one of whole numbers, is refused by `FileError`.
+    As an attribute of the array itself it may stand only beside units that say what the values are, since a gain may be
+    taken out already and an offset may be one of time; a packed array, and one of whole numbers, is refused by
+    `FileError`. `key` is the plain name of the statement `name`; `is_own` says that it is an attribute of the array
+    itself.
     """
     try:
         numbers = np.ravel(value)
@@ -299,7 +301,10 @@ def _compare_units(path: Path, array: str, name: str, texts: tuple[str, ...], op
 def _require_rate(
     path: Path, name: str, key: str, value: np.ndarray, n_points: int, rate: float, of_times: tuple[float, ...]
 ) -> None:
-    """Raise `InputError` if a rate (Hz), a step (s) or the times of the samples contradict the sampling rate in Hz."""
+    """Raise `InputError` if a rate (Hz), a step (s) or the times of the samples contradict the sampling rate in Hz.
+
+    `key` is the plain name of the statement `name`, `value` what it says, and `n_points` the number of samples.
+    """
     numbers = np.ravel(value).astype(float)
     if key in _TIMES and numbers.size == n_points > 2 and numbers[-1] > numbers[0]:
         stated = (n_points - 1) / (numbers[-1] - numbers[0])

@@ -100,7 +100,10 @@ def decimation_filter(rate: float, ratio: Fraction) -> Fir:
 
 
 def decimate(values: FloatArray, ratio: Fraction, fir: Fir, keep_edges: bool) -> tuple[FloatArray, int]:
-    """`values` (n_times, n_channels) at the rate times `ratio`, and how many new samples were dropped at the start."""
+    """`values` (n_times, n_channels) at the rate times `ratio`, and how many new samples were dropped at the start.
+
+    With `keep_edges`, samples at the ends are kept although the filter sees only a part of the record there.
+    """
     from scipy.signal import resample_poly
 
     up, down = ratio.numerator, ratio.denominator
@@ -116,7 +119,7 @@ def band_filter(low: float, high: float, rate: float) -> Fir:
     """FIR filter that passes `low` to `high` Hz within 0.01 dB; `low` 0 or `high` at the Nyquist frequency leave an end open.
 
     It is down by 60 dB from half of `low` down, and from a quarter above `high` up (or half way to the Nyquist
-    frequency, if that is nearer).
+    frequency, if that is nearer). `rate` is the sampling rate, Hz.
     """
     taps: FloatArray = np.ones(1)
     if high < rate / 2:

@@ -149,7 +149,10 @@ def _power(record: TimeRecord, columns: list[int], segment: int) -> tuple[FloatA
 
 
 def _aliasing(record: TimeRecord, motion: list[int]) -> list[Finding]:
-    """Finding if much power lies just below the Nyquist frequency, where an anti-alias filter leaves little; or none."""
+    """Finding if much power lies just below the Nyquist frequency, where an anti-alias filter leaves little; or none.
+
+    `motion` are the indices of the motion channels.
+    """
     lines, power = _power(record, motion, min(512, len(record.values) // 2))
     nyquist = record.sampling_rate / 2
     fraction = power[lines > _TOP * nyquist].sum(axis=0) / power.sum(axis=0)
@@ -167,7 +170,10 @@ def _aliasing(record: TimeRecord, motion: list[int]) -> list[Finding]:
 
 
 def _mains(record: TimeRecord, motion: list[int]) -> list[Finding]:
-    """Findings on narrow lines of steady amplitude at multiples of 50 and 60 Hz."""
+    """Findings on narrow lines of steady amplitude at multiples of 50 and 60 Hz.
+
+    `motion` are the indices of the motion channels.
+    """
     rate, n = record.sampling_rate, len(record.values)
     segment = min(round(rate / _LINE), n // 5)
     spacing = rate / max(segment, 1)
@@ -188,7 +194,10 @@ def _mains(record: TimeRecord, motion: list[int]) -> list[Finding]:
 def _harmonic_at(
     record: TimeRecord, motion: list[int], lines: FloatArray, power: FloatArray, frequency: float
 ) -> Finding | None:
-    """Finding on a line of steady amplitude at `frequency` Hz, or None; `power` (n_lines, n_channels) belongs to `lines` in Hz."""
+    """Finding on a line of steady amplitude at `frequency` Hz, or None; `power` (n_lines, n_channels) belongs to `lines` in Hz.
+
+    `motion` are the indices of the motion channels.
+    """
     from scipy.stats import chi2
 
     spacing = lines[1] - lines[0]

@@ -89,7 +89,10 @@ def _repeats(record: TimeRecord, length: int) -> bool:
 
 
 def _is_at_rest(record: TimeRecord, length: int) -> bool:
-    """True if the motion is at rest at the start or the end of the segments."""
+    """True if the motion is at rest at the start or the end of the segments.
+
+    `length` is the number of samples in a segment.
+    """
     parts = _normalized_segments(record, length)
     end = max(int(_END * length), 1)
     if not len(parts):

@@ -241,7 +241,10 @@ def _trapezoid(nodes: FloatArray, width: FloatArray, laplace: ComplexArray) -> F
 
 
 def _exact_weights(nodes: FloatArray, spacing: FloatArray, laplace: ComplexArray) -> FloatArray:
-    """Integrals of the Poisson kernel times the hat function of each node, (n_laplace, n_nodes)."""
+    """Integrals of the Poisson kernel times the hat function of each node, (n_laplace, n_nodes).
+
+    `spacing` is that between neighbouring nodes.
+    """
     depth = laplace.real[:, None]
     away = (nodes - laplace.imag[:, None]) / depth
     zeroth = np.arctan(away) / np.pi

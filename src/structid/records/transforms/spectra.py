@@ -199,7 +199,10 @@ def _average_spectra(
     step: int,
     detrend: Detrend,
 ) -> tuple[Spectra, int]:
-    """Spectra averaged over all segments, and the number of segments; `columns` are those of inputs and outputs."""
+    """Spectra averaged over all segments, and the number of segments; `columns` are those of inputs and outputs.
+
+    `weights` are those of the window; segments begin `step` samples apart.
+    """
     if detrend not in ("constant", "linear", "none"):
         raise InputError(f"`detrend` must be constant, linear or none, got {detrend!r}")
     lines, (loads, sensors) = weights.size // 2 + 1, columns
@@ -222,7 +225,10 @@ def _average_spectra(
 
 
 def _require_separable(spectra: Spectra, count: int, inputs: tuple[Dof, ...], frequency: FloatArray) -> None:
-    """Raise `InputError` if an input has no power at a line, or inputs are coherent."""
+    """Raise `InputError` if an input has no power at a line, or inputs are coherent.
+
+    `count` is the number of segments.
+    """
     power = np.einsum("fii->fi", spectra.inputs).real
     silent = np.argwhere(power <= 0)
     if silent.size:
@@ -379,7 +385,10 @@ def estimate_frf(
 
 
 def _values(h1: ComplexArray, spectra: Spectra, estimator: Estimator) -> ComplexArray:
-    """FRFs of the estimator H1, H2 or Hv from averaged spectra, (n_lines, n_outputs, n_inputs)."""
+    """FRFs of the estimator H1, H2 or Hv from averaged spectra, (n_lines, n_outputs, n_inputs).
+
+    `h1` are the FRFs of H1.
+    """
     if estimator == "H1":
         return h1
     if estimator == "Hv":

@@ -280,7 +280,10 @@ class _Search:
                 return
 
     def remove(self, frequency: float, is_automatic: bool) -> str:
-        """Take the tone near `frequency` (Hz) off and return no words, or words why there is none."""
+        """Take the tone near `frequency` (Hz) off and return no words, or words why there is none.
+
+        `is_automatic` says that it was looked for, not named by the user.
+        """
         if not self.is_inside(frequency):
             return f"no tone is taken off at {frequency:g} Hz, which is too near to half the sampling rate"
         if _count_time_constants(frequency, self.duration) < _FEWEST:
@@ -357,7 +360,10 @@ class _Search:
         return [line, wandering]
 
     def improved(self, rough: _Evidence, noise: FloatArray) -> _Evidence:
-        """Evidence with its phase refined, or as it is where it is too weak (`_DOUBTFUL`)."""
+        """Evidence with its phase refined, or as it is where it is too weak (`_DOUBTFUL`).
+
+        `noise` (n_channels,) is the power of a line of random motion.
+        """
         if rough.log_probability > _DOUBTFUL:
             return rough
         phase = self.refined(rough.phase)
@@ -451,7 +457,10 @@ def _line_noise(blocks: ComplexArray) -> FloatArray:
 
 
 def _judge_blocks(blocks: ComplexArray, phase: _Phase, n_fitted: int, noise: FloatArray) -> _Evidence:
-    """Evidence for a tone in `blocks` whose phase was taken off, against random motion of the damping of a mode or more."""
+    """Evidence for a tone in `blocks` whose phase was taken off, against random motion of the damping of a mode or more.
+
+    `n_fitted` is the number of coefficients of the phase, `noise` (n_channels,) the power of a line of random motion.
+    """
     n = len(blocks)
     lines = np.fft.fft(blocks / np.sqrt(noise), axis=0) / np.sqrt(n)
     power = (np.abs(lines) ** 2).sum(axis=1)

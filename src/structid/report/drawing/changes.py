@@ -76,7 +76,10 @@ class Look:
 
 
 def look(shading: Shading | None, element: str, index: int) -> Look:
-    """Colour and style of one element; grey if `shading` has no value for it."""
+    """Colour and style of one element; grey if `shading` has no value for it.
+
+    `index` is that of the element in the set `element`.
+    """
     change = shading.changes.get((element, index)) if shading else None
     if shading is None or change is None:
         return Look()

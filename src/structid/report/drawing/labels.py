@@ -62,7 +62,10 @@ def place(
 
 
 def _candidates(label: Label, half: FloatArray, gap: float) -> list[FloatArray]:
-    """Centres to try for a label: the wanted direction, then turned by up to 135 degrees, then farther out."""
+    """Centres to try for a label: the wanted direction, then turned by up to 135 degrees, then farther out.
+
+    `half` is half the size of the text, `gap` the distance from the anchor.
+    """
     found = []
     for distance in (1.0, 2.5, 4.5):
         for turn in (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75):

@@ -21,7 +21,10 @@ _MOST_MAPS = 2
 
 
 def mac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plot.Figure:
-    """Matrix figure of the MAC between measured and model modes, one panel for each model, pairs framed."""
+    """Matrix figure of the MAC between measured and model modes, one panel for each model, pairs framed.
+
+    `words` name the models.
+    """
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "MAC")
     panels, largest = [], 1
     for part, word in zip(parts, words, strict=True):
@@ -57,7 +60,10 @@ def _frames(cells: FloatArray) -> list[plot.Curve]:
 
 
 def comac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plot.Figure:
-    """Bar chart of COMAC and ECOMAC of every sensor, for one or two models."""
+    """Bar chart of COMAC and ECOMAC of every sensor, for one or two models.
+
+    `words` name the models.
+    """
     names = [str(dof) for dof in parts[-1].measured.channels]
     panels = (
         _bars(names, "sensor", plot.Axis("COMAC", "1", (0.0, 1.05)), [part.comac for part in parts], words),
@@ -65,14 +71,17 @@ def comac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plo
     )
     caption = (
         "By sensor, over all pairs. COMAC: 1 where the sensor follows the model in every mode; a sensor that is only turned"
-        " round keeps its COMAC. ECOMAC: mean distance of the scaled shapes, 0 where they agree; sense, gain or place of a"
-        " sensor that stands out are to be checked."
+        " round keeps its COMAC. ECOMAC: mean distance of the scaled shapes, 0 where they agree. Check sense, gain and position"
+        " of a sensor that stands out."
     )
     return plot.Figure(panels, (1050.0, 300.0), 1, caption)
 
 
 def frac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> plot.Figure:
-    """Bar chart of FRAC of every response function, one panel for each load."""
+    """Bar chart of FRAC of every response function, one panel for each load.
+
+    `words` name the models.
+    """
     record = parts[-1].record
     names = [str(dof) for dof in record.outputs]
     panels = tuple(
@@ -94,7 +103,10 @@ def frac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> 
 
 
 def fdac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> plot.Figure | None:
-    """Matrix figure of FDAC for the first loads and each model; None if there is a single output."""
+    """Matrix figure of FDAC for the first loads and each model; None if there is a single output.
+
+    `words` name the models.
+    """
     if any(part.fdac is None for part in parts):
         return None
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "FDAC")
@@ -112,7 +124,7 @@ def fdac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> 
             title = _title(word, len(parts)) + (f", load {load}" if len(part.record.inputs) > 1 else "")
             panels.append(replace(plot.panel(x, y, cells, diagonal, scale=scale), equal=True, title=title.lstrip(", ")))
     caption = (
-        "Frequency domain assurance criterion: likeness of the operating shapes at every pair of lines. A ridge of ones below"
+        "Frequency domain assurance criterion: agreement of the operating shapes at every pair of lines. A ridge of ones below"
         " the dashed diagonal: the model has the same shapes at higher frequencies, it is too stiff or too light; above it,"
         " too soft or too heavy."
     )
@@ -127,7 +139,10 @@ def _bars(
     words: Sequence[str],
     title: str = "",
 ) -> plot.Panel:
-    """Bar chart panel with a group for each of `names` and a bar for each of `values`."""
+    """Bar chart panel with a group for each of `names` and a bar for each of `values`.
+
+    `label` names the groups, `words` name the bars in a group.
+    """
     positions, count = np.arange(len(names), dtype=float), len(values)
     width = 0.8 / count
     traces: list[plot.Trace] = []

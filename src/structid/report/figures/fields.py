@@ -46,7 +46,10 @@ def field_figures(identification: Identification) -> dict[str, plot.Figure]:
 def _field_figure(
     drawn: Picture, names: tuple[str, str], change: FloatArray, std: FloatArray, limit: float
 ) -> plot.Figure:
-    """Figure of relative change beside its standard deviation, by element, with significant areas outlined."""
+    """Figure of relative change beside its standard deviation, by element, with significant areas outlined.
+
+    `limit` is the end of the colour scale.
+    """
     name, elements = names
     texts = [f"{percent(c)} ± {percent(s, 2, signed=False)}" for c, s in zip(change, std, strict=True)]
     sides = [

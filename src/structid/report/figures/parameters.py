@@ -78,7 +78,10 @@ def parameters_figure(identification: Identification) -> plot.Figure:
 def _ratio_limits(
     ratio: FloatArray, interval: FloatArray, prior: FloatArray, sure: np.ndarray
 ) -> tuple[float, float, bool]:
-    """Axis limits that hold identified parameters, intervals and priors, and True for a logarithmic axis."""
+    """Axis limits that hold identified parameters, intervals and priors, and True for a logarithmic axis.
+
+    `ratio`, `interval` and `prior` are relative to initial values; `sure` masks identified parameters.
+    """
     ends = np.concatenate([[1.0], ratio[sure], interval[sure].ravel(), prior.ravel()])
     ends = ends[np.isfinite(ends)]
     centre = np.append(ratio[sure & np.isfinite(ratio)], 1.0)

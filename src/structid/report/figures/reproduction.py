@@ -61,7 +61,10 @@ def _curve(curve: Curve, index: int, below: int, log: bool) -> plot.Curve:
 
 
 def _band(curve: Curve, index: int, log: bool, highest: float) -> plot.Area:
-    """Filled area from low to high end of a curve; infinite ends are drawn at the `highest` value."""
+    """Filled area from low to high end of a curve in the colour number `index`; infinite ends are drawn at the `highest` value.
+
+    `log` tells that the axis is logarithmic.
+    """
     ends = (curve.y if end is None else end for end in (curve.low, curve.high))
     low, high = (_drawable(np.where(np.isposinf(end), highest, end), log) for end in ends)
     x, gaps = np.asarray(curve.x, dtype=float), np.isnan(low + high)

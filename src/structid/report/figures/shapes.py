@@ -117,7 +117,10 @@ def _placed(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry)
 
 
 def _equal_axes(positions: FloatArray, motion: ComplexArray, used: list[int]) -> tuple[plot.Axis, ...]:
-    """Axes with equal margins (m) that hold every mode at every phase."""
+    """Axes with equal margins (m) that hold every mode at every phase.
+
+    `motion` (n_modes, n_points, n_axes) is complex; `used` are the indices of the axes.
+    """
     reach = np.abs(motion).max(axis=0)
     low, high = (positions - reach).min(axis=0), (positions + reach).max(axis=0)
     pad = 0.04 * float(np.max(high - low))
@@ -126,7 +129,10 @@ def _equal_axes(positions: FloatArray, motion: ComplexArray, used: list[int]) ->
 
 
 def _paths(geometry: Geometry, nodes: list[int], seen: set[int]) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
-    """Paths along lines between two sensors, and along all other lines; lone points on their own."""
+    """Paths along lines between two sensors, and along all other lines; lone points on their own.
+
+    `nodes` are the node labels in order, `seen` the indices of those with a sensor.
+    """
     chains: dict[bool, list[int]] = {True: [], False: []}
     touched = set()
     for line in geometry.lines:

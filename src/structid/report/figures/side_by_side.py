@@ -39,7 +39,7 @@ def side_by_side_figure(part: ModesCorrelation) -> plot.Figure | None:
     caption = (
         "Sensors in a row in the order of the channels, as the nodes of the structure have no places."
         if scene is None
-        else "Black: measured shape, carried on to the structure, with dots at the sensors as they were measured. Red: the"
+        else "Black: measured shape, carried on to the structure, with dots at the sensors as they were measured. Orange: the"
         " model's, in the same scale. Grey: at rest."
     )
     if len(pairs) > len(chosen):
@@ -158,7 +158,10 @@ def _spans(nodes: IntArray) -> list[tuple[int, int]]:
 
 
 def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[plot.Panel, ...]:
-    """Plot panels of mode pairs, measured shape beside model shape, all with the same axes."""
+    """Plot panels of mode pairs, measured shape beside model shape, all with the same axes.
+
+    `chosen` are the indices of the measured modes.
+    """
     structure = part.structure
     like = part.model.mode_shapes @ part.coefficients[:, chosen]
     carried = like if part.expanded is None else part.expanded.shapes[:, chosen]
@@ -220,7 +223,10 @@ def _curve(
 
 
 def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, ...]:
-    """Plot panels of mode pairs without geometry: both shapes over the sensors in order."""
+    """Plot panels of mode pairs without geometry: both shapes over the sensors in order.
+
+    `chosen` are the indices of the measured modes.
+    """
     names = [str(dof) for dof in part.measured.channels]
     positions = np.arange(len(names), dtype=float)
     x = plot.Axis("sensor", limits=(-0.5, len(names) - 0.5), ticks=plot.named_ticks(names, 40))

@@ -284,7 +284,7 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
     fit = found.goodness
     chance = f"{fit.degrees_of_freedom} degrees of freedom, probability {number(fit.chi_square_probability, 2)}"
     steps = f"{plural(found.search.n_iterations, 'iteration')}; {found.message}"
-    remark = "; an error of 1 % in the force is one of 1 % here" if identification.mass.rests_on_force else ""
+    remark = "; an error of 1 % in the force is one of 1 % here" if identification.mass.scale_from_force else ""
     weighed = (
         (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}{remark}")
         if has_mass
@@ -315,7 +315,10 @@ def _span(frequency: FloatArray) -> str:
 
 
 def _gaps(whole: FloatArray, used: FloatArray) -> str:
-    """Words on frequency stretches inside the band that were left out."""
+    """Words on frequency stretches inside the band that were left out.
+
+    `whole` and `used` are the frequencies of the record and of the fit, Hz.
+    """
     inside = whole[(whole >= used[0]) & (whole <= used[-1])]
     out = ~np.isin(inside, used)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(int), [0]])))

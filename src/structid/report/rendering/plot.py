@@ -326,8 +326,8 @@ def matrix_panel(
 ) -> Panel:
     """Heat map panel of a matrix with a name for every row and column, first row on top.
 
-    Without `columns` it is square, with the names of the rows and the same `label` on both axes. Values are written into
-    the cells of a small matrix, to two decimals.
+    Without `columns` it is square, with the names of the rows and the same `label` on both axes; `across` is the label of the
+    columns otherwise. Values are written into the cells of a small matrix, to two decimals.
     """
     names = tuple(columns) or tuple(rows)
     n, m = len(rows), len(names)

@@ -147,7 +147,10 @@ def plotted(figure: Figure, axes: Axes | Sequence[Axes] | None = None) -> Pictur
 def _whole_panel(
     picture: Picture, axes: Axes, panel: Panel, handles: dict[str, Artist], width: float, named: tuple[bool, bool]
 ) -> None:
-    """Draw a panel of one strip with its axes; `named` tells if the x and the y axis get a title."""
+    """Draw a panel of one strip with its axes; `named` tells if the x and the y axis get a title.
+
+    Legend entries are added to `handles`; `width` is that of the axes in pixels.
+    """
     _panel(axes, panel, handles)
     _scale(axes, "x", panel.x, width, named[0])
     _scale(axes, "y", panel.strips[0].y, width, named[1])

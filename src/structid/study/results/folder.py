@@ -67,7 +67,10 @@ def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
 
 
 def _move_into(temporary: Path, folder: Path, page: str) -> None:
-    """Move the files of `temporary` into `folder`: the whole folder at once if there is none, else file by file."""
+    """Move the files of `temporary` into `folder`: the whole folder at once if there is none, else file by file.
+
+    `page` is the name of the page.
+    """
     if not folder.exists():
         temporary.rename(folder)
         return
@@ -90,8 +93,7 @@ def _move_into(temporary: Path, folder: Path, page: str) -> None:
 def write_results(result: StudyResult, folder: Path) -> None:
     """Write estimate.json, estimate.h5 and study.toml into the existing `folder`, and parameters.csv if there are very many.
 
-    For a study with a solver, the updated deck too. The same result gives the same bytes, but for the file that says where
-    the study is, seen from the folder.
+    For a study with a solver, the updated deck is written too. Equal results give equal bytes, except for the path of the study.
     """
     (folder / "estimate.json").write_text(json_text(estimate_summary(result)), encoding="utf-8")
     if not result.identification.estimate.uncertainty.has_matrix:
@@ -142,7 +144,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         **record_summaries(answer.fits),
         **modal_summary(answer),
         "total_mass": {"value": answer.mass.total, "std": answer.mass.std, "unit": "kg"},
-        "rests_on_force": answer.mass.rests_on_force,
+        "scale_from_force": answer.mass.scale_from_force,
         **_fixed_values(view.diagnosis.sensitivities),
         **_tolerances(estimate),
         **({"parameters": [_parameter(one) for one in view.parameters]} if has_matrix else changes_summary(estimate)),

@@ -276,7 +276,10 @@ def results_view(
 
 
 def _next_step(diagnosis: Diagnosis, is_searched: bool, is_any_doubtful: bool) -> str:
-    """Sentence on the one thing to do next; "" where nothing is."""
+    """Sentence on the one thing to do next; "" where nothing is.
+
+    `is_searched` says that causes were looked for, `is_any_doubtful` that a parameter is doubtful.
+    """
     verdict = diagnosis.judgement.verdict
     if verdict == "wrong_model" and diagnosis.causes:
         first = diagnosis.causes[0]
@@ -340,7 +343,11 @@ def _parameters(identification: Identification) -> tuple[ParameterResult, ...]:
     estimate = identification.estimate
     n_params = len(estimate.names)
     chosen = range(n_params) if estimate.uncertainty.has_matrix else largest_changes(estimate, MOST_CHANGES)
-    shares = np.full(n_params, np.nan) if identification.priors.share is None else identification.priors.share
+    shares = (
+        np.full(n_params, np.nan)
+        if identification.priors.variance_fraction is None
+        else identification.priors.variance_fraction
+    )
     tolerances = np.zeros(n_params) if estimate.fixed is None else estimate.fixed.std
     bounds = {bound.index: bound for bound in estimate.spread.at_bound}
     parts = [problem.parameters for problem in identification.problems]

@@ -118,9 +118,10 @@ def checked_mesh(setup: AnySetup, problem: RecordProblem, theta: FloatArray | No
 def mesh_warnings(
     setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: Sequence[FloatArray]
 ) -> tuple[str, ...]:
-    """Warnings for an answer: modes that the mesh shifts by more than the deviations with which they were fitted.
+    """Warnings that the mesh shifts modes by more than the standard deviations with which they were fitted.
 
-    FRFs and histories show that as a misfit; a few modes are followed by the parameters.
+    `theta` holds the free variables of each problem. FRFs and histories show such a shift as a misfit; parameters fitted to
+    a few modes hide it.
     """
     messages = []
     for setup, problem, theta_of_record in zip(setups, problems, theta, strict=True):

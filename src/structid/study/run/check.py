@@ -35,7 +35,7 @@ from structid.inversion.posterior_draws import counted_draws, drawn_covariance, 
 from structid.inversion.uncertainty import relative_jacobian
 from structid.study.run.before import RecordCheck, checked_mesh, checked_record
 from structid.study.run.run import is_matrix_free
-from structid.study.run.start import Start, started
+from structid.study.run.start import PreparedStudy, prepare_study
 from structid.study.schema.study import Study
 from structid.unknowns import Regularization, term_name
 from structid.unknowns.tolerances import fixed_properties, relative_sensitivities
@@ -188,7 +188,7 @@ def check_study(study: Study) -> CheckResult:
     InputError, SingularModelError
         As `run_study` would.
     """
-    ready = started(study)
+    ready = prepare_study(study)
     predicted = _predict_by_draws(ready) if is_matrix_free(ready) else _predict_by_jacobian(ready)
     problem, options = predicted.problem, study.options
     modes = [
@@ -249,13 +249,13 @@ def check_study(study: Study) -> CheckResult:
     )
 
 
-def _with_strengths(ready: Start, terms: Sequence[Regularization], strengths: Sequence[float]) -> Problem:
+def _with_strengths(ready: PreparedStudy, terms: Sequence[Regularization], strengths: Sequence[float]) -> Problem:
     """Copies of the problems with these regularizations."""
     rows = unit_penalties(ready.problems, terms)
     return joint_problem(coupled(ready.problems, [row.scaled(s) for row, s in zip(rows, strengths, strict=True)]))
 
 
-def _predict_by_jacobian(ready: Start) -> Predicted:
+def _predict_by_jacobian(ready: PreparedStudy) -> Predicted:
     """Predicted covariance and identifiability from the Jacobian at the start."""
     terms = [t for t in ready.study.options.regularization if t.given is not None and not t.is_sparse]
     problem = _with_strengths(ready, terms, [term.given or 0.0 for term in terms])
@@ -289,7 +289,7 @@ def _predict_by_jacobian(ready: Start) -> Predicted:
     )
 
 
-def _predict_by_draws(ready: Start) -> Predicted:
+def _predict_by_draws(ready: PreparedStudy) -> Predicted:
     """Predicted covariance for very many parameters, by draws with every regularization at its given or a usual strength."""
     terms = ready.study.options.regularization
     strengths = [USUAL_STRENGTH if term.given is None else term.given for term in terms]
@@ -316,7 +316,7 @@ def _predict_by_draws(ready: Start) -> Predicted:
     return Predicted(problem, _start(problem, ready), covariance, rank, tuple(words), of_data, assumption, influence)
 
 
-def _start(problem: Problem, ready: Start) -> FloatArray:
+def _start(problem: Problem, ready: PreparedStudy) -> FloatArray:
     return first_values(problem.names, ready.problems, lambda part: part.start)
 
 
@@ -382,7 +382,10 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
 
 
 def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarray) -> list[str]:
-    """A warning that modes alone give no absolute masses, if that is so."""
+    """A warning that modes alone give no absolute masses, if that is so.
+
+    `jacobian` is by relative changes; `identified` (n_params,) masks the identified parameters.
+    """
     members = common_scale(jacobian, problem.unknowns.kinds)
     if members is None or identified[members].any():
         return []

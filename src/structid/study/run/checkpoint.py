@@ -119,7 +119,7 @@ class Checkpoint:
         self._write_if_due()
 
     def write(self, so_far: Mapping[str, Entry] | None = None) -> None:
-        """Write all that is not written yet, and `so_far`, the values reached, as JSON for the reader.
+        """Write all entries that are not written yet, and `so_far`, the values reached, as JSON for people to read.
 
         Raises
         ------

@@ -67,7 +67,7 @@ class Cluster(RemoteWorkers):
 
     @staticmethod
     def answer(name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
-        """Results of a batch of items on a worker, with the shared object called `name`, on one thread."""
+        """Results of a batch of items, computed on a worker with the shared object called `name`, on one thread."""
         plugin = get_worker().plugins[name]
         assert isinstance(plugin, _Shared)
         shared, pools = plugin.content_here()
@@ -180,7 +180,10 @@ def _why_silent(address: str) -> str:
 
 
 def _require_workers(client: Client, address: str, seconds: float) -> None:
-    """Raise `InputError` if the scheduler has no workers, or workers with other versions, whose digits may differ."""
+    """Raise `InputError` if the scheduler has no workers, or workers with other versions, whose digits may differ.
+
+    `address` is that of the scheduler; each worker must answer within `seconds`.
+    """
     try:
         client.wait_for_workers(1, timeout=seconds)
     except TimeoutError as error:

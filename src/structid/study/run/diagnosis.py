@@ -15,7 +15,7 @@ from structid.inversion.search.work import ALONE, Work
 from structid.study.results.result import StudyResult
 from structid.study.results.suggestions import with_suggestions
 from structid.study.run.before import leaking_windows
-from structid.study.run.start import Start
+from structid.study.run.start import PreparedStudy
 from structid.study.run.workers import threads_for
 from structid.study.schema.records.record import read_histories
 
@@ -27,7 +27,7 @@ _MOST_MODES = 12
 
 
 def diagnose_study(
-    ready: Start,
+    ready: PreparedStudy,
     result: StudyResult,
     explain: bool | None = None,
     work: Work = ALONE,
@@ -38,7 +38,7 @@ def diagnose_study(
 
     Parameters
     ----------
-    ready : Start
+    ready : PreparedStudy
         The study with its records.
     result : StudyResult
     explain : bool, optional
@@ -76,7 +76,7 @@ def _with_findings(judgement: Judgement, findings: tuple[str, ...]) -> Judgement
     return replace(judgement, words=words, reasons=(*judgement.reasons, *findings))
 
 
-def _window_warnings(ready: Start) -> tuple[str, ...]:
+def _window_warnings(ready: PreparedStudy) -> tuple[str, ...]:
     """Windows of averaged spectra of a study that blur the resonances of its initial models."""
     told: list[str] = []
     for source, setup, problem in zip(ready.study.setups, ready.setups, ready.problems, strict=True):

@@ -136,7 +136,7 @@ class LongRun:
         return minimum
 
     def keeper(self, problem: Problem) -> Keeper:
-        """The sink for the state of a search that runs in this process; the previous search counts as finished."""
+        """The store for the state of a new search that runs in this process; the previous search counts as finished."""
         checkpoint = self.checkpoint
         if self._keeper is not None and self._keeper.latest is not None and checkpoint is not None:
             checkpoint.finished(self._keeper.name, dict(self._keeper.latest()))
@@ -208,7 +208,7 @@ class _Keeper:
         return ended if ended is not None else self.checkpoint.state_of(self.name)
 
     def keep(self, iteration: int, cost: float, state: Callable[[], State]) -> None:
-        """Note the state that the search has reached, and hand it to the checkpoint."""
+        """Record the iteration, cost and state that the search has reached, and hand them to the checkpoint."""
         self.latest = state
         reached = self.reached
         reached.search, reached.iteration, reached.cost, reached.problem = self.name, iteration, cost, self.problem

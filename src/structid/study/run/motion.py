@@ -373,7 +373,10 @@ def _require_records(workers: Workers, whole: Whole) -> None:
 
 
 def unusable(wanted: tuple[tuple[tuple[str, int], ...], str]) -> str:
-    """The reason why this worker cannot reduce records of these paths and sizes; "" if it can."""
+    """The reason why this worker cannot reduce the records; "" if it can.
+
+    `wanted` are the paths and sizes in bytes of the records as the main process sees them, and its version of numba.
+    """
     records, numba = wanted
     for name, size in records:
         path = Path(name)

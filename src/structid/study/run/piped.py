@@ -61,7 +61,10 @@ class PipedProcesses(Executor):
         return self._threads.submit(self._call_remote, fn, args, kwargs)
 
     def _call_remote(self, fn: Callable[..., T], arguments: tuple[object, ...], named: Mapping[str, object]) -> T:
-        """Result of calling `fn` in the process of this thread; `ProcessLostError` if that process ends."""
+        """Result of calling `fn` in the process of this thread; `ProcessLostError` if that process ends.
+
+        `arguments` and `named` are those of the call.
+        """
         try:
             pipe = self._connection()
             pipe.send((fn, arguments, named))
@@ -110,9 +113,9 @@ class PipedProcesses(Executor):
 
 
 def _answer(pipe: Connection, begin: Callable[[], None] | None) -> None:
-    """Main loop of a process: call the functions that arrive on `pipe` and send back results or errors.
+    """Main loop of a child process: call the functions that arrive on `pipe`, and send back results or errors.
 
-    Ctrl-C is for the process that asks.
+    `begin` is called first. The child ignores Ctrl-C, which the parent process handles.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()

@@ -185,7 +185,7 @@ def predict_study(
 
 
 def _damper(model: IdentifiedModel, options: PredictOptions) -> TunedDamper:
-    """The tuned mass damper of the options."""
+    """The tuned mass damper of the text ``mass@place`` in the options, tuned to the identified model."""
     mass, at, dof = options.tune_damper.partition("@")
     try:
         kg = float(mass)
@@ -311,7 +311,9 @@ def _recorded_loads(
 def _spectrum(
     structure: Structure, outputs: tuple[Output, ...], lines: FloatArray, options: PredictOptions
 ) -> Spectrum:
-    """The spectra that the noise of the options causes."""
+    """The quantity that predicts the spectra of `outputs` at the frequencies `lines` (Hz), under the noise named in the
+    options.
+    """
     path, loaded = _noise_parts(structure, options)
     frequency, density = read_density(path)
     kind = "transmissibility" if isinstance(loaded, Base) else options.kind
@@ -327,7 +329,10 @@ def _spectrum(
 def _noise_history(
     structure: Structure, outputs: tuple[Output, ...], duration: float, sampling_rate: float, options: PredictOptions
 ) -> History:
-    """The motion under one sample of the noise of the options."""
+    """The quantity that predicts the motion of `outputs` under one random sample of the noise named in the options.
+
+    `duration` in s, `sampling_rate` in Hz.
+    """
     path, loaded = _noise_parts(structure, options)
     rng = np.random.default_rng(options.seed)
     noise = coloured_noise(*read_density(path), duration, sampling_rate, rng)
@@ -335,7 +340,7 @@ def _noise_history(
 
 
 def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, Input]:
-    """The table of the noise of the options, and what it acts on."""
+    """The file of the noise table that the options name, and the input that the noise drives."""
     text, at, name = options.noise.rpartition("@")
     if not at or not text:
         raise InputError(f"`noise` must be a table and a place, as wind.csv@12Y, got {options.noise!r}", "noise")
@@ -343,7 +348,10 @@ def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, I
 
 
 def _sizes_at(name: str, text: str, parts: tuple[str, str]) -> tuple[tuple[float, float], Dof]:
-    """Two numbers and a place of a text such as ``500,0.01@12Y``."""
+    """Two numbers and a degree of freedom from the text of the option `name`, such as ``500,0.01@12Y``.
+
+    `parts` are the names of the two numbers for the error message.
+    """
     sizes, at, dof = text.partition("@")
     try:
         first, second = (float(part) for part in sizes.split(","))
@@ -439,7 +447,10 @@ def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, Entry]:
 
 
 def prediction_csv(prediction: Prediction | PredictedChange) -> str:
-    """A table of one quantity: its axis, then value and ends of the band of every channel; FRFs as real and imaginary part too."""
+    """CSV text of one predicted quantity: its axis, then value and ends of the band of every channel.
+
+    FRFs have columns of real and imaginary part too.
+    """
     parts = parts_of(prediction)
     first = next(iter(parts.values()))
     axis, *channels = first.quantity.axes.items()

@@ -21,7 +21,7 @@ from structid.identification.identify import identify_together
 from structid.identification.search import chosen_method
 from structid.inversion import Method
 from structid.records.formats.kept import record_bytes
-from structid.study.run.start import started
+from structid.study.run.start import prepare_study
 from structid.study.schema.study import Study
 
 _MEASURED_LINES, _MEASURED_LINES_SMALL = 8, 4096
@@ -235,7 +235,7 @@ def expected(study: Study, n_workers: int = 1) -> tuple[Needs, Duration]:
         If a record cannot be used, or it does not fit in memory.
     """
     start = time.perf_counter()
-    ready = started(study)
+    ready = prepare_study(study)
     around = _AROUND * _start_seconds() + time.perf_counter() - start
     needs = measured_needs(study, ready.problems)
     untried = needs.search_and_intervals(n_workers)
@@ -265,8 +265,8 @@ class _Tried:
         self._in_first = True
 
     def __call__(self, name: str, _: int, __: float) -> None:
-        """Count an iteration of the timed trial search, reported by its `name`; raise `_EnoughError` when the time for it
-        is over.
+        """Count an iteration of the timed trial search, reported by its stage `name`; raise `_EnoughError` when its
+        time is over.
         """
         now = time.perf_counter() - self.begun
         if now > _TRIED_SECONDS:
@@ -289,7 +289,7 @@ def _start_seconds() -> float:
 
 
 def _time_evaluation(problem: RecordProblem, method: Method) -> tuple[float, float, float]:
-    """Seconds once, seconds a line and bytes a line of an evaluation with its derivative."""
+    """Seconds per evaluation with its derivative, as a fixed part and a part for each line, and bytes for each line."""
     most = _MEASURED_LINES if problem.is_large else _MEASURED_LINES_SMALL
     few = problem.with_lines(np.unique(np.linspace(0, len(problem.frequency) - 1, most).astype(int)))
     n_lines, theta = len(few.frequency), np.asarray(few.theta_start)

@@ -17,7 +17,7 @@ from structid.study.results.result import StudyResult, provenance
 from structid.study.run import solver
 from structid.study.run.before import mesh_warnings
 from structid.study.run.resources import require_room
-from structid.study.run.start import Start, compare_with_models, started, with_pieces
+from structid.study.run.start import PreparedStudy, compare_with_models, prepare_study, with_pieces
 from structid.study.run.workers import threads_for
 from structid.study.schema.study import Study
 
@@ -50,32 +50,36 @@ def run_study(study: Study, progress: StageProgress | None = None, work: Work = 
     Raises
     ------
     InputError, SingularModelError
-        If the study cannot be run as it is, see `started`, or does not fit in memory.
+        If the study cannot be run as it is, see `prepare_study`, or does not fit in memory.
     SearchFailedError
         If the search came to where there is no model response.
     """
-    return run_from_start(study, progress, work)[1]
+    ready = relinearized_study(study, progress, work)
+    return confirm_result(ready, run_prepared(ready, progress, work), progress, work)[1]
 
 
-def run_from_start(
-    study: Study, progress: StageProgress | None = None, work: Work = ALONE
-) -> tuple[Start, StudyResult]:
-    """The records and models that a study begins with, and its result; see `run_study` for arguments and errors."""
-    ready = started(study)
-    if study.solved is not None:
-        ready = solver.about_answer(ready, progress, work)
-    ready, result = refine_mesh(ready, run_started(ready, progress, work), progress, work)
-    if study.solved is not None:
-        result = solver.with_solver(solver.from_nominal(result), work)
+def relinearized_study(study: Study, progress: StageProgress | None = None, work: Work = ALONE) -> PreparedStudy:
+    """The records and models of a study, ready for the search; the model of a solver is linearized about the answer."""
+    ready = prepare_study(study)
+    return ready if study.solved is None else solver.relinearize_solver(ready, progress, work)
+
+
+def confirm_result(
+    ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: Work = ALONE
+) -> tuple[PreparedStudy, StudyResult]:
+    """The study and its result, searched again on finer meshes where these move values, and run by its solver at the answer."""
+    ready, result = refine_mesh(ready, result, progress, work)
+    if ready.study.solved is not None:
+        result = solver.with_solver(solver.with_nominal_start(result), work)
     return ready, result
 
 
 def refine_mesh(
-    ready: Start, result: StudyResult, progress: StageProgress | None = None, work: Work = ALONE
-) -> tuple[Start, StudyResult]:
-    """The study and its result with beams cut into more pieces, until finer ones move no value much.
+    ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: Work = ALONE
+) -> tuple[PreparedStudy, StudyResult]:
+    """The study and its result with beams cut into more pieces, until finer pieces hardly change the values.
 
-    Where the study says how many pieces, they stay, with a warning if the mesh moves a value.
+    Where the study fixes the number of pieces it stays, and a warning says if the mesh changes a value.
     """
     if ready.mesh is None:
         return ready, result if ready.study.solved is not None else _with_mesh_warning(ready, result)
@@ -84,7 +88,7 @@ def refine_mesh(
     while not mesh.is_enough and not mesh.obstacle and tried < _MOST_CUTS:
         study, setups = with_pieces(ready.study, ready.setups, mesh.needed)
         ready = compare_with_models(study, setups, MeshPieces(mesh.needed))
-        result = run_started(ready, progress, work)
+        result = run_prepared(ready, progress, work)
         mesh, tried = judge_pieces(ready.setups, result.identification, options, mesh.needed), tried + 1
     if not mesh.is_enough and not mesh.obstacle:
         mesh = replace(mesh, obstacle="no more pieces are tried")
@@ -93,8 +97,10 @@ def refine_mesh(
     return replace(ready, mesh=mesh), replace(result, identification=replace(found, mesh=mesh.words, warnings=warnings))
 
 
-def _with_mesh_warning(ready: Start, result: StudyResult) -> StudyResult:
-    """The result with a warning where beams, cut as the study says, move a value by much of its deviation."""
+def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult:
+    """The result with a warning where beams, cut as the study says, change a value by a large part of its standard
+    deviation.
+    """
     found, structure = result.identification, ready.study.structure
     of_modes = all(isinstance(problem, ModalProblem) for problem in found.problems)  # `mesh_warnings` looks at these
     if of_modes or not structure.divisible or structure.n_dofs > _MOST_JUDGED:
@@ -103,7 +109,7 @@ def _with_mesh_warning(ready: Start, result: StudyResult) -> StudyResult:
     return replace(result, identification=replace(found, warnings=(warning, *found.warnings))) if warning else result
 
 
-def run_started(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
+def run_prepared(ready: PreparedStudy, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
     """Identify a study whose records are already read; see `run_study`."""
     study = ready.study
     if not is_matrix_free(ready):
@@ -124,7 +130,7 @@ def run_started(ready: Start, progress: StageProgress | None = None, work: Work 
     return StudyResult(study, answer, provenance(study))
 
 
-def is_matrix_free(ready: Start) -> bool:
+def is_matrix_free(ready: PreparedStudy) -> bool:
     """True if the parameters of a study are searched for without a Jacobian; see `chosen_method`.
 
     Raises

@@ -22,14 +22,17 @@ from structid.study.results.stored_model import stored_doubt, stored_model, stor
 def sense_record(
     folder: Path, path: Path, read: ReadOptions, options: SenseOptions, study: Path | None = None
 ) -> SensedMotion:
-    """The motion at the wanted places of `options` during the record at `path`.
+    """The motion at the unmeasured channels named in `options`, estimated from the record at `path` with an identified model.
+
+    `folder` holds the results of the identification, `study` is its study file if that was moved, and `read` tells how to read
+    the record.
 
     Raises
     ------
     InputError
         If the folder, the record or a place cannot be used.
     NoAnswerError
-        If the data do not determine the model, or the sensors do not tell the motion.
+        If the data do not determine the model, or the sensors do not determine the motion.
     """
     if not split_commas(options.wanted):
         raise InputError("`wanted` must name where motion is wanted, such as 12Y, got none", "wanted")
@@ -56,7 +59,7 @@ def sense_record(
 
 
 def sensed_csv(sensed: SensedMotion) -> str:
-    """Time, then value and standard deviation of every output and every unknown force."""
+    """CSV text of time, then value and standard deviation of every output and every unknown force."""
     unit = QUANTITY_UNITS[sensed.motion][0]
     header, columns = ["time (s)"], [sensed.time]
     for dof, value, std in zip(sensed.outputs, sensed.values.T, sensed.std.T, strict=True):
@@ -90,6 +93,9 @@ def sensed_summary(sensed: SensedMotion, folder: Path, path: Path) -> dict[str, 
         "forces": list(rows(sensed.force_dofs, sensed.forces, sensed.force_std)),
         "force_prior_std": sensed.prior_std,
         "correlation_time_s": sensed.correlation_time,
+        "force_frequency_hz": sensed.force_frequency,
         "left_out": [{"sensor": str(dof), "error_over_stated_deviation": z} for dof, z in sensed.checks],
+        "verdict": "explained" if sensed.is_explained else "wrong_model",
+        "contradiction": sensed.contradiction,
         "warnings": list(sensed.words),
     }

@@ -15,13 +15,11 @@ from structid.diagnose.checks.mesh import MeshErrors
 from structid.fem import Structure
 from structid.fem.elements.solver_model import SolverModel
 from structid.forward import RecordProblem, ResponseCache
+from structid.identification import setups as record_setups
 from structid.identification.checks import require_sound_model
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
 from structid.identification.mesh_pieces import SUBDIVIDE_AUTO, MeshPieces
-from structid.identification.setups.frf import Setup
-from structid.identification.setups.modal import ModalSetup
 from structid.identification.setups.setup import AnySetup, Prepared, prefixes, prepared_warnings, titles
-from structid.identification.setups.time import TimeSetup
 from structid.records import FrfRecord, TimeRecord
 from structid.study.run.before import checked_mesh
 from structid.study.schema.model.structure import AUTO
@@ -32,7 +30,7 @@ from structid.study.schema.study import Study, cut_study
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class PreparedStudy:
     """A study with its records, ready for a search.
 
     Attributes
@@ -76,7 +74,7 @@ class Start:
         return tuple(name + words for name, own in zip(prefixes(self.setups), of_each, strict=True) for words in own)
 
 
-def started(study: Study) -> Start:
+def prepare_study(study: Study) -> PreparedStudy:
     """The study with its records read, prepared and compared with their initial models.
 
     Raises
@@ -90,8 +88,11 @@ def started(study: Study) -> Start:
     return compare_with_models(*load_setups(study))
 
 
-def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPieces | None) -> Start:
-    """The records of `setups` compared with their initial models; see `started`."""
+def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPieces | None) -> PreparedStudy:
+    """A study prepared for its identification: its records compared with the initial models of `setups`.
+
+    `mesh` tells into how many pieces beams were cut, where the study leaves that open.
+    """
     records = zip(prefixes(setups), setups, study.setups, strict=True)
     pairs = [_prepare_record(study, source, setup, name) for name, setup, source in records]
     prepared, comparisons = [ready for ready, _ in pairs], tuple(comparison for _, comparison in pairs)
@@ -99,7 +100,7 @@ def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPi
         same = harmonize_shared_parameters([ready.problem for ready in prepared], titles(setups))
         joint_problem(same)
     warnings = [f"{SUBDIVIDE_AUTO}: {mesh.words}"] if mesh is not None and mesh.obstacle else []
-    return Start(study, setups, same, (*warnings, *prepared_warnings(setups, prepared)), comparisons, mesh)
+    return PreparedStudy(study, setups, same, (*warnings, *prepared_warnings(setups, prepared)), comparisons, mesh)
 
 
 def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces | None]:
@@ -109,7 +110,7 @@ def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces |
     its records to a tenth of their half-bandwidths; a fit then tells whether these are enough.
     """
     cache = ResponseCache()
-    setups = tuple(loaded(source, cache) for source in study.setups)
+    setups = tuple(load_setup(source, cache) for source in study.setups)
     if study.root.inner("structure").table.get("subdivide") != AUTO:
         return study, setups, None
     judged = [checked_mesh(setup, setup.prepared(study.options).problem) for setup in setups]
@@ -120,7 +121,7 @@ def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces |
 def with_pieces(study: Study, setups: tuple[AnySetup, ...], count: int) -> tuple[Study, tuple[AnySetup, ...]]:
     """A study with its beams cut into so many pieces, and its set-ups, whose records are not read again."""
     cut, cache = cut_study(study, count), ResponseCache()
-    return cut, tuple(loaded(source, cache, setup) for source, setup in zip(cut.setups, setups, strict=True))
+    return cut, tuple(load_setup(source, cache, setup) for source, setup in zip(cut.setups, setups, strict=True))
 
 
 def study_problems(study: Study) -> tuple[RecordProblem, ...]:
@@ -135,7 +136,7 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
     return harmonize_shared_parameters([setup.prepared(study.options).problem for setup in setups], titles(setups))
 
 
-def loaded(source: SetupSource, cache: ResponseCache, measured: AnySetup | None = None) -> AnySetup:
+def load_setup(source: SetupSource, cache: ResponseCache, measured: AnySetup | None = None) -> AnySetup:
     """The set-up of a source: its record read, its channels part of the structure.
 
     Parameters
@@ -152,7 +153,9 @@ def loaded(source: SetupSource, cache: ResponseCache, measured: AnySetup | None 
         setup = measured.modelled_by(structure, parameters, source.channel_unknowns)
     elif source.record.modes is not None:
         modes = source.record.modes
-        setup = ModalSetup(structure, parameters, modes.load(), modes.settings, name, source.channel_unknowns)
+        setup = record_setups.ModalSetup(
+            structure, parameters, modes.load(), modes.settings, name, source.channel_unknowns
+        )
     else:
         setup = _measured_setup(source, read_files(source.record), cache)
     if measured is None:
@@ -164,12 +167,12 @@ def loaded(source: SetupSource, cache: ResponseCache, measured: AnySetup | None 
 
 
 def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], cache: ResponseCache) -> AnySetup:
-    """The set-up of histories or FRFs, as `read` from its files."""
+    """The set-up of histories or FRFs from `read`, the records of its files; `cache` is shared by all set-ups."""
     record, time, fault_list = source.record, source.record.time, faults(read)
     common = (source.structure, source.parameters)
     if time is None:
         frfs = load_record(record, read)
-        return Setup(
+        return record_setups.Setup(
             *common,
             frfs,
             source.channel_unknowns,
@@ -181,7 +184,7 @@ def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], cac
     frf_record = None if record.frf is None else load_record(record, read)
     histories = load_histories(record, time, read)
     settings, unknowns = time.settings, source.channel_unknowns
-    return TimeSetup(
+    return record_setups.TimeSetup(
         *common,
         histories,
         settings,

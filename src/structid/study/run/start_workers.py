@@ -7,7 +7,7 @@ from structid.study.run.workers import InProcess, Processes, Workers
 
 
 def start_workers(workers: int | None, scheduler: str | None) -> Workers | None:
-    """Workers as the options ask: a Dask cluster, processes, or this process for one worker; None without either.
+    """The workers that the options ask for: a Dask cluster (`scheduler`, its address), processes, or this process for one worker.
 
     None where neither option is given.
 

@@ -321,7 +321,10 @@ def in_batches(
     items: Mapping[int, Item],
     require_alive: Callable[[], None] = lambda: None,
 ) -> Iterator[tuple[int, Found]]:
-    """Number and result of each item as batches come back; the first batches are single items, which show how long one takes."""
+    """Number and result of each item as batches come back; the first batches are single items, which show how long one takes.
+
+    `send` gives a batch to a worker, and `require_alive` raises if the workers are lost.
+    """
     waiting, n_waiting = iter(tuple(items.items())), len(items)
     pending: set[Future[Answer[Found]]] = set()
     seconds, count, size = 0.0, 0, 1

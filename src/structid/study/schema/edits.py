@@ -152,7 +152,10 @@ def changed_text(text: str, change: Callable[[dict[str, Any]], None]) -> str:
 
 
 def _numbered_entries(content: Any) -> Iterator[tuple[dict[str, Any], int]]:
-    """Pairs of a table and its position in the list that holds it, through nested lists and tables."""
+    """Pairs of a table and its position in the list that holds it, through nested lists and tables.
+
+    `content` is a parsed TOML text.
+    """
     for number, value in enumerate(content.values() if isinstance(content, dict) else content):
         if isinstance(content, list) and isinstance(value, dict):
             yield value, number
@@ -161,7 +164,10 @@ def _numbered_entries(content: Any) -> Iterator[tuple[dict[str, Any], int]]:
 
 
 def _edits_between(path: KeyPath, before: Any, after: Any, numbers: Mapping[int, int]) -> Iterator[dict[str, Any]]:
-    """Edits that make `after` of `before`; `numbers` are positions that the entries of arrays of tables had."""
+    """Edits that turn the content `before` under `path` into `after`.
+
+    `numbers` are the positions that entries of arrays of tables had before, by their identity.
+    """
     if isinstance(before, dict) and isinstance(after, dict):
         for key in before:
             if key not in after:
@@ -256,7 +262,10 @@ def _is_spread(blocks: Sequence[Block], path: KeyPath) -> bool:
 
 
 def _set_spread(text: str, path: KeyPath, value: str) -> str:
-    """TOML text with a table in block form set key by key, so that comments stay."""
+    """TOML text with a table in block form set key by key, so that comments stay.
+
+    `value` is the table as TOML text.
+    """
     wanted: Any = tomlkit.value(value)
     there = [block.path + key for block in blocks_of(text) for key in block.pairs]
     for key in (found for found in there if found[: len(path)] == path and found[len(path)] not in wanted):

@@ -146,7 +146,10 @@ def _describe_aimed_sensors(structure: Structure, options: PlanOptions) -> tuple
 def _read_record(
     section: Section | None, files: InputFiles, structure: Structure, aimed: Mapping[str, str]
 ) -> tuple[FrfRecord | None, NoiseSource, tuple[str, ...]]:
-    """The record that ``[record]`` describes, or None if there is none yet; its declared noise; notes."""
+    """The record that ``[record]`` describes, or None if there is none yet; its declared noise; notes.
+
+    `aimed` gives the structure's names of aimed sensors.
+    """
     if section is None:
         return None, NoiseSource(), ()
     names = [name for key in ("path", "repeats") for name in as_list(section.table.get(key, []))]

@@ -22,7 +22,10 @@ _KEPT_BYTES = 500_000_000
 
 
 def called(name: str, root: str, arguments: dict[str, Any]) -> str:
-    """Answer of the worker function `name` as JSON, or ``{"error": words}`` if it raises an error."""
+    """Answer of the worker function `name` as JSON, or ``{"error": words}`` if it raises an error.
+
+    `root` is the open folder, `arguments` are those of the function by name.
+    """
     from structid.core.json_types import plain
 
     try:
@@ -175,11 +178,11 @@ def _check(opened: OpenFolder, study: str) -> Entry:
 
 def _modelled(opened: OpenFolder, study: str, number: int = 0) -> Entry:
     """FRF magnitudes of a study's model at its start values, at the used lines of record `number`."""
-    from structid.study.run.start import started
+    from structid.study.run.start import prepare_study
     from structid.study.schema.study import load_study
     from structid.workbench.work.fits import initial_responses
 
-    ready = started(load_study(opened.inside(study), work=LOOKING))
+    ready = prepare_study(load_study(opened.inside(study), work=LOOKING))
     return initial_responses(ready.setups[number], ready.problems[number], ready.study.options)
 
 
@@ -248,7 +251,10 @@ def _merge(
 
 
 def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str) -> Entry:
-    """Measured modes compared with those of a study's model, at start values or results in `at`."""
+    """Measured modes compared with those of a study's model, at start values, or at the values in the results folder `at`.
+
+    `number` is that of the study's record, `measured` a file of modes or unsaved modes from the page.
+    """
     from structid.modal.formats.files import read_modes
     from structid.workbench.work.model import read_model
     from structid.workbench.work.modes import beside, posted_modes
@@ -283,7 +289,10 @@ def _predict(opened: OpenFolder, results: str, options: dict[str, Any], changes:
 
 
 def _exports(opened: OpenFolder, results: str, kind: str, suffix: str, options: dict[str, Any]) -> Entry:
-    """Files of an identified model, written into a folder beside its results."""
+    """Files of an identified model, written into a folder beside its results.
+
+    `kind` and `suffix` choose the file, `options` are those of the export.
+    """
     from structid.workbench.work.use import export_use
 
     folder, out = opened.inside(results), opened.inside(f"{results}{EXPORTS}")

@@ -92,7 +92,10 @@ def structure_scene(structure: Structure) -> dict[str, Entry]:
 
 
 def _moves(structure: Structure, labels: IntArray, rows: Any) -> IntArray:
-    """Directions in which each node can move, (n_nodes,) int: the sum of 1 for X, 2 for Y and 4 for Z."""
+    """Directions in which each node can move, (n_nodes,) int: the sum of 1 for X, 2 for Y and 4 for Z.
+
+    `labels` (n_nodes,) are the nodes; `rows` is a function that gives the rows of node labels.
+    """
     nodes, axes = np.divmod(structure.numbering.moving, 6)
     own = np.isin(nodes, labels) & (axes < 3)
     bits = np.zeros(len(labels), dtype=np.int64)
@@ -135,7 +138,10 @@ def packed(values: ArrayLike, kind: type[np.generic]) -> str:
 
 
 def _describe_set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Entry]:
-    """Description of one element set for the page: type, count, property ranges and drawing data."""
+    """Description of one element set for the page: type, count, property ranges and drawing data.
+
+    `rows` is a function that gives the rows of node labels.
+    """
     properties: list[dict[str, Entry]] = [
         {
             "name": item.term.property,
@@ -175,7 +181,10 @@ def _describe_set(element: ElementSet, structure: Structure, rows: Any) -> dict[
 
 
 def _faces(element: ElementSet, rows: Any) -> tuple[str, str, str]:
-    """Packed arrays for the page: triangles, edges, and the element of each triangle; of solids the outer faces only."""
+    """Packed arrays for the page: triangles, edges, and the element of each triangle; of solids the outer faces only.
+
+    `rows` is a function that gives the rows of node labels.
+    """
     corners, owners = [], []
     counts = (element.nodes >= 0).sum(axis=1)
     solid = isinstance(element, Solid)

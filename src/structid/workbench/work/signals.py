@@ -157,7 +157,10 @@ def histories(
 def _read_stretches(
     record: ChunkedRecord, begin: int, end: int, points: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Minimum and maximum (n_channels, n_stretches) of samples `begin` to `end`, and first samples."""
+    """Minimum and maximum (n_channels, n_stretches) of samples `begin` to `end`, and first samples.
+
+    `points` is the number of stretches.
+    """
     parts = [np.asarray(part) for part in record.chunks(begin, end)]
     values = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
     step = max(1, -(-values.shape[1] // points))
@@ -168,7 +171,10 @@ def _read_stretches(
 def _overview_stretches(
     overview: FloatArray, begin: int, end: int, points: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Minimum and maximum of stretches from the stored overview (2, n_channels, n_stretches)."""
+    """Minimum and maximum of stretches from the stored overview (2, n_channels, n_stretches).
+
+    They cover samples `begin` to `end` in about `points` stretches.
+    """
     first, last = begin // STRETCH, -(-end // STRETCH)
     part = overview[:, :, first:last]
     step = max(1, -(-part.shape[2] // points))
@@ -178,7 +184,10 @@ def _overview_stretches(
 
 
 def _sampled_stretches(record: ChunkedRecord, begin: int, end: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Minimum and maximum of a few short samples of a long record, without reading all of it."""
+    """Minimum and maximum of a few short samples of a long record, without reading all of it.
+
+    They lie between samples `begin` and `end`.
+    """
     starts = np.linspace(begin, end - _SAMPLE, _SAMPLED).astype(int)
     parts = [next(record.chunks(at, at + _SAMPLE)) for at in starts.tolist()]
     low, high = (np.column_stack([turn(part, axis=1) for part in parts]) for turn in (np.min, np.max))

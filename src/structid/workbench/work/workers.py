@@ -58,7 +58,10 @@ class Workers:
         self._running: dict[tuple[str, ...], asyncio.Task[str]] = {}
 
     async def __call__(self, name: str, arguments: dict[str, Any], version: str = "") -> str:
-        """Answer of the worker function `name` as JSON; with a `version` of its input files, cached."""
+        """Answer of the worker function `name` as JSON; with a `version` of its input files, cached.
+
+        `arguments` are those of the function by name.
+        """
         key = (name, repr(sorted(arguments.items())), version)
         if version and key in self._answers:
             self._answers.move_to_end(key)
@@ -74,7 +77,10 @@ class Workers:
         return answer
 
     async def _called(self, name: str, arguments: dict[str, Any]) -> str:
-        """Answer of the worker function `name` from its process; an error message if that process was lost."""
+        """Answer of the worker function `name` from its process; an error message if that process was lost.
+
+        `arguments` are those of the function by name.
+        """
         kind = "think" if name in _THINKING else "look"
         if kind not in self._pools:
             self._pools[kind] = PipedProcesses(1, limit_memory)

@@ -108,7 +108,10 @@ def _lumped_tractions(corners: FloatArray) -> FloatArray:
 
 
 def _rotation_beyond_mean(corners: FloatArray, area: FloatArray) -> FloatArray:
-    """Map from corner displacements and rotations to corner rotations less the mean rotation, (n_cells, 3, 9)."""
+    """Map from corner displacements and rotations to corner rotations less the mean rotation, (n_cells, 3, 9).
+
+    `corners` (n_cells, 3, 2) are positions, `area` (n_cells,) that of each cell.
+    """
     maps = np.zeros((len(corners), 3, 9))
     for k in range(3):
         x, y = (corners[:, (k + 2) % 3] - corners[:, (k + 1) % 3]).T
@@ -124,7 +127,10 @@ def _side(corners: FloatArray, k: int) -> FloatArray:
 
 
 def _strain_from_natural(corners: FloatArray) -> FloatArray:
-    """Map from elongations along the sides 12, 23, 31 to strains (xx, yy, engineering xy), (n_cells, 3, 3)."""
+    """Map from elongations along the sides 12, 23, 31 to strains (xx, yy, engineering xy), (n_cells, 3, 3).
+
+    `corners` (n_cells, 3, 2) are positions.
+    """
     rows = np.empty((len(corners), 3, 3))
     for k in range(3):
         side = _side(corners, k)
@@ -134,7 +140,10 @@ def _strain_from_natural(corners: FloatArray) -> FloatArray:
 
 
 def _natural_strains(corners: FloatArray, area: FloatArray) -> list[FloatArray]:
-    """Elongations along the sides at each corner due to corner rotations: three maps (n_cells, 3, 3)."""
+    """Elongations along the sides at each corner due to corner rotations: three maps (n_cells, 3, 3).
+
+    `corners` (n_cells, 3, 2) are positions, `area` (n_cells,) that of each cell.
+    """
     sides = np.stack([(_side(corners, k) ** 2).sum(axis=1) for k in range(3)], axis=1)
     scale = 2 * area[:, None, None] / 3 / sides[:, :, None]
     turned = (np.roll(_STRAINS, (k, k), axis=(0, 1)) for k in range(3))

@@ -14,6 +14,8 @@ BENDING_CELLS = ("quad", "hexahedron")
 def plane_elasticity(poisson: float, strain: bool) -> FloatArray:
     """Stress-strain matrix (xx, yy, engineering xy) for unit Young's modulus, (3, 3): plane strain if `strain`, else
     plane stress.
+
+    `poisson` is Poisson's ratio.
     """
     if strain:
         return solid_elasticity(poisson)[np.ix_([0, 1, 3], [0, 1, 3])]
@@ -22,7 +24,10 @@ def plane_elasticity(poisson: float, strain: bool) -> FloatArray:
 
 
 def solid_elasticity(poisson: float) -> FloatArray:
-    """Stress-strain matrix (xx, yy, zz, engineering xy, yz, zx) for unit Young's modulus, (6, 6)."""
+    """Stress-strain matrix (xx, yy, zz, engineering xy, yz, zx) for unit Young's modulus, (6, 6).
+
+    `poisson` is Poisson's ratio.
+    """
     elasticity = np.zeros((6, 6))
     elasticity[:3, :3] = poisson
     elasticity[np.diag_indices(3)] = 1 - poisson
@@ -71,24 +76,25 @@ def elastic_stiffness(
         rows = _with_mean_dilatation(rows, measure, positions.shape[2])
     stiffness = _products(rows, elasticity, rows, measure)
     if formulation == "incompatible" and cell in BENDING_CELLS:
-        bending = strain_rows(_bending_slopes(shape, positions, measure, determinant))
+        bending = strain_rows(_bending_slopes(shape, positions, determinant))
         coupling = _products(bending, elasticity, rows, measure)
         own = _products(bending, elasticity, bending, measure)
         stiffness = stiffness - np.swapaxes(coupling, 1, 2) @ np.linalg.solve(own, coupling)
     return 0.5 * (stiffness + np.swapaxes(stiffness, 1, 2))
 
 
-def _products(factors: FloatArray, elasticity: FloatArray, right: FloatArray, measure: FloatArray) -> FloatArray:
-    """Integrals of left' D right over each cell, (n_cells, n_left, n_right): D is `elasticity`; `measure` weighs the points."""
-    total = np.zeros((factors.shape[1], factors.shape[3], right.shape[3]))
-    for a, b, weight in zip(factors, right, measure, strict=True):
+def _products(left: FloatArray, elasticity: FloatArray, right: FloatArray, measure: FloatArray) -> FloatArray:
+    """Integrals of left' D right over each cell, (n_cells, n_left, n_right): D is `elasticity`; `measure` weighs the points.
+
+    `left` and `right` are (n_points, n_cells, n_strains, n).
+    """
+    total = np.zeros((left.shape[1], left.shape[3], right.shape[3]))
+    for a, b, weight in zip(left, right, measure, strict=True):
         total += np.swapaxes(a, 1, 2) @ (elasticity @ b * weight[:, None, None])
     return total
 
 
-def _bending_slopes(
-    shape: CellShape, positions: FloatArray, measure: FloatArray, determinant: FloatArray
-) -> FloatArray:
+def _bending_slopes(shape: CellShape, positions: FloatArray, determinant: FloatArray) -> FloatArray:
     """Gradients of 1 - xi_i^2 by the Jacobian of the cell's centre, (n_points, n_cells, d, d).
 
     With the determinants' ratio in front, their integrals vanish, as the patch test asks.
@@ -102,7 +108,10 @@ def _bending_slopes(
 
 
 def _with_mean_dilatation(rows: FloatArray, measure: FloatArray, d: int) -> FloatArray:
-    """Strain rows (n_points, n_cells, n_strains, n_local) whose trace is replaced by its mean over the cell."""
+    """Strain rows (n_points, n_cells, n_strains, n_local) whose trace is replaced by its mean over the cell.
+
+    `measure` (n_points, n_cells) are the integration weights, `d` is the number of dimensions.
+    """
     trace = rows[:, :, :d].sum(axis=2)
     mean = np.einsum("qe,qen->en", measure, trace) / measure.sum(axis=0)[:, None]
     changed = rows.copy()

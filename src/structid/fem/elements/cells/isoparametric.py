@@ -110,7 +110,10 @@ def _pyramid(order: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _wedge_rule(order: int, along_axis: int = 2) -> tuple[FloatArray, FloatArray]:
-    """Quadrature points (n_points, 3) and weights of the reference wedge: a triangle rule times Gauss points along its axis."""
+    """Quadrature points (n_points, 3) and weights of the reference wedge: a triangle rule times Gauss points along its axis.
+
+    `order` is that of the triangle rule.
+    """
     flat, weights = triangle_rule(order)
     along, others = np.polynomial.legendre.leggauss(along_axis)
     points = np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in along])
@@ -223,7 +226,10 @@ def require_regular(name: str, nodes: IntArray, positions: FloatArray, determina
 
 
 def require_none(bad: np.ndarray, name: str, nodes: IntArray, words: str, remedy: str) -> None:
-    """Raise `InputError` for the first cell where `bad` is True, and say how many others there are."""
+    """Raise `InputError` for the first cell where `bad` is True, and say how many others there are.
+
+    `words` say what is wrong, `remedy` ends the message.
+    """
     if bad.any():
         e, others = int(np.argmax(bad)), int(bad.sum()) - 1
         more = "" if not others else ", as is 1 other" if others == 1 else f", as are {others} others"

@@ -91,7 +91,10 @@ def _read_header(path: Path, content: bytes, offset: int, kind: Kind) -> tuple[H
 
 
 def _read_columns(path: Path, content: bytes, offset: int, kind: Kind, header: Header) -> tuple[IntArray, int]:
-    """Byte, column, row and number of words of each column record, (n_records, 4), and the byte behind the matrix."""
+    """Byte, column, row and number of words of each column record, (n_records, 4), and the byte behind the matrix.
+
+    `content` is that of the file; the records begin at byte `offset`.
+    """
     rows = []
     unpack = struct.Struct(f"{kind.order}3{kind.integer}").unpack_from
     what = f"column record of matrix {header.name!r}"
@@ -112,7 +115,10 @@ def _read_columns(path: Path, content: bytes, offset: int, kind: Kind, header: H
 
 
 def _read_matrix(path: Path, view: NDArray[np.uint32], kind: Kind, header: Header, columns: IntArray) -> Any:
-    """The sparse matrix of one header, put together from the strings in its column records."""
+    """The sparse matrix of one header, put together from the strings in its column records.
+
+    `view` is the file as 32-bit words, `columns` the table of column records.
+    """
     is_complex = header.kind > 2
     single = header.kind % 2 == 1
     shape = (abs(header.rows), header.columns)
@@ -137,7 +143,8 @@ def _string_table(
 ) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     """First byte, row, column and number of words of each string, (n_strings,) each.
 
-    The k-th strings of all columns are read together.
+    The k-th strings of all columns are read together. `view` is the file as 32-bit words, `columns` the table of column
+    records.
     """
     start, column, row, words = columns.T
     dense = row > 0

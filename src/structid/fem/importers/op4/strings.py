@@ -91,7 +91,10 @@ class Strings:
 
 
 def strings_of(name: str, matrix: sparse.csc_array, form: int, layout: Layout, single: bool) -> Strings:
-    """`matrix` as strings (runs of entries without a gap in one column); one string a column in the dense layout."""
+    """`matrix` as strings (runs of entries without a gap in one column); one string a column in the dense layout.
+
+    `form` is the number of OUTPUT4 for the form of a matrix; `single` rounds to single precision.
+    """
     matrix.sort_indices()
     matrix.eliminate_zeros()
     kind = (3 if np.iscomplexobj(matrix.data) else 1) + (0 if single else 1)

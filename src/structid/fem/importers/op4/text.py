@@ -155,7 +155,10 @@ def _require(lines: _Lines, line_index: int, column: int, row: int, reals: int, 
 def _read_numbers(
     path: Path, buffer: NDArray[np.uint8], offset: IntArray, length: IntArray, table: IntArray, title: _Title
 ) -> FloatArray:
-    """The numbers of all strings, one after another; `offset` and `length` are first byte and size of each line."""
+    """The numbers of all strings, one after another; `offset` and `length` are first byte and size of each line.
+
+    `table` has first line, number of reals, row and column of each string.
+    """
     count = table[:, 1]
     before = np.cumsum(count) - count
     within = np.arange(int(count.sum())) - np.repeat(before, count)

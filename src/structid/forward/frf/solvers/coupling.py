@@ -73,7 +73,11 @@ class SubstructureCoupling:
     def _pushed(
         self, physical: FloatArray, coefficients: ComplexArray, right: sparse.csc_array
     ) -> Iterator[tuple[slice, NumberArray, NumberArray]]:
-        """Slice of lines, fields of the model alone under interface forces and `right`, and forces at interfaces."""
+        """Slice of lines, fields of the model alone under interface forces and `right`, and forces at interfaces.
+
+        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
+        Z, and `right` the further load columns.
+        """
         n_joined = self.joined.shape[1]
         given = np.zeros((n_joined, right.shape[1]))
         given[: self.n_driven] = (self._reader[: self.n_driven] @ right).toarray()
@@ -88,7 +92,9 @@ class SubstructureCoupling:
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
         """Readings of sensors and contacts under some of the load columns, (n_lines, n_sensors, n_columns).
 
-        Small models solve for all columns, as derivatives do, so that the two share their poles.
+        Small models solve for all columns, as derivatives do, so that the two share their poles. `physical` are the
+        parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in Z, and `columns` the
+        indices of the loads.
         """
         if not self.is_large:
             every = self.fields(physical, coefficients)
@@ -97,7 +103,11 @@ class SubstructureCoupling:
         return np.concatenate([self.channels.read(x) for _, x in self.fields(physical, coefficients, chosen)])
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
-        """`LineDerivatives` of the coupled structure's readings, for one stretch of lines after another."""
+        """`LineDerivatives` of the coupled structure's readings, for one stretch of lines after another.
+
+        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
+        Z.
+        """
         for part, fields in self.fields(physical, coefficients):
             x, y = self.channels.under_loads(fields), self.channels.under_sensors(fields)
             change = self.slopes.contracted(physical, -coefficients[part], x, y)

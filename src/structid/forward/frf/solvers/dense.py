@@ -54,7 +54,11 @@ class DenseSolver:
         return np.concatenate(read)
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
-        """`LineDerivatives` of the readings of a small model, for one stretch of lines after another."""
+        """`LineDerivatives` of the readings of a small model, for one stretch of lines after another.
+
+        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
+        Z.
+        """
         forces = self.slopes.dense.at(self.slopes.parameters.values(physical))
         with single_blas():
             for part, fields in self.fields(physical, coefficients):
@@ -69,7 +73,11 @@ class DenseSolver:
     def at(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
     ) -> DenseFields:
-        """Fields under `loads` (n_dofs, n_loads), by default under all columns; the last ones are cached."""
+        """Fields under `loads` (n_dofs, n_loads), by default under all columns; the last ones are cached.
+
+        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
+        Z.
+        """
         loads, laplace = self.channels.columns if loads is None else loads, coefficients[:, 1]
         key = physical.tobytes(), laplace.tobytes(), id(loads)
         cached = self._cache.get(key)

@@ -84,7 +84,8 @@ class SparseSolver:
     ) -> Iterator[tuple[slice, NumberArray]]:
         """Fields (1, n_dofs, n_loads) of one line after another.
 
-        Where no loads are given under all columns, by a reduced sweep where that serves.
+        Where no loads are given under all columns, by a reduced sweep where that serves. `physical` are the parameter
+        values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in Z.
         """
         sweep = self._reduced_sweep(physical, coefficients) if loads is None else None
         if sweep is not None:
@@ -100,7 +101,11 @@ class SparseSolver:
                 yield slice(line, line + 1), stiffness.solver(line).solve(right)[None]
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """Readings of sensors and contacts under some of the load columns, (n_lines, n_sensors, n_columns)."""
+        """Readings of sensors and contacts under some of the load columns, (n_lines, n_sensors, n_columns).
+
+        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
+        Z, and `columns` the indices of the loads.
+        """
         key = self._key(physical, coefficients)
         known = self.last_sweep.readings.get(key)
         if known is None:
@@ -127,6 +132,8 @@ class SparseSolver:
         """`LineDerivatives` of the readings, one line after another, or all at once where a reduced basis is used.
 
         Where parameters times loads are fewer than sensors, Z^-1 (dZ/dp) x is solved for instead of adjoint fields.
+        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
+        Z.
         """
         known = self.last_sweep.derivatives.get(self._key(physical, coefficients))
         if known is not None:
@@ -172,7 +179,11 @@ class SparseSolver:
         return LastSweep()
 
     def _reduced_sweep(self, physical: FloatArray, coefficients: ComplexArray) -> FieldSweep | None:
-        """Fields of all columns at all lines from few factorizations; None if each line must be solved."""
+        """Fields of all columns at all lines from few factorizations; None if each line must be solved.
+
+        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
+        Z.
+        """
         if self.reduced is None or self.channels.n_contacts:
             return None
 
@@ -261,7 +272,10 @@ class LastSweep:
         return max((sweep.n_basis for sweep in self._sweeps.values()), default=0)
 
     def verified(self, key: bytes, begun: Callable[[], FieldSweep], error_of: ErrorOf) -> FieldSweep | None:
-        """Reduced sweep of `key`, begun if new, within the error of `error_of`; None where that would cost too much."""
+        """The cached reduced sweep of `key`, refined until its error by `error_of` is allowed; None where that would cost too much.
+
+        Where none is cached, `begun` makes it.
+        """
         sweep = self._sweeps.pop(key, None)
         if sweep is None:
             if len(self._sweeps) == _KEPT:  # the memory of the oldest goes before the next takes any
@@ -281,7 +295,10 @@ class LastSweep:
     def derived(
         self, key: bytes, sweep: FieldSweep, sides: Channels, forces: ParameterForces, factors: ComplexArray
     ) -> LineDerivatives:
-        """Sensor readings of `sweep` under the loads and their derivatives by parameters; the last ones are cached."""
+        """Sensor readings of `sweep` under the loads and their derivatives by parameters; the last ones are cached.
+
+        `key` is that of the parameter values; `forces` and `factors` give the forces (dZ/dp) x at each line.
+        """
         x = sweep.basis.all_coordinates()
         used, place = np.unique(sides.inputs[0], return_inverse=True)
         change = forces.projected(factors, sweep.basis.vectors, x[:, :, used], sides.under_sensors(x))[:, :, place]

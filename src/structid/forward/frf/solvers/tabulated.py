@@ -60,7 +60,11 @@ class TabulatedFrf:
         raise InputError(f"the motion of all nodes {NO_MATRICES}")
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """Tabulated receptances of sensors under some distinct load columns, with the signs of the directions."""
+        """Tabulated receptances of sensors under some distinct load columns, with the signs of the directions.
+
+        `physical` are the parameter values (n_params,) and `columns` the indices of the loads; `coefficients` are not
+        needed.
+        """
         values, _ = self._seen(physical)
         senses = np.array([dof.sign for dof in self.record.inputs])
         first = [list(self._columns).index(column) for column in columns.tolist()]
@@ -72,7 +76,10 @@ class TabulatedFrf:
         yield LineDerivatives(slice(0, len(values)), values, change, np.zeros((*values.shape[:2], 0), np.complex128))
 
     def _seen(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Receptances in the senses of the record, and their derivatives with respect to the parameters."""
+        """Receptances with the signs of the record's channels, and their derivatives with respect to the parameters.
+
+        `physical` are the parameter values (n_params,).
+        """
         lines, (outputs, senses), (inputs, ways) = self._places
         values, change = self.element.table.evaluated(self.parameters.values(physical)[self._rows])
         chosen = np.ix_(lines, outputs, inputs)

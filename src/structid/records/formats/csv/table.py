@@ -96,7 +96,10 @@ def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "")
 
 
 def _to_hertz(path: Path, name: str, unit: str, axis_unit: str) -> float | None:
-    """Factor from the first column to Hz; None if it holds no frequencies, NaN if nothing states their unit."""
+    """Factor from the first column to Hz; None if it holds no frequencies, NaN if nothing states their unit.
+
+    `axis_unit` is the option that states it.
+    """
     try:
         by_table = frequency_factor(name, unit)
     except InputError as error:
@@ -216,7 +219,11 @@ def _numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> Floa
 
 
 def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool) -> FloatArray | None:
-    """Cells as numbers by one call, (n_rows, n_columns); None if a line is not plain numbers, which `_parse_cells` reports."""
+    """Cells as numbers by one call, (n_rows, n_columns); None if a line is not plain numbers, which `_parse_cells` reports.
+
+    `count` is the number of columns, `comma` says that numbers have decimal commas, `dated` are the columns of dates,
+    and `gaps` allows empty cells.
+    """
     lines, sign = rows.lines, rows.separator
     if comma:
         lines = [line.replace(",", ".") for line in lines]
@@ -247,7 +254,10 @@ def _ends_empty(line: str, sign: str, count: int) -> bool:
 
 
 def _with_nan(line: str, sign: str) -> str:
-    """A line whose empty cells beyond the first are NaN."""
+    """A line whose empty cells beyond the first are NaN.
+
+    `sign` is the separator.
+    """
     empty = sign + sign
     if empty in line:
         line = line.replace(empty, f"{sign}nan{sign}").replace(empty, f"{sign}nan{sign}")
@@ -255,7 +265,10 @@ def _with_nan(line: str, sign: str) -> str:
 
 
 def _parse_cells(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int], gaps: bool) -> FloatArray:
-    """Cells as numbers one by one, (n_rows, n_columns); `FileError` with line and column for the first that is none."""
+    """Cells as numbers one by one, (n_rows, n_columns); `FileError` with line and column for the first that is none.
+
+    `dated` are the columns of dates, and `gaps` allows empty cells.
+    """
     rows, count = grid.rows, len(names)
     values = np.empty((len(rows), count))
     for i, row in enumerate(rows):
@@ -321,7 +334,13 @@ def _bad_cell_error(path: Path, line: int, row: list[str], cells: list[str], nam
             hint = ""
             if re.fullmatch(r"[+-]?\d{1,3}([.,' ]\d{3})*[.,]\d+", row[j].strip()):
                 hint = f"; export without thousands separators, or give {layout_words(decimal=None)}"
-            elif re.fullmatch(r"#.*|n/?a|-+|null|none|error|over(flow|load)?", row[j].strip(), re.IGNORECASE):
+            elif re.fullmatch(
+                r"#.*|n/?a|-+|null|none|error|over(flow|load|range)?|ol|ov[lr]d?|sat|clip",
+                row[j].strip(),
+                re.IGNORECASE,
+            ):
                 hint = "; clear the cell where a sample is missing: gaps are told, cut or filled"
+            elif row[j].strip().startswith(name):
+                hint = "; the header stands here again: put what follows into a file of its own"
             return FileError(f"{path}: line {line}, column {j + 1} ({name}) must be a number, got {row[j]!r:.60}{hint}")
     return FileError(f"{path}: line {line} cannot be read as numbers")

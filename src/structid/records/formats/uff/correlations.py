@@ -76,7 +76,10 @@ def read_correlations(path: Path, options: ReadOptions) -> CorrelationRecord:
 
 
 def _one_step(path: Path, functions: list[Function], to_seconds: float) -> float:
-    """The step of lag in s that all functions share, at the same lags."""
+    """The step of lag in s that all functions share, at the same lags.
+
+    `to_seconds` turns the axis of the file into s.
+    """
     first = functions[0].axis * to_seconds
     step = step_of(path, first)
     for function in functions:

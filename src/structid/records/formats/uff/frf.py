@@ -195,7 +195,10 @@ def _make_response(
     factors: UnitFactors | None,
     options: ReadOptions,
 ) -> _Response:
-    """Kind, frequencies in Hz and complex values in SI of one FRF; `FileError` if it holds real numbers only."""
+    """Kind, frequencies in Hz and complex values in SI of one FRF; `FileError` if it holds real numbers only.
+
+    `to_hertz` turns the axis of the file into Hz.
+    """
     values = function.values
     if not np.iscomplexobj(values) or _is_padded_magnitude(values):
         raise FileError(
@@ -294,7 +297,10 @@ def _stack_coherence(
     frequency: FloatArray,
     to_hertz: float,
 ) -> FloatArray | None:
-    """Coherence of all pairs, (n_frequencies, n_outputs, n_inputs), or None unless the file has it for each pair."""
+    """Coherence of all pairs, (n_frequencies, n_outputs, n_inputs), or None unless the file has it for each pair.
+
+    `to_hertz` turns the axis of the file into Hz.
+    """
     of_pair: dict[Pair, FloatArray] = {}
     for function in coherences:
         for pair in [(output, load) for output in outputs for load in inputs]:

@@ -203,7 +203,10 @@ def _parse_characteristics(line: str) -> Characteristics:
 
 
 def _text_values(where: str, block: Block, points: int, columns: int) -> FloatArray:
-    """The numbers of an ASCII dataset, (n_points, n_columns), without zeros that fill the last line."""
+    """The numbers of an ASCII dataset, (n_points, n_columns), without zeros that fill the last line.
+
+    `where` names the dataset in errors.
+    """
     body = block.content.split(b"\n", HEADER_LINES - 1)[HEADER_LINES - 1]
     try:
         numbers = read_reals(body)
@@ -223,7 +226,10 @@ def _text_values(where: str, block: Block, points: int, columns: int) -> FloatAr
 def _binary_values(
     where: str, block: Block, points: int, per_value: int, item: int
 ) -> tuple[FloatArray | None, FloatArray]:
-    """Abscissa (n_points,) or None if it is even, and numbers of each value (n_points, 1 or 2), of a dataset 58b."""
+    """Abscissa (n_points,) or None if it is even, and numbers of each value (n_points, 1 or 2), of a dataset 58b.
+
+    `where` names the dataset in errors; there are `per_value` numbers of `item` bytes in a value.
+    """
     words = block.head.split()
     try:
         order, floating, n_lines = (int(word) for word in words[1:4])

@@ -138,7 +138,10 @@ def _unit_words(times: Sequence[Function], options: ReadOptions) -> str:
 
 
 def _require_one_clock(path: Path, channels: tuple[Dof, ...], clocks: Sequence[FloatArray]) -> None:
-    """Raise `FileError` if a channel has other sample times than the first."""
+    """Raise `FileError` if a channel has other sample times than the first.
+
+    `clocks` are the sample times of each channel.
+    """
     first = clocks[0]
     allowed = 0.01 * abs(first[-1] - first[0]) / max(first.size - 1, 1)
     for dof, axis in zip(channels, clocks, strict=True):
@@ -182,7 +185,10 @@ def _quantities_and_factors(
 def _even_samples(
     path: Path, function: Function, time: FloatArray, to_seconds: float, values: FloatArray, options: ReadOptions
 ) -> tuple[float, float, FloatArray, str]:
-    """Sampling rate in Hz, first time in s, evenly spaced samples, and a note if the clock is not plainly even."""
+    """Sampling rate in Hz, first time in s, evenly spaced samples, and a note if the clock is not plainly even.
+
+    `to_seconds` turns the axis of the file into s.
+    """
     step = float(time[-1] - time[0]) / max(time.size - 1, 1)
     if step <= 0:
         raise FileError(f"{path}: the time step is {step:g} s; it must be positive, set it in the export")

@@ -98,7 +98,10 @@ def _make_axis(path: Path, points: FloatArray, step: float, data_type: int, unit
 def _function_bytes(
     number: int, output: Dof, load: Dof | None, values: FloatArray | ComplexArray, axis: _Axis, text: list[str]
 ) -> bytes:
-    """One dataset 58b; `text` has five title lines, then the lines of ordinate and denominator."""
+    """One dataset 58b; `text` has five title lines, then the lines of ordinate and denominator.
+
+    `number` is that of the function in the file.
+    """
     is_complex = np.iscomplexobj(values)
     columns = [values.real, values.imag] if is_complex else [values]
     body = np.stack(columns if axis.even else [axis.points, *columns], axis=1).astype("<f8").tobytes()

@@ -83,7 +83,10 @@ class _Source:
     scales: Mapping[str, float]
 
     def number(self, element: str, name: str, index: int | None = None) -> tuple[float, float]:
-        """Identified and initial value of a property in the units of the deck; of the whole set, whose elements must agree."""
+        """Identified and initial value of a property in the units of the deck, for one element `index` or for a whole set.
+
+        `InputError` where the values of a set differ.
+        """
         item = self.values[element, name]
         rows = slice(None) if index is None else slice(index, index + 1)
         value, initial = item.value[rows], item.initial[rows]
@@ -116,13 +119,13 @@ def deck_path(study: Study) -> Path:
 
 
 def export_deck(study: Study, values: Sequence[ElementValues], path: Path) -> list[str]:
-    """Write the deck of the study's mesh with the identified values in place of its numbers; what was changed, in lines.
+    """Write the deck of the study's mesh with the identified values in place of its numbers; returns a sentence on each change.
 
     Parameters
     ----------
     study : Study
     values : sequence of ElementValues
-        Of the identified model; those that were sought are written.
+        Properties of the identified model; those that were parameters are written.
     path : Path
 
     Raises
@@ -191,7 +194,7 @@ def _read_source(study: Study, path: Path, values: Sequence[ElementValues]) -> _
 
 
 def _written(source: _Source, numbers: Sequence[DeckNumber]) -> tuple[str, list[str]]:
-    """The text of the deck with the numbers in it, and a line on each."""
+    """The text of the deck after its numbers are replaced, and a sentence on each replacement."""
     placed = [(number.mark.locate({source.name: source.text}), number) for number in numbers]
     text, lines = source.text, []
     for position, number in sorted(placed, key=lambda pair: -pair[0].start):
@@ -212,7 +215,10 @@ def _written(source: _Source, numbers: Sequence[DeckNumber]) -> tuple[str, list[
 
 
 def _change_words(position: DeckPosition, number: DeckNumber, before: str, after: str) -> str:
-    """Sentence on the change of one number of the deck, and on a study that begins elsewhere than the deck."""
+    """Sentence on the change of one number of the deck, and on a study that begins elsewhere than the deck.
+
+    `before` and `after` are its texts.
+    """
     words = f"line {position.line}, {number.mark.words}, {number.label}: {before} becomes {after}"
     if not math.isclose(position.value, number.initial, rel_tol=_DIGITS):
         words += f" (the study began at {number.initial:g}, not at the number of the deck)"
@@ -220,7 +226,7 @@ def _change_words(position: DeckPosition, number: DeckNumber, before: str, after
 
 
 def _nastran_numbers(source: _Source, structure: Structure, item: ElementValues) -> Iterator[DeckNumber]:
-    """The numbers of a Nastran deck that a property of an element set is."""
+    """New numbers for the cards of a Nastran deck that hold the property `item` of an element set."""
     label = f"{item.name}[{item.element}]"
     if item.element in source.group_of:
         numbers = _property_numbers(source, item.element)
@@ -262,7 +268,10 @@ def _property_numbers(source: _Source, element: str) -> list[int]:
 
 
 def _mat1_numbers(source: _Source, item: ElementValues, numbers: Sequence[int]) -> Iterator[DeckNumber]:
-    """The fields of the materials of these properties; the shear modulus, where it stands, goes with Young's modulus."""
+    """New numbers for the MAT1 cards behind the properties `numbers` of an element set.
+
+    A shear modulus on the card is scaled with Young's modulus.
+    """
     users: dict[int, set[int]] = {}
     for name, fields in _PROPERTY_CARDS.items():
         for card in cards_in(source.name, source.text, name):
@@ -297,7 +306,22 @@ def _mat1_numbers(source: _Source, item: ElementValues, numbers: Sequence[int]) 
 def _require_same(
     source: _Source, where: str, item: ElementValues, other: str | None, value: float, is_used: bool
 ) -> None:
-    """Raise `InputError` where a number of the deck is that of other elements too, for which it was not identified alike."""
+    """Raise `InputError` where elements share a number of the deck though different values were identified for them.
+
+    Parameters
+    ----------
+    source : _Source
+    where : str
+        Name of the material or property in the deck.
+    item : ElementValues
+        Property of the element set that is written.
+    other : str or None
+        Another element set that has the same number.
+    value : float
+        New value, in the units of the deck.
+    is_used : bool
+        Whether elements outside the study have the same number.
+    """
     if other is not None and (other, item.name) in source.values:
         theirs = source.number(other, item.name)[0]
         if math.isclose(theirs, value, rel_tol=_SAME):
@@ -313,7 +337,7 @@ def _require_same(
 
 
 def _abaqus_numbers(source: _Source, structure: Structure, item: ElementValues) -> Iterator[DeckNumber]:
-    """The numbers of an Abaqus deck that a property of an element set is."""
+    """New numbers for the keyword lines of an Abaqus deck that hold one property of an element set."""
     label = f"{item.name}[{item.element}]"
     kind, _, name = item.element.partition(" ")
     simple = {("mass", "mass"): ("*MASS", 1), ("spring", "stiffness"): ("*SPRING", 2)}

@@ -34,7 +34,7 @@ MATRIX_SUFFIXES = (".op4", ".pch", ".mat", ".inp", ".mtx", ".npz", ".npy")
 
 
 def export_state_space(model: IdentifiedModel, options: ExportOptions, path: Path) -> str:
-    """Write state equations to `path`; what they are, in a line.
+    """Write state equations to `path`, and return a line that describes them.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def _file_of(path: Path, name: str) -> Path:
 
 
 def _write_files(path: Path, items: Sequence[ImportedMatrix], structure: Structure) -> list[str]:
-    """Write the matrices; what was written, in lines."""
+    """Write matrices to files whose names begin with `path`, and return a line on each file."""
     names = [item.name for item in items]
     imaginary = "; K4AA is the imaginary part of the stiffness" if "K4AA" in names else ""
     size = f"{structure.n_dofs} degrees of freedom, SI units"
@@ -137,7 +137,10 @@ def _write_files(path: Path, items: Sequence[ImportedMatrix], structure: Structu
 
 
 def _abaqus_deck(structure: Structure, parts: Mapping[str, Path]) -> str:
-    """An Abaqus deck of nodes and matrices, to include in a model or to add steps to."""
+    """An Abaqus deck of nodes and matrices, to include in a model or to add steps to.
+
+    `parts` are the files of the matrices by kind.
+    """
     keywords = {"KAA": "STIFFNESS", "MAA": "MASS", "BAA": "VISCOUS DAMPING", "K4AA": "STRUCTURAL DAMPING"}
     nodes = [
         f"{node}, " + ", ".join(f"{x:.16g}" for x in [*position.tolist(), 0.0, 0.0][:3])

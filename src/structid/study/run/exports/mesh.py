@@ -27,7 +27,7 @@ _SOLIDS = {4: 10, 5: 14, 6: 13, 8: 12, 10: 24, 15: 26, 20: 25, 27: 29}
 
 
 def export_mesh(model: IdentifiedModel, spread: ParameterSpread, n_modes: int, path: Path) -> list[str]:
-    """Write the structure with the values of its elements to `path`, .vtu or .csv; what was written, in lines.
+    """Write the structure with the values of its elements to `path`, .vtu or .csv, and return lines that describe the content.
 
     Raises
     ------
@@ -114,7 +114,11 @@ def _cell_type(element: ElementSet, n_nodes: int) -> int:
 
 
 def _cell_data(structure: Structure, properties: Sequence[ElementValues]) -> dict[str, AnyArray]:
-    """Numbers of element set and element, then four arrays a property that was sought and one of each other, NaN elsewhere."""
+    """Arrays for the cells of a VTK file by name, NaN where a cell lacks the property.
+
+    They are the numbers of element set and element, and each property's value; for identified properties also the standard
+    deviation, relative change and significance.
+    """
     counts = [len(element.nodes) for element in structure.elements]
     starts = dict(
         zip([element.name for element in structure.elements], np.cumsum([0, *counts[:-1]]).tolist(), strict=True)

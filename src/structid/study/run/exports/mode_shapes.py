@@ -33,7 +33,7 @@ def model_modes(model: IdentifiedModel, n_modes: int) -> Modes:
 def modes_covariance(model: IdentifiedModel, n_modes: int) -> FloatArray:
     """Covariance of frequencies (Hz), then damping ratios, of the lowest modes, (2 n_modes, 2 n_modes), to first order.
 
-    Each independent error of the model is moved by one standard deviation; modes are followed by their shapes.
+    Each independent error of the model is moved by one standard deviation; modes are matched by their shapes.
     """
     structure, n_factors = model.structure, model.factor.shape[1]
     evaluate = NaturalModes(n_modes).evaluator(structure, model.parameters, [model.physical])
@@ -67,7 +67,7 @@ def model_modes_record(model: IdentifiedModel, n_modes: int, source: str, with_c
 
 
 def node_translations(structure: Structure, mode_shapes: FloatArray) -> FloatArray:
-    """Translations of all nodes in the modes (n_dofs, n_modes), those held or tied included, (n_modes, n_nodes, 3)."""
+    """Translations of all nodes, fixed and tied ones included, (n_modes, n_nodes, 3), from shapes (n_dofs, n_modes)."""
     row_of = {node: row for row, node in enumerate(structure.nodes)}
     motion = np.zeros((mode_shapes.shape[1], len(row_of), 3))
     moved = structure.numbering.matrix @ mode_shapes
@@ -79,7 +79,7 @@ def node_translations(structure: Structure, mode_shapes: FloatArray) -> FloatArr
 
 
 def export_modes(model: IdentifiedModel, n_modes: int, title: str, path: Path) -> list[str]:
-    """Write natural modes to `path` by its suffix; what was written, in lines.
+    """Write natural modes to `path` in the format of its suffix, and return lines that describe the content.
 
     Raises
     ------

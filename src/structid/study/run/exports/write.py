@@ -41,7 +41,7 @@ class ExportFiles:
 def write_exports(
     results: Path, files: ExportFiles, options: ExportOptions, study: Path | None = None, force: bool = False
 ) -> list[str]:
-    """Write files of the identified model of a results folder; what was written, in lines.
+    """Write files of the identified model of a results folder, and return lines that describe them.
 
     Raises
     ------

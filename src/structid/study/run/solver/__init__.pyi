@@ -1,5 +1,5 @@
 """The public names, each with its place; `structid.lazy` reads them from here."""
 
-from structid.study.run.solver.rounds import about_answer as about_answer
-from structid.study.run.solver.rounds import from_nominal as from_nominal
+from structid.study.run.solver.rounds import relinearize_solver as relinearize_solver
+from structid.study.run.solver.rounds import with_nominal_start as with_nominal_start
 from structid.study.run.solver.rounds import with_solver as with_solver

@@ -28,7 +28,7 @@ from structid.study.run.solver.stages import (
     relinearize_study,
     tables,
 )
-from structid.study.run.start import Start, started, study_problems
+from structid.study.run.start import PreparedStudy, prepare_study, study_problems
 from structid.study.run.workers import threads_for
 from structid.study.schema.study import edited_study
 
@@ -39,7 +39,9 @@ _OF_STD, _OF_VALUE = 1e-2, 1e-6
 _OPEN = 50.0
 
 
-def about_answer(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> Start:
+def relinearize_solver(
+    ready: PreparedStudy, progress: StageProgress | None = None, work: Work = ALONE
+) -> PreparedStudy:
     """The study with its solver's finite differences taken about the answer; unchanged without a solver or with exact matrices.
 
     Raises
@@ -78,7 +80,7 @@ def about_answer(ready: Start, progress: StageProgress | None = None, work: Work
                 return ready if max(moves) <= _OPEN else replace(ready, warnings=(*ready.warnings, _open_words(moves)))
             ready = moved[1]
             continue
-        ready = started(relinearize_study(ready.study, goal, known, work))
+        ready = prepare_study(relinearize_study(ready.study, goal, known, work))
     words = (
         f"the answer still moves by {_OF_STD * max(moves):.2g} standard deviations after {MOST_ROUNDS} rounds of differences of the"
         " solver; give larger `step`, priors or bounds"
@@ -93,7 +95,9 @@ def _open_words(moves: Sequence[float]) -> str:
     )
 
 
-def _identify(ready: Start, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Identification:
+def _identify(
+    ready: PreparedStudy, options: IdentifyOptions, progress: StageProgress | None, work: Work
+) -> Identification:
     """Identification with the finite differences that the study has now; `NoAnswerError` if the search fails."""
     try:
         with threads_for(ready.problems):
@@ -107,7 +111,7 @@ def _identify(ready: Start, options: IdentifyOptions, progress: StageProgress | 
         ) from error
 
 
-def from_nominal(result: StudyResult) -> StudyResult:
+def with_nominal_start(result: StudyResult) -> StudyResult:
     """The result with the study's own initial values, where the last search started at an earlier answer."""
     study, answer = result.study, result.identification
     if study.solved is None or study.solved.is_exact:
@@ -149,7 +153,7 @@ def found_values(solved: Solved, identification: Identification) -> dict[str, fl
 
 
 def with_solver(result: StudyResult, work: Work = ALONE) -> StudyResult:
-    """The result with the updated deck of its solver, and a check by one more run with it."""
+    """The result with the updated deck of its solver, and the outcome of one more run of the solver with that deck."""
     solved, identification = result.study.solved, result.identification
     if solved is None:
         return result

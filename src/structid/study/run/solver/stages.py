@@ -36,7 +36,7 @@ from structid.inversion.search.work import Work
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.records.transforms.half_plane import poisson_weights
-from structid.study.run.start import Start, started
+from structid.study.run.start import PreparedStudy, prepare_study
 from structid.study.schema.study import Study, edited_study
 from structid.unknowns.named_unknowns import begun_at
 
@@ -79,7 +79,9 @@ def _property_values(problem: RecordProblem, names: Sequence[str], values: Float
 
 
 def limit_to_bounds(solved: Solved, name: str, value: float) -> float:
-    """`value` of the deck parameter `name`, limited to its bounds and to the farthest that one round may go."""
+    """`value` of the deck parameter `name`, limited to its bounds and to the largest change in one round of finite
+    differences.
+    """
     at = solved.at[name]
     low, high = next(parameter.limits for parameter in solved.solver.deck.parameters if parameter.name == name)
     far = _FARTHEST * abs(at) or np.inf
@@ -87,9 +89,9 @@ def limit_to_bounds(solved: Solved, name: str, value: float) -> float:
 
 
 def tables(study: Study, values: Mapping[str, float | None], step: float | None = None) -> Tables:
-    """The study's tables with finite differences about other values (`values`), or the nominal ones where that is None.
+    """The study's tables, with the deck parameters set to `values` for finite differences; None for a nominal value.
 
-    With `step`, the differences begin with it, as a part of each value; else as the file says.
+    `step` is the step of the differences relative to each value; by default that of the study file.
     """
     edited: Tables = deepcopy(dict(study.root.table))
     stated = tomllib.loads(study.text)["structure"]["solver"]["parameter"]
@@ -107,9 +109,9 @@ def tables(study: Study, values: Mapping[str, float | None], step: float | None 
 def relinearize_study(
     study: Study, values: Mapping[str, float], identified: Mapping[str, float], work: Work, step: float | None = None
 ) -> Study:
-    """The study with finite differences about `values`, and searches that start at the `identified` values of parameters.
+    """The study with finite differences about the deck's `values`; searches start at the `identified` values of parameters.
 
-    See `tables` for `step`.
+    `step` is the step of the differences relative to each value; by default that of the study file.
     """
     edited = edited_study(study, tables(study, values, step), work)
     pairs = zip(study.setups, edited.setups, strict=True)
@@ -130,7 +132,7 @@ _USABLE_LINES, _WIDE = 8, 3.0
 _HALVINGS, _TINY = 4, 1e-12
 
 
-def led_near(ready: Start, work: Work) -> Start:
+def led_near(ready: PreparedStudy, work: Work) -> PreparedStudy:
     """The study with start values from which a search on the FRFs themselves converges; unchanged if they are near already."""
     if _is_near(ready.problems):
         return ready
@@ -138,7 +140,7 @@ def led_near(ready: Start, work: Work) -> Start:
         step = _STEP_OF_LEVEL * level or None
         if not _smoothed_problems(ready.problems, level):
             continue
-        ready = started(_with_step(ready, step, work))
+        ready = prepare_study(_with_step(ready, step, work))
         for _ in range(_ROUNDS_OF_LEVEL):
             problem = joint_problem(_smoothed_problems(ready.problems, level))
             end = minimize(problem, LevenbergMarquardt()).theta
@@ -147,13 +149,13 @@ def led_near(ready: Start, work: Work) -> Start:
                 break
             theta, ready = moved
             if _is_near(ready.problems):
-                return started(_with_step(ready, None, work))
+                return prepare_study(_with_step(ready, None, work))
             if float(np.abs(theta - problem.theta_start).max()) < _SETTLED * level:
                 break
     return ready
 
 
-def _with_step(ready: Start, step: float | None, work: Work) -> Study:
+def _with_step(ready: PreparedStudy, step: float | None, work: Work) -> Study:
     """The study evaluated about its present start values, with another step of the finite differences."""
     solved = ready.study.solved
     assert solved is not None
@@ -163,24 +165,26 @@ def _with_step(ready: Start, step: float | None, work: Work) -> Study:
 
 
 def confirm_move(
-    ready: Start,
+    ready: PreparedStudy,
     form: Callable[[Sequence[RecordProblem]], Sequence[RecordProblem]],
     end: FloatArray,
     work: Work,
     step: float | None = None,
-) -> tuple[FloatArray, Start] | None:
-    """The study moved to the free variables `end`, or as far towards them as the solver fits better; None if it never does.
+) -> tuple[FloatArray, PreparedStudy] | None:
+    """The free variables reached and the study prepared there, after a move towards `end` that the solver itself confirms.
+
+    The move is halved until the sum of squares with the solver's FRFs falls; None if it never does.
 
     Parameters
     ----------
-    ready : Start
+    ready : PreparedStudy
     form : callable
-        The problems of which the sum of squares is to fall, from those of the FRFs.
+        Makes, from the problems of the FRFs, those whose sum of squares is to fall.
     end : (n_params,) float array
-        Free variables that the model about the present values proposes.
+        Free variables that the model linearized at the present values proposes.
     work : Work
     step : float, optional
-        Step of the finite differences there, as a part of each value.
+        Step of the finite differences there, relative to each value.
 
     Raises
     ------
@@ -204,7 +208,7 @@ def confirm_move(
         there = joint_problem(form([_with_runs(problem, run) for problem in ready.problems]))
         if squared(residual_at(there, end)) < cost:
             known = dict(zip(here.names, values.tolist(), strict=True))
-            return end, started(relinearize_study(ready.study, goal, known, work, step))
+            return end, prepare_study(relinearize_study(ready.study, goal, known, work, step))
         failed, end = None, (begin + end) / 2
     if failed is not None:
         raise failed

@@ -69,7 +69,10 @@ def _make_component(entry: Section, name: str, record: FrfRecord, named: list[Do
 
 
 def _channel_indices(record: FrfRecord, role: str, interface: tuple[Dof, ...]) -> tuple[IntArray, FloatArray]:
-    """Indices of degrees of freedom among the ``outputs`` or ``inputs`` of a record, and the signs of these."""
+    """Indices of degrees of freedom among the ``outputs`` or ``inputs`` of a record, and the signs of these.
+
+    `interface` are the degrees of freedom, `role` is one of the two words.
+    """
     channels = {"outputs": record.outputs, "inputs": record.inputs}
     index_of = {dof.unsigned: index for index, dof in enumerate(channels[role])}
     missing = [dof.place for dof in interface if dof not in index_of]

@@ -93,7 +93,6 @@ SOLVER = Table(
         "parameter": Key(_PARAMETER, "A marked number of the deck, which [[unknown]] may name", listed=True),
     }
 )
-SOLVER_TABLES = {"solver": Key(SOLVER, "A finite element solver, run by structid")}
 #: Sections of a record for which FRFs alone do not do, and what stands in place of each.
 _NOT_OF_FRFS = {
     "modes": "measured modes ask for modes of the solver",
@@ -207,7 +206,10 @@ def _read_parameters(section: Section, texts: Mapping[str, str]) -> tuple[list[D
 
 
 def _find_positions(entry: Section, marks: Plain, texts: Mapping[str, str]) -> list[DeckPosition]:
-    """Positions of a parameter in the deck, by its `mark` or marks."""
+    """Positions of a parameter in the deck, by its `mark` or marks.
+
+    `texts` are the files of the deck by name.
+    """
     found_positions = []
     for k, table in enumerate(marks if isinstance(marks, list) else [marks]):
         path = (*entry.path, "mark", *((k,) if isinstance(marks, list) else ()))
@@ -273,7 +275,10 @@ def _read_outputs(
 
 
 def _output_name(section: Section, key: str, text: str, stem: Mapping[str, str]) -> str:
-    """A file name in the folder of a run, with ``{stem}`` filled in."""
+    """A file name in the folder of a run, with ``{stem}`` filled in.
+
+    `key` is named in errors.
+    """
     try:
         name = text.format(**stem)
     except (KeyError, ValueError, IndexError) as error:

@@ -37,12 +37,12 @@ class ModeDeviations:
     ] = ()
 
     def added_to(self, record: ModalRecord) -> ModalRecord:
-        """The record with these standard deviations added.
+        """The modal record with the standard deviations that the study states.
 
         Raises
         ------
         InputError
-            If it has its own, or their number is not that of the modes.
+            If the record has standard deviations of its own, or their number is not that of the modes.
         """
         n = record.n_modes
         stated = {name: self._value_of_each_mode(name, n) for name in (item.name for item in fields(self))}
@@ -159,7 +159,7 @@ class ModesSource:
 def read_modes_source(section: Section, table: Table, files: InputFiles, aimed: Mapping[str, str]) -> ModesSource:
     """The source that a ``[record]`` with ``[record.modes]`` describes; its file is checked to exist but not read.
 
-    `table` has the keys of such a record.
+    `table` has the keys of such a record. `aimed` gives the structure's names of aimed sensors.
     """
     values = section.values(table)
     with section.located("path"):

@@ -104,7 +104,10 @@ def _sensor_section(section: Section, channel: str) -> Section:
 def _node_of_sensor(
     sensor: SensorEntry, number: int, nodes: Mapping[int, Sequence[float]], elements: Sequence[ElementSet]
 ) -> tuple[int, float]:
-    """The node that a sensor reads, and its distance in m from the stated point (0 without one)."""
+    """The node that a sensor reads, and its distance in m from the stated point (0 without one).
+
+    `number` is the node in the sensor's name.
+    """
     if sensor.point is not None:
         if sensor.node is not None:
             raise InputError("has `node` and `point`; keep one of them")

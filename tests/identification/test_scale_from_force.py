@@ -18,7 +18,7 @@ from structid import (
     parameters,
 )
 from structid.forward import simulated_record
-from structid.identification.fits.ratios import rests_on_force
+from structid.identification.fits.ratios import scale_from_force
 
 _ALL = (Unknown("mass", "floors", each=True), Unknown("stiffness", "storeys"), Unknown("loss_factor", "storeys"))
 
@@ -46,7 +46,7 @@ def test_the_scale_is_that_of_the_force_where_nothing_else_is_known(unknown, for
     record = replace(record, variance=(0.01 * np.abs(record.values)) ** 2)
     problem = FrfProblem(structure, made, record, form)
     found = estimate(problem)
-    assert rests_on_force([problem], found) is expected
+    assert scale_from_force([problem], found) is expected
     if expected:  # a load cell that reads 1 % too much makes all of them 1 % larger
         louder = estimate(FrfProblem(structure, made, replace(record, values=record.values / 1.01), form))
         scaled = np.array(found.kinds) != "loss_factor"
@@ -66,4 +66,4 @@ def test_discs_that_turn_are_masses_too():
         made = parameters(structure, [*inertias, Unknown("stiffness", "shafts")])
         record = simulated_record(structure, made, blank)
         problem = FrfProblem(structure, made, replace(record, variance=(0.01 * np.abs(record.values)) ** 2))
-        assert rests_on_force([problem], estimate(problem)) is expected
+        assert scale_from_force([problem], estimate(problem)) is expected

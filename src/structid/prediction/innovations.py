@@ -1,0 +1,131 @@
+"""Innovations of a Kalman filter, and what their size and their correlation in time say against its model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from structid.core.arrays import FloatArray
+
+#: Longest lag, in samples, over which innovations are correlated with earlier ones; of short records a quarter of their samples.
+_LAGS = 50
+#: By how many standard deviations of simulated records a logarithm must lie above their mean.
+_SIGNIFICANT = 3.0
+#: Least part by which the size of innovations, and least part of their variance that earlier ones foretell, count: an effect below
+#: changes deviations by less than their own digits.
+_LARGER, _FORETOLD = 0.2, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Innovations:
+    """Readings of sensors less those that a filter expects from earlier samples, white and of unit variance if its model is right.
+
+    Attributes
+    ----------
+    whitened : (n_times, n) float array
+        In the directions in which the expected errors are independent, over their standard deviations.
+    is_forced : (n,) bool array
+        Directions in which unknown forces leave most open, one for each force; the others are what forces cannot make alone.
+    """
+
+    whitened: FloatArray
+    is_forced: npt.NDArray[np.bool_]
+
+    def part(self, is_forced: bool) -> FloatArray:
+        """The whitened innovations (n_times, n) of the directions of the forces, or of the others."""
+        return self.whitened[:, self.is_forced == is_forced]
+
+
+def mean_square(whitened: FloatArray) -> float:
+    """Mean square of whitened innovations (n_times, n): 1 where the model and its noise are right."""
+    return float(np.mean(whitened**2))
+
+
+def foretold_part(whitened: FloatArray) -> float:
+    """Sum over lags of the squared correlations of innovations (n_times, n) with earlier ones, for each direction.
+
+    It is about the part of their variance that a linear prediction from earlier ones would take off; chance alone makes it
+    n n_lags / n_times. Hosking (1980), J. Am. Stat. Assoc. 75, 602-608.
+    """
+    scaled = whitened / np.sqrt(np.mean(whitened**2, axis=0))
+    count, n = scaled.shape
+    lags = range(1, min(_LAGS, count // 4) + 1)
+    return float(sum(((scaled[:-lag].T @ scaled[lag:] / count) ** 2).sum() for lag in lags) / n)
+
+
+@dataclass(frozen=True)
+class InnovationVerdict:
+    """The answer of a record to the model and the forces of its filter.
+
+    Attributes
+    ----------
+    is_contradicted : bool
+        Whether the model, or the noise of the sensors, must be wrong: innovations that no force can make are too large or
+        foretell each other, or, where the sensors leave none of these, those of any direction.
+    words : str
+        A sentence on what is wrong; "" where nothing is.
+    is_spectrum : bool
+        True where the model agrees, and only the spectrum of the unknown forces is another one.
+    """
+
+    is_contradicted: bool
+    words: str
+    is_spectrum: bool = False
+
+
+def judge_innovations(record: Innovations, replicates: Sequence[Innovations]) -> InnovationVerdict:
+    """Compare innovations with those of `replicates`, records that models within the uncertainty could have given.
+
+    Mehra and Peschon (1971), Automatica 7, 637-640 (innovations as a test); Rubin (1984), Annals of Statistics 12, 1151-1172
+    (replicates within the uncertainty).
+    """
+    of_noise = _excess(record.part(False), [item.part(False) for item in replicates])
+    of_forces = _excess(record.part(True), [item.part(True) for item in replicates])
+    if of_noise:
+        return InnovationVerdict(
+            True,
+            f"the model does not explain the record: {of_noise}, in what no choice of these forces explains; the model is wrong,"
+            " a force acts where none is named, or the sensors have more noise than stated, and bands may miss the truth",
+        )
+    if of_forces and not record.part(False).size:
+        return InnovationVerdict(
+            True,
+            f"the model does not explain the record: {of_forces}; the model is wrong, or the unknown forces have another spectrum"
+            " than that of their correlation time, and these sensors cannot tell which: use more sensors than unknown forces",
+        )
+    if of_forces:
+        return InnovationVerdict(
+            False,
+            f"the unknown forces have another spectrum than the one that is taken here: {of_forces}; what the sensors say"
+            " beyond the forces agrees with the model, but bands of forces may be too wide or too narrow",
+            True,
+        )
+    return InnovationVerdict(False, "")
+
+
+def _excess(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
+    """Words on innovations that are larger, or that earlier ones foretell more, than those of replicates; "" where neither is so.
+
+    All are (n_times, n), whitened.
+    """
+    if not whitened.size:
+        return ""
+    square, usual = mean_square(whitened), [mean_square(item) for item in replicates]
+    ratio = np.sqrt(square / np.exp(np.mean(np.log(usual))))
+    if _is_beyond(square, usual) and ratio > 1 + _LARGER:
+        return f"the sensors are {ratio:.2g} times as far as they should be from what the samples before make expected"
+    part, usual = foretold_part(whitened), [foretold_part(item) for item in replicates]
+    if _is_beyond(part, usual) and part - np.mean(usual) > _FORETOLD:
+        return "what the sensors show beyond the expected follows from samples before, and should be white noise"
+    return ""
+
+
+def _is_beyond(value: float, usual: Sequence[float]) -> bool:
+    """True where a positive value lies beyond all usual ones and far from their logarithmic mean."""
+    if not value > max(usual):
+        return False
+    logs = np.log(usual)
+    return bool(np.log(value) > logs.mean() + _SIGNIFICANT * logs.std(ddof=1))
