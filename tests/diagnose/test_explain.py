@@ -373,7 +373,7 @@ def test_causes_may_be_left_alone(tmp_path):
 def test_a_sound_answer_drops_what_sensors_looked_like_beside_its_start(tmp_path):
     """Beside a start far off, a right sensor looked wrong; once the model explains it, nothing is said of it."""
     ready = prepare_study(load_study(written(tmp_path, off())))
-    doubts = ChannelWarnings((), ("sensor 3X does not go with the model as the others do",), ("reciprocity: as it is",))
+    doubts = ChannelWarnings((), ("sensor 3X fits far worse than the others",), ("reciprocity: as it is",))
     ready = replace(ready, comparisons=tuple(replace(one, warnings=doubts) for one in ready.comparisons))
     result = run_prepared(ready)
     assert any("sensor 3X" in one for one in result.identification.warnings)

@@ -695,7 +695,7 @@ path = "a.csv"
             one.locator("li", has_text="made last").wait_for()
         last = pages[-1]
         last.locator("#unusable summary").click()
-        assert "gone.toml is a link to what is not there" in last.locator("#unusable").inner_text().replace("\n", " ")
+        assert "gone.toml is a broken link" in last.locator("#unusable").inner_text().replace("\n", " ")
         last.goto(f"{bench.address}#run/first.toml")
         last.get_by_role("button", name="Identify").click()
         last.locator("#confirm").wait_for()

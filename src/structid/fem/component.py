@@ -380,6 +380,6 @@ def _factorized_solver(component: Component, matrix: sparse.csc_array) -> Callab
 
 def _mechanism(component: Component) -> InputError:
     return InputError(
-        f"component {component.name!r} can move inside with neither stiffness nor mass; hold what is loose in `fixed`, leave its"
+        f"component {component.name!r} can move inside with neither stiffness nor mass; fix loose parts with `fixed`, leave its"
         " direction out of `active`, or give it stiffness"
     )

@@ -204,7 +204,7 @@ def remarks(result: ModesResult) -> list[list[str]]:
         if ratio <= 0:
             found[k].append("damping is not positive: noise, a tone, or motion that grows")
         elif std > ratio / 2:
-            found[k].append("damping is not told apart from 0")
+            found[k].append("damping is not significantly different from 0")
         if ratio < HARDLY_DAMPED and not isinstance(result.record, FrfRecord) and not decaying[k]:
             found[k].append(_tone_words(float(result.kurtosis[k])))
         if len(modes.channels) > 1 and collinearity[k] < _COMPLEX:

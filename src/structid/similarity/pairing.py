@@ -127,7 +127,7 @@ def pair_modes(
     """Pairing of measured modes with modes of a model, each used once, with the largest sum of `pairing_worth`.
 
     Measured modes closer than `closeness` form a group, and modes of the model that close to a pair, with a part in the
-    measured shapes, belong to it: where single shapes are not told apart, the span is.
+    measured shapes, belong to it: where single shapes cannot be distinguished, their span can.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ class ResonancePair:
     Attributes
     ----------
     measured, model : float
-        Hz; NaN where one has no like.
+        Hz; NaN where one has no match.
     mac : float
         Of their shapes at sensors and loads; NaN where one is missing.
     """

@@ -19,7 +19,7 @@ from structid.core.units import MISTAKEN_FORCES, STANDARD_GRAVITY, mistaken_moti
 from structid.diagnose.checks.aligned_responses import Aligned, accord, median
 from structid.records import FrfRecord
 
-#: Accord that the others must reach, and well; below which a channel is turned round, or does not go with the model.
+#: Accord that the others must reach, and well; below which a channel is reversed, or fits far worse than the others.
 _GOES, _GOES_WELL, _TURNED, _APART = 0.7, 0.9, -0.4, 0.4
 #: Factors, as logarithms: by which a channel may be off, and beyond which its level, and its unit, is wrong.
 _ABOUT_ONE, _LEVEL, _FAR = np.log(1.7), np.log(2.5), np.log(3.0)
@@ -194,7 +194,7 @@ def _sensors(comparison: Aligned, level: FloatArray, agreement: FloatArray) -> I
     for o in apart:
         if not any(o in pair for pair in pairs):
             yield (
-                f"sensor {record.outputs[o]} does not go with the model as the others do: check its direction, place and cable"
+                f"sensor {record.outputs[o]} fits far worse than the others: check its direction, position and cable"
             )
 
 

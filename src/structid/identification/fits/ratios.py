@@ -20,8 +20,8 @@ _INERTIAS = ("mass", "rotary_inertia")
 _SCALED = (*_INERTIAS, "stiffness", "axial_force", "viscous_damping")
 #: What that the scale is the force's means.
 ON_FORCE = (
-    "no known mass, stiffness or prior holds the scale of the values: an error of 1 % in the calibration of the force is one of"
-    " 1 % in every mass, stiffness and damping, beside their intervals"
+    "no known mass, stiffness or prior fixes the scale of the values: an error of 1 % in the calibration of the force is one of"
+    " 1 % in every mass, stiffness and damping, which their intervals do not include"
 )
 
 

@@ -38,9 +38,9 @@ class Agreement:
     def words(self) -> str:
         """Meaning of a small probability, in a sentence."""
         return (
-            f"each mode, as all records have it, asks for other values than the other modes do (F = {self.ratio:.2g},"
-            f" {self.between:.0f} and {self.within:.0f} degrees of freedom, p = {self.probability:.1g}): model error that goes"
-            " together in all records"
+            f"each mode, common to all records, gives other values than the other modes do (F = {self.ratio:.2g},"
+            f" {self.between:.0f} and {self.within:.0f} degrees of freedom, p = {self.probability:.1g}): model error that is"
+            " common to all records"
         )
 
 

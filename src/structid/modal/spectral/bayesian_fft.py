@@ -160,7 +160,7 @@ def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptio
         middle = 0.5 * (low + high)
         inside = np.flatnonzero((spectrum.frequency >= low) & (spectrum.frequency <= high))
         places = (float(spectrum.frequency[inside[spectrum.values[inside, 0].argmax()]]) if len(inside) else middle,)
-        notes.append(f"no peak stands out between {low:g} and {high:g} Hz; one mode is looked for all the same")
+        notes.append(f"no peak stands out between {low:g} and {high:g} Hz; one mode is searched for anyway")
     return Band(low, high, places)
 
 
@@ -185,7 +185,7 @@ def _doubts(number: int, band: Band, found: Posterior, data: Outputs) -> list[st
                 f"{spacing:.2g} Hz; leakage raises its damping ratio. Measure longer"
             )
         if not band.low < f < band.high:
-            words.append(f"{where}: a mode came out at {f:.4g} Hz, outside; it stands for a slope, not for a peak")
+            words.append(f"{where}: a mode was found at {f:.4g} Hz, outside the band; it fits a slope, not a peak")
     return words
 
 

@@ -68,7 +68,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
     )
     f = record.frequency[problem.data.measured]
     scale = (
-        "modes give ratios of stiffness to mass only; kilograms rest on "
+        "modes give ratios of stiffness to mass only; kilograms depend on "
         + ("known masses, priors or other records" if masses_unknown else "the masses of the model")
     )  # fmt: skip
     return (
