@@ -212,8 +212,9 @@ def _reduce_component(
     joined: IntArray,
     constrained: frozenset[int],
 ) -> Reduction:
-    """A component reduced to its interface and modes; `codes` are its degrees of freedom, `joined` those to keep, `constrained`
-    the constrained ones.
+    """A component reduced to its interface and modes.
+
+    `codes` are its degrees of freedom, `joined` those to keep, `constrained` the constrained ones.
 
     `terms` are the properties of all element sets, by set.
     """

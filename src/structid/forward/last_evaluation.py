@@ -20,8 +20,9 @@ class LastEvaluation(Generic[T]):
         return LastEvaluation, ()
 
     def at(self, theta: FloatArray, made: Callable[[FloatArray], T]) -> T:
-        """The evaluation at free variables `theta` (n_params,): the cached one, or else that made by `made`, which is
-        then cached.
+        """The evaluation at free variables `theta` (n_params,).
+
+        The cached one if it is of the same `theta`, or else that made by `made`, which is then cached.
         """
         found = self.known(theta)
         if found is None:

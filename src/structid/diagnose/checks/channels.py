@@ -223,8 +223,9 @@ def _faults(
 
 
 def _exchanged(comparison: Aligned, misfits: Sequence[int]) -> list[tuple[int, int]]:
-    """Pairs of sensors that agree with the model once exchanged, by their positions, sought among the positions
-    `misfits`.
+    """Pairs of sensors, by position, that agree with the model once exchanged.
+
+    They are sought among the positions `misfits`.
     """
     pairs: list[tuple[int, int]] = []
     for a, b in combinations(misfits, 2):

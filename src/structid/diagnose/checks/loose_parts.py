@@ -91,8 +91,9 @@ def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding
 
 
 def coarse_elements(structure: Structure, values: FloatArray, mesh: MeshErrors) -> PlacedFinding | None:
-    """A finding that names the elements with half of the energy of the mode with the largest mesh error; None without
-    such a mode.
+    """A finding that names the elements with half of the energy of the mode with the largest mesh error.
+
+    None without such a mode.
 
     `values` (n_values,) are the property values.
     """

@@ -154,8 +154,9 @@ def refined(structure: Structure, values: FloatArray, times: int, most_dofs: int
 
 
 def _inside(structure: Structure, times: int) -> dict[int, int]:
-    """New labels by old ones, for nodes inside subdivided elements and at released ends, once each piece is cut into
-    `times`.
+    """New labels by old ones, for nodes inside subdivided elements and at released ends.
+
+    Each piece is cut into `times`.
     """
     first = max(structure.nodes) + 1
     pieces, n_lines = structure.subdivide, sum(len(made.nodes) for made in structure.divisible)

@@ -74,8 +74,9 @@ def agreement(problem: Problem, at: Linearization) -> Agreement | None:
 
 
 def _left(jacobian: FloatArray, residual: FloatArray) -> tuple[float, int]:
-    """Residual sum of squares of a linear least-squares fit to `residual`, and the rank of its Jacobian (n_rows,
-    n_params).
+    """Residual sum of squares of a linear least-squares fit to `residual`, and the rank of its Jacobian.
+
+    The Jacobian is (n_rows, n_params).
     """
     scale = np.linalg.norm(jacobian, axis=0)
     vectors, singular, _ = np.linalg.svd(jacobian / np.where(scale > 0, scale, 1.0), full_matrices=False)

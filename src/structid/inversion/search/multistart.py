@@ -306,8 +306,9 @@ def _is_determined(problem: Problem, minimum: Minimum) -> bool:
 def _ended(
     problem: Problem, method: Method, minima: list[tuple[Minimum, int]], progress: StageProgress | None, work: Work
 ) -> list[tuple[Minimum, int]]:
-    """Minima of all searches with their iterations; searches that were stopped early but are near the best are
-    completed.
+    """Minima of all searches with their iterations.
+
+    Searches that were stopped early but are near the best are completed.
     """
     most = _NEAR_BEST * min(float(minimum.costs[-1]) for minimum, _ in minima)
     ended = []

@@ -200,8 +200,9 @@ def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int
 
 
 def _around(sweep: Sequence[Poles], all_clusters: Sequence[Cluster], number: int, index: int) -> Cluster:
-    """The cluster that holds the pole `index` of order `number`, with that pole chosen, or a new one of that pole
-    alone.
+    """The cluster that holds the pole `index` of order `number`, with that pole chosen.
+
+    A new cluster of that pole alone if there is none.
     """
     for cluster in all_clusters:
         here = np.flatnonzero((cluster.number == number) & (cluster.index == index))
@@ -444,8 +445,9 @@ def surest_poles(
     memory = _memory(start)
 
     def std(poles: ComplexArray, moved: ComplexArray) -> FloatArray:
-        """Standard deviations (2, n_poles) of frequencies (Hz) and damping ratios from changes `moved` (n_changes,
-        n_poles) of poles.
+        """Standard deviations (2, n_poles) of frequencies (Hz) and damping ratios.
+
+        `moved` (n_changes, n_poles) are the poles after each change.
         """
         batches = moved if piece is None else overlapping_batches(moved, moved[:, None], piece, memory)[0]
         slope = frequency_damping_slope(poles)

@@ -138,8 +138,9 @@ def _same_modes(low: ModalRecord, high: ModalRecord) -> list[tuple[int, int]]:
 
 
 def _likely_alone(look: ModalIdentification, other: ModalRecord, taken: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask (n_modes,) of the likely modes of `look` that have no neighbour among the modes `taken` of the `other`
-    analysis.
+    """Mask (n_modes,) of the likely modes of `look` that the `other` analysis does not have.
+
+    They have no neighbour among its modes `taken`.
     """
     modes = look.modes
     gap = np.abs(modes.frequency[:, None] - other.frequency[taken])

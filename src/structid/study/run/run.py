@@ -94,8 +94,9 @@ def refine_mesh(
 
 
 def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult:
-    """The result with a warning where beams, cut as the study says, change a value by a large part of its standard
-    deviation.
+    """The result, with a warning where the mesh changes a value by a large part of its standard deviation.
+
+    Beams are cut as the study says.
     """
     found, structure = result.identification, ready.study.structure
     of_modes = all(isinstance(problem, ModalProblem) for problem in found.problems)  # `mesh_warnings` looks at these
