@@ -29,6 +29,7 @@ REPLACED = {
     "goes? with the model": "fits far worse than the others",
     "held on the axis": "measured FRFs, prior at the start",
     "next to nothing of": "hardly determines",
+    "(a|no) like in the model": "matches no mode of the model",
     "record would have": "the record prefers",
     "what is not there": "a broken link",
 }

@@ -565,12 +565,12 @@ def test_modes_beside_the_model_and_set_ups_merged(page, screens, tmp_path):
         page.get_by_role("button", name="Save 3 modes").wait_for()
         page.get_by_label("Measured modes").select_option("found")
         page.get_by_role("button", name="Hold against the model").click()
-        page.get_by_text("3 of 3 measured modes have a like in the model, by 2 sensors").wait_for()
+        page.get_by_text("3 of 3 measured modes match modes of the model, by 2 sensors").wait_for()
         # the set-ups merged stand beside the model by themselves, at all sensors
         page.get_by_label("upper.h5").check()
         page.get_by_label("lower.h5").check()
         page.get_by_role("button", name="Merge", exact=True).click()
-        page.get_by_text("3 of 3 measured modes have a like in the model, by 3 sensors").wait_for(timeout=600_000)
+        page.get_by_text("3 of 3 measured modes match modes of the model, by 3 sensors").wait_for(timeout=600_000)
         assert page.locator("table.mac td.pair").count() == 3
         assert min(float(one) for one in page.locator("table.mac td.pair").all_inner_texts()) > 0.98
         shown(page, screens, "11_beside")

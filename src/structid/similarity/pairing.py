@@ -16,7 +16,7 @@ from structid.similarity.shapes import mac, subspace_angles
 _AS_GOOD = 0.8
 #: MAC from which a close mode of the model has a part in a measured one.
 _PART = 0.1
-#: MAC of every pair from which close modes are told apart, and are held against each other one by one.
+#: MAC of every pair from which close modes are distinguished, and compared one by one.
 _TOLD = 0.95
 #: Logarithmic distance in frequency, in parts of the guard, beyond which there is no pair.
 _FARTHEST = 3.0

@@ -81,7 +81,7 @@ def frf_from_time(
     ------
     InputError
         If channels are missing, records do not fit together or are too short, an input is silent, or several inputs
-        cannot be told apart (their spectra are coherent, or there are fewer averages than inputs).
+        cannot be separated (their spectra are coherent, or there are fewer averages than inputs).
 
     Notes
     -----

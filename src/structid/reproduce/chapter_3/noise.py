@@ -217,7 +217,7 @@ def noisy_table(name: str, n_samples: int, n_seeds: int) -> Item:
         f"The table is one draw of noise whose seed is not known. Beside it stand medians over {n_seeds} draws (seeds 0"
         f" to {n_seeds - 1}) under reading A, in which accelerations and force have 2 % noise and displacements are"
         f" exact; {inside} of its 30 numbers lie in the 5-95 % band. Reading A multiplies every sample by 1 + 2 % n,"
-        " reading B adds 2 % of the RMS of each channel; the table cannot tell them apart."
+        " reading B adds 2 % of the RMS of each channel; the table does not distinguish them."
         f"\nThe printed RMS error {rms} is the sum of the RMS over the masses and the RMS over the stiffnesses,"
         f" {both:.4f}; the RMS over all 30 is {all_30:.4f}. That definition is an inference, from both tables."
         "\nThe text says that displacements are integrated from the noisy accelerations; see Claims on noise.",
