@@ -88,9 +88,13 @@ def refine_mesh(
         mesh, tried = judge_pieces(ready.setups, result.identification, options, mesh.needed), tried + 1
     if not mesh.is_enough and not mesh.obstacle:
         mesh = replace(mesh, obstacle="no more pieces are tried")
-    found = result.identification
-    warnings = found.warnings if mesh.is_enough else (f"{SUBDIVIDE_AUTO}: {mesh.words}", *found.warnings)
-    return replace(ready, mesh=mesh), replace(result, identification=replace(found, mesh=mesh.words, warnings=warnings))
+    identification = result.identification
+    warnings = (
+        identification.warnings if mesh.is_enough else (f"{SUBDIVIDE_AUTO}: {mesh.words}", *identification.warnings)
+    )
+    return replace(ready, mesh=mesh), replace(
+        result, identification=replace(identification, mesh=mesh.words, warnings=warnings)
+    )
 
 
 def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult:
