@@ -44,7 +44,7 @@ class Agreement:
         )
 
 
-def agreement(problem: Problem, at: Linearization) -> Agreement | None:
+def agreement(problem: Problem, linearization: Linearization) -> Agreement | None:
     """F test that quantities measured in several records agree on the parameters; None if it cannot be made.
 
     With S the sum of squares that all quantities leave with the same parameters, S_q that of quantity q with parameters of its own,
@@ -59,14 +59,14 @@ def agreement(problem: Problem, at: Linearization) -> Agreement | None:
     block = repeated_quantities(problem)
     if block is None:
         return None
-    residual, jacobian = at.residual[: problem.n_data], at.jacobian[: problem.n_data]
+    residual, jacobian = linearization.residual[: problem.n_data], linearization.jacobian[: problem.n_data]
     rows = [block == number for number in range(int(block.max()) + 1)]
     told = block >= 0
     whole, rank = _left(jacobian[told], residual[told])
     own = [_left(jacobian[q], residual[q]) for q in rows]
     least = sum(square for square, _ in own)
     ranks = sum(count for _, count in own)
-    between, within = ranks - rank, int(told.sum()) - ranks - at.n_eliminated
+    between, within = ranks - rank, int(told.sum()) - ranks - linearization.n_eliminated
     if between <= 0 or within <= 0 or least <= 0:
         return None
     ratio = (whole - least) / between / (least / within)

@@ -137,15 +137,17 @@ def _same_modes(low: ModalRecord, high: ModalRecord) -> list[tuple[int, int]]:
     return [(i, j) for i, j in pairs if away[:, j].argmin() == i]
 
 
-def _likely_alone(look: ModalIdentification, other: ModalRecord, taken: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask (n_modes,) of the likely modes of `look` that the `other` analysis does not have.
+def _likely_alone(
+    identification: ModalIdentification, other: ModalRecord, taken: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Mask (n_modes,) of the likely modes of `identification` that the `other` analysis does not have.
 
     They have no neighbour among its modes `taken`.
     """
-    modes = look.modes
+    modes = identification.modes
     gap = np.abs(modes.frequency[:, None] - other.frequency[taken])
     width = 2 * np.nan_to_num(modes.damping_ratio) * modes.frequency + 3 * np.nan_to_num(modes.frequency_std)
-    return np.asarray((look.probability >= LIKELY) & ~(gap <= width[:, None]).any(axis=1))
+    return np.asarray((identification.probability >= LIKELY) & ~(gap <= width[:, None]).any(axis=1))
 
 
 def _limited(
