@@ -19,8 +19,11 @@ PACKAGES = ("structid", "structid.records", "structid.modal")
 INNER = (
     "structid.diagnose",
     "structid.external",
+    "structid.fem",
+    "structid.fem.elements",
     "structid.forward",
     "structid.modal.formats",
+    "structid.study.schema.model",
     "structid.study.run.solver",
 )
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}

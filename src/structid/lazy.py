@@ -1,16 +1,18 @@
-"""Public names and modules of file formats load on first use (PEP 562): importing a package costs next to nothing."""
+"""Public names, file formats and entries of registries load on first use (PEP 562): a run loads only what it needs."""
 
 from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 def lazy(
@@ -65,3 +67,31 @@ class FormatModule:
         if name.startswith("__"):
             raise AttributeError(name)
         return getattr(import_module(self.module), name)
+
+
+class LoadedByKey(Mapping[str, T]):
+    """Registry of objects in modules that load when an object is asked for; keys are listed without loading any.
+
+    Parameters
+    ----------
+    places : mapping of str to str
+        ``module:name`` of the object of each key.
+    """
+
+    def __init__(self, places: Mapping[str, str]) -> None:
+        """A registry from the places of its objects."""
+        self.places = dict(places)
+
+    def __getitem__(self, key: str) -> T:
+        module, _, name = self.places[key].partition(":")
+        value: T = getattr(import_module(module), name)
+        return value
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.places)
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def __contains__(self, key: object) -> bool:
+        return key in self.places

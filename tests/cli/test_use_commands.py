@@ -202,6 +202,7 @@ def test_a_model_that_the_data_do_not_determine_is_refused(tmp_path):
     ("arguments", "words"),
     [
         (["--support", "1X", "--support", "2X", "--support", "3X"], "nothing of the changed structure can move"),
+        (["--remove", "mass 1", "--remove", "mass 2", "--remove", "mass 3"], "has no mass (mass 1 removed"),
         (["--support", "9X"], "9X"),
         (["--remove", "deck"], "no element set 'deck'"),
         (["--sensors", "2X", "--loads", "1Y"], "1Y+ is not part of the structure"),

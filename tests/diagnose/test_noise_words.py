@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from structid.diagnose.verdict import Cause, _off_resonances, judged
+from structid.diagnose.verdict import Cause, _off_resonances, judged, noise_ratio
 from structid.identification.fits.resonances import Resonance
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
@@ -46,6 +46,20 @@ def test_noise_that_is_stated_too_large_is_no_misfit(tmp_path):
     )
     level = Cause("noise_level", ("all records",), "the noise is not what it was taken for", 1.0, 1.0)
     assert judged(found, [level]).words.endswith("; the intervals are those of the noise that was taken.")
+
+
+@pytest.mark.parametrize(("scale", "noise", "expected"), [(1e-3, 0.01, None), (1.0, 0.001, 9.7), (1.0, 0.1, 0.097)])
+def test_a_calibration_beyond_its_tolerance_is_no_noise(tmp_path, scale, noise, expected):
+    """A record a thousand times too small was called one of 13 times the noise: the tolerance of the calibration took the rest."""
+    text = CHAIN.replace('elements = "upper"\neach = true', 'elements = "upper"')
+    for number, mass in ((1, 2.0), (2, 3.0), (3, 1.0)):
+        text = replaced(f'[[unknown]]\nproperty = "mass"\nelements = "mass {number}"\n', "", text)
+        text = replaced(
+            f"nodes = {number}\nmass = {1.2 if number == 3 else 2.4}", f"nodes = {number}\nmass = {mass}", text
+        )
+    path = write_chain(tmp_path, replaced("relative = 0.01", f"relative = {noise}", text), chain_record(scale=scale))
+    ratio = noise_ratio(run_study(load_study(path)).identification)
+    assert ratio is None if expected is None else ratio == pytest.approx(expected, rel=0.02)
 
 
 def test_noises_of_several_kinds_are_those_of_the_records(tmp_path):

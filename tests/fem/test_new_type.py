@@ -82,7 +82,7 @@ def rubber_band(tmp_path, monkeypatch):
     (tmp_path / "rubber_bands.py").write_text(MODULE)
     monkeypatch.syspath_prepend(tmp_path)
     kind = importlib.import_module("rubber_bands").RubberBand
-    monkeypatch.setitem(ELEMENT_TYPES, "rubber_band", kind)
+    monkeypatch.setitem(ELEMENT_TYPES.places, "rubber_band", "rubber_bands:RubberBand")
     yield kind
     del sys.modules["rubber_bands"]
 

@@ -10,7 +10,7 @@ from time_cases import all_of, chain, everything, off, record_of, undamped_free
 from structid import InputError, Status, TimeRecord
 from structid.forward import TimeOptions, identify_motion, simulated_time_record
 from structid.forward.time.identify_time import identify_time
-from structid.forward.time.weak_form import modulating_function, weak_form
+from structid.forward.time.weak_form import _filters, modulating_function, weak_form
 
 WEAK = TimeOptions(method="weak", window=1.0)
 
@@ -195,3 +195,15 @@ def test_what_is_missing_is_said():
     for words, (given, options) in cases.items():
         with pytest.raises(InputError, match=words):
             identify_time(structure, unknown, given, options)
+
+
+def test_test_functions_are_sampled_inside_their_windows_alone():
+    n_times, step, length = 400, 0.02, 0.5
+    filters = _filters(n_times, step, 2, length, None, {0, 2})
+    count = filters[0].shape[0]
+    middle = np.linspace(length / 2, (n_times - 1) * step - length / 2, count)
+    place = (np.arange(n_times) * step - middle[:, None]) / length
+    for order, rows in filters.items():
+        expected = step * modulating_function(place, order) / length**order
+        assert rows.toarray() == pytest.approx(expected, abs=1e-9)
+        assert rows.nnz <= count * 26

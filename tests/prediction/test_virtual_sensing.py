@@ -154,8 +154,28 @@ def test_known_forces_leave_nothing_but_noise():
     motion = sid.predict(model, history, n_draws=50).values
     record = sid.TimeRecord(RATE, np.hstack([force, motion[:, [0]]]), ["2X", "1X"], ["force", "displacement"],
                             variance=np.array([0.0, 1e-12]))  # fmt: skip
-    found = sid.sense(model, record, ["2X"], n_draws=0)
+    found = sid.sense(model, record, ["2X"], n_draws=0, is_filtered=False)
     assert found.values[:, 0] == pytest.approx(motion[:, 1], abs=1e-4 * np.abs(motion).max())
+
+
+def test_known_forces_of_filtered_records_are_not_weakened_between_samples():
+    """White noise up to half the rate, simulated at 16 times that; straight lines between samples weaken it at the modes."""
+    factor, n = 16, 1500
+    force = np.random.default_rng(14).standard_normal((n, 1))
+    fine = signal.resample(force, factor * n, axis=0)
+    history = sid.History(["1X", "2X"], ["2X"], fine, RATE * factor, "displacement")
+    moved = sid.predict(make_model(), history, n_draws=50).values[::factor]
+    values = np.column_stack(
+        [force, moved[:, 0] + 10 * moved[:, 0].std() * np.random.default_rng(15).standard_normal(len(moved))]
+    )
+    record = sid.TimeRecord(RATE, values, ["2X", "1X"], ["force", "displacement"],
+                            variance=np.array([0.0, 100 * moved[:, 0].var()]))  # fmt: skip
+    errors = []
+    for is_filtered in (True, False):
+        found = sid.sense(make_model(), record, ["2X"], n_draws=0, is_filtered=is_filtered)
+        errors.append(float((found.values[:, 0] - moved[:, 1])[700:-20].std() / moved[:, 1].std()))
+    assert errors[0] < 0.007
+    assert errors[1] > 0.015
 
 
 @pytest.mark.parametrize("size", [0.0, 500.0])
@@ -189,7 +209,7 @@ def test_a_decay_under_a_known_force_of_nothing_has_an_honest_deviation(tap):
     known = np.eye(1, 400, 300)[0] * tap
     record = sid.TimeRecord(RATE, np.column_stack([known, measured]), ["2X", "1X"], ["force", "displacement"],
                             variance=np.array([0.0, noise**2]))  # fmt: skip
-    found = sid.sense(model, record, ["2X"], n_draws=0)
+    found = sid.sense(model, record, ["2X"], n_draws=0, is_filtered=False)
     error = found.values[:, 0] - motion[:, 1]
     assert np.abs(error).max() < 5 * noise
     assert 0.2 < np.sqrt(np.mean((error / found.std[:, 0])[:30] ** 2)) < 2.5
@@ -213,6 +233,8 @@ def test_what_cannot_be_told_is_named():
     record = sid.TimeRecord(RATE, np.ones((50, 1)), ["1X"], ["acceleration"], variance=np.array([1.0]))
     with pytest.raises(InputError, match="2 unknown forces cannot be told by 1 sensors"):
         sid.sense(make_model(), record, ["2X"], unknown=sid.UnknownForces(["1X", "2X"], 0.1))
+    with pytest.raises(InputError, match="`unknown` names 1X\\+ twice"):
+        sid.sense(make_model(), record, ["2X"], unknown=sid.UnknownForces(["1X+", "1X-"], 0.1))
     with pytest.raises(NoAnswerError, match="the structure is unsupported"):
         sid.sense(make_model(free=True), record, ["2X"], unknown=sid.UnknownForces(["2X"], 0.1, 1.0))
     with pytest.raises(InputError, match="`leave_out` names 2X"):

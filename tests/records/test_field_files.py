@@ -141,8 +141,41 @@ def test_times_of_a_clock_go_on_after_midnight(tmp_path):
     path.write_text(path.read_text().replace("23:59:59.75", "22:59:59.75"))
     with pytest.raises(FileError, match="line 3"):
         read_record(path)
-    path.write_text("Zeit;1X [g]\n" + "".join(f"27.11.2026 10:00:{k:02d};{k}\n" for k in range(9)))
-    with pytest.raises(FileError, match=r"times such as '27.11.2026 10:00:00' are not understood; write them in s"):
+    path.write_text("Zeit;1X [g]\n" + "".join(f"27.11.26 10:00:{k:02d};{k}\n" for k in range(9)))
+    with pytest.raises(FileError, match=r"times such as '27.11.26 10:00:00' are not understood; write them in s"):
+        read_record(path)
+
+
+@pytest.mark.parametrize(
+    ("head", "times"),
+    [
+        ("Datum", [f"05.03.2026 23:59:5{9 - k}" for k in range(1, -1, -1)] + ["06.03.2026 0:00:00"]),
+        ("Timestamp", ["03/05/2026 11:59:58 PM", "03/05/2026 11:59:59 PM", "03/06/2026 12:00:00 AM"]),
+        ("Timestamp", ["13/05/2026 12:59:58", "13/05/2026 12:59:59", "13/05/2026 13:00:00"]),
+        ("Date;Time", ["2026-03-05;23:59:58", "2026-03-05;23:59:59", "2026-03-06;00:00:00"]),
+        ("Date;Time", ["05.03.2026;11:59:58 AM", "05.03.2026;11:59:59 AM", "05.03.2026;12:00:00 PM"]),
+    ],
+)
+def test_dates_of_europe_and_america_are_read(tmp_path, head, times):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{head};1X [g]\n" + "".join(f"{t};{k},25\n" for k, t in enumerate(times)))
+    record = read_record(path)
+    assert record.sampling_rate == pytest.approx(1)
+    assert record.values[:, 0] == pytest.approx(9.80665 * np.array([0.25, 1.25, 2.25]))
+    assert ("Date left out" in record.source) == ("Date;" in head)
+    path.write_text(path.read_text().replace("58", "57", 1))
+    with pytest.raises(FileError, match="must be even"):
+        read_record(path)
+
+
+def test_a_second_header_and_overloads_are_told(tmp_path):
+    path = tmp_path / "a.csv"
+    run = "Time [s];1X [g]\n" + "".join(f"{k};{k},5\n" for k in range(9))
+    path.write_text(run + run)
+    with pytest.raises(FileError, match=r"line 11, column 1 \(Time \[s\]\) .*the header stands here again"):
+        read_record(path)
+    path.write_text(run.replace(";4,5", ";OVL"))
+    with pytest.raises(FileError, match=r"line 6, column 2 .*clear the cell"):
         read_record(path)
 
 

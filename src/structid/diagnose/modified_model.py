@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -21,6 +21,7 @@ from structid.diagnose.search_budget import METER, NO_LIMITS, FitLimits, SearchE
 from structid.diagnose.tested_model import ModelDraft, TestedModel
 from structid.diagnose.thresholds import (
     CHANGE_EFFORT,
+    MOST_CACHED,
     NEAR_LEVELS,
     NEAR_MODEL_ERROR,
     RACED_AT,
@@ -117,15 +118,25 @@ class ModifiedModel:
         return fixed_values(freed_problems(self.setups, self.problems, self.model.options.tolerances))
 
     def changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
-        """The model with one more change: a candidate with its strength.
+        """The model with one more change: a candidate with its strength; of small models the last ones are cached.
 
         Raises
         ------
         StructidError
             If the model has no place for the change.
         """
+        METER.add(CHANGE_EFFORT)  # of cached models too: what a search may take depends on no cache
+        if not self.is_small:
+            return self._changed(candidate, strength)
+        return self._cache.get_or_make(candidate, strength, self._changed)
+
+    @cached_property
+    def _cache(self) -> ChangedModels:
+        return ChangedModels()
+
+    def _changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
+        """The model with one more change, made anew."""
         edits = candidate.edits(self.model, strength)
-        METER.add(CHANGE_EFFORT)
         draft = ModelDraft(self.model)
         for edit in edits:
             edit.apply(draft)
@@ -290,6 +301,28 @@ class ModifiedModel:
         if not minima:
             raise StructidError(f"no start can be evaluated: {last}") from last
         return min(minima, key=lambda minimum: minimum.costs[-1])
+
+
+class ChangedModels:
+    """Cache of the last changed models of one model; its content goes to no other process."""
+
+    def __init__(self) -> None:
+        """An empty cache."""
+        self._models: dict[tuple[int, float], tuple[Candidate, ModifiedModel]] = {}
+
+    def __reduce__(self) -> tuple[type[ChangedModels], tuple[()]]:
+        return ChangedModels, ()
+
+    def get_or_make(
+        self, candidate: Candidate, strength: float, make: Callable[[Candidate, float], ModifiedModel]
+    ) -> ModifiedModel:
+        """The model changed by this very candidate with this strength, from the cache or made and kept there."""
+        key = id(candidate), strength  # the candidate is kept too, so that its identity stands
+        cached = self._models.pop(key, None) or (candidate, make(candidate, strength))
+        self._models[key] = cached
+        if len(self._models) > MOST_CACHED:
+            del self._models[next(iter(self._models))]
+        return cached[1]
 
 
 def started_at(problem: RecordProblem, known: Mapping[str, float]) -> RecordProblem:

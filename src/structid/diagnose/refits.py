@@ -132,7 +132,9 @@ class Fitted:
         names, test = self.modified.target.names, self.tolerance_test
         if test is None:
             return None
-        return fixed_values.refit(names, self.theta) if test.theta is None else fixed_values.fit_at(test.theta, names)
+        if test.theta is None:
+            return fixed_values.refit(names, self.theta, self.chi_square)
+        return fixed_values.fit_at(test.theta, names)
 
     @property
     def covariance_of_data(self) -> FloatArray:
@@ -159,7 +161,7 @@ def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, lef
     fixed_values = modified.fixed_values
     if modified.is_large or fixed_values is None or not is_beyond_noise(fitted):
         return fitted
-    within = fixed_values.refit(modified.target.names, theta, count_effort(fixed_values.problem))
+    within = fixed_values.refit(modified.target.names, theta, chi_square, count_effort(fixed_values.problem))
     test = ToleranceTest(within.chi_square + left_out, within.misfits(MISFIT), within.theta)
     return replace(fitted, tolerance_test=test)
 

@@ -150,6 +150,9 @@ OTHER_STATE_MISFIT = 2.0
 #: Part of a misfit below which a difference is one of rounding.
 SAME_MISFIT = 1e-9
 
+#: Changed models of a small model that are kept: screen, near fit and refit of a change ask for the same one.
+MOST_CACHED = 64
+
 # fixed values
 #: Chance that any fixed value of a right model is doubted (Bonferroni).
 DOUBT_RISK = 0.05

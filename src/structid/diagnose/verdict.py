@@ -43,6 +43,7 @@ from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identified import Identification
 from structid.identification.warning_words import ran_away_words
 from structid.inversion import Status
+from structid.inversion.fixed_values import limit_of
 from structid.inversion.search.work import ALONE, Work
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined", "untested"]
@@ -210,10 +211,21 @@ def noise_ratio(identification: Identification) -> float | None:
     is_of_size = tests.chi_square_probability >= DOUBT and 1 - tests.chi_square_probability >= DOUBT
     if is_of_size or 1 / NOISE_TOLERANCE < ratio < NOISE_TOLERANCE:
         return 1.0
-    return (
-        float(np.sqrt(identification.estimate.goodness.least_per_dof))
-        if identification.fits and is_normal and identification.estimate.goodness.n_data >= ORDERED_DATA
-        else None
+    ratio = float(np.sqrt(identification.estimate.goodness.least_per_dof))
+    is_ordered = identification.estimate.goodness.n_data >= ORDERED_DATA
+    if not identification.fits or not is_normal or not is_ordered or _is_beyond_noise(identification, ratio):
+        return None
+    return ratio
+
+
+def _is_beyond_noise(identification: Identification, ratio: float) -> bool:
+    """True where fixed values or the calibration are farther off than their tolerances and `ratio` times the noise make them.
+
+    What the data ask of a fixed value, in its tolerances, scatters by the larger of 1 and `ratio` at most.
+    """
+    fixed = identification.estimate.fixed
+    return fixed is not None and bool(
+        np.abs(fixed.asked).max(initial=0.0) > max(1.0, ratio) * limit_of(len(fixed.asked))
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +13,11 @@ from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
 from structid.fem.elements import ElementSet
 from structid.fem.elements.element import dof_code, dof_of_code, joined_codes
-from structid.fem.meshes import Mesh
 from structid.fem.structure import Structure
 from structid.fem.supports import Constraint, Equations
+
+if TYPE_CHECKING:
+    from structid.fem.meshes import Mesh
 
 #: Part of a force that is rounding, and of the largest eigenvalue of a correlation matrix what counts as 0.
 _NOTHING, _SAME = 1e-12, 1e-8

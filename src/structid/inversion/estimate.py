@@ -674,7 +674,7 @@ def _refit_once(
 ) -> FitWithinTolerances:
     """Refit of `minimum` with fixed values free within their tolerances, from `refits` or made and kept there."""
     if minimum not in refits:
-        refits[minimum] = fixed.refit(names, minimum.theta)
+        refits[minimum] = fixed.refit(names, minimum.theta, float(minimum.costs[-1]))
     return refits[minimum]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import locked
+from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dof
 from structid.core.errors import InputError
 from structid.fem import Dashpot, PointMass, Spring, Structure
@@ -182,10 +183,17 @@ def changed_model(
     Raises
     ------
     InputError
-        If a change names what the structure does not have, or leaves nothing of it.
+        If a change names what the structure does not have, or leaves nothing that moves or nothing that has mass.
     """
     for change in changes:
         structure, parameters = change.apply(structure, parameters)
+    told = join_words([change.words for change in changes])
+    if not structure.n_dofs:
+        raise InputError(
+            f"nothing of the changed structure can move ({told}), so that it has no modes; hold or take out less of it"
+        )
+    if not structure.matrix("mass", parameters.values(parameters.start)).count_nonzero():
+        raise InputError(f"the changed structure has no mass ({told}), so that it has no modes; take out less of it")
     return structure, parameters
 
 

@@ -10,6 +10,9 @@ from structid.core.arrays import FloatArray, require_shape
 from structid.core.errors import FileError, InputError
 from structid.files import require_readable
 
+#: Most samples of a history: with its bands it takes some hundred bytes a sample and output.
+_MOST_SAMPLES = 1e7
+
 
 def half_sine(amplitude: float, width: float, duration: float, sampling_rate: float) -> FloatArray:
     """A half-sine pulse of `amplitude` and `width`, s, at the start of a record of `duration`, s, (n_times,)."""
@@ -43,6 +46,7 @@ def coloured_noise(
         raise InputError(
             f"`sampling_rate` must be at least twice the highest line of the spectrum, {frequency[-1]:g} Hz, got {sampling_rate:g}"
         )
+    _require_samples(duration, sampling_rate)
     n = round(duration * sampling_rate)
     lines = np.fft.rfftfreq(n, 1 / sampling_rate)
     power = np.interp(lines, frequency, density, left=0.0, right=0.0) * sampling_rate * n / 2
@@ -82,6 +86,18 @@ def read_density(path: Path) -> tuple[FloatArray, FloatArray]:
     return table[:, 0], table[:, 1]
 
 
+def _require_samples(duration: float, sampling_rate: float) -> None:
+    """Raise `InputError` for a history of fewer samples than two, or of more than fit a computer's memory."""
+    if not duration * sampling_rate >= 2:
+        raise InputError(f"`duration` must hold at least two samples, got {duration:g} s", "duration")
+    if duration * sampling_rate > _MOST_SAMPLES:
+        raise InputError(
+            f"`duration` must hold at most {_MOST_SAMPLES:g} samples, got {duration:g} s at {sampling_rate:g} Hz; shorten it, or"
+            " lower the sampling rate",
+            "duration",
+        )
+
+
 def _require_rate(value: float, frequency: float, duration: float, sampling_rate: float, what: str) -> None:
     """Raise `InputError` unless a load of that `frequency`, Hz, has at least eight samples a period and fits the record.
 
@@ -94,5 +110,4 @@ def _require_rate(value: float, frequency: float, duration: float, sampling_rate
             f"`sampling_rate` must be at least {8 * frequency:g} Hz for the {what} of {value:g}, got {sampling_rate:g}; with fewer"
             " samples the load is another one"
         )
-    if not duration * sampling_rate >= 2:
-        raise InputError(f"`duration` must hold at least two samples, got {duration:g} s")
+    _require_samples(duration, sampling_rate)

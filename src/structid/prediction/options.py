@@ -93,6 +93,11 @@ class PredictOptions:
                 f"give one of `history`, `half_sine` and `sine`, got {' and '.join(f'`{name}`' for name in loads)}",
                 loads[1],
             )
+        for name in ("sampling_rate",) if self.noise else ("sampling_rate", "duration"):
+            if self.history is not None and getattr(self, name) is not None:
+                raise InputError(
+                    f"`{name}` must be left out with `history`, whose file states it; got {getattr(self, name):g}", name
+                )
         needed = {
             "half_sine": ("duration", "sampling_rate"),
             "sine": ("duration", "sampling_rate"),

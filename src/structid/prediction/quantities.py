@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from scipy import sparse
@@ -21,7 +21,15 @@ from structid.fem import Base, Friction, Structure
 from structid.forward.frf.response import Response, response
 from structid.prediction.linear_response import Input, LinearResponse, input_words, linear_response, parse_inputs
 from structid.prediction.poles import simulate_history
-from structid.prediction.recovery import Output, OutputMap, is_von_mises, output_map, output_unit, parse_outputs
+from structid.prediction.recovery import (
+    Output,
+    OutputMap,
+    distinct_channels,
+    is_von_mises,
+    output_map,
+    output_unit,
+    parse_outputs,
+)
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES, FRF_UNITS, MOTION_DERIVATIVES, QUANTITY_UNITS
 from structid.unknowns import Parameters
@@ -100,8 +108,8 @@ class Frf:
         if not (lines > 0).all():
             raise InputError(f"`frequency` must be greater than 0 Hz, got {lines.min():g}")
         for name, value in (
-            ("outputs", _distinct("outputs", parse_outputs(outputs))),
-            ("inputs", _distinct("inputs", parse_inputs(inputs))),
+            ("outputs", distinct_channels("outputs", parse_outputs(outputs))),
+            ("inputs", distinct_channels("inputs", parse_inputs(inputs))),
             ("frequency", lines),
             ("kind", kind),
         ):
@@ -260,7 +268,10 @@ class History:
         relative: bool = False,
     ) -> None:
         """Read the names of sensors and loads; require finite loads, a positive sampling rate and a known motion."""
-        sensors, driven = _distinct("outputs", parse_outputs(outputs)), _distinct("inputs", parse_inputs(inputs))
+        sensors, driven = (
+            distinct_channels("outputs", parse_outputs(outputs)),
+            distinct_channels("inputs", parse_inputs(inputs)),
+        )
         table = np.asarray(loads, dtype=np.float64)
         require_shape("loads", table, (None, len(driven)), "one column an input")
         require_finite("loads", table)
@@ -625,10 +636,6 @@ def comparable_modes(
     """
     for structure, _ in (before, after):
         structure.require_modes("modes")
-    if not after[0].n_dofs:
-        raise InputError(
-            "nothing of the changed structure can move, so that it has no modes; hold or take out less of it"
-        )
     shapes = structure_modes(*before, quantity.n_modes).mode_shapes
     n_modes = min(shapes.shape[1], structure_modes(*after, quantity.n_modes).mode_shapes.shape[1])
     reference = ReferenceModes(before[0].dofs, shapes[:, :n_modes], before[0].matrix("mass", before[1]))
@@ -665,13 +672,3 @@ def _once(units: Sequence[str]) -> str:
 
 def _words(outputs: Sequence[Output]) -> tuple[str, ...]:
     return tuple(str(output) for output in outputs)
-
-
-def _distinct(name: str, channels: tuple[Any, ...]) -> tuple[Any, ...]:
-    """`channels` unchanged; `InputError` if there is none, or one stands twice."""
-    if not channels:
-        raise InputError(f"`{name}` must name at least one channel, got none")
-    for number, channel in enumerate(channels):
-        if channel in channels[:number]:
-            raise InputError(f"`{name}` names {channel} twice; leave one out")
-    return channels

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from scipy import sparse
@@ -303,6 +303,16 @@ def parse_output(text: str | Output) -> Output:
 def parse_outputs(texts: Sequence[str | Output]) -> tuple[Output, ...]:
     """Outputs named by `texts`, each read by `parse_output`."""
     return tuple(parse_output(text) for text in texts)
+
+
+def distinct_channels(name: str, channels: tuple[Any, ...]) -> tuple[Any, ...]:
+    """`channels` unchanged; `InputError` if there is none, or one stands twice."""
+    if not channels:
+        raise InputError(f"`{name}` must name at least one channel, got none")
+    for number, channel in enumerate(channels):
+        if channel in channels[:number]:
+            raise InputError(f"`{name}` names {channel} twice; leave one out")
+    return channels
 
 
 def is_von_mises(output: Output) -> bool:

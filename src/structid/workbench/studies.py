@@ -45,7 +45,7 @@ def reading_keys() -> list[dict[str, Any]]:
                 {
                     "name": own,
                     "within": name if own != name else "",
-                    "words": one.words.replace("`", ""),
+                    "words": one.description.replace("`", ""),
                     "default": "" if one.default is None else one.default,
                     "choices": schema.get("enum", []),
                     "is_list": "array" in str(schema),

@@ -139,7 +139,9 @@ def compare(
     fixed = _fixed_in_both(_problems_with_free_values(first), _problems_with_free_values(second), names)
     both = _joint_estimate(joint, fixed)
     comparison = compare_jointly(both, names, **settings)
-    cost = squared(residual_at(joint, both.theta) if fixed is None else fixed.refit(both.names, both.theta).at.residual)
+    cost = squared(residual_at(joint, both.theta))
+    if fixed is not None:
+        cost = squared(fixed.refit(both.names, both.theta, cost).at.residual)
     common = (
         0 if fixed is None else sum(name.startswith(FIXED) and not name.endswith(LATER) for name in fixed.problem.names)
     )
@@ -153,10 +155,11 @@ def _least_cost(state: State) -> float:
     answer = state.result.identification
     if answer.target is None:
         raise InputError("states fitted in time cannot be joined; compare their results folders, or use fit 'spectra'")
+    cost = squared(residual_at(answer.target, answer.estimate.theta))
     fixed = fixed_values(answer.freed) if answer.freed else None
     if fixed is None:
-        return squared(residual_at(answer.target, answer.estimate.theta))
-    return squared(fixed.refit(answer.estimate.names, answer.estimate.theta).at.residual)
+        return cost
+    return squared(fixed.refit(answer.estimate.names, answer.estimate.theta, cost).at.residual)
 
 
 def _unchanged_test(

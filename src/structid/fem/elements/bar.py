@@ -36,6 +36,7 @@ class Bar(ElementSet):
     """Bars between nodes on a line (X), in a plane (X, Y) or in space (X, Y, Z)."""
 
     is_line = True
+    symbol = "line"
     section_stiffness: ClassVar = {"N": "axial_stiffness"}
 
     nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))

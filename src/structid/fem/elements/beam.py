@@ -209,6 +209,7 @@ class Beam(ElementSet):
     """Straight beams on a line (deflection Y, rotation RZ) or in a plane (X, Y, RZ)."""
 
     is_line = True
+    symbol = "line"
     section_stiffness: ClassVar = {"N": "axial_stiffness", "M": "bending_stiffness"}
 
     nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))

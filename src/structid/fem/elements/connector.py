@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated, TypeAlias
-
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray, locked
@@ -13,11 +10,13 @@ from structid.core.errors import InputError
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     Declared,
+    Dofs,
     ElementMatrixTerm,
     ElementSet,
-    Given,
+    Ends,
     Matrices,
     Nodes,
+    OtherEnds,
     Positions,
     Values,
     declarations,
@@ -25,11 +24,6 @@ from structid.fem.elements.element import (
     dof_code,
     element,
 )
-
-Dofs = Sequence[str | Dof] | str | Dof
-#: Degrees of freedom, one an element, or several of another kind.
-Ends: TypeAlias = Annotated[Given[Dofs, tuple[Dof, ...]], "degree of freedom or sequence of them"]
-OtherEnds: TypeAlias = Annotated[Given[Dofs | None, tuple[Dof, ...] | None], "the same, optional"]
 
 
 def dofs_stored(name: str, dofs: Dofs) -> tuple[Dof, ...]:
@@ -95,6 +89,8 @@ def _require_ends(name: str, first: tuple[Dof, ...], second: tuple[Dof, ...] | N
 class Spring(Connector):
     """Springs between pairs of degrees of freedom, or to the ground."""
 
+    symbol = "spring"
+
     stiffness: Values = declared("Stiffness", "stiffness", "N/m", about_axes="N m/rad", kw_only=True)
     loss_factor: Values = declared(*LOSS_FACTOR, default=0.0, kw_only=True)
 
@@ -102,5 +98,7 @@ class Spring(Connector):
 @element
 class Dashpot(Connector):
     """Viscous dashpots between pairs of degrees of freedom, or to the ground."""
+
+    symbol = "dashpot"
 
     viscous_damping: Values = declared("Damping", "viscous_damping", "N s/m", about_axes="N m s/rad", kw_only=True)

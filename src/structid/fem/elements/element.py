@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Annotated, Any, ClassVar, Generic, Literal, TypeAlias, TypeVar, dataclass_transform
 
@@ -31,6 +31,8 @@ Kind = Literal[
     "axial_force",
     "length",
 ]
+#: Symbols of elements in drawings; "flat" and "shell" are cells with two faces, with and without a gap between neighbours.
+Symbol = Literal["line", "spring", "dashpot", "friction", "disc", "ring", "flat", "shell", "solid", "square"]
 #: Name of the common factor on the lengths of a set of bars or beams, a property where a tolerance of it is stated.
 LENGTH = "length"
 Positions = Mapping[int, FloatArray]
@@ -66,6 +68,20 @@ OptionalSignedValues: TypeAlias = Annotated[
 Nodes: TypeAlias = Annotated[Given[ArrayLike, IntArray], "(n_elements, n_nodes) int array"]
 #: A direction in space.
 Vector: TypeAlias = Annotated[Given[ArrayLike | None, FloatArray | None], "(3,) array, optional"]
+
+Dofs: TypeAlias = Sequence[str | Dof] | str | Dof
+#: Degrees of freedom at the ends of connectors, one an element.
+Ends: TypeAlias = Annotated[Given[Dofs, tuple[Dof, ...]], "degree of freedom or sequence of them"]
+OtherEnds: TypeAlias = Annotated[Given[Dofs | None, tuple[Dof, ...] | None], "the same, optional"]
+#: Degree of freedom at an end of a single friction contact.
+End: TypeAlias = Annotated[Given[str | Dof, tuple[Dof, ...]], "degree of freedom"]
+OtherEnd: TypeAlias = Annotated[Given[str | Dof | None, tuple[Dof, ...] | None], "degree of freedom, optional"]
+#: Degree of freedom of a joint, whatever its sense.
+At: TypeAlias = Annotated[Given[str | Dof, Dof], "degree of freedom"]
+#: Directions in which a mass has inertia.
+Translations: TypeAlias = Annotated[
+    Given[Iterable[str] | None, tuple[str, ...] | None], 'tuple of {"X", "Y", "Z"}, optional'
+]
 
 #: How well fixed properties are known: a number for all of them, or one for each by name.
 Tolerance: TypeAlias = Annotated[float | Mapping[str, float] | None, "float or mapping of str to float, optional"]
@@ -292,6 +308,8 @@ class ElementSet:
     section_stiffness: ClassVar[Mapping[str, str]] = {}
     #: Types of its cells by number of nodes; none where its elements are no cells of a mesh.
     cells: ClassVar[Mapping[int, str]] = {}
+    #: Symbol by which a drawing shows each element.
+    symbol: ClassVar[Symbol] = "square"
     #: Whether its matrices say what it does; a set that has responses alone stands alone in a structure.
     has_matrices: ClassVar[bool] = True
 

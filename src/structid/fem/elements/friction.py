@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, TypeAlias
-
 import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.constraints import Number
-from structid.core.dof import Dof
-from structid.fem.elements.connector import Connector, Ends, dofs_stored
-from structid.fem.elements.element import Given, Values, declared, element
-
-#: One degree of freedom.
-End: TypeAlias = Annotated[Given[str | Dof, tuple[Dof, ...]], "degree of freedom"]
-OtherEnd: TypeAlias = Annotated[Given[str | Dof | None, tuple[Dof, ...] | None], "degree of freedom, optional"]
+from structid.fem.elements.connector import Connector, dofs_stored
+from structid.fem.elements.element import End, Ends, OtherEnd, Values, declared, element
 
 
 @element
@@ -30,6 +23,8 @@ class Friction(Connector):
     ----------
     Den Hartog (1931), Trans. ASME 53, APM-53-9; Magnus, Popp, Sextro (2016), Schwingungen, section 3.2.
     """
+
+    symbol = "friction"
 
     first: End = declared("Where the friction acts")
     second: OtherEnd = declared("The other end; the ground where left out", default=None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 
@@ -13,20 +13,16 @@ from structid.fem.elements.element import (
     TRANSLATIONS,
     ElementMatrixTerm,
     ElementSet,
-    Given,
     Matrices,
     Nodes,
     Positions,
+    Translations,
     Values,
     declared,
     element,
     node_codes,
     node_table,
 )
-
-Translations: TypeAlias = Annotated[
-    Given[Iterable[str] | None, tuple[str, ...] | None], 'tuple of {"X", "Y", "Z"}, optional'
-]
 
 
 def _checked_translations(name: str, directions_given: Iterable[str]) -> tuple[str, ...] | None:
@@ -42,6 +38,7 @@ class PointMass(ElementSet):
     """Masses at nodes, the same in every translation."""
 
     follows = True
+    symbol = "disc"
 
     nodes: Nodes = declared("Node labels", stored=node_table(1))
     mass: Values = declared("Mass", "mass", "kg")
@@ -71,6 +68,7 @@ class RotaryInertia(ElementSet):
     """Mass moments of inertia at nodes about one axis."""
 
     follows = True
+    symbol = "ring"
 
     nodes: Nodes = declared("Node labels", stored=node_table(1))
     rotary_inertia: Values = declared("Mass moment of inertia", "rotary_inertia", "kg m^2")

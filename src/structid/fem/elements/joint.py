@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, TypeAlias
-
 import numpy as np
 
 from structid.core.arrays import IntArray, locked
 from structid.core.dof import Dof, parse_dof
 from structid.fem.elements.element import (
     LOSS_FACTOR,
+    At,
     Declared,
     ElementMatrixTerm,
     ElementSet,
-    Given,
     Matrices,
     Nodes,
     Positions,
@@ -22,9 +20,6 @@ from structid.fem.elements.element import (
     dof_code,
     element,
 )
-
-#: One degree of freedom, whatever its sense.
-At: TypeAlias = Annotated[Given[str | Dof, Dof], "degree of freedom"]
 
 
 @element
@@ -36,6 +31,7 @@ class Joint(ElementSet):
     """
 
     follows = True
+    symbol = "ring"
 
     nodes: Nodes = declared("The node", init=False)
     element: str = declared("The element, counted from 1, such as ``girder:1``")

@@ -70,6 +70,7 @@ class Membrane(CellSet):
     """
 
     cells = _CELLS
+    symbol = "flat"
     moves = ("Z",)
 
     nodes: Nodes = declared(

@@ -41,6 +41,7 @@ class Plane(CellSet):
     """
 
     cells = PLANE_CELLS
+    symbol = "flat"
     moves = ("X", "Y")
 
     nodes: Nodes = declared(

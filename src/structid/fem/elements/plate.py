@@ -81,6 +81,7 @@ class Plate(ThinSet):
     """
 
     moves = ("Z", "RX", "RY")
+    symbol = "flat"
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
         """Element matrices of density (mass) and Young's modulus (bending stiffness), by property.

@@ -135,6 +135,7 @@ class Shell(ThinSet):
     """
 
     moves = DIRECTIONS
+    symbol = "shell"
 
     linear_strains: Annotated[float, "float", Limits(above=0, most=1)] = declared(
         "Share of the stiffness against strains that vary linearly within a facet. 1 is exact for webs one cell deep that"

@@ -41,6 +41,7 @@ class Solid(CellSet):
     """
 
     cells = SOLID_CELLS
+    symbol = "solid"
     moves = TRANSLATIONS
 
     nodes: Nodes = declared(

@@ -59,6 +59,7 @@ class SpaceBeam(ElementSet):
 
     moves = DIRECTIONS
     is_line = True
+    symbol = "line"
     section_stiffness: ClassVar = {
         "N": "axial_stiffness",
         "T": "torsional_stiffness",

@@ -178,9 +178,9 @@ class SpectraProblem(RecordProblem):
     def linearize(self, theta: FloatArray) -> Linearization:
         """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
         at, change = self.model.changes(self.physical(theta))
-        rows = stack_real(change.reshape(-1, change.shape[2]))
-        rows -= at.basis @ (at.basis.T @ rows)
-        return linearization_with_priors(self.unknowns, theta, at.data, rows * self.slope(theta), at.basis.shape[1])
+        left, _ = at.linear.project_out(np.moveaxis(change, 2, 0).reshape(change.shape[2], -1))
+        rows = stack_real(left.T) * self.slope(theta)
+        return linearization_with_priors(self.unknowns, theta, at.data, rows, at.linear.rank)
 
 
 def spectra_problem(

@@ -28,6 +28,8 @@ _OFF_LINE = 1e-4
 _FAR = 10.0
 #: Columns with singular values below this part of the largest count as dependent.
 _DEPENDENT = 1e-10
+#: Normal equations serve where their smallest eigenvalue is above this part of their largest.
+_RESOLVED = 1e-9
 #: An evaluation is kept for its derivative where it takes no more than this; rows of a block of the orthogonalization.
 _KEPT_BYTES, _BLOCK_ROWS = 2e8, 1024
 
@@ -50,8 +52,8 @@ class Evaluation:
     aliased : (n_frequencies, n_outputs, n_inputs) complex array
         What readings hold of the likeliest forces through aliases, in parts of the response far above all modes.
     whitening : (n_frequencies, n_outputs, n_outputs) complex array
-    basis : (n_data, rank) float array
-        What the linear unknowns can explain of the whitened data.
+    linear : EliminatedColumns
+        Columns of the linear unknowns, which explain a part of the whitened data.
     data : (n_data,) float array
     """
 
@@ -62,13 +64,48 @@ class Evaluation:
     motion: ComplexArray
     aliased: ComplexArray
     whitening: ComplexArray
-    basis: FloatArray
+    linear: EliminatedColumns
     data: FloatArray
 
     @property
     def is_small(self) -> bool:
         """True if the model's matrices are small enough to be cached."""
-        return self.basis.nbytes + self.y.nbytes < _KEPT_BYTES
+        return self.linear.columns.nbytes + self.y.nbytes < _KEPT_BYTES
+
+
+@dataclass(frozen=True, eq=False)
+class EliminatedColumns:
+    """Columns of unknowns that enter whitened data linearly, and take their part of it.
+
+    Attributes
+    ----------
+    columns : (n_columns, n_complex) complex array
+        One column in each row; they span what the unknowns explain.
+    inverse : (n_columns, n_columns) float array
+        Inverse of the products of the columns, real and imaginary parts together.
+    solution : (n_unknowns, n_columns) float array
+        The unknowns by the products of the columns with data.
+    rank : int
+        How many of the unknowns are independent.
+    """
+
+    columns: ComplexArray
+    inverse: FloatArray
+    solution: FloatArray
+    rank: int
+
+    def project_out(self, data: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+        """The parts of rows of `data` (n, n_complex) that the columns leave, and the unknowns (n_unknowns, n) in the rest.
+
+        Twice, since the first time leaves what normal equations lose by rounding.
+        """
+        left = np.ascontiguousarray(data).view(np.float64)
+        columns, explained = self.columns.view(np.float64), np.zeros((len(self.solution), len(left)))
+        for _ in range(2):
+            products = columns @ left.T
+            explained += self.solution @ products
+            left = left - (self.inverse @ products).T @ columns
+        return left.view(np.complex128), explained
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,12 +184,17 @@ class Transient:
         """Whitened regressors of all linear unknowns: changes of state at both ends, then each output's polynomial and tones.
 
         `whitening` (n_frequencies, n_outputs, n_outputs) is the factor on the outputs' spectra, `reach` (n_frequencies, n_outputs,
-        n_modes) the whitened motion by each modal force. Shape (n_frequencies * n_outputs, n_unknowns).
+        n_modes) the whitened motion by each modal force. Shape (n_unknowns, n_frequencies * n_outputs): each unknown is a row.
         """
         n_lines, n_out = self.spectra.motion.shape
-        s = self.relative_laplace[:, None, None]
-        own = (whitening[..., None] * self._own_shapes[:, None, None]).reshape(n_lines, n_out, -1)
-        return np.concatenate([reach, s * reach, own], axis=2).reshape(n_lines * n_out, -1)
+        jumps, shapes, s = np.moveaxis(reach, 2, 0), self._own_shapes.T, self.relative_laplace[:, None]
+        n_jumps, n_shapes = len(jumps), len(shapes)
+        columns = np.empty((2 * n_jumps + n_out * n_shapes, n_lines, n_out), dtype=np.complex128)
+        columns[:n_jumps] = jumps
+        np.multiply(jumps, s, out=columns[n_jumps : 2 * n_jumps])
+        own = columns[2 * n_jumps :].reshape(n_out, n_shapes, n_lines, n_out)
+        np.multiply(np.moveaxis(whitening, 2, 0)[:, None], shapes[None, :, :, None], out=own)
+        return columns.reshape(len(columns), n_lines * n_out)
 
     @cached_property
     def _own_shapes(self) -> ComplexArray:
@@ -271,14 +313,11 @@ class SpectraModel:
         error = (h @ spectra.force[:, :, None])[:, :, 0] - spectra.motion
         reach = self.transient.reach(y, read)
         whitened = whitening @ np.concatenate([error[:, :, None], reach], axis=2)
-        basis, unknowns, scale = _orthonormal(stack_real(self.transient.columns(whitening, whitened[:, :, 1:])))
-        misfit = stack_real(whitened[:, :, 0].reshape(-1))
-        given = basis.T @ misfit
-        data = misfit - basis @ given
-        coefficients = -scale * (unknowns @ given)
+        linear = eliminated_columns(self.transient.columns(whitening, whitened[:, :, 1:]))
+        left_over, explained = linear.project_out(whitened[:, :, 0].reshape(1, -1))
+        coefficients = -explained[:, 0]
         # the likeliest forces as load cells read them, u - cov(u) H' C^-1 e, with e = L (data) of the whitened misfit
-        own_data = data[: error.size] + 1j * data[error.size :]
-        weighed = np.conj(np.swapaxes(whitening, 1, 2)) @ own_data.reshape(*error.shape, 1) / 2
+        weighed = np.conj(np.swapaxes(whitening, 1, 2)) @ left_over.reshape(*error.shape, 1) / 2
         force = spectra.force - spectra.force_variance * (np.conj(np.swapaxes(h, 1, 2)) @ weighed)[:, :, 0]
         n = self.transient.forces.shape[1]
         left = coefficients[:n] + self.transient.relative_laplace[:, None] * coefficients[n : 2 * n]
@@ -286,7 +325,8 @@ class SpectraModel:
         motion = x @ np.concatenate([acting, left], axis=1)[:, :, None]
         aliased = _alias_factors(self.spectra, read, stated) * force[:, None, :]
         free = (reach @ left[:, :n, None])[:, :, 0]
-        return Evaluation(y, read, h * force[:, None, :], free, motion, aliased, whitening, basis, data)
+        data = stack_real(left_over[0])
+        return Evaluation(y, read, h * force[:, None, :], free, motion, aliased, whitening, linear, data)
 
     def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
         """Derivative of the motions by channel errors, (n_frequencies, n_outputs, n_params).
@@ -337,23 +377,44 @@ def _alias_factors(spectra: FiniteSpectra, read: ComplexArray, stated: ComplexAr
     return of_sensors[:, :, None] * (spectra.input_powers / stated)[:, None, :]
 
 
-def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Q, W and d with Q orthonormal over the span of `columns` and columns @ (d * (W @ a)) = Q a.
+def eliminated_columns(columns: ComplexArray) -> EliminatedColumns:
+    """The columns (n_unknowns, n_complex) of linear unknowns, each in a row, with what solves for these.
 
-    By blocks of rows that stay in the processor's cache (Demmel et al. 2012, SIAM J. Sci. Comput. 34, A206-A239, TSQR).
+    Normal equations serve while they lose no more than a half of the digits; beyond, an orthonormal basis takes the place of the
+    columns, by blocks of rows that stay in the processor's cache.
+
+    References
+    ----------
+    Demmel, Grigori, Hoemmen and Langou (2012), SIAM J. Sci. Comput. 34, A206-A239 (TSQR).
     """
-    if columns.shape[1] == 0:
-        return columns, np.zeros((0, 0)), np.zeros(0)
-    scale = np.linalg.norm(columns, axis=0)
-    safe = np.where(scale > 0, scale, 1.0)
+    real = np.ascontiguousarray(columns).view(np.float64)
+    n = len(real)
+    if n == 0:
+        return EliminatedColumns(columns, np.zeros((0, 0)), np.zeros((0, 0)), 0)
+    gram = real @ real.T
+    size = np.sqrt(np.diag(gram))
+    safe = np.where(size > 0, size, 1.0)
+    values, vectors = np.linalg.eigh(gram / np.outer(safe, safe))
+    if values[0] > _RESOLVED * values[-1]:
+        half = vectors / np.sqrt(values) / safe[:, None]
+        inverse = half @ half.T
+        return EliminatedColumns(columns, inverse, inverse, n)
+    basis, unknowns = _orthonormal(real.T / safe)
+    rank = basis.shape[1]
+    orthonormal = np.ascontiguousarray(basis.T).view(np.complex128)
+    return EliminatedColumns(orthonormal, np.eye(rank), unknowns / safe[:, None], rank)
+
+
+def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Q and W with Q orthonormal over the span of `columns`, whose norms are alike, and columns @ W a = Q a."""
     n_rows, n = columns.shape
     blocks = max(1, n_rows // max(_BLOCK_ROWS, 2 * n))
     size = -(-n_rows // blocks)
     padded = np.zeros((blocks * size, n))
-    np.divide(columns, safe, out=padded[:n_rows])
+    padded[:n_rows] = columns
     within, triangles = np.linalg.qr(padded.reshape(blocks, size, n))
     between, triangle = np.linalg.qr(triangles.reshape(-1, n))
     left, singular, right = np.linalg.svd(triangle)
     rank = int((singular > _DEPENDENT * singular.max(initial=0.0)).sum())
     across = (between @ left[:, :rank]).reshape(blocks, -1, rank)
-    return (within @ across).reshape(-1, rank)[:n_rows], right[:rank].T / singular[:rank], 1 / safe
+    return (within @ across).reshape(-1, rank)[:n_rows], right[:rank].T / singular[:rank]

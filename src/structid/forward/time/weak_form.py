@@ -12,7 +12,7 @@ likelihood of noisy regressors (errors in variables), found by iteration.
 References
 ----------
 Bortz, Messenger and Dukic (2023), Bull. Math. Biol. 85, 110: weak-form estimation with the covariance of the equation
-error (WENDy). Shinbrot (1957), Trans. ASME 79, 579-588: modulating functions. Fuller (1987), Measurement Error ResponseCache,
+error (WENDy). Shinbrot (1957), Trans. ASME 79, 579-588: modulating functions. Fuller (1987), Measurement Error Models,
 section 3.2: functional maximum likelihood.
 """
 
@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
 
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
@@ -179,12 +179,12 @@ def weak_form(structure: Structure, unknown: Parameters, record: TimeRecord, opt
     used = np.flatnonzero(np.any([np.abs(reader).any(axis=0) for reader in readers.values()], axis=0))
     length = options.window or _suited_length(record.values[:, used], 1 / record.sampling_rate)
     filters = _filters(len(record.values), 1 / record.sampling_rate, n, length, options.windows, orders)
-    grams = {(a, b): filters[a] @ filters[b].T for a in orders for b in orders}
-    found = np.zeros((3, n, len(filters[base])))
+    grams = {(a, b): (filters[a] @ filters[b].T).toarray() for a in orders for b in orders}
+    found = np.zeros((3, n, filters[base].shape[0]))
     for order, reader in readers.items():
         motion = reader @ record.values.T
         for e in range(3):
-            found[2 - e] += (-1) ** (e - order) * motion @ filters[base + e - order].T
+            found[2 - e] += (-1) ** (e - order) * (filters[base + e - order] @ motion.T).T
     force = where @ (filters[base] @ record.values[:, loads]).T
     spread = {order: (reader * variance) @ reader.T for order, reader in readers.items()}
     force_spread = (where * variance[loads]) @ where.T
@@ -237,8 +237,11 @@ def _suited_length(motion: FloatArray, step: float) -> float:
 
 def _filters(
     n_times: int, step: float, n_dofs: int, length: float, windows: int | None, orders: set[int]
-) -> dict[int, FloatArray]:
-    """Sampled derivatives of the test functions times the time step, (n_windows, n_times), by order of derivative."""
+) -> dict[int, sparse.csr_array]:
+    """Sampled derivatives of the test functions times the time step, (n_windows, n_times), by order of derivative.
+
+    Each row has entries at the samples of its window alone: a long record has hundreds of windows of a few samples.
+    """
     span, shortest = (n_times - 1) * step, _FEWEST_SAMPLES * step
     if not shortest <= length * (1 + 1e-9) or length > span * (1 + 1e-9):
         raise InputError(
@@ -252,8 +255,13 @@ def _filters(
             f"`windows` must be at most {most} for {n_dofs} degrees of freedom, got {count}; take fewer and longer ones"
         )
     middle = np.linspace(length / 2, span - length / 2, count) if count > 1 else np.array([span / 2])
-    place = (np.arange(n_times) * step - middle[:, None]) / length
-    return {order: step * modulating_function(place, order) / length**order for order in orders}
+    first = np.maximum(np.floor((middle - length / 2) / step).astype(int), 0)
+    samples = first[:, None] + np.arange(int(np.ceil(length / step)) + 2)
+    place = (samples * step - middle[:, None]) / length
+    is_inside = (np.abs(place) < 0.5) & (samples < n_times)
+    columns, starts = samples[is_inside], np.concatenate([[0], np.cumsum(is_inside.sum(axis=1))])
+    weights = {order: step * modulating_function(place[is_inside], order) / length**order for order in orders}
+    return {o: sparse.csr_array((w, columns, starts), shape=(count, n_times)) for o, w in weights.items()}
 
 
 def modulating_function(place: FloatArray, order: int) -> FloatArray:

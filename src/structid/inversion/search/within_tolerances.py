@@ -18,7 +18,13 @@ from structid.inversion.search.minimum import Progress
 
 #: Fixed values are near: a few steps settle them.
 _REFIT = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
+#: Of a fit far beyond its noise: Gauss-Newton steps are too long there, and what tolerances explain of it is a small part.
+_FAR_REFIT = LevenbergMarquardt(max_iterations=7, gain_tolerance=1e-5, initial_damping=1e-3)
 _MATRIX_FREE_REFIT = MatrixFree(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
+
+
+#: Sum of squares, in parts of the number of data, from which on a fit is far beyond its noise.
+_FAR = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +63,16 @@ class FixedValues:
         """A copy on the part of the data that a search uses."""
         return replace(self, problem=self.sample or self.problem, sample=None)
 
-    def refit(self, names: tuple[str, ...], theta: FloatArray, progress: Progress | None = None) -> FitWithinTolerances:
-        """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta`."""
-        method: Method = _MATRIX_FREE_REFIT if self.is_matrix_free else _REFIT
+    def refit(
+        self, names: tuple[str, ...], theta: FloatArray, chi_square: float, progress: Progress | None = None
+    ) -> FitWithinTolerances:
+        """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta`.
+
+        `chi_square` is the sum of squares there; it says how far the steps may be trusted.
+        """
+        method: Method = _MATRIX_FREE_REFIT
+        if not self.is_matrix_free:
+            method = _FAR_REFIT if chi_square > _FAR * self.problem.n_data else _REFIT
         minimum = minimize(self.problem, method, self._whole(names, theta), progress)
         return self._fit(minimum.theta, minimum.linearization, names)
 

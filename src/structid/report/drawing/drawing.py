@@ -5,24 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.display import plural
 from structid.core.dof import DIRECTIONS, Dof
-from structid.fem import (
-    Bar,
-    Beam,
-    Dashpot,
-    Friction,
-    Joint,
-    PointMass,
-    RotaryInertia,
-    SpaceBeam,
-    Spring,
-    Structure,
-)
+from structid.fem import Structure
 from structid.fem.elements import ElementSet
 from structid.fem.supports import Constraint, RigidLink
 from structid.report.drawing import palette, symbols
@@ -31,9 +21,10 @@ from structid.report.drawing.labels import Label, place
 from structid.report.drawing.picture import Mark, Picture, curve, is_spatial, paper_axes, points
 from structid.report.rendering import plot
 
-_Connector, _Line = Spring | Dashpot | Friction, Bar | Beam | SpaceBeam
-_Ring = RotaryInertia | Joint
-_SYMBOLS = {Spring: "spring", Dashpot: "dashpot", Friction: "friction"}
+if TYPE_CHECKING:
+    from structid.fem.elements.connector import Connector
+    from structid.fem.elements.inertia import PointMass
+
 #: Width that a wide drawing and one panel of several have, in hundreds of pixels of the page, which are inches of a picture.
 WIDE_INCHES, PANEL_INCHES = 11.0, 5.6
 #: Height of a drawing at most, in the same unit.
@@ -136,8 +127,8 @@ def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
         notes = ("All nodes are at one place, so they are drawn in a row.",)
     size = float(np.ptp(flat, axis=0).max()) or 1.0
     points = dict(zip(structure.nodes, flat, strict=True))
-    connectors = [e for e in structure.elements if isinstance(e, _Connector)]
-    areas = [e for e in structure.elements if not isinstance(e, _Connector | _Line)]
+    connectors = [e for e in structure.elements if _is_connector(e)]
+    areas = [e for e in structure.elements if not (_is_connector(e) or e.is_line)]
     height = np.clip(0.22 * _spacing(points, connectors, size), 0.008 * size, 0.020 * size)
     radius = np.clip(0.32 * _spacing(points, areas, size), 0.008 * size, 0.036 * size)
     spacing = _spacing(points, structure.elements, size)
@@ -156,13 +147,22 @@ def _spacing(points: Mapping[int, FloatArray], elements: Sequence[ElementSet], s
     return float(apart.min()) if apart.size else size
 
 
+def _is_connector(element: ElementSet) -> TypeGuard[Connector]:
+    """True for springs, dashpots and friction contacts, which are drawn between two points."""
+    return element.symbol in ("spring", "dashpot", "friction")
+
+
+def _is_mass(element: ElementSet) -> TypeGuard[PointMass]:
+    return element.symbol == "disc"
+
+
 def _marks(frame: _Frame) -> tuple[tuple[Mark, ...], FloatArray]:
     """Outlines of all elements, lines first so that masses cover them, and wall lines of grounded connectors."""
     sets = frame.structure.elements
-    connectors = [(e, k) for e in sets if isinstance(e, _Connector) for k in range(len(e.nodes))]
-    lines = [(e, k) for e in sets if isinstance(e, _Line) for k in range(len(e.nodes))]
-    rest = [e for e in sets if not isinstance(e, _Connector | _Line) and not is_cells(e)]
-    heaviest = max((float(e.mass.max()) for e in rest if isinstance(e, PointMass)), default=1.0)
+    connectors = [(e, k) for e in sets if _is_connector(e) for k in range(len(e.nodes))]
+    lines = [(e, k) for e in sets if e.is_line for k in range(len(e.nodes))]
+    rest = [e for e in sets if not (_is_connector(e) or e.is_line) and not is_cells(e)]
+    heaviest = max((float(e.mass.max()) for e in rest if _is_mass(e)), default=1.0)
     taken: Counter[object] = Counter()
     areas = [(e, k, *_area(frame, e, k, taken, heaviest)) for e in rest for k in range(len(e.nodes))]
     around = _Around(Counter(_pair(e.nodes[k]) for e, k in lines), Counter(), {}, {})
@@ -179,7 +179,7 @@ def _marks(frame: _Frame) -> tuple[tuple[Mark, ...], FloatArray]:
     for element, k in lines:
         path = np.array([frame.points[int(n)] for n in element.nodes[k]])
         marks.append(_mark(element, k, path, False, path.mean(axis=0)))
-    marks += [_mark(e, k, path, not isinstance(e, _Ring), centre) for e, k, path, centre in areas]
+    marks += [_mark(e, k, path, e.symbol != "ring", centre) for e, k, path, centre in areas]
     walls = symbols.joined(wall for *_, wall, _ in shapes if len(wall))
     return (*cell_faces(frame.structure, frame.points), *marks), walls
 
@@ -193,7 +193,7 @@ def _pair(nodes: Sequence[int]) -> tuple[int, int]:
     return min(int(n) for n in nodes), max(int(n) for n in nodes)
 
 
-def _place_key(element: Spring | Dashpot | Friction, index: int) -> object:
+def _place_key(element: Connector, index: int) -> object:
     """Key that parallel connectors share: their pair of nodes, or node and direction of the grounded one."""
     first = element.first[index]
     if element.second is None:
@@ -216,7 +216,7 @@ class _Around:
 
 
 def _connector(
-    frame: _Frame, element: Spring | Dashpot | Friction, index: int, around: _Around, taken: Counter[object]
+    frame: _Frame, element: Connector, index: int, around: _Around, taken: Counter[object]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Path, wall line and centre of the symbol of one spring, dashpot or friction element.
 
@@ -249,7 +249,7 @@ def _connector(
         finish = end - around.clearance.get(second.node if second else first.node, 0.0) * along
     lead = [begin, begin + shift] if step else []
     tail = [finish + shift, finish] if step and not stub else []
-    body = symbols.connector(_SYMBOLS[type(element)], begin + shift, finish + shift, frame.height)
+    body = symbols.connector(element.symbol, begin + shift, finish + shift, frame.height)
     path = symbols.joined([p for p in (np.array(lead), body, np.array(tail)) if len(p)])
     wall = symbols.ground(finish + shift, along, frame.height) if second is None else np.zeros((0, 2))
     return path, wall, 0.5 * (begin + finish) + shift
@@ -276,12 +276,12 @@ def _area(
     `index` is that of the element, `heaviest` the largest mass.
     """
     centre = np.mean([frame.points[int(n)] for n in element.nodes[index] if n >= 0], axis=0)
-    if isinstance(element, PointMass):
+    if _is_mass(element):
         share = float(element.mass[index]) / heaviest if heaviest > 0 else 1.0
         return symbols.disc(centre, frame.radius * max(np.sqrt(share), 0.35)), centre
     key = ("area", round(float(centre[0]) / frame.size, 6), round(float(centre[1]) / frame.size, 6))
     taken[key] += 1
-    if isinstance(element, _Ring):
+    if element.symbol == "ring":
         return symbols.disc(centre, frame.radius * (1.15 + 0.35 * taken[key])), centre
     centre = centre + np.array([2.6 * frame.radius * (taken[key] - 1), 0.0])
     return symbols.square(centre, frame.radius), centre

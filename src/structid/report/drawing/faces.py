@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.fem import Membrane, Plane, Plate, Shell, Solid, Structure
+from structid.fem import Structure
 from structid.fem.elements import ElementSet
 from structid.report.drawing.picture import Mark, is_spatial, sight
 
@@ -32,7 +32,7 @@ _MOST_LABELLED = 1000
 
 def is_cells(element: ElementSet) -> bool:
     """True if an element set is drawn by `cell_faces`."""
-    return isinstance(element, Membrane | Plane | Plate | Shell | Solid)
+    return element.symbol in ("flat", "shell", "solid")
 
 
 def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[Mark]:
@@ -47,7 +47,7 @@ def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[M
     eye = sight(structure)
     faces = _seen_faces(structure, eye)
     for element in structure.elements:
-        if is_cells(element) and not isinstance(element, Solid):
+        if element.symbol in ("flat", "shell"):
             rows = (row[row >= 0] for row in element.nodes)
             faces += [(element, index, row[: AREA_CORNERS[len(row)]]) for index, row in enumerate(rows)]
     found: list[tuple[float, Mark]] = []
@@ -56,7 +56,7 @@ def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[M
         if not _is_counter_clockwise(outline):  # else overlapping ones would cut holes into each other
             outline, nodes = outline[::-1], nodes[::-1]
         centre = outline.mean(axis=0)
-        share = 1.0 if isinstance(element, Shell | Solid) else _SHRUNK
+        share = _SHRUNK if element.symbol == "flat" else 1.0
         name = element.name if len(element.nodes) == 1 else f"{element.name}:{index + 1}"
         labels = tuple(int(n) for n in nodes)
         depth = float(np.mean([structure.nodes[n] @ eye for n in labels]))
@@ -68,7 +68,7 @@ def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[M
 def cell_edges(element: ElementSet) -> list[tuple[int, int]]:
     """Edges between corners of every cell of `element`, on the outside of solids."""
     rows = [np.asarray(row[row >= 0]) for row in element.nodes]
-    if isinstance(element, Solid):
+    if element.symbol == "solid":
         outlines = [nodes for _, nodes in _outer_faces(rows)]
     else:
         outlines = [row[: AREA_CORNERS[len(row)]] for row in rows]
@@ -86,7 +86,7 @@ def _is_counter_clockwise(outline: FloatArray) -> bool:
 
 def _seen_faces(structure: Structure, eye: FloatArray) -> list[tuple[ElementSet, int, IntArray]]:
     """The outer faces of all solids together whose outside the eye sees."""
-    owners = [(e, index) for e in structure.elements if isinstance(e, Solid) for index in range(len(e.nodes))]
+    owners = [(e, index) for e in structure.elements if e.symbol == "solid" for index in range(len(e.nodes))]
     rows = [np.asarray(e.nodes[index]) for e, index in owners]
     rows = [row[row >= 0] for row in rows]
     found: list[tuple[ElementSet, int, IntArray]] = []

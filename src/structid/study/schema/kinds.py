@@ -12,11 +12,20 @@ from typing import Annotated, Any, Literal, TypedDict, TypeVar, get_args, get_or
 from structid.core.constraints import Limits, alternatives
 from structid.core.dof import Dof
 from structid.core.json_types import Plain, as_list
-from structid.fem.elements.connector import Ends, OtherEnds
-from structid.fem.elements.element import Nodes, OptionalSignedValues, OptionalValues, Tolerance, Values, Vector
-from structid.fem.elements.friction import End, OtherEnd
-from structid.fem.elements.inertia import Translations
-from structid.fem.elements.joint import At
+from structid.fem.elements.element import (
+    At,
+    End,
+    Ends,
+    Nodes,
+    OptionalSignedValues,
+    OptionalValues,
+    OtherEnd,
+    OtherEnds,
+    Tolerance,
+    Translations,
+    Values,
+    Vector,
+)
 
 T = TypeVar("T")
 _LARGEST = 1e100  # its square is still finite, and that of its reciprocal no zero

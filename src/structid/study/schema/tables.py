@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, is_dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Annotated, Any, TypeAlias, get_args, get_origin
 
 from structid.core.constraints import alternatives, declared_types, parameter_descriptions
@@ -23,8 +23,8 @@ class Key:
     Parameters
     ----------
     holds : Kind or Table
-    words : str
-        What it is.
+    words : str or callable
+        What it is; a callable gives the words when they are asked for.
     required : bool
     default : object
         None where there is none, or it is not a plain value.
@@ -33,10 +33,15 @@ class Key:
     """
 
     holds: Kind | Table
-    words: str = ""
+    words: str | Callable[[], str] = ""
     required: bool = False
     default: object = None
     listed: bool = False
+
+    @property
+    def description(self) -> str:
+        """Words on the key for schemas and forms; "" where nothing says it."""
+        return self.words() if callable(self.words) else self.words
 
     @property
     def holds_tables(self) -> bool:
@@ -52,11 +57,37 @@ class Key:
     def schema(self) -> Schema:
         """The key as JSON Schema."""
         schema: Schema = {"type": "array", "items": self.holds.schema} if self.listed else {**self.holds.schema}
-        if self.words:
-            schema["description"] = self.words
+        if self.description:
+            schema["description"] = self.description
         if isinstance(self.default, str | int | float | list):
             schema["default"] = self.default
         return schema
+
+
+@dataclass(frozen=True, eq=False)
+class DeferredKeys(Mapping[str, Key]):
+    """Keys of a table whose module loads when they are asked for: a study without that table needs none of it.
+
+    Parameters
+    ----------
+    declare : callable
+        The keys.
+    """
+
+    declare: Callable[[], Mapping[str, Key]]
+
+    @cached_property
+    def _keys(self) -> Mapping[str, Key]:
+        return self.declare()
+
+    def __getitem__(self, name: str) -> Key:
+        return self._keys[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._keys)
+
+    def __len__(self) -> int:
+        return len(self._keys)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import datetime
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -68,7 +69,7 @@ _PART_WORD = re.compile(
 )
 _PHASE_UNITS = {"deg": math.pi / 180, "°": math.pi / 180, "degree": math.pi / 180, "degrees": math.pi / 180, "rad": 1.0}
 #: Seconds at the end of a date or time, before its zone; and what of their fraction is less than a microsecond.
-_SECONDS = re.compile(r"(\d\d(?:[.,]\d+)?)\s*(?:Z|[+-][\d:]+)?\s*$")
+_SECONDS = re.compile(r"(\d\d(?:[.,]\d+)?)\s*(?:Z|[+-][\d:]+|[AaPp][Mm])?\s*$")
 _BELOW_MICROSECOND = re.compile(r"[.,]\d{6}(\d+)")
 #: Rounding of phases in rad that is let pass.
 _PHASE_ROUNDING = 0.01
@@ -95,7 +96,8 @@ def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord |
     count = len(table.names)
     numbers = tuple(range(1, count + 1))
     axis = _time_column(table, options)
-    keep = [j for j in range(count) if j != axis]
+    dates = [j for j in range(count) if j != axis and _first_date(table, j) is not None]
+    keep = [j for j in range(count) if j != axis and j not in dates]
     clock = _read_clock(table, axis, options)
     values, clock_used = table.values[:, keep], clock
     if clock.uneven is not None:
@@ -111,7 +113,7 @@ def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord |
         start=clock_used.start,
         numbers=tuple(numbers[j] for j in keep),
         lines=(table.header_line, table.first_line),
-        words=", ".join(filter(None, (table.words, clock_used.words))),
+        words=", ".join(filter(None, (table.words, clock_used.words, *(f"{table.names[j]} left out" for j in dates)))),
         tells_all=plain and not clock_used.words,
     )
     return record_of(channels, options)
@@ -122,9 +124,12 @@ def _time_column(table: Table, options: ReadOptions) -> int | None:
     if options.time_column:
         numbers = range(1, len(table.names) + 1)
         return choose_columns(table.path, [options.time_column], table.names, list(numbers))[0]
-    for j, name in enumerate(table.names):
-        if is_time(name) and not _is_chosen(table, j, options):
-            return j
+    timed = [j for j, name in enumerate(table.names) if is_time(name) and not _is_chosen(table, j, options)]
+    with_time_of_day = [j for j in timed if not _is_day(_first_date(table, j))]
+    if timed:
+        return (with_time_of_day or timed)[0]
+    if options.sampling_rate is None and _first_date(table, 0) is not None:
+        return 0
     if options.sampling_rate is None:
         shown = ", ".join(table.names[:8])
         stated = next(iter(factors_in_header(table.names[0], table.units[0], parse_frequency_unit)), "Hz")
@@ -134,6 +139,16 @@ def _time_column(table: Table, options: ReadOptions) -> int | None:
             f" histories, and of frequency responses {option_words(axis_unit=stated)}"
         )
     return None
+
+
+def _first_date(table: Table, j: int) -> datetime | None:
+    """The date or time of a clock in the first cell of a column; None where that is a number."""
+    return as_date(table.column(j)[0]) if np.isnan(table.values[0, j]) else None
+
+
+def _is_day(date: datetime | None) -> bool:
+    """True for a date without a time of the day, such as beside a column of clock times."""
+    return date is not None and date.year > 1 and date.time() == datetime.min.time()
 
 
 def _is_chosen(table: Table, j: int, options: ReadOptions) -> bool:

@@ -23,6 +23,10 @@ _REAL = r"(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?"
 _NUMBER = re.compile(rf"[+-]?{_REAL}|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 #: Hours, minutes and seconds of a clock, or of a time that has gone by, which may be longer than a day.
 _CLOCK = re.compile(r"(\d{1,4}):([0-5]\d):([0-5]\d)(?:\.(\d+))?")
+#: Dates of Europe (with points, the day first) and of America (with slashes, the month first), alone or before a clock.
+_DAY_FIRST = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})(?:[T ]\s*(.+))?")
+_SLASHES = re.compile(r"(\d{1,2})/(\d{1,2})/(\d{4})(?:[T ]\s*(.+))?")
+_HALF_DAY = re.compile(r"\s*([AP])M$", re.IGNORECASE)
 _COMPLEX = re.compile(
     rf"\(?\s*(?P<re>[+-]?{_REAL})\s*(?P<sign>[+-])\s*[ij]?\s*\*?\s*(?P<im>{_REAL})\s*\*?\s*[ij]?\s*\)?"
 )
@@ -106,21 +110,43 @@ def is_axis(name: str) -> bool:
 
 
 def as_date(cell: str) -> datetime | None:
-    """The date and time in a cell in ISO 8601, or the time of a clock such as ``12:00:01.25`` from day 1 of year 1 on; else None.
+    """The date and time in a cell, or the time of a clock such as ``12:00:01.25`` from day 1 of year 1 on; else None.
 
-    Cut to microseconds.
+    Dates are ISO 8601, ``27.11.2026`` or ``11/27/2026``, alone or with a clock behind. Where both numbers between slashes may be
+    the month, the first is: of times of one day the order tells nothing, and across midnight steps are not even with the wrong
+    one. Cut to microseconds.
     """
     text = cell.strip().replace(",", ".")
-    if clock := _CLOCK.fullmatch(text):
-        hours, minutes, seconds = (int(part) for part in clock.groups()[:3])
-        microseconds = int((clock[4] or "")[:6].ljust(6, "0"))
-        return datetime(1, 1, 1) + timedelta(hours=hours, minutes=minutes, seconds=seconds, microseconds=microseconds)
-    if not re.match(r"\d{4}-\d\d-\d\d[T ]\d", text):
-        return None
+    clock = _as_clock(text)
+    if clock is not None:
+        return datetime(1, 1, 1) + clock
     try:
-        return datetime.fromisoformat(text)
+        if dated := _DAY_FIRST.fullmatch(text):
+            day, month = int(dated[1]), int(dated[2])
+        elif dated := _SLASHES.fullmatch(text):
+            month, day = int(dated[1]), int(dated[2])
+            month, day = (day, month) if month > 12 else (month, day)
+        else:
+            return datetime.fromisoformat(text) if re.match(r"\d{4}-\d\d-\d\d([T ]\d|$)", text) else None
+        clock = _as_clock(dated[4] or "0:00:00")
+        return None if clock is None else datetime(int(dated[3]), month, day) + clock
     except ValueError:
         return None
+
+
+def _as_clock(text: str) -> timedelta | None:
+    """The time since midnight of a clock such as ``12:00:01.25`` or ``2:59:58 PM``, cut to microseconds; else None."""
+    half = _HALF_DAY.search(text)
+    parts = _CLOCK.fullmatch(text if half is None else text[: half.start()])
+    if parts is None:
+        return None
+    hours, minutes, seconds = (int(part) for part in parts.groups()[:3])
+    if half is not None:
+        if not 1 <= hours <= 12:
+            return None
+        hours = hours % 12 + 12 * (half[1] in "pP")
+    microseconds = int((parts[4] or "")[:6].ljust(6, "0"))
+    return timedelta(hours=hours, minutes=minutes, seconds=seconds, microseconds=microseconds)
 
 
 def is_unit(cell: str) -> bool:
@@ -249,8 +275,8 @@ def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout
         date = next((row[0].strip() for row in cells[:_HEAD] if _begins_with_time(row)), "")
         if date:
             raise FileError(
-                f"{path}: times such as {date!r:.40} are not understood; write them in s, as 2026-11-27T12:00:01.25, or as"
-                " 12:00:01.25"
+                f"{path}: times such as {date!r:.40} are not understood; write them in s, as 2026-11-27T12:00:01.25, as"
+                " 27.11.2026 12:00:01.25, or as 12:00:01.25"
             )
         grouped = next((cell.strip() for row in cells[:_HEAD] for cell in row if _GROUPED.fullmatch(cell.strip())), "")
         raise FileError(

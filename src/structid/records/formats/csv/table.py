@@ -334,7 +334,13 @@ def _bad_cell_error(path: Path, line: int, row: list[str], cells: list[str], nam
             hint = ""
             if re.fullmatch(r"[+-]?\d{1,3}([.,' ]\d{3})*[.,]\d+", row[j].strip()):
                 hint = f"; export without thousands separators, or give {layout_words(decimal=None)}"
-            elif re.fullmatch(r"#.*|n/?a|-+|null|none|error|over(flow|load)?", row[j].strip(), re.IGNORECASE):
+            elif re.fullmatch(
+                r"#.*|n/?a|-+|null|none|error|over(flow|load|range)?|ol|ov[lr]d?|sat|clip",
+                row[j].strip(),
+                re.IGNORECASE,
+            ):
                 hint = "; clear the cell where a sample is missing: gaps are told, cut or filled"
+            elif row[j].strip().startswith(name):
+                hint = "; the header stands here again: put what follows into a file of its own"
             return FileError(f"{path}: line {line}, column {j + 1} ({name}) must be a number, got {row[j]!r:.60}{hint}")
     return FileError(f"{path}: line {line} cannot be read as numbers")

@@ -87,14 +87,16 @@ MATRICES = Kind(
     {"anyOf": [*_WAYS["anyOf"], list_of(_WAYS)]},
     lambda value: all(map(_FILE.accepts, as_list(value))),
 )
-_NUMBERING = Table(
+#: All keys of ``[structure.matrices]``.
+NUMBERING = Table(
     {
         "dofs": Key(TEXTS, "What the rows stand for: a text file, or a list of degrees of freedom"),
         "length_unit": Key(choice(*LENGTHS), "Of the files", default="m"),
         "force_unit": Key(choice(*FORCES), "Of the files", default="N"),
     }
 )
-_GROUP = Table(
+#: All keys of ``[[structure.matrix_group]]``.
+GROUP = Table(
     {
         "name": Key(TEXT, "Name of the group", required=True),
         **{key: Key(MATRICES, f"A file, a table or a list of these, which are summed: the {key}") for key in _KEYS},
@@ -102,10 +104,6 @@ _GROUP = Table(
         "indefinite": Key(BOOLEAN, "Lets matrices through that are not positive semidefinite", default=False),
     }
 )
-MATRIX_TABLES = {
-    "matrices": Key(_NUMBERING, "What the rows of matrix files stand for, and their units"),
-    "matrix_group": Key(_GROUP, "A group of matrices of another code", listed=True),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +135,7 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
     matrices = section.section("matrices")
     if matrices is None:
         return _read_entries(entries, None, ("m", "N"), _Reader(files))
-    given = matrices.values(_NUMBERING)
+    given = matrices.values(NUMBERING)
     if not entries:
         raise matrices.error("there is no [[structure.matrix_group]]; add one a group, with `name` and `stiffness`")
     dofs = None
@@ -173,7 +171,7 @@ def _read_entries(
 
 def _read_group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader) -> MatrixGroup:
     """The group of matrices that one entry describes, on `dofs` or on those of its files, in SI units."""
-    values = entry.values(_GROUP)
+    values = entry.values(GROUP)
     parts: dict[str, list[ImportedMatrix]] = {}
     for key in _KEYS:
         if key in values:

@@ -21,10 +21,10 @@ from structid.fem.meshes import (
     require_sound,
 )
 from structid.fem.supports import MiddleNode, RigidLink, Tie
-from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, TEXT, as_list, choice, either, flat
+from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, as_list, choice, either, flat
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Key, Table, table_of
+from structid.study.schema.tables import Table, table_of
 
 _AXES = ("x", "y", "z")
 _PLACE = replace(either(NUMBER, RANGE), words="a number or two increasing ones in m, as in [0.0, 0.1]")
@@ -65,11 +65,8 @@ class SupportEntry:
     z: _Place = None
 
 
-MESH_TABLES = {
-    "mesh": Key(Table(table_of(MeshEntry).keys, short=TEXT), "A mesh from a file, or its path where it is in m"),
-    "points": Key(Table(labels=POSITION), "Places of sensors and loads by label, m; each moves as the nearest node"),
-    "support": Key(table_of(SupportEntry), "Nodes that are held at zero", listed=True),
-}
+#: All keys of ``[structure.mesh]`` and of ``[[structure.support]]``.
+MESH, SUPPORT = table_of(MeshEntry), table_of(SupportEntry)
 
 
 def read_structure_mesh(section: Section, files: InputFiles) -> Mesh | None:
@@ -117,10 +114,10 @@ class TakenParts:
     notes: tuple[str, ...] = ()
 
 
-def take_parts(section: Section, mesh: Mesh | None, elements: list[ElementSet]) -> TakenParts:
+def take_parts(section: Section, mesh: Mesh, elements: list[ElementSet]) -> TakenParts:
     """Element sets and ties from those parts of the deck that ``[structure.mesh]`` takes, and notes on the others."""
     inner = _mesh_section(section)
-    if mesh is None or inner is None:
+    if inner is None:
         return TakenParts()
     wanted = inner.read(MeshEntry)
     take, leave_out = as_list(wanted.take), {name.lstrip("*").upper() for name in as_list(wanted.leave_out)}

@@ -93,7 +93,6 @@ SOLVER = Table(
         "parameter": Key(_PARAMETER, "A marked number of the deck, which [[unknown]] may name", listed=True),
     }
 )
-SOLVER_TABLES = {"solver": Key(SOLVER, "A finite element solver, run by structid")}
 #: Sections of a record for which FRFs alone do not do, and what stands in place of each.
 _NOT_OF_FRFS = {
     "modes": "measured modes ask for modes of the solver",

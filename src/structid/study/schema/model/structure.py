@@ -16,16 +16,14 @@ from structid.fem import (
     Base,
     Component,
     Constraint,
-    MatrixGroup,
-    MeasuredComponent,
     RigidLink,
     Structure,
     importers,
 )
 from structid.fem.elements import ElementSet
-from structid.fem.meshes import Mesh
 from structid.fem.structure import MOST_PIECES
 from structid.fem.supports import Tie
+from structid.study.schema import model
 from structid.study.schema.kinds import (
     DOF,
     DOFS,
@@ -44,34 +42,25 @@ from structid.study.schema.kinds import (
     limit_kind,
     or_none,
 )
-from structid.study.schema.model.matrices import MATRIX_TABLES, read_groups
-from structid.study.schema.model.measured import MEASURED, read_measured
-from structid.study.schema.model.mesh import (
-    MESH_TABLES,
-    group_table,
-    read_points,
-    read_structure_mesh,
-    read_supports,
-    require_all_assigned,
-    take_parts,
-)
-from structid.study.schema.model.solver import SOLVER_TABLES, positions_of, read_solver
 from structid.study.schema.records.sensors import read_sensors
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Given, Key, Table, kind_of_argument, own_table, table_of
+from structid.study.schema.tables import DeferredKeys, Given, Key, Table, kind_of_argument, own_table, table_of
 from structid.unknowns.tolerances import EXACT, Tolerances
 
 if TYPE_CHECKING:
     from structid.external.solved import Solved
+    from structid.fem import MatrixGroup, MeasuredComponent
+    from structid.fem.meshes import Mesh
+
+    Measured = list[tuple[Section, MeasuredComponent]]
+    Parts = tuple["Elements", "Ties", list[Dof], Measured]
 
 Positions = dict[int, list[float]]
 Elements = list[tuple[Section, ElementSet]]
 Ties = list[tuple[Section, Tie]]
 Bases = list[tuple[Section, Base]]
 Components = list[tuple[Section, Component]]
-Measured = list[tuple[Section, MeasuredComponent]]
-Parts = tuple[Elements, Ties, list[Dof], Measured]
 
 _RIGID_LINK, _CONSTRAINT = (
     table_of(RigidLink, dependents=NODES, directions=TEXTS),
@@ -102,6 +91,7 @@ AUTO = "auto"
 _NUMBER_OF_PIECES = limit_kind(WHOLE, Limits(least=1, most=MOST_PIECES))
 _PIECES = replace(either(_NUMBER_OF_PIECES, choice(AUTO)), words=f'{_NUMBER_OF_PIECES.words}, or "{AUTO}"')
 _POSITIONS = Table(labels=POSITION)
+_SUPPORT = Key(Table(DeferredKeys(lambda: model.SUPPORT.keys)), "Nodes that are held at zero", listed=True)
 _NODES = Key(_POSITIONS, "One line a node: its label, and one to three coordinates in m")
 
 
@@ -134,13 +124,29 @@ def structure_table() -> Table:
         ),
         "component": Key(_COMPONENT, "Element sets that are reduced to their interface and a few modes", listed=True),
         "measured_component": Key(
-            MEASURED,
+            Table(DeferredKeys(lambda: model.MEASURED.keys)),
             "Parts that have no model but measured FRFs at their interface: machines, mounts, soil",
             listed=True,
         ),
         "nodes": _NODES,
+        "mesh": Key(
+            Table(DeferredKeys(lambda: model.MESH.keys), short=TEXT),
+            "A mesh from a file, or its path where it is in m",
+        ),
+        "points": Key(
+            Table(labels=POSITION), "Places of sensors and loads by label, m; each moves as the nearest node"
+        ),
+        "support": _SUPPORT,
+        "matrices": Key(
+            Table(DeferredKeys(lambda: model.NUMBERING.keys)),
+            "What the rows of matrix files stand for, and their units",
+        ),
+        "matrix_group": Key(
+            Table(DeferredKeys(lambda: model.GROUP.keys)), "A group of matrices of another code", listed=True
+        ),
+        "solver": Key(Table(DeferredKeys(lambda: model.SOLVER.keys)), "A finite element solver, run by structid"),
     }
-    return Table(own) | MESH_TABLES | MATRIX_TABLES | SOLVER_TABLES | _element_tables() | _TIES
+    return Table(own) | _element_tables() | _TIES
 
 
 def changes_table() -> Table:
@@ -149,14 +155,21 @@ def changes_table() -> Table:
         "fixed": _FIXED,
         "without": Key(TEXTS, "Element sets, ties and measured components that were not there"),
         "nodes": _NODES,
-        "support": MESH_TABLES["support"],
+        "support": _SUPPORT,
     }
     return Table(own) | _element_tables() | _TIES
 
 
 def _element_tables() -> dict[str, Key]:
-    first = {name: (inspect.getdoc(kind) or "").partition("\n")[0] for name, kind in ELEMENT_TYPES.items()}
-    return {name: Key(element_table(kind), first[name], listed=True) for name, kind in ELEMENT_TYPES.items()}
+    """A key for each element type; the module of a type loads where a study has elements of it."""
+    return {name: _element_key(name) for name in ELEMENT_TYPES}
+
+
+def _element_key(name: str) -> Key:
+    def first_line() -> str:
+        return (inspect.getdoc(ELEMENT_TYPES[name]) or "").partition("\n")[0]
+
+    return Key(Table(DeferredKeys(lambda: element_table(ELEMENT_TYPES[name]).keys)), first_line, listed=True)
 
 
 def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:
@@ -210,9 +223,15 @@ def read_structure(
         ``[record]``, whose ``[record.sensors]`` may have nodes of their own.
     """
     given = section.values(structure_table())
-    groups, constrained = read_groups(section, files)
-    mesh = read_structure_mesh(section, files)
-    solved = read_solver(section, files)
+    groups: list[tuple[Section, MatrixGroup]] = []
+    constrained: list[Dof] = []
+    mesh, solved = None, None
+    if "matrices" in section.table or "matrix_group" in section.table:
+        groups, constrained = model.read_groups(section, files)
+    if "mesh" in section.table:
+        mesh = model.read_structure_mesh(section, files)
+    if "solver" in section.table:
+        solved = model.read_solver(section, files)
     nodes = _read_nodes(section, groups, mesh, solved)
     elements = _elements(section, nodes, mesh)
     elements.extend(groups)
@@ -225,17 +244,20 @@ def read_structure(
     ties = _ties(section, nodes)
     if solved is not None:
         ties += [(section.inner("solver"), tie) for tie in solved.ties]
+    left_aside: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     if mesh is not None:
-        require_all_assigned(section, mesh, [element for _, element in elements])
-    taken = take_parts(section, mesh, [element for _, element in elements])
-    if mesh is not None:
+        model.require_all_assigned(section, mesh, [element for _, element in elements])
+        taken = model.take_parts(section, mesh, [element for _, element in elements])
         deck = section if isinstance(section.table["mesh"], str) else section.inner("mesh")
         elements += [(deck, element) for element in taken.elements]
         ties += [(deck, tie) for tie in taken.ties]
-    for entry, point in read_points(section, mesh, [element for _, element in elements]):
-        nodes[point.label] = list(nodes[point.node])
-        ties.append((entry, point))
-    fixed = _read_fixed(section, given.get("fixed", ()), nodes) + read_supports(section, mesh, nodes)
+        left_aside, notes = taken.left_aside, taken.notes
+    if "points" in section.table:
+        for entry, point in model.read_points(section, mesh, [element for _, element in elements]):
+            nodes[point.label] = list(nodes[point.node])
+            ties.append((entry, point))
+    fixed = _read_fixed(section, given.get("fixed", ()), nodes) + _read_supports(section, mesh, nodes)
     bases = [(entry, _read_base(entry, nodes)) for entry in section.sections("base")]
     components = [(entry, _read_component(entry, nodes)) for entry in section.sections("component")]
     measured = [
@@ -244,12 +266,12 @@ def read_structure(
     if "total_mass" in given:
         whole = _make_structure(section, nodes, (elements, ties, [*fixed, *constrained], []), bases, [], given)
         with section.located("total_mass"):
-            importers.require_total_mass(whole.mass_of(), given["total_mass"], "; ".join(taken.left_aside))
+            importers.require_total_mass(whole.mass_of(), given["total_mass"], "; ".join(left_aside))
     if changes is not None:
         elements, ties, fixed, measured = _apply_changes(changes, nodes, (elements, ties, fixed, measured), mesh)
     aims = record is not None and "sensors" in record.table
     parts = elements, ties, [*fixed, *constrained], measured
-    file_words = taken.left_aside, taken.notes
+    file_words = left_aside, notes
     structure = _make_structure(section, nodes, parts, bases, [] if aims else components, given, file_words)
     if record is not None and aims:
         aimed = read_sensors(record, nodes, structure)
@@ -329,7 +351,7 @@ def _apply_changes(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh 
     elements += _elements(changes, nodes, mesh)
     ties += _ties(changes, nodes)
     if "fixed" in values or "support" in changes.table:
-        fixed = _read_fixed(changes, values.get("fixed", ()), nodes) + read_supports(changes, mesh, nodes)
+        fixed = _read_fixed(changes, values.get("fixed", ()), nodes) + _read_supports(changes, mesh, nodes)
     return elements, ties, fixed, [pair for pair in measured if pair[1].name not in absent]
 
 
@@ -360,7 +382,7 @@ def _read_nodes(
     """Positions in m by node label, from ``[structure.nodes]``, the mesh, the solver or the matrix groups."""
     inner = section.section("nodes")
     if inner is None and mesh is None and solved is not None:
-        return positions_of(solved)
+        return model.positions_of(solved)
     if mesh is not None:
         nodes = {label: position.tolist() for label, position in mesh.nodes.items()}
         return nodes if inner is None else nodes | _check_beside_mesh(inner, _read_nodes(section, []), mesh)
@@ -389,7 +411,7 @@ def _check_beside_mesh(inner: Section, positions: Positions, mesh: Mesh) -> Posi
 
 
 def _elements(section: Section, nodes: Positions, mesh: Mesh | None) -> Elements:
-    entries = [(entry, kind) for name, kind in ELEMENT_TYPES.items() for entry in section.sections(name)]
+    entries = [(entry, ELEMENT_TYPES[name]) for name in ELEMENT_TYPES for entry in section.sections(name)]
     return [(entry, _read_element(entry, kind, nodes, mesh)) for entry, kind in entries]
 
 
@@ -414,7 +436,7 @@ def _read_element(entry: Section, kind: type[ElementSet], nodes: Positions, mesh
         _require_node(entry, "nodes", node, nodes)
     if on_mesh:
         assert mesh is not None
-        values["nodes"] = group_table(entry, kind, group, mesh)
+        values["nodes"] = model.group_table(entry, kind, group, mesh)
     with entry.located():
         return kind(**values)
 
@@ -442,6 +464,11 @@ def _read_fixed(section: Section, texts: str | tuple[str, ...], nodes: Positions
         _require_node(section, "fixed", of_text[0].node, nodes)
         dofs += of_text
     return dofs
+
+
+def _read_supports(section: Section, mesh: Mesh | None, nodes: Positions) -> list[Dof]:
+    """Degrees of freedom that the ``[[structure.support]]`` tables fix; none where there are no such tables."""
+    return model.read_supports(section, mesh, nodes) if "support" in section.table else []
 
 
 def _read_base(entry: Section, nodes: Positions) -> Base:
@@ -485,7 +512,7 @@ def _read_measured_component(entry: Section, files: InputFiles, nodes: Positions
             dofs = dofs_of_text(text)
         return [_known_dof(entry, "interface", dof, nodes) for dof in dofs]
 
-    return read_measured(entry, files, known)
+    return model.read_measured(entry, files, known)
 
 
 def _ties(section: Section, nodes: Positions) -> Ties:

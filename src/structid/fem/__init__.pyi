@@ -1,0 +1,30 @@
+"""The public names, each with its place; `structid.lazy` reads them from here."""
+
+from structid.fem.component import Component as Component
+from structid.fem.elements.bar import Bar as Bar
+from structid.fem.elements.beam import Beam as Beam
+from structid.fem.elements.connector import Dashpot as Dashpot
+from structid.fem.elements.connector import Spring as Spring
+from structid.fem.elements.friction import Friction as Friction
+from structid.fem.elements.inertia import PointMass as PointMass
+from structid.fem.elements.inertia import RotaryInertia as RotaryInertia
+from structid.fem.elements.joint import Joint as Joint
+from structid.fem.elements.matrix_group import MatrixGroup as MatrixGroup
+from structid.fem.elements.membrane import Membrane as Membrane
+from structid.fem.elements.plane import Plane as Plane
+from structid.fem.elements.plate import Plate as Plate
+from structid.fem.elements.registry import ELEMENT_TYPES as ELEMENT_TYPES
+from structid.fem.elements.shell import Shell as Shell
+from structid.fem.elements.solid import Solid as Solid
+from structid.fem.elements.space_beam import SpaceBeam as SpaceBeam
+from structid.fem.matrices.blocks import Blocks as Blocks
+from structid.fem.matrices.blocks import ElementMatrices as ElementMatrices
+from structid.fem.matrices.blocks import MatrixBlocks as MatrixBlocks
+from structid.fem.matrices.contribution import Contribution as Contribution
+from structid.fem.matrices.contribution import Property as Property
+from structid.fem.measured import MeasuredComponent as MeasuredComponent
+from structid.fem.structure import Structure as Structure
+from structid.fem.structure import from_matrices as from_matrices
+from structid.fem.supports import Base as Base
+from structid.fem.supports import Constraint as Constraint
+from structid.fem.supports import RigidLink as RigidLink
