@@ -33,8 +33,7 @@ import structid as sid
 from structid.forward.frf.response import response
 from structid.forward.motion.fit import RecursiveMotionFit, motion_fit
 from structid.forward.motion.stream import motion_solution
-from structid.inversion import Bootstrap
-from structid.inversion.intervals.bootstrap import bootstrap
+from structid.inversion.intervals.bootstrap import Bootstrap, bootstrap
 from structid.inversion.regression.local_reduction import Kernels
 from structid.inversion.search.work import Tools
 from structid.records.on_disk import open_record

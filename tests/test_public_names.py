@@ -23,7 +23,9 @@ INNER = (
     "structid.fem.elements",
     "structid.forward",
     "structid.modal.formats",
+    "structid.identification.setups",
     "structid.study.schema.model",
+    "structid.study.schema.records",
     "structid.study.run.solver",
 )
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}

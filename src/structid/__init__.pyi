@@ -71,7 +71,6 @@ from structid.identification.setups.modal import ModalSetup as ModalSetup
 from structid.identification.setups.time import TimeFit as TimeFit
 from structid.identification.setups.time import TimeSetup as TimeSetup
 from structid.inversion import Estimate as Estimate
-from structid.inversion import GaussNewton as GaussNewton
 from structid.inversion import JointProblem as JointProblem
 from structid.inversion import LevenbergMarquardt as LevenbergMarquardt
 from structid.inversion import MatrixFree as MatrixFree
@@ -81,6 +80,7 @@ from structid.inversion.comparison.comparison import Comparison as Comparison
 from structid.inversion.comparison.comparison import compare_jointly as compare_jointly
 from structid.inversion.comparison.comparison import compare_states as compare_states
 from structid.inversion.estimate import estimate as estimate
+from structid.inversion.search.gauss_newton import GaussNewton as GaussNewton
 from structid.modal import ModalRecord as ModalRecord
 from structid.modal import identify_modes as identify_modes
 from structid.modal import merge_modes as merge_modes

@@ -50,6 +50,7 @@ def test_a_record_states_its_calibration(tmp_path):
         ),
         ({"structure": "tolerance = { length = 0.1 }"}, "takes mass, stiffness, damping, got 'length'"),
         ({"record": "calibration = 1.5"}, r"\[record\] calibration: must be a number of at least 0 and at most 1"),
+        ({"record": "tolerance = 0.1"}, r"\[record\] tolerance: unknown key; the nearest is `calibration`"),
         ({"upper": "tolerance = 1.5"}, r'"upper" tolerance: must be a part from 0 to 1'),
         (
             {"upper": "tolerance = { mass = 0.1 }"},

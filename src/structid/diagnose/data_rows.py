@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
@@ -16,7 +17,10 @@ from structid.diagnose.thresholds import (
     OUTLYING_LINE,
     TONE_SKIRT,
 )
-from structid.forward import FrfProblem, RecordProblem, SpectraProblem
+from structid.forward import FrfProblem, RecordProblem
+
+if TYPE_CHECKING:
+    from structid.forward import SpectraProblem
 
 
 def scaled_misfit(squares: float, n_rows: int) -> float:

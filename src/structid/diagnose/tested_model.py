@@ -12,9 +12,7 @@ from structid.fem import Structure
 from structid.fem.measuring_points import AimedSensor
 from structid.forward import ChannelUnknown
 from structid.identification.options import IdentifyOptions
-from structid.identification.setups.modal import ModalSetup
 from structid.identification.setups.setup import AnySetup
-from structid.identification.setups.time import TimeSetup
 from structid.records import FrfRecord, TimeRecord
 from structid.records.corrections import rename_channels
 from structid.unknowns import Unknown
@@ -99,11 +97,11 @@ class RecordDraft:
     def rename_channels(self, names: dict[str, str]) -> None:
         """Give channels other names, old to new, such as ``3X`` to ``4X-``; ``load 3X`` is a load."""
         record = self.get("record")
-        if isinstance(self.setup, ModalSetup):
+        if self.setup.kind == "modes":
             self.set("record", replace(record, channels=renamed(record.channels, (), names)[0]))
             return
         self.set("record", rename_channels(record, names))
-        if isinstance(self.setup, TimeSetup):
+        if self.setup.kind == "histories":
             shown = self.get("shown")
             self.set("shown", None if shown is None else _renamed_where_there(shown, names))
 

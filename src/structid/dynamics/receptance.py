@@ -14,7 +14,7 @@ from structid.core.arrays import ComplexArray, FloatArray, NumberArray
 from structid.core.errors import SingularModelError
 from structid.dynamics.factorization import Analysis, Factor, SingularMatrixError, factorizer
 
-#: ResponseCache of up to so many degrees of freedom are solved as dense matrices, all lines together.
+#: Models of up to so many degrees of freedom are solved as dense matrices, all lines together.
 DENSE_UP_TO = 64
 #: Rows that differ from multiples of others by no more than this part of their largest entry are such multiples.
 _SAME = 1e-14

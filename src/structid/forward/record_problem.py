@@ -196,6 +196,11 @@ class RecordProblem(Problem):
         """A copy with other starts or priors of the structure's parameters."""
         return self.with_parts((parameters, *self.parts[1:]))
 
+    def with_structure(self, structure: Structure, parameters: Parameters) -> Self | None:
+        """A copy with another structure and its parameters, data and weights as before; None where data depend on these."""
+        changed: dict[str, object] = {"structure": structure, "parameters": parameters}
+        return cast(Self, replace(cast("DataclassInstance", self), **changed))
+
     def with_channels(self, channels: ChannelErrors) -> Self:
         """A copy with other errors of channels."""
         return self.with_parts((self.parameters, channels))

@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError, SingularModelError
-from structid.forward import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
+from structid.forward import RecordProblem
 from structid.identification.identified import Identification
 from structid.identification.joint_problem import harmonize_shared_parameters, indices_of, joint_problem
 from structid.identification.options import IdentifyOptions
@@ -139,9 +139,7 @@ def _finer_problem(
         for setup in setups
     ]
     finer = [
-        replace(problem, structure=setup.structure, parameters=setup.parameters)
-        if isinstance(problem, FrfProblem | ModalProblem | SpectraProblem)
-        else setup.prepared(options).problem
+        problem.with_structure(setup.structure, setup.parameters) or setup.prepared(options).problem
         for setup, problem in zip(cut, problems, strict=True)
     ]
     return joint_problem(harmonize_shared_parameters(finer, titles(setups)))

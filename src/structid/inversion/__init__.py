@@ -3,14 +3,9 @@
 from structid.inversion.diagnostics.identifiability import Direction, Identifiability, identifiability
 from structid.inversion.diagnostics.residual_tests import ResidualTests, residual_tests
 from structid.inversion.estimate import Estimate, Status, estimate
-from structid.inversion.intervals.bootstrap import Bootstrap, bootstrap, bootstrap_repeats
-from structid.inversion.intervals.intervals import Intervals, intervals, to_arviz
-from structid.inversion.intervals.profile import Profile, profile, profiles
-from structid.inversion.intervals.sampling import Samples, sample
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import DataRows, FreeUnknowns, Problem
 from structid.inversion.problems.joint import JointProblem
-from structid.inversion.search.gauss_newton import GaussNewton
 from structid.inversion.search.least_squares import Method, minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.matrix_free import MatrixFree
@@ -20,16 +15,13 @@ from structid.inversion.uncertainty import Covariance, DenseCovariance
 
 __all__ = [
     "Answer",
-    "Bootstrap",
     "Covariance",
     "DataRows",
     "DenseCovariance",
     "Direction",
     "Estimate",
     "FreeUnknowns",
-    "GaussNewton",
     "Identifiability",
-    "Intervals",
     "JointProblem",
     "LevenbergMarquardt",
     "Linearization",
@@ -38,20 +30,11 @@ __all__ = [
     "Minimum",
     "OperatorLinearization",
     "Problem",
-    "Profile",
     "ResidualTests",
-    "Samples",
     "Search",
     "Status",
-    "bootstrap",
-    "bootstrap_repeats",
     "estimate",
     "identifiability",
-    "intervals",
     "minimize",
-    "profile",
-    "profiles",
     "residual_tests",
-    "sample",
-    "to_arviz",
 ]

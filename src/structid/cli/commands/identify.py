@@ -122,7 +122,7 @@ def identify(
     from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
     from structid.study.run.diagnosis import diagnose_study
     from structid.study.run.long_run import LongRun
-    from structid.study.run.run import run_from_start
+    from structid.study.run.run import confirm_result, relinearized_study, run_prepared
     from structid.study.run.start_workers import start_workers
     from structid.study.run.workers import WorkersLostError
     from structid.study.schema.study import load_study
@@ -153,7 +153,9 @@ def identify(
                 run.progress = progress.tasks
                 if progress_file is not None:
                     progress.file = ProgressFile(progress_file, run.reached.summary)
-                ready, result = run_from_start(read, progress.search, run)
+                ready = relinearized_study(read, progress.search, run)
+                result = run_prepared(ready, progress.search, run)
+                ready, result = confirm_result(ready, result, progress.search, run)
                 limited = budget_for_causes(result.identification) if seconds is None else SearchBudget(seconds=seconds)
                 result, fits = diagnose_study(ready, result, explain, run, limited, write_before_search)
             name = write(result, fits)

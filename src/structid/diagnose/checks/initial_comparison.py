@@ -14,7 +14,6 @@ from structid.forward import FrfProblem, ModalProblem, RecordProblem
 from structid.identification.fits.modal_fit import paired_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
-from structid.identification.setups.time import TimeSetup
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,8 @@ def compare_with_initial_model(setup: AnySetup, problem: RecordProblem, options:
     """
     if isinstance(problem, ModalProblem):
         return _compare_modes(problem)
-    if isinstance(setup, TimeSetup):
-        averaged = setup.shown_problem(options, problem.channels)
+    averaged = setup.shown_problem(options, problem.channels)
+    if averaged is not None:
         return _compare_responses(averaged, averaged.predicted(averaged.theta_start))
     if not isinstance(problem, FrfProblem):
         return InitialComparison()

@@ -21,7 +21,7 @@ from structid.records import FrfRecord
 _RATES = np.array([7.1280398 + 2.4029110j, 6.3283629 + 7.2468134j, 4.2522907 + 12.3814214j])
 _PARTS = 0.5 * np.array([2.0649946 + 3.6948381j, -1.1024809 - 0.0996842j, 0.0374863 - 0.0205247j])
 RATES, PARTS = np.concatenate([_RATES, _RATES.conj()]), np.concatenate([_PARTS, _PARTS.conj()])
-#: FrfSolver from the lowest on that read what leaks from below 0 Hz.
+#: Lines from the lowest on that read what leaks from below 0 Hz.
 LEAST_LINE = 2.0
 
 

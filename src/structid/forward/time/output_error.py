@@ -246,6 +246,9 @@ class OutputErrorProblem(RecordProblem):
         """Linear unknowns in addition to the parameters: initial states and noisy forces."""
         return Incidentals(self.model, self.histories, self.free_start)
 
+    def with_structure(self, structure: Structure, parameters: Parameters) -> None:
+        """None: the model of histories is made of the structure, and decides where the fit begins."""
+
     def with_parts(self, parts: Sequence[NamedUnknowns]) -> OutputErrorProblem:
         channels = cast("ChannelErrors", parts[1]) if len(parts) > 1 else None
         return replace(self, model=replace(self.model, unknown=cast("Parameters", parts[0])), channels=channels)

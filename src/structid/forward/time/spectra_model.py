@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, stack_real
-from structid.dynamics.normal_modes import modes
+from structid.dynamics.normal_modes import Modes, modes
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.channels import read as readings_of
@@ -235,6 +235,12 @@ class SpectraModel:
         return MassLine(_response(self, far), sides, self.spectra)
 
     @cached_property
+    def start_modes(self) -> Modes:
+        """All modes of the structure at the start."""
+        values = self.parameters.values(self.parameters.start)
+        return modes(self.structure.matrix("mass", values), self.structure.matrix("stiffness", values))
+
+    @cached_property
     def transient(self) -> Transient:
         return Transient(self.spectra, _forces(self), self.order, self.tones)
 
@@ -361,9 +367,8 @@ def _forces(model: SpectraModel) -> FloatArray:
     n_dofs = known.n_dofs
     if model.order is None:
         return np.zeros((n_dofs, 0))
-    values = model.parameters.values(model.parameters.start)
-    mass = model.structure.matrix("mass", values)
-    found = modes(mass, model.structure.matrix("stiffness", values))
+    mass = model.structure.matrix("mass", model.parameters.values(model.parameters.start))
+    found = model.start_modes
     near = found.frequency <= _REACH * model.spectra.frequency[-1]
     forces = np.zeros((n_dofs, int(near.sum())))
     place = {code: i for i, code in enumerate(known.numbering.free)}

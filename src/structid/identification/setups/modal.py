@@ -56,6 +56,8 @@ class ModalSetup(RecordSetup[ModalProblem]):
         Gains of sensors; one at least keeps its own, as shapes have no scale.
     """
 
+    kind = "modes"
+
     structure: Structure
     parameters: Parameters
     record: ModalRecord

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABCMeta, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import Any, ClassVar, Generic, Literal, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.forward import ChannelErrors, ChannelUnknown, RecordProblem
+from structid.forward import ChannelErrors, ChannelUnknown, FrfProblem, RecordProblem
 from structid.forward.channel_errors import Measured
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import Own, RecordFit
@@ -58,6 +58,8 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
         Errors of its sensors and loads that are identified too.
     """
 
+    #: Kind of its record.
+    kind: ClassVar[Literal["frfs", "histories", "modes"]]
     structure: Structure
     parameters: Parameters
     record: FrfRecord | TimeRecord | ModalRecord
@@ -118,6 +120,10 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
         """Truncation by reduced components of the structure, as this record sees it; None where it has none."""
         values = problem.property_values(problem.physical(theta))
         return modes_truncation(problem.structure, values, float(problem.frequency.max()))
+
+    def shown_problem(self, options: IdentifyOptions, channels: ChannelErrors | None) -> FrfProblem | None:
+        """The problem of averaged FRFs that shows the fit of histories; None where the record shows it itself."""
+        return None
 
     def response_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> RecordFit | None:
         """The answer beside its responses, where it has some."""

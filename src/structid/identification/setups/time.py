@@ -12,6 +12,7 @@ import numpy as np
 from structid import forward
 from structid.core.arrays import FloatArray
 from structid.core.constraints import Positive
+from structid.core.display import plural
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Structure
@@ -136,6 +137,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
         Standard deviation of the common gain of sensors over loads, a part; by default that of the options' tolerances.
     """
 
+    kind = "histories"
+
     structure: Structure
     parameters: Parameters
     record: TimeRecord
@@ -167,7 +170,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         averaged = replace(
             self.shown_problem(options, None).record, coherence=None
         )  # leakage, which the fit has none of
-        return Prepared(problem, record_warnings(averaged))
+        return Prepared(problem, (*record_warnings(averaged), *_modes_behind_the_samples(problem)))
 
     def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
         """Unknown errors of sensors and loads; None for no unknowns. Only spectra have them, and no window's decay."""
@@ -237,6 +240,26 @@ class TimeSetup(RecordSetup[RecordProblem]):
         seen = None if channels is None else channels.seen_by(used)
         structure = self._averaged.drawn_on
         return FrfProblem(structure, self.parameters, used, options.residual, error, channels=seen, cache=self.cache)
+
+
+def _modes_behind_the_samples(problem: RecordProblem) -> tuple[str, ...]:
+    """A warning where forces that run straight between samples excite modes above half the sampling rate; () elsewhere.
+
+    Sampled motions show their responses folded into the band, where the model has their mass alone.
+    """
+    if not isinstance(problem, SpectraProblem) or not problem.spectra.straight:
+        return ()
+    half_rate = 0.5 / problem.spectra.straight
+    frequency = problem.model.start_modes.frequency
+    beyond = frequency[frequency > half_rate]
+    if not len(beyond):
+        return ()
+    return (
+        f"forces that run straight between samples (hold = 'first') excite modes above half the sampling rate, {half_rate:g} Hz:"
+        f" the model has {plural(len(beyond), 'such mode')}, the lowest at {beyond.min():.4g} Hz. The samples fold their responses"
+        " into the band, so that a right model may look wrong; simulate in finer steps, or filter forces and motions below"
+        " half the sampling rate, state hold = 'band_limited', and a `band` below the filter",
+    )
 
 
 def _spectra(setup: TimeSetup, options: IdentifyOptions) -> SpectraProblem:

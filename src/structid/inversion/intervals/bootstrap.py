@@ -178,6 +178,14 @@ def bootstrap(
     return _gathered(estimate, chosen, results, freedom)
 
 
+def bootstrap_ends(
+    problem: Problem, estimate: Estimate, level: float, seed: int, work: Work
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Interval ends (n_params, 2) from 400 replicates, and notes on them."""
+    found = bootstrap(problem, estimate, rng=np.random.default_rng(seed), n_replicates=400, work=work)
+    return found.interval(level), found.words
+
+
 def _refitted(
     shared: tuple[Problem, FloatArray, FloatArray, str], rng: np.random.Generator, tools: Tools
 ) -> FloatArray | str:

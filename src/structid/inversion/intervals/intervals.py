@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias, get_args
 
 import numpy as np
 from scipy import special
@@ -12,11 +12,9 @@ from scipy import special
 from structid.core.arrays import FloatArray, locked
 from structid.core.errors import InputError
 from structid.inversion.estimate import Estimate
-from structid.inversion.intervals.bootstrap import bootstrap
-from structid.inversion.intervals.profile import profiles
-from structid.inversion.intervals.sampling import WITH_EXTRA, sample
 from structid.inversion.problem import Problem
 from structid.inversion.search.work import ALONE, Work
+from structid.lazy import LoadedByKey
 
 if TYPE_CHECKING:
     from arviz import InferenceData
@@ -78,9 +76,9 @@ def intervals(
     if kind not in INTERVAL_KINDS:
         raise InputError(f"`kind` must be one of {', '.join(INTERVAL_KINDS)}, got {kind!r}; 'laplace' costs nothing")
     if kind == "laplace" or estimate.fixed is None:
-        ends, notes = _WAYS[kind](problem, estimate, level, seed, work)
+        ends, notes = _ENDS[kind](problem, estimate, level, seed, work)
         return Intervals(kind, level, locked(ends), notes)
-    ends, notes = _WAYS[kind](problem, estimate.without_fixed_values(), level, seed, work)
+    ends, notes = _ENDS[kind](problem, estimate.without_fixed_values(), level, seed, work)
     return Intervals(kind, level, locked(_with_tolerances(ends, estimate, level)), notes)
 
 
@@ -102,42 +100,22 @@ def _with_tolerances(ends: FloatArray, estimate: Estimate, level: float) -> Floa
     return wide
 
 
-_Ends = tuple[FloatArray, tuple[str, ...]]
+#: Interval ends (n_params, 2) in physical units, and notes on them.
+IntervalEnds: TypeAlias = tuple[FloatArray, tuple[str, ...]]
+#: Functions of problem, estimate, level, seed and work that give the ends; the module of a kind loads when it is asked for.
+_ENDS: LoadedByKey[Callable[[Problem, Estimate, float, int, Work], IntervalEnds]] = LoadedByKey(
+    {
+        "laplace": "structid.inversion.intervals.intervals:laplace_ends",
+        "profile": "structid.inversion.intervals.profile:profile_ends",
+        "bootstrap": "structid.inversion.intervals.bootstrap:bootstrap_ends",
+        "sampling": "structid.inversion.intervals.sampling:sampled_ends",
+    }
+)
 
 
-def _laplace(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
+def laplace_ends(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> IntervalEnds:
+    """Interval ends from the covariance of the estimate, and no notes."""
     return estimate.interval(level), ()
-
-
-def _profile(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
-    found = profiles(problem, estimate, level=level, work=work)
-    notes = tuple(item.words for item in found if item.nonlinearity >= 0.1 or item.better < -0.01)
-    return np.array([(item.lower, item.upper) for item in found]).reshape(-1, 2), notes
-
-
-def _bootstrap(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
-    found = bootstrap(problem, estimate, rng=np.random.default_rng(seed), n_replicates=400, work=work)
-    return found.interval(level), found.words
-
-
-def _sampling(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
-    """Interval ends (n_params, 2) from posterior draws, and warnings; NaN if the posterior is not proper.
-
-    `level` is the probability of the interval.
-    """
-    if not np.isfinite(estimate.spread.covariance_noise).all():
-        none = np.full((len(estimate.names), 2), np.nan)
-        return none, ("no samples: the data and priors leave a direction without limit; give a prior or bounds",)
-    found = sample(problem, estimate, rng=np.random.default_rng(seed), work=work)
-    return found.interval(level), found.words
-
-
-_WAYS: dict[str, Callable[[Problem, Estimate, float, int, Work], _Ends]] = {
-    "laplace": _laplace,
-    "profile": _profile,
-    "bootstrap": _bootstrap,
-    "sampling": _sampling,
-}
 
 
 class Drawn(Protocol):
@@ -172,6 +150,8 @@ def to_arviz(found: Drawn, n_draws: int = 4000, seed: int = 0) -> InferenceData:
     try:
         import arviz
     except ImportError as error:
-        raise InputError(f"`arviz` must be installed to export draws, got {error}; {WITH_EXTRA}") from error
+        raise InputError(
+            f"`arviz` must be installed to export draws, got {error}; install it with `pip install structid[sampling]`"
+        ) from error
     draws = found.drawn(n_draws, np.random.default_rng(seed))
     return arviz.from_dict(posterior={name: draws[:, :, j] for j, name in enumerate(found.names)})

@@ -193,6 +193,15 @@ def profiles(
     return tuple(Profile(**found) for found in work.map("profiles", _profiled, shared, list(chosen)))
 
 
+def profile_ends(
+    problem: Problem, estimate: Estimate, level: float, seed: int, work: Work
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Interval ends (n_params, 2) of the profiles of all parameters, and a note on each that is far from a normal one."""
+    found = profiles(problem, estimate, level=level, work=work)
+    notes = tuple(item.words for item in found if item.nonlinearity >= 0.1 or item.better < -0.01)
+    return np.array([(item.lower, item.upper) for item in found]).reshape(-1, 2), notes
+
+
 def _profiled(shared: tuple[Problem, Estimate, float, int], parameter: str | int, tools: Tools) -> Stored:
     """`profile` as a task."""
     problem, estimate, level, max_points = shared

@@ -26,7 +26,6 @@ _LARGEST_R_HAT = 1.01
 _FEWEST_EFFECTIVE = 400.0
 _MOST_DIVERGENT = 0.01
 _AT_ONCE = 50  # draws between two states that are kept
-WITH_EXTRA = "install it with `pip install structid[sampling]`"
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +185,20 @@ def sample(
     return Samples(problem.names, problem.unknowns.units, locked(physical), stretched, r_hat, bulk, tail, *counted)
 
 
+def sampled_ends(
+    problem: Problem, estimate: Estimate, level: float, seed: int, work: Work
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Interval ends (n_params, 2) from posterior draws, and warnings; NaN if the posterior is not proper.
+
+    `level` is the probability of the interval.
+    """
+    if not np.isfinite(estimate.spread.covariance_noise).all():
+        none = np.full((len(estimate.names), 2), np.nan)
+        return none, ("no samples: the data and priors leave a direction without limit; give a prior or bounds",)
+    found = sample(problem, estimate, rng=np.random.default_rng(seed), work=work)
+    return found.interval(level), found.words
+
+
 @dataclass(frozen=True, eq=False)
 class _Drawn:
     """Draws (n_chains, n_draws, n_params) in whitened coordinates, divergent trajectories and evaluations."""
@@ -306,7 +319,9 @@ def _by_emcee(target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: 
     try:
         import emcee
     except ImportError as error:
-        raise InputError(f"`emcee` must be installed for this sampler, got {error}; {WITH_EXTRA}") from error
+        raise InputError(
+            f"`emcee` must be installed for this sampler, got {error}; install it with `pip install structid[sampling]`"
+        ) from error
     n_walkers = max(n_chains, 2 * n_params + 2)
     moves = emcee.EnsembleSampler(n_walkers, n_params, lambda x: target(x)[0])
     seed = np.random.RandomState(int(rng.integers(2**31))).get_state()

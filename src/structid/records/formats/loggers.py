@@ -7,7 +7,6 @@ They hold time histories under names of the program that wrote them; `ReadOption
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from structid.files.loggers import PACKAGES, Channel
 from structid.files.lvm import OtherContentError
 from structid.records.formats.clocks import SURE, resample, resampling_remedy
 from structid.records.formats.headers import is_time
+from structid.records.formats.logger_formats import LoggerFormat
 from structid.records.formats.named_channels import (
     NamedChannels,
     choose_columns,
@@ -34,76 +34,35 @@ _SECONDS = 60.0
 _EVEN, _SAME_CLOCK, _SAME_RATE = 1e-3, 0.01, 1e-6
 
 
-@dataclass(frozen=True)
-class LoggerFormat:
-    """A format that is read only.
-
-    Attributes
-    ----------
-    kind : str
-        As `structid.files.loggers` calls it.
-    SUFFIXES : tuple of str
-    extra : str
-        Of the installation that brings its library; "" where none is needed.
-    words : str
-        What such a file is called.
-    """
-
-    kind: str
-    SUFFIXES: tuple[str, ...]
-    extra: str
-    words: str
-
-    @property
-    def is_installed(self) -> bool:
-        """True if its library is there."""
-        return find_spec(PACKAGES[self.kind].partition(".")[0]) is not None
-
-    def read(self, path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
-        """The time record in the file at `path`, one clock for all its channels.
-
-        Raises
-        ------
-        FileError
-            If the library is missing, or the file is damaged or holds no time histories.
-        InputError
-            If `options` do not fit, or channels of different clocks are not chosen from.
-        """
-        return record_of(_join_channels(path, self._read_channels(path), options, self.words), options)
-
-    def write(self, path: Path, record: FrfRecord | TimeRecord) -> None:
-        """Refused."""
-        raise FileError(f"{path}: {self.words} files are read only; write .npz, .h5, .mat, .csv or .uff")
-
-    def _read_channels(self, path: Path) -> list[Channel]:
-        """Channels of the file at `path`, read in a child process; `FileError` if the library is missing or fails."""
-        if not self.is_installed:
-            raise FileError(
-                f"{path}: {self.words} files need the package {PACKAGES[self.kind]}; pip install structid[{self.extra}], or"
-                " export the record as CSV or HDF5"
-            )
-        try:
-            entries = read_in_child(path, "logger", seconds=_SECONDS, kind=self.kind)
-        except ReaderError as error:
-            if error.kind == OtherContentError.__name__:
-                raise FileError(f"{path}: {error}") from error
-            raise FileError(
-                f"{path}: cannot be read as {self.words} ({error}); it is damaged or of another kind, copy or export it again"
-            ) from error
-        channels = [Channel(*entry) for entry in entries]
-        if not channels:
-            raise FileError(f"{path}: holds no time histories of numbers; export the channels again")
-        return channels
+def read(path: Path, options: ReadOptions, logger: LoggerFormat) -> FrfRecord | TimeRecord:
+    """The time record in the file at `path`, one clock for all its channels; errors as in `LoggerFormat.read`."""
+    return record_of(_join_channels(path, _read_channels(path, logger), options, logger.words), options)
 
 
-LOGGERS: tuple[LoggerFormat, ...] = (
-    LoggerFormat("tdms", (".tdms",), "tdms", "TDMS"),
-    LoggerFormat("mdf", (".mf4", ".mdf"), "mdf", "MDF"),
-    LoggerFormat("miniseed", (".mseed", ".miniseed"), "miniseed", "miniSEED"),
-    LoggerFormat("lvm", (".lvm",), "", "LVM"),
-    LoggerFormat("wav", (".wav",), "", "WAV"),
-    LoggerFormat("parquet", (".parquet",), "parquet", "Parquet"),
-)
+def is_installed(logger: LoggerFormat) -> bool:
+    """True if the library that reads files of a logger is there."""
+    return find_spec(PACKAGES[logger.kind].partition(".")[0]) is not None
+
+
+def _read_channels(path: Path, logger: LoggerFormat) -> list[Channel]:
+    """Channels of the file at `path`, read in a child process; `FileError` if the library is missing or fails."""
+    if not is_installed(logger):
+        raise FileError(
+            f"{path}: {logger.words} files need the package {PACKAGES[logger.kind]}; pip install structid[{logger.extra}], or"
+            " export the record as CSV or HDF5"
+        )
+    try:
+        entries = read_in_child(path, "logger", seconds=_SECONDS, kind=logger.kind)
+    except ReaderError as error:
+        if error.kind == OtherContentError.__name__:
+            raise FileError(f"{path}: {error}") from error
+        raise FileError(
+            f"{path}: cannot be read as {logger.words} ({error}); it is damaged or of another kind, copy or export it again"
+        ) from error
+    channels = [Channel(*entry) for entry in entries]
+    if not channels:
+        raise FileError(f"{path}: holds no time histories of numbers; export the channels again")
+    return channels
 
 
 def _join_channels(path: Path, channels: Sequence[Channel], options: ReadOptions, words: str) -> NamedChannels:

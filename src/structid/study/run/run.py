@@ -54,18 +54,22 @@ def run_study(study: Study, progress: StageProgress | None = None, work: Work = 
     SearchFailedError
         If the search came to where there is no model response.
     """
-    return run_from_start(study, progress, work)[1]
+    ready = relinearized_study(study, progress, work)
+    return confirm_result(ready, run_prepared(ready, progress, work), progress, work)[1]
 
 
-def run_from_start(
-    study: Study, progress: StageProgress | None = None, work: Work = ALONE
-) -> tuple[PreparedStudy, StudyResult]:
-    """The records and models that a study begins with, and its result; see `run_study` for arguments and errors."""
+def relinearized_study(study: Study, progress: StageProgress | None = None, work: Work = ALONE) -> PreparedStudy:
+    """The records and models of a study, ready for the search; the model of a solver is linearized about the answer."""
     ready = prepare_study(study)
-    if study.solved is not None:
-        ready = solver.relinearize_solver(ready, progress, work)
-    ready, result = refine_mesh(ready, run_prepared(ready, progress, work), progress, work)
-    if study.solved is not None:
+    return ready if study.solved is None else solver.relinearize_solver(ready, progress, work)
+
+
+def confirm_result(
+    ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: Work = ALONE
+) -> tuple[PreparedStudy, StudyResult]:
+    """The study and its result, searched again on finer meshes where these move values, and run by its solver at the answer."""
+    ready, result = refine_mesh(ready, result, progress, work)
+    if ready.study.solved is not None:
         result = solver.with_solver(solver.with_nominal_start(result), work)
     return ready, result
 

@@ -15,13 +15,11 @@ from structid.diagnose.checks.mesh import MeshErrors
 from structid.fem import Structure
 from structid.fem.elements.solver_model import SolverModel
 from structid.forward import RecordProblem, ResponseCache
+from structid.identification import setups as record_setups
 from structid.identification.checks import require_sound_model
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
 from structid.identification.mesh_pieces import SUBDIVIDE_AUTO, MeshPieces
-from structid.identification.setups.frf import Setup
-from structid.identification.setups.modal import ModalSetup
 from structid.identification.setups.setup import AnySetup, Prepared, prefixes, prepared_warnings, titles
-from structid.identification.setups.time import TimeSetup
 from structid.records import FrfRecord, TimeRecord
 from structid.study.run.before import checked_mesh
 from structid.study.schema.model.structure import AUTO
@@ -155,7 +153,9 @@ def load_setup(source: SetupSource, cache: ResponseCache, measured: AnySetup | N
         setup = measured.modelled_by(structure, parameters, source.channel_unknowns)
     elif source.record.modes is not None:
         modes = source.record.modes
-        setup = ModalSetup(structure, parameters, modes.load(), modes.settings, name, source.channel_unknowns)
+        setup = record_setups.ModalSetup(
+            structure, parameters, modes.load(), modes.settings, name, source.channel_unknowns
+        )
     else:
         setup = _measured_setup(source, read_files(source.record), cache)
     if measured is None:
@@ -172,7 +172,7 @@ def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], cac
     common = (source.structure, source.parameters)
     if time is None:
         frfs = load_record(record, read)
-        return Setup(
+        return record_setups.Setup(
             *common,
             frfs,
             source.channel_unknowns,
@@ -184,7 +184,7 @@ def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], cac
     frf_record = None if record.frf is None else load_record(record, read)
     histories = load_histories(record, time, read)
     settings, unknowns = time.settings, source.channel_unknowns
-    return TimeSetup(
+    return record_setups.TimeSetup(
         *common,
         histories,
         settings,

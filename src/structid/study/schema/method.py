@@ -9,7 +9,8 @@ from typing import TypeVar
 
 from structid.core.constraints import declared_types, parameter_descriptions
 from structid.identification.options import IdentifyOptions
-from structid.inversion import GaussNewton, LevenbergMarquardt
+from structid.inversion.search.gauss_newton import GaussNewton
+from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.study.schema.kinds import choice
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Given, Key, Table, table_of

@@ -169,7 +169,13 @@ class Section:
 
 
 def _nearest(name: str, value: Plain, keys: Mapping[str, Key]) -> list[str]:
-    """Names of the keys most similar to `name`: keys of tables if `value` is a table, else of plain values."""
+    """Names of the keys most similar to `name`: keys of tables if `value` is a table, else of plain values.
+
+    A tolerance where a table has none is the key that says how well its values are known: `prior` or `calibration`.
+    """
+    meant = [key_name for key_name in ("prior", "calibration") if name == "tolerance" and key_name in keys]
+    if meant:
+        return meant
     in_tables = isinstance(value, dict) or (
         isinstance(value, list) and any(isinstance(key_name, dict) for key_name in value)
     )

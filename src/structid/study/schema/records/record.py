@@ -10,28 +10,19 @@ import numpy as np
 
 from structid.core.constraints import Count, NotNegative, Positive
 from structid.core.dof import Dof, parse_dofs
-from structid.identification.setups.histories_as_frfs import frfs_of
+from structid.identification import setups
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.records.corrections import rename_channels, segment_duration
 from structid.records.formats import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.quality.findings import CHANNEL_FAULTS, Finding
 from structid.records.quality.signal_checks import channel_checks
 from structid.records.record import LOADS, Quantity, as_recorded
+from structid.study.schema import records as record_kinds
 from structid.study.schema.kinds import CHANNEL_NAMES, PART, TEXT, TEXTS, as_list, choice
-from structid.study.schema.records.histories import (
-    FRF,
-    TIME,
-    FrfSettings,
-    TimeSource,
-    read_frf,
-    read_time,
-    spectral_frf,
-)
-from structid.study.schema.records.modes import MODES, ModesSource, read_modes_source
 from structid.study.schema.records.sensors import SENSORS, used_names
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Key, Table, kind_of_argument, table_of
+from structid.study.schema.tables import DeferredKeys, Key, Table, kind_of_argument, table_of
 from structid.study.schema.unknowns import CHANNEL_ERROR
 from structid.unknowns.tolerances import Tolerances
 
@@ -112,11 +103,11 @@ class RecordSource:
     options: ReadOptions
     channels: ChannelSource
     noise: NoiseSource
-    frf: FrfSettings | None = None
+    frf: record_kinds.FrfSettings | None = None
     window_decay: float | None = None
     leakage: str | None = None
-    time: TimeSource | None = None
-    modes: ModesSource | None = None
+    time: record_kinds.TimeSource | None = None
+    modes: record_kinds.ModesSource | None = None
     calibration: float | None = None
 
 
@@ -150,9 +141,11 @@ def record_table(changes: Table) -> Table:
             default=Tolerances().calibration,
         ),
         "noise": Key(table_of(NoiseSource), "Noise that the file does not state"),
-        "frf": Key(FRF, "How time histories become frequency response functions"),
-        "time": Key(TIME, "How time histories are fitted themselves"),
-        "modes": Key(MODES, "How measured modes are fitted"),
+        "frf": Key(
+            Table(DeferredKeys(lambda: record_kinds.FRF.keys)), "How time histories become frequency response functions"
+        ),
+        "time": Key(Table(DeferredKeys(lambda: record_kinds.TIME.keys)), "How time histories are fitted themselves"),
+        "modes": Key(Table(DeferredKeys(lambda: record_kinds.MODES.keys)), "How measured modes are fitted"),
         "channel_error": Key(CHANNEL_ERROR, "Errors of sensors and load cells that are unknown", listed=True),
         "structure": Key(changes, "How the structure differed then"),
     }
@@ -176,7 +169,7 @@ def read_source(
         table = table.only(*_ALWAYS, "structure", "modes", "channel_error") | {
             "path": replace(_ALWAYS["path"], required=True)
         }
-        modes = read_modes_source(section, table, files, called)
+        modes = record_kinds.read_modes_source(section, table, files, called)
         channels = ChannelSource(modes.channels_used, modes.relabel, called)
         return RecordSource(section, (modes.path,), ReadOptions(), channels, NoiseSource(), modes=modes)
     values = section.values(table)
@@ -194,7 +187,7 @@ def read_source(
     inner, timed = section.section("frf"), section.section("time")
     if inner is not None:
         ends = {end: tuple(as_list(values.pop(end, []))) for end in ("inputs", "outputs")}
-        frf = read_frf(inner, ends["inputs"], ends["outputs"])
+        frf = record_kinds.read_frf(inner, ends["inputs"], ends["outputs"])
     option_names = {item.name for item in fields(ReadOptions)}
     laid_out = section.section("csv")
     if laid_out is not None:
@@ -202,7 +195,7 @@ def read_source(
     with section.located():
         options = ReadOptions(**{name: value for name, value in values.items() if name in option_names})
     averaged = key == "repeats" and frf is None
-    time = None if timed is None else read_time(timed)
+    time = None if timed is None else record_kinds.read_time(timed)
     if time is not None and section.section("noise") is not None:
         raise section.error(
             "is of frequency responses; with [record.time], `noise` or `relative_noise` there says the noise", "noise"
@@ -277,7 +270,7 @@ def load_record(source: RecordSource, read: Sequence[FrfRecord | TimeRecord] | N
 
 
 def load_histories(
-    source: RecordSource, time: TimeSource, read: Sequence[FrfRecord | TimeRecord] | None = None
+    source: RecordSource, time: record_kinds.TimeSource, read: Sequence[FrfRecord | TimeRecord] | None = None
 ) -> TimeRecord:
     """The time record of a source that is fitted itself, with its noise and the used sensors; from files as `read`, if given.
 
@@ -369,9 +362,9 @@ def _make_frf_record(records: Sequence[FrfRecord | TimeRecord], source: RecordSo
         )
     if histories:
         if source.frf is not None:
-            return spectral_frf(histories, source.frf)
+            return record_kinds.spectral_frf(histories, source.frf)
         if source.time is not None:
-            return frfs_of(histories[0])
+            return setups.frfs_of(histories[0])
         fit = ", or [record.time] to fit them as they are" if source.section.path[0] == "record" else ""
         raise source.section.error(
             f'the record holds time histories; add [{source.section.joined("frf")}], as in estimator = "H1", segment_length = 2048'

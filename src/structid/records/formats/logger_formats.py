@@ -1,0 +1,67 @@
+"""Registry of the files of loggers and recorders; what reads them loads when a file of one is read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from structid.core.errors import FileError
+from structid.lazy import FormatModule
+from structid.records.formats.options import ReadOptions
+from structid.records.record import FrfRecord, TimeRecord
+
+
+@dataclass(frozen=True)
+class LoggerFormat:
+    """A format that is read only.
+
+    Attributes
+    ----------
+    kind : str
+        As `structid.files.loggers` calls it.
+    SUFFIXES : tuple of str
+    extra : str
+        Of the installation that brings its library; "" where none is needed.
+    words : str
+        Name of such a file in messages.
+    """
+
+    kind: str
+    SUFFIXES: tuple[str, ...]
+    extra: str
+    words: str
+
+    @property
+    def is_installed(self) -> bool:
+        """True if its library is there."""
+        return bool(_READER.is_installed(self))
+
+    def read(self, path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
+        """The time record in the file at `path`, one clock for all its channels.
+
+        Raises
+        ------
+        FileError
+            If the library is missing, or the file is damaged or holds no time histories.
+        InputError
+            If `options` do not fit, or channels of different clocks are not chosen from.
+        """
+        record: TimeRecord = _READER.read(path, options, self)
+        return record
+
+    def write(self, path: Path, record: FrfRecord | TimeRecord) -> None:
+        """Refused."""
+        raise FileError(f"{path}: {self.words} files are read only; write .npz, .h5, .mat, .csv or .uff")
+
+
+LOGGERS: tuple[LoggerFormat, ...] = (
+    LoggerFormat("tdms", (".tdms",), "tdms", "TDMS"),
+    LoggerFormat("mdf", (".mf4", ".mdf"), "mdf", "MDF"),
+    LoggerFormat("miniseed", (".mseed", ".miniseed"), "miniseed", "miniSEED"),
+    LoggerFormat("lvm", (".lvm",), "", "LVM"),
+    LoggerFormat("wav", (".wav",), "", "WAV"),
+    LoggerFormat("parquet", (".parquet",), "parquet", "Parquet"),
+)
+_READER = FormatModule(
+    "structid.records.formats.loggers", tuple(suffix for logger in LOGGERS for suffix in logger.SUFFIXES)
+)
