@@ -44,7 +44,7 @@ def test_noise_that_is_stated_too_large_is_no_misfit(tmp_path):
         "Approximate: the model explains the record to within 0.49 times the stated noise; that is more than the data show,"
         " and the intervals are those of the noise that was taken."
     )
-    level = Cause("noise_level", ("all records",), "the noise is not what it was taken for", 1.0, 1.0)
+    level = Cause("noise_level", ("all records",), "the noise is 2 times the stated noise", 1.0, 1.0)
     assert judged(found, [level]).words.endswith("; the intervals are those of the noise that was taken.")
 
 

@@ -369,7 +369,7 @@ bending_stiffness = 25.0
     with served(tmp_path) as bench:
         page.goto(bench.address + "#structure/beam.toml")
         marked = page.locator("#marked")
-        marked.get_by_text("nothing joins nodes 7, 8 to the rest or holds it").wait_for()
+        marked.get_by_text("nothing joins nodes 7, 8 to the rest or supports it").wait_for()
         marked.get_by_text("node 9 is held, and no element or tie is there").wait_for()
         page.locator("#checked").get_by_text("Warnings").wait_for()
         marked.get_by_text("half of the energy of mode").wait_for()
