@@ -351,7 +351,7 @@ def test_command_tells_the_verdict_first_and_ends_with_3(tmp_path, brief):
     assert answer["causes"][0]["kind"] in ("support", "joint")
     assert len([line for line in done.stdout.splitlines() if line.startswith("warning: ")]) <= 4
     study = tmp_path / "out" / answer["causes"][0]["study"]
-    assert study.exists()
+    assert load_study(study).title == f"{load_study(path).title}, if {answer['causes'][0]['words']}"
     right = RUN.invoke(cli.app, ["identify", str(study), "--out", str(tmp_path / "right"), "--no-report"])
     assert right.exit_code == 0, right.output
     assert json.loads((tmp_path / "right" / "estimate.json").read_text())["verdict"] == "sound"
@@ -373,7 +373,7 @@ def test_causes_may_be_left_alone(tmp_path):
 def test_a_sound_answer_drops_what_sensors_looked_like_beside_its_start(tmp_path):
     """Beside a start far off, a right sensor looked wrong; once the model explains it, nothing is said of it."""
     ready = prepare_study(load_study(written(tmp_path, off())))
-    doubts = ChannelWarnings((), ("sensor 3X fits far worse than the others",), ("reciprocity: as it is",))
+    doubts = ChannelWarnings((), ("sensor 3X fits the model far worse than the others",), ("reciprocity: as it is",))
     ready = replace(ready, comparisons=tuple(replace(one, warnings=doubts) for one in ready.comparisons))
     result = run_prepared(ready)
     assert any("sensor 3X" in one for one in result.identification.warnings)

@@ -42,10 +42,10 @@ def test_noise_that_is_stated_too_large_is_no_misfit(tmp_path):
     assert found.estimate.covariance_basis == "noise"
     assert judged(found).words == (
         "Approximate: the model explains the record to within 0.49 times the stated noise; that is more than the data show,"
-        " and the intervals are those of the noise that was taken."
+        " and the intervals are those of the stated or assumed noise."
     )
-    level = Cause("noise_level", ("all records",), "the noise is 2 times the stated noise", 1.0, 1.0)
-    assert judged(found, [level]).words.endswith("; the intervals are those of the noise that was taken.")
+    level = Cause("noise_level", ("all records",), "the noise is 0.5 times what was stated or assumed", 1.0, 1.0)
+    assert judged(found, [level]).words.endswith("; the intervals are those of the stated or assumed noise.")
 
 
 @pytest.mark.parametrize(("scale", "noise", "expected"), [(1e-3, 0.01, None), (1.0, 0.001, 9.7), (1.0, 0.1, 0.097)])

@@ -146,6 +146,22 @@ def test_innovations_contradict_a_wrong_model(both, foot, words):
     assert not words or "does not explain the record" in found.contradiction
 
 
+def test_a_sine_is_found_as_a_force_about_a_frequency():
+    """The second sensor agrees with the model, so that the spectrum of the force was wrong at first."""
+    rng, model = np.random.default_rng(13), make_model()
+    fine = FORCE * np.sin(2 * np.pi * 3.3 * np.arange(5600) / RATE / 8)[:, None]
+    history = sid.History(["1X", "2X"], ["2X"], fine, 8 * RATE)
+    motion, force = sid.predict(model, history, n_draws=50).values[::8], fine[::8]
+    noisy = motion + 0.1 * rng.standard_normal(motion.shape)
+    record = sid.TimeRecord(RATE, noisy, ["1X", "2X"], ["acceleration"] * 2, variance=np.full(2, 0.01))
+    found = sid.sense(model, record, ["2X"], unknown=sid.UnknownForces(["2X"]), n_draws=0)
+    assert found.is_explained
+    assert found.force_frequency == pytest.approx(3.3, rel=0.01)
+    error = (found.forces - force)[50:-50]
+    assert np.abs(error).max() < 0.05 * FORCE
+    assert (np.abs(error) < 1.96 * found.force_std[50:-50]).mean() > 0.93
+
+
 def test_known_forces_leave_nothing_but_noise():
     rng = np.random.default_rng(3)
     force = rng.standard_normal((600, 1)).cumsum(axis=0)

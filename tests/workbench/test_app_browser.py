@@ -191,6 +191,9 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         } <= set(names)
         shown(page, screens, "7_results")
         accessible(page, "results")
+        drawing = report.locator("#figure-structure .plot").first  # as wide as before the page was narrow
+        limits = "(plot) => ['xaxis', 'yaxis'].map((name) => plot._fullLayout[name].domain)"
+        eventually(page, lambda: max(high - low for low, high in drawing.evaluate(limits)) > 0.99)
         found = {
             one["name"]: one
             for one in json.loads((folder / "beam_results" / "estimate.json").read_text())["parameters"]
@@ -284,14 +287,17 @@ def test_changes_that_results_suggest_are_opened_as_studies(page, screens, tmp_p
     text = study.read_text(encoding="utf-8") + '\n[record]\npath = "../../hammer.npz"\nleakage = "hann"\n'
     (folder / "suggestions" / "1-leakage.toml").write_text(text, encoding="utf-8")
     change = {"words": "resonances leak", "share": 0.4, "study": "suggestions/1-leakage.toml", "lines": ["+ leakage"]}
-    told = {"verdict": "wrong_model", "verdict_text": "It does not explain the record", "suggestions": [change]}
+    told = {"verdict": "wrong_model", "verdict_text": "It does not explain the record", "causes": [change]}
     (folder / "estimate.json").write_text(json.dumps({**told, "parameters": []}), encoding="utf-8")
     with served(tmp_path) as bench:
         page.goto(bench.address + "#results/beam.toml")
         page.get_by_text("resonances leak: removes 40 % of the misfit").wait_for()
+        cause = page.locator("#verdict #cause")  # in the first screen
+        assert cause.get_by_text("Resonances leak. This removes 40 % of the misfit.").bounding_box()["y"] < 900
+        assert page.get_by_role("heading", name="Changes that lower the misfit").count() == 0
         shown(page, screens, "22_suggested")
         accessible(page, "suggested")
-        page.get_by_role("link", name="Open 1-leakage.toml").click()
+        cause.get_by_role("link", name="Open 1-leakage.toml").click()
         page.get_by_text("data and priors determine every parameter").wait_for()
         assert page.locator("#study").input_value() == "beam_results/suggestions/1-leakage.toml"
         step(page, "Records")

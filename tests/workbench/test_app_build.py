@@ -7,7 +7,7 @@ import tomllib
 
 import pytest
 from app_cases import require_workbench, served
-from browser_cases import accessible, eventually, frames, shown, step
+from browser_cases import accessible, eventually, frames, shown, step, write_by_hand
 
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.root import read_root
@@ -221,6 +221,13 @@ def test_the_same_frame_is_drawn_by_mouse_and_its_nodes_are_dragged(page, screen
         section = page.locator("#table-beam")
         section.get_by_text("Values from material and cross-section").click()
         section.get_by_label("Cross-section").select_option("IPE 200")
+        section.get_by_label("lying on its side").check()
+        # another program writes: lists, boxes, folds and what was drawn stand as they were
+        write_by_hand(page, study, study.read_text(encoding="utf-8") + "\n# by hand\n")
+        assert cell(page, "elements of the new beam").input_value() == "1-2, 5-4"
+        assert section.get_by_label("Cross-section").input_value() == "IPE 200"
+        assert section.get_by_label("lying on its side").is_checked()
+        section.get_by_label("lying on its side").uncheck()
         section.get_by_role("button", name="Take its values").click()
         eventually(page, lambda: cell(page, "mass of the new beam").input_value())
         section.get_by_role("button", name="Add", exact=True).click()

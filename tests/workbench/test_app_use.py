@@ -44,6 +44,7 @@ def test_what_can_be_asked_is_told(folder):
     assert (facts["dofs"], facts["nodes"]) == (["1X+", "2X+", "3X+"], [1, 2, 3])
     assert (facts["outputs"], facts["inputs"], facts["kind"]) == (["1X+", "3X+"], ["3X+"], "accelerance")
     assert facts["band"] == [0.5, 12.0]
+    assert (facts["supports"], facts["element_outputs"]) == ([], [])  # springs to the ground have neither
     assert "stiffness[upper]" in facts["properties"]
     offers = {one["kind"]: one for one in facts["offers"]}
     assert ".vtu" in offers["mesh"]["suffixes"]
@@ -105,9 +106,51 @@ def test_changes_are_compared_with_the_model_as_it_is(folder):
     assert "frf" not in told
 
 
+@pytest.fixture(scope="module")
+def cantilever(tmp_path_factory):
+    """A folder with a beam's study, clamped at node 1, and its results."""
+    folder = tmp_path_factory.mktemp("cantilever")
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 2}), folder / "beam.toml")
+    write_beam_record(study, folder / "hammer.npz", ("2Y+", "3Y+"), ("2Y+", "3Y+"))
+    study.write_text(study.read_text(encoding="utf-8") + '\n[record]\npath = "hammer.npz"\n', encoding="utf-8")
+    (folder / "beam_results").mkdir()
+    write_results(run_study(load_study(study)), folder / "beam_results")
+    return folder
+
+
+def test_forces_of_elements_and_supports_that_move_can_be_asked_about(cantilever):
+    facts = ask(cantilever, "use", results="beam_results")
+    assert facts["supports"] == ["1Y"]
+    assert {"V[beam:1@1]", "M[beam:2@3]", "strain[beam:1@2]"} <= set(facts["element_outputs"])
+    options = {"sensor": "M[beam:1@1]", "load": "3Y", "kind": "accelerance", "band": [0.1, 0.2]}
+    told = ask(cantilever, "predict", results="beam_results", options=options, changes=[])
+    length = 0.6
+    assert told["frf"]["unit"] == "(N m)/(N)"
+    np.testing.assert_allclose(
+        curve(told["frf"]["parts"]["value"]["value"]), length, rtol=1e-2
+    )  # statics: force times arm
+    options = {"sensor": "3Y", "load": "1Y", "kind": "transmissibility", "band": [0.1, 0.2]}
+    told = ask(cantilever, "predict", results="beam_results", options=options, changes=[])
+    np.testing.assert_allclose(
+        curve(told["frf"]["parts"]["value"]["value"]), 1.0, rtol=1e-2
+    )  # it goes with its support
+
+
+def test_a_damper_is_tuned_where_the_page_asks_for_it(folder):
+    change = {"kind": "tune", "dof": "3X", "mass": 0.1}
+    options = {"sensor": "3X", "load": "3X", "kind": "receptance", "band": [1, 10]}
+    told = ask(folder, "predict", results="chain_results", options=options, changes=[change])
+    before, after = (curve(told["frf"]["parts"][name]["value"]).max() for name in ("before", "after"))
+    assert after < 0.5 * before
+    assert "0.1 kg" in told["changes"][0]
+    twice = ask(folder, "predict", results="chain_results", options=options, changes=[change, change])
+    assert "one damper is tuned at a time" in twice["error"]
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
+        ([{"kind": "tune", "dof": "3X"}], "tune: `mass` must be given"),
         ([{"kind": "paint"}], "a change must be one of mass, scale"),
         ([{"kind": "mass", "node": 2}], "mass: `mass` must be given"),
         ([{"kind": "mass", "node": "two", "mass": 1.0}], "`node` must be a number of a node, got 'two'"),
@@ -144,7 +187,7 @@ def test_an_answer_is_used_in_the_browser(page, screens, tmp_path):
         page.goto(bench.address + "#results/beam.toml")
         step(page, "Use")
         page.get_by_role("heading", name="Predict").wait_for()
-        assert page.get_by_label("Sensor").input_value() == "3Y+"
+        assert page.get_by_label("Sensor, force or strain").input_value() == "3Y+"
         page.get_by_label("band from, Hz").fill("5")
         page.get_by_label("to, Hz").fill("120")
         page.get_by_role("button", name="Predict").press("Enter")  # by the keyboard
@@ -152,7 +195,7 @@ def test_an_answer_is_used_in_the_browser(page, screens, tmp_path):
         page.get_by_text("measured in the record").wait_for()
         shown(page, screens, "31_predicted")
         accessible(page, "predicted")
-        page.get_by_label("Sensor").fill("2Y")
+        page.get_by_label("Sensor, force or strain").fill("2Y")
         page.get_by_label("A change").select_option("damper")
         for label, text in (("Where", "5Y"), ("kg", "0.2"), ("Hz", "11,5"), ("Damping ratio", "0.1")):
             page.get_by_label(label, exact=True).fill(text)

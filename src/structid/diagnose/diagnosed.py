@@ -49,6 +49,6 @@ def without_causes(
 
 def noise_level(chi_square: float, ratio: float) -> Cause:
     """The cause that the noise is `ratio` times the stated one, for a chi-square per degree of freedom."""
-    words = f"the noise is {ratio:.3g} times the stated noise"
+    words = f"the noise is {ratio:.3g} times what was stated or assumed"
     share = 1.0 - 1 / chi_square if chi_square > 1 else 0.0
     return Cause("noise_level", ("all records",), words, share, 1.0, has_fit=False)

@@ -51,7 +51,7 @@ Verdict = Literal["sound", "approximate", "wrong_model", "undetermined", "untest
 #: What intervals rest on where the noise is of another size than stated.
 _INTERVALS = {
     "model_error": "the intervals come from the residual",
-    "noise": "the intervals are those of the noise that was taken",
+    "noise": "the intervals are those of the stated or assumed noise",
 }
 NOT_TRIED = "no change of model or record was tried that might explain it: `structid explain` does"
 

@@ -67,10 +67,13 @@ class InnovationVerdict:
         foretell each other, or, where the sensors leave none of these, those of any direction.
     words : str
         A sentence on what is wrong; "" where nothing is.
+    is_spectrum : bool
+        True where the model agrees, and only the spectrum of the unknown forces is another one.
     """
 
     is_contradicted: bool
     words: str
+    is_spectrum: bool = False
 
 
 def judge_innovations(record: Innovations, replicates: Sequence[Innovations]) -> InnovationVerdict:
@@ -96,8 +99,9 @@ def judge_innovations(record: Innovations, replicates: Sequence[Innovations]) ->
     if of_forces:
         return InnovationVerdict(
             False,
-            f"the unknown forces have another spectrum than that of their correlation time: {of_forces}; what the sensors say"
+            f"the unknown forces have another spectrum than the one that is taken here: {of_forces}; what the sensors say"
             " beyond the forces agrees with the model, but bands of forces may be too wide or too narrow",
+            True,
         )
     return InnovationVerdict(False, "")
 

@@ -16,7 +16,7 @@ from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoAnswerError
 from structid.dynamics.exact_discretization import stepped
 from structid.prediction.identified_model import IdentifiedModel
-from structid.prediction.innovations import Innovations, judge_innovations
+from structid.prediction.innovations import Innovations, InnovationVerdict, judge_innovations
 from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis
 from structid.prediction.recovery import Output, OutputMap, distinct_channels, is_von_mises, output_map, parse_outputs
 from structid.records import TimeRecord
@@ -54,6 +54,10 @@ _SPEED = 1e-6
 _FILTER = 9, 0.1, 80.0
 #: Shortest correlation time that is sought, in samples, and number of times with which the search begins.
 _SHORTEST, _TIMES = 0.1, 12
+#: Segments of which the spectrum of forces is averaged to see their frequency, and evaluations that its search may take.
+_SEGMENTS, _MOST_TRIALS = 8, 80
+#: Longest correlation time of forces about a frequency, in lengths of the record: nearly a sine.
+_LONGEST = 10.0
 #: Steps towards shorter times, each by this factor, and by how much (log) the record may get less likely: that of chance.
 _SHORTER, _STEPS, _LESS_LIKELY = 0.8, 18, 2.0
 
@@ -114,6 +118,8 @@ class SensedMotion(Shown):
         What the record does not tell.
     contradiction : str
         A sentence on how the record contradicts the model; "" where it does not.
+    force_frequency : float
+        About which the spectrum of the unknown forces lies, Hz; 0 where it falls from 0 Hz on, NaN where there are none.
     """
 
     time: FloatArray
@@ -129,6 +135,7 @@ class SensedMotion(Shown):
     checks: tuple[tuple[Dof, float], ...] = ()
     words: tuple[str, ...] = ()
     contradiction: str = ""
+    force_frequency: float = float("nan")
 
     @property
     def is_explained(self) -> bool:
@@ -260,19 +267,15 @@ def sense(
         smoother, std, is_trusted = smoother.with_likeliest_time(reduced, std)
     elif std is None:
         std, is_trusted = smoother.likeliest_std(reduced)
-    fit = smoother.fit(reduced, std)
-    nominal, rng = smoother.run(fit), np.random.default_rng(seed)
-    spread = np.zeros_like(nominal.mean)
-    replicates: list[_Smoother] = []
-    for physical in model.draw_parameters(n_draws, rng) if n_draws else ():
-        values = model.parameters.values(physical)
-        other = smoother.fit(reduce_structure(structure, values, basis, sides_at(values)), std)
-        spread += (smoother.mean(other) - nominal.mean) ** 2 / n_draws
-        if len(replicates) < _REPLICATES:
-            replicates.append(smoother.with_replicate(other, rng))
-    replicates += [smoother.with_replicate(fit, rng) for _ in range(_REPLICATES - len(replicates))]
-    verdict = judge_innovations(fit.filtered.innovations, [item.innovations(fit.system) for item in replicates])
-    deviation = np.sqrt(nominal.variance + spread)
+    drawn = model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ()
+    others = [reduce_structure(structure, v, basis, sides_at(v)) for v in map(model.parameters.values, drawn)]
+    nominal, deviation, verdict = _within_uncertainty(smoother, std, reduced, others, seed)
+    # with as many forces as sensors a frequency would explain the resonance of a wrong model
+    if verdict.words and stated_time is None and len(channels.sensors) > len(forces):
+        likelier = smoother.with_likeliest_frequency(reduced, std, nominal.mean[:, -len(forces) :])
+        retried = likelier and _within_uncertainty(*likelier, reduced, others, seed)
+        if likelier and retried and not retried[2].is_contradicted:
+            (smoother, std), (nominal, deviation, verdict) = likelier, retried
     n_out, n_left = len(wanted), len(channels.left)
     out, seen, force = slice(0, n_out), slice(n_out, n_out + n_left), slice(n_out + n_left, None)
     error = (channels.left_values - nominal.mean[:, seen]) ** 2 / (deviation[:, seen] ** 2 + channels.left_variance)
@@ -294,7 +297,29 @@ def sense(
             *_unseen_words(forces, nominal.covariance[force, force], std),
         ),
         verdict.words if verdict.is_contradicted else "",
+        smoother.frequency if forces else float("nan"),
     )
+
+
+def _within_uncertainty(
+    smoother: _Smoother, std: float, reduced: ReducedMatrices, others: Sequence[ReducedMatrices], seed: int
+) -> tuple[_Smoothed, FloatArray, InnovationVerdict]:
+    """Smoothed outputs of a model, their deviation (n_times, n) with that of `others` within its uncertainty, and the verdict.
+
+    Unknown forces have the standard deviation `std`, N; `seed` is that of records that the models could have given.
+    """
+    fit, rng = smoother.fit(reduced, std), np.random.default_rng([seed, 1])
+    nominal = smoother.run(fit)
+    spread = np.zeros_like(nominal.mean)
+    replicates: list[_Smoother] = []
+    for other in others:
+        of_other = smoother.fit(other, std)
+        spread += (smoother.mean(of_other) - nominal.mean) ** 2 / len(others)
+        if len(replicates) < _REPLICATES:
+            replicates.append(smoother.with_replicate(of_other, rng))
+    replicates += [smoother.with_replicate(fit, rng) for _ in range(_REPLICATES - len(replicates))]
+    verdict = judge_innovations(fit.filtered.innovations, [item.innovations(fit.system) for item in replicates])
+    return nominal, np.sqrt(nominal.variance + spread), verdict
 
 
 _DOUBTED = (
@@ -422,36 +447,40 @@ def _aliasing_filter(rate: float | None) -> tuple[FloatArray, FloatArray, FloatA
 
 @dataclass(frozen=True, eq=False)
 class _ForceModel:
-    """An unknown force of unit variance: z' = dynamics z + white noise of density `noise` in the first state; force = output z.
+    """An unknown force of unit variance: z' = dynamics z + white noise of density `noise`; force = output z.
 
     Attributes
     ----------
     dynamics : (n, n) float array
-        1/s. The first state has the covariance exp(-|t| / correlation time); a filter against aliasing follows.
-    noise : float
-        Square of the first state per second.
+        1/s. The first state has the covariance exp(-|t| / correlation time) cos(2 pi frequency t), with a second one where there is
+        a frequency; a filter against aliasing follows.
+    noise : (n,) float array
+        Square of each state per second.
     output : (n,) float array
     """
 
     dynamics: FloatArray
-    noise: float
+    noise: FloatArray
     output: FloatArray
 
     @classmethod
-    def of(cls, correlation_time: float, filtered_rate: float | None) -> _ForceModel:
-        """A force with a correlation time, s, as a record holds it that was filtered for `filtered_rate`, samples per second.
+    def of(cls, correlation_time: float, frequency: float, filtered_rate: float | None) -> _ForceModel:
+        """A force with a correlation time, s, about a frequency, Hz, as a record filtered for `filtered_rate`, Hz, holds it.
 
         Where `filtered_rate` is None no filter follows.
         """
         inner, entry, output, direct = _aliasing_filter(filtered_rate)
-        dynamics = np.zeros((1 + len(inner),) * 2)
-        dynamics[0, 0], dynamics[1:, 0], dynamics[1:, 1:] = -1 / correlation_time, entry, inner
-        white = np.zeros_like(dynamics)
-        white[0, 0] = 2 / correlation_time
-        covariance = linalg.solve_continuous_lyapunov(dynamics, -white)
-        size, read = np.sqrt(np.diag(covariance)), np.append(direct, output)
+        n_own = 2 if frequency else 1
+        turning = 2 * np.pi * frequency * np.array([[0.0, -1.0], [1.0, 0.0]])[:n_own, :n_own]
+        dynamics = np.zeros((n_own + len(inner),) * 2)
+        dynamics[:n_own, :n_own] = turning - np.eye(n_own) / correlation_time
+        dynamics[n_own:, 0], dynamics[n_own:, n_own:] = entry, inner
+        white = np.where(np.arange(len(dynamics)) < n_own, 2 / correlation_time, 0.0)
+        covariance = linalg.solve_continuous_lyapunov(dynamics, -np.diag(white))
+        size = np.sqrt(np.diag(covariance))
+        read = np.concatenate([[direct], np.zeros(n_own - 1), output])
         scaled = dynamics * size / size[:, None]  # states of unit variance, for the digits of the filter
-        return cls(scaled, float(white[0, 0] / size[0] ** 2), read * size / np.sqrt(read @ covariance @ read))
+        return cls(scaled, white / size**2, read * size / np.sqrt(read @ covariance @ read))
 
 
 @dataclass(frozen=True, eq=False)
@@ -535,6 +564,8 @@ class _Smoother:
         Samples per second.
     read : OutputMap
         What is asked for, behind used and left-out sensors among the outputs.
+    frequency : float
+        Hz, about which the spectrum of the unknown forces lies; 0 where it falls from 0 Hz on.
     """
 
     channels: _Channels
@@ -543,6 +574,7 @@ class _Smoother:
     is_filtered: bool
     rate: float
     read: OutputMap
+    frequency: float = 0.0
 
     def fit(self, reduced: ReducedMatrices, std: float) -> _Fit:
         """The filter of the record under a model, where unknown forces have the standard deviation `std`, N."""
@@ -662,6 +694,41 @@ class _Smoother:
                 return of_time(shorter), float(smaller), True
         return of_time(log_time), largest, True
 
+    def with_likeliest_frequency(
+        self, reduced: ReducedMatrices, std: float, forces: FloatArray
+    ) -> tuple[_Smoother, float] | None:
+        """The smoother with forces about the likeliest frequency, and their standard deviation, N; None where none is likelier.
+
+        The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without one. A frequency is one
+        parameter more, which must be worth it: Schwarz (1978), Annals of Statistics 6, 461-464.
+        """
+        count = len(forces)
+        lines, power = signal.welch(forces, self.rate, nperseg=max(count // _SEGMENTS, min(count, 16)), axis=0)
+        peak = float(lines[1:][np.argmax(power[1:].sum(axis=1))])
+        first = float(forces.std())
+
+        def of_point(point: FloatArray) -> tuple[_Smoother, float]:
+            time, frequency, size = np.exp(point).tolist()
+            return replace(self, correlation_time=time, frequency=frequency), size
+
+        def unlikely(point: FloatArray) -> float:
+            is_within = (
+                _SHORTEST / self.rate <= np.exp(point[0]) <= _LONGEST * count / self.rate
+                and np.exp(point[1]) < self.rate / 2
+            )
+            smoother, size = of_point(point)
+            return -smoother._log_likelihood(reduced, size) if is_within else float("inf")
+
+        starts = [
+            np.log([time, peak, first]) for time in (1 / peak, np.sqrt(count / self.rate / peak), count / self.rate / 2)
+        ]
+        start = min(starts, key=unlikely)
+        simplex = start + np.vstack([np.zeros(3), np.diag([-0.7, 0.02, 0.3])])
+        options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": _MOST_TRIALS}
+        search = minimize(unlikely, start, method="Nelder-Mead", options=options)
+        gain = -float(search.fun) - self._log_likelihood(reduced, std)
+        return of_point(search.x) if gain > 0.5 * np.log(count) else None
+
     def _first_std(self, reduced: ReducedMatrices) -> float:
         """A first guess of the unknown forces, N: with them the sensors would move about as much as they do.
 
@@ -777,7 +844,7 @@ class _Smoother:
         `std` is the standard deviation of the unknown forces, N.
         """
         n, n_forces, n_known = len(reduced.omega), self.n_forces, reduced.inputs.shape[1] - self.n_forces
-        force = _ForceModel.of(self.correlation_time, self.rate if self.is_filtered else None)
+        force = _ForceModel.of(self.correlation_time, self.frequency, self.rate if self.is_filtered else None)
         n_each = len(force.output)
         step, size = 1 / self.rate, 2 * n + n_forces * n_each
         known, unknown = reduced.inputs[:, :n_known], reduced.inputs[:, n_known:]
@@ -809,10 +876,8 @@ class _Smoother:
         wanted = np.vstack([asked, rows[left], forces]) * units
         wanted_direct = np.vstack([asked_direct, direct[left], np.zeros((n_forces, n_known))])
         dynamics = dynamics * units / units[:, None]
-        noisy = np.zeros(n_each)
-        noisy[0] = force.noise
         random = np.diag(
-            np.full(size, _STRAY * reference) + np.concatenate([np.zeros(2 * n), np.tile(noisy, n_forces)])
+            np.full(size, _STRAY * reference) + np.concatenate([np.zeros(2 * n), np.tile(force.noise, n_forces)])
         )
         wide = np.block([[-dynamics, random], [np.zeros_like(dynamics), dynamics.T]]) * step
         held = np.zeros((size + 2 * n_known,) * 2)

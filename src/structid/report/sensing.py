@@ -19,7 +19,10 @@ def sensing_text(sensed: SensedMotion) -> list[RenderableType]:
     parts.append(printed(Table(tuple(shown.header), tuple(map(tuple, shown.rows)), (1, 2))))
     if sensed.force_dofs:
         size, time = number(sensed.prior_std, 3), number(sensed.correlation_time, 3)
-        parts.append(Text(f"unknown forces before the record: standard deviation {size} N, correlation time {time} s"))
+        about = f" about {number(sensed.force_frequency, 3)} Hz" if sensed.force_frequency > 0 else ""
+        parts.append(
+            Text(f"unknown forces before the record: standard deviation {size} N, correlation time {time} s{about}")
+        )
     for dof, z in sensed.checks:
         good = z < LARGEST_CHECK
         verdict = "as it should be" if good else "more than it should be: the model or the forces are wrong there"

@@ -194,7 +194,7 @@ def _sensors(comparison: Aligned, level: FloatArray, agreement: FloatArray) -> I
     for o in apart:
         if not any(o in pair for pair in pairs):
             yield (
-                f"sensor {record.outputs[o]} fits far worse than the others: check its direction, position and cable"
+                f"sensor {record.outputs[o]} fits the model far worse than the others: check its direction, position and cable"
             )
 
 

@@ -28,11 +28,16 @@ const CONFIG = {
   modeBarButtonsToRemove: ["select2d", "lasso2d", "sendChartToCloud"],
 };
 const N_FRAMES = 24,
-  LIBRARIES = {};
-// Draw in `plot` by the part of the library that can.
+  LIBRARIES = {},
+  redrawn = []; // functions that draw figures of equal scales anew in the present width
+const hasEqualScales = (panel) => Boolean(panel.layout.yaxis?.scaleanchor);
+
+// Draw in `plot` by the part of the library that can. The library writes the domains of equal scales into its layout and begins
+// with them when it resizes: such a drawing would shrink each time, so it gets a layout of its own and is drawn anew instead.
 function react(plot, panel, data, layout, config) {
   plot.library = LIBRARIES[panel.layout.scene ? "library-space" : "library-plane"];
-  plot.library.react(plot, data, {...layout, template: TEMPLATE}, config);
+  const own = {...structuredClone(layout), template: TEMPLATE};
+  plot.library.react(plot, data, own, {...config, responsive: !hasEqualScales(panel)});
 }
 
 async function unpacked(id) {
@@ -63,7 +68,7 @@ function slim(plot, panel, data) {
 // The height in which a drawing with equal scales along both axes fills the width: a slender structure is no strip in a blank square.
 function filled(plot, panel) {
   const {xaxis, yaxis, height} = panel.layout;
-  if (!yaxis?.scaleanchor || !xaxis.range || !yaxis.range) {
+  if (!hasEqualScales(panel) || !xaxis.range || !yaxis.range) {
     return panel.layout;
   }
   const tall = ((plot.clientWidth - 70) * span(yaxis)) / span(xaxis) + 90;
@@ -159,6 +164,10 @@ function startFigure(box, panels, arrays) {
         {...CONFIG, displayModeBar: false},
       );
     });
+  const drawAgain = () => (all && !grid.hidden ? drawAll() : draw());
+  if (panels.some(hasEqualScales)) {
+    redrawn.push(() => box.clientWidth && drawAgain());
+  }
   if (all) {
     all.addEventListener("click", () => {
       const open = grid.hidden;
@@ -191,11 +200,7 @@ function startFigure(box, panels, arrays) {
     if (!hidden.delete(name)) {
       hidden.add(name);
     }
-    if (all && !grid.hidden) {
-      drawAll();
-    } else {
-      draw();
-    }
+    drawAgain();
   });
   draw();
 }
@@ -230,12 +235,20 @@ async function start() {
   }
 }
 // On paper the page is narrower than on the screen.
-const fitted = () =>
+const redraw = () => redrawn.forEach((draw) => draw());
+const fitted = () => {
   document.querySelectorAll(".plot").forEach((plot) => {
-    if (plot.clientWidth) {
+    if (plot.clientWidth && !plot.layout?.yaxis?.scaleanchor) {
       plot.library?.Plots.resize(plot);
     }
   });
+  redraw();
+};
+let redrawing = 0;
+window.addEventListener("resize", () => {
+  clearTimeout(redrawing);
+  redrawing = setTimeout(redraw, 100);
+});
 matchMedia("print").addEventListener("change", fitted);
 // Paper shows what is folded too.
 const folds = () => document.querySelectorAll("details:not([open])");

@@ -7,7 +7,6 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,14 +73,20 @@ def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path,
     (folder / FOLDER).mkdir()
     for cause, fit in zip([cause for cause in causes if cause.has_fit], fits, strict=True):
         if cause.study:
-            write_suggestion(result.study, fit.modified.changes, folder / cause.study, target / FOLDER)
+            title = f"{result.study.title}, if {cause.words}"
+            write_suggestion(result.study, fit.modified.changes, folder / cause.study, target / FOLDER, title)
 
 
-def write_suggestion(study: Study, changes: Sequence[Change], path: Path, folder: Path) -> None:
-    """Write the study with changes to `path`, which will stand in the folder `folder`; its files are found from there."""
+def write_suggestion(study: Study, changes: Sequence[Change], path: Path, folder: Path, title: str) -> None:
+    """Write the study with changes and a new `title` to `path`, which will stand in `folder`; its files are found from there."""
     away = Path(os.path.relpath(study.path.parent.resolve(), folder.resolve()))
     names = {name for name in study.digests if name != study.path.name}
-    text = changed_text(suggestion_text(study, changes)[0], partial(_move_paths, names=names, away=away))
+
+    def retitle_and_move(tables: Any) -> None:
+        tables["title"] = title
+        _move_paths(tables, names, away)
+
+    text = changed_text(suggestion_text(study, changes)[0], retitle_and_move)
     schema = re.match(r"#:schema (?!\w+://)(\S+)", text)
     if schema:
         text = text.replace(schema[1], (away / schema[1]).as_posix(), 1)

@@ -1,6 +1,6 @@
 // Measured modes beside those of the open study's model: frequencies side by side, and the MAC of every pair.
 import {post} from "./api.js";
-import {field, fill, h, number, options, percent, table} from "./dom.js";
+import {field, fill, h, marked, number, options, percent, table} from "./dom.js";
 
 const FOUND = "found";
 
@@ -92,7 +92,7 @@ function pairs(told) {
       ? h(
           "ul",
           {class: "warnings"},
-          told.warnings.map((words) => h("li", {}, words)),
+          told.warnings.map((words) => h("li", {}, marked(words))),
         )
       : null,
     h("h3", {}, "MAC of every pair"),

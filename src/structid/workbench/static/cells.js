@@ -118,7 +118,7 @@ export class Cells {
       cell = {
         input,
         note,
-        place: h("td", {"data-label": column.label || column.title, class: column.wide ? "wide-cell" : null}, input),
+        place: h("td", {"data-label": column.title, class: column.wide ? "wide-cell" : null}, input),
         row: key,
         column,
         saved: text,

@@ -30,6 +30,9 @@ export function fill(place, ...children) {
   return place;
 }
 
+// Words with what stands between back quotes as code.
+export const marked = (words) => words.split("`").map((part, k) => (k % 2 ? h("code", {}, part) : part));
+
 // A button that writes into the folder that `name` holds, and one that replaces what is there, shown where that is refused.
 export function writing(app, words, name, write, given = {}) {
   const act = (button, replace) =>

@@ -1,7 +1,7 @@
 // The page as a whole: which study is open, which step is shown, and what has changed behind it.
 import {events, get, post} from "./api.js";
 import {keepClicks, pointerUp} from "./clicks.js";
-import {fill, h, options} from "./dom.js";
+import {fill, h, marked, options} from "./dom.js";
 import {forgetTyped, isTyped, keepFocus, keepTyped} from "./typed.js";
 
 const STEPS = [
@@ -40,14 +40,14 @@ keepTyped(main, () => `${app.step} ${app.study} ${app.record}`);
 app.say = (words, bad = false) => {
   const place = document.getElementById("told");
   for (const one of [...place.children]) {
-    if (one.firstChild.textContent === words) {
+    if (one.firstChild.textContent === words.replaceAll("`", "")) {
       one.remove();
     }
   }
   const note = h(
     "div",
     {class: bad ? "bad" : ""},
-    h("span", {}, words),
+    h("span", {}, marked(words)),
     h("button", {class: "small", type: "button", onclick: () => note.remove()}, "Close"),
   );
   place.append(note);
@@ -215,7 +215,7 @@ async function show() {
       h(
         "div",
         {class: "card bad"},
-        h("p", {}, error.message),
+        h("p", {}, marked(error.message)),
         h(
           "div",
           {class: "row"},

@@ -1,6 +1,6 @@
 // Modes of several set-ups with common reference sensors, merged to shapes at all sensors.
 import {post} from "./api.js";
-import {checkbox, field, fill, h, number, table, writing} from "./dom.js";
+import {checkbox, field, fill, h, marked, number, table, writing} from "./dom.js";
 
 // A card that merges records, or files of modes; `saved` hears the answer and the folder.
 export function mergeCard(app, given, band, saved) {
@@ -88,7 +88,7 @@ function merged(found) {
       ? h(
           "ul",
           {class: "warnings"},
-          found.warnings.map((words) => h("li", {}, words)),
+          found.warnings.map((words) => h("li", {}, marked(words))),
         )
       : null,
   );

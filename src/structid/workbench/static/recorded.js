@@ -35,14 +35,19 @@ export function givenOptions(app, path) {
   );
 }
 
-// Fields for what a file does not say about itself, with what is `given`; `options()` is what they say. Those that the words `failed` name come first.
+// Fields for what a file does not say about itself, with what is `given`; `options()` is what they say. Those that the words `failed` name come first,
+// filled with the values that the words propose.
 export function readingFields(app, path, given, failed = "") {
   const isTable = /\.(csv|txt|tsv)$/i.test(path);
   const all = app.folder.reading,
     layout = all.filter((one) => one.within === "csv"),
     rest = all.filter((one) => !one.within);
+  const proposed = Object.fromEntries(
+    [...failed.matchAll(/`([a-z_]+) = "?([^`"]+)"?`/g)].map(([, name, value]) => [name, value]),
+  );
   const rows = (isTable ? [...layout, ...rest] : rest).map((one) => {
-    const value = [(one.within ? given[one.within]?.[one.name] : given[one.name]) ?? ""].flat().join(", "),
+    const stated = one.within ? given[one.within]?.[one.name] : given[one.name],
+      value = [stated ?? proposed[one.name] ?? ""].flat().join(", "),
       name = one.name;
     return {
       ...one,
@@ -92,6 +97,13 @@ export function readingFields(app, path, given, failed = "") {
       ? h(
           "div",
           {},
+          Object.keys(proposed).length
+            ? h(
+                "p",
+                {class: "note"},
+                "Filled in as the message proposes. Look at the lines above, then read the file so.",
+              )
+            : null,
           drawn(first),
           h("details", {}, h("summary", {}, `All else that may be said (${rest_.length})`), drawn(rest_)),
         )

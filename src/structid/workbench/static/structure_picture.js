@@ -15,6 +15,8 @@ const TOOLS = [
   ["element", "Add elements", "Click one node after the other; Escape ends the chain"],
 ];
 
+let tool = "choose"; // the one in use, also after the step is drawn anew
+
 export class StructurePicture {
   // `acts` are chosen(label), add(at), move(label, at), join(label, label): each writes the study, or refuses by an error.
   constructor(stage, model, acts, writable) {
@@ -38,7 +40,6 @@ export class StructurePicture {
         this.show(this.model, this.scene.findings);
       },
     });
-    this.kind = "choose";
     this.buttons = TOOLS.map(([kind, words]) =>
       h("button", {class: "small", type: "button", "aria-pressed": "false", onclick: () => this.use(kind)}, words),
     );
@@ -64,7 +65,7 @@ export class StructurePicture {
         this.scene.ask();
       }
     });
-    this.use("choose");
+    this.use(tool);
   }
 
   get grid() {
@@ -72,7 +73,7 @@ export class StructurePicture {
   }
 
   use(kind) {
-    this.kind = kind;
+    this.kind = tool = kind;
     this.from = null;
     this.buttons.forEach((button, k) => button.setAttribute("aria-pressed", String(TOOLS[k][0] === kind)));
     this.hint.textContent = TOOLS.find(([name]) => name === kind)[2];

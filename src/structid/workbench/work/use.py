@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,9 @@ import numpy as np
 
 from structid.core.errors import InputError
 from structid.core.json_types import Entry
+from structid.fem import Structure
 from structid.fem.elements.element import dof_of_code
+from structid.fem.elements.plate import ThinSet
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
 from structid.prediction.changes import AddMass, AddSupport, AddTunedMassDamper, Change, Remove, Scale
 from structid.prediction.options import ExportOptions, PredictOptions
@@ -24,6 +27,10 @@ from structid.workbench.work.scene import packed
 #: Names that are offered for choice at most, and models within the uncertainty behind a band of the page.
 _MOST_NAMES, _DRAWS, _LINES, _MODES = 1500, 200, 400, 8
 _MEASURED = ("outputs", "inputs", "kind")
+#: Sides and components of stresses of plates and shells that are linear in the load.
+_SIDES, _CELL_STRESSES = ("top", "bottom"), ("stress_xx", "stress_yy", "stress_xy")
+#: Kind of the change that seeks frequency and damping of a tuned mass damper itself.
+_TUNE = "tune"
 
 
 def use_facts(folder: Path) -> dict[str, Entry]:
@@ -45,6 +52,8 @@ def use_facts(folder: Path) -> dict[str, Entry]:
     return {
         "dofs": [str(dof_of_code(code)) for code in moving[:_MOST_NAMES]],
         "nodes": list(structure.nodes)[:_MOST_NAMES],
+        "supports": [dof.place for dof in structure.fixed if not dof.is_rotation][:_MOST_NAMES],
+        "element_outputs": list(islice(_element_outputs(structure), _MOST_NAMES)),
         "outputs": outputs,
         "inputs": inputs,
         "kind": kind[0] if kind else "accelerance",
@@ -61,6 +70,18 @@ def use_facts(folder: Path) -> dict[str, Entry]:
             for offer in list_offers(model, study)
         ],
     }
+
+
+def _element_outputs(structure: Structure) -> Iterator[str]:
+    """Names of forces, strains and stresses that can be read from the elements: ``M[deck:3@12]``, ``stress_xx[plate:17@top]``."""
+    for element in structure.elements:
+        for row, nodes in enumerate(element.nodes.tolist(), 1):
+            if isinstance(element, ThinSet):
+                yield from (f"{what}[{element.name}:{row}@{side}]" for side in _SIDES for what in _CELL_STRESSES)
+                continue
+            forces = element.section_directions(structure.nodes)
+            for what in (*forces, *(("strain",) if forces else ())):
+                yield from (f"{what}[{element.name}:{row}@{node}]" for node in nodes)
 
 
 #: Keys of a change by its kind, and what makes it.
@@ -112,8 +133,10 @@ def predict_use(folder: Path, options: Mapping[str, Any], changes: Sequence[Mapp
     options : mapping
         ``sensor``, ``load``, ``band`` and ``kind``; without a sensor modes alone are predicted.
     changes : sequence of mapping
-        See `read_changes`.
+        See `read_changes`; one may be of kind ``tune``: a tuned mass damper of a `mass` at a `dof`, whose frequency and damping
+        are sought.
     """
+    tuned = [table for table in changes if table.get("kind") == _TUNE]
     asked = PredictOptions(
         sensors=str(options.get("sensor") or ""),
         loads=str(options.get("load") or ""),
@@ -122,8 +145,9 @@ def predict_use(folder: Path, options: Mapping[str, Any], changes: Sequence[Mapp
         lines=_LINES,
         modes=_MODES,
         draws=_DRAWS,
+        tune_damper=_damper_text(tuned),
     )
-    predicted = predict_study(folder, asked, read_changes(changes))
+    predicted = predict_study(folder, asked, read_changes([table for table in changes if table not in tuned]))
     summary = prediction_summary(predicted)
     answer: dict[str, Entry] = {key: summary[key] for key in ("changes", "bands", "modes")}
     if predicted.frf is not None:
@@ -135,6 +159,18 @@ def predict_use(folder: Path, options: Mapping[str, Any], changes: Sequence[Mapp
             "parts": {name: _curves(part) for name, part in parts.items() if name != "difference"},
         }
     return answer
+
+
+def _damper_text(tuned: Sequence[Mapping[str, Any]]) -> str:
+    """Mass and place of the damper that is to be tuned, as the option `tune_damper` takes them; "" without one."""
+    if not tuned:
+        return ""
+    if len(tuned) > 1:
+        raise InputError("one damper is tuned at a time; give frequency and damping of the others")
+    for key in ("dof", "mass"):
+        if tuned[0].get(key) in (None, ""):
+            raise InputError(f"{_TUNE}: `{key}` must be given, got nothing")
+    return f"{tuned[0]['mass']}@{tuned[0]['dof']}"
 
 
 def _curves(part: Prediction) -> dict[str, Entry]:

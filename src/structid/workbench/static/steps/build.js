@@ -130,7 +130,7 @@ export async function show(box, app) {
   const tables = new Map();
 
   // Elements that are drawn go into a set that is chosen, or into the new row of a type.
-  const into = h("select", {id: "drawn-into"}),
+  const into = h("select", {id: "drawn-into", "data-kept": true}),
     place = (at) => {
       const label = nextLabel();
       return [label, run((model) => actions.addNode(model, label, at))];
@@ -283,11 +283,15 @@ export async function show(box, app) {
   };
 
   function preset(type, cells, write) {
-    const material = h("select", {}, options(sections.materials)),
-      shape = h("select", {onchange: () => sizes()}, options(sections.shapes.map((one) => one.name)));
+    const material = h("select", {"data-kept": true}, options(sections.materials)),
+      shape = h(
+        "select",
+        {"data-kept": true, onchange: () => sizes()},
+        options(sections.shapes.map((one) => one.name)),
+      );
     const inputs = h("div", {class: "row end"}),
-      turned = h("input", {type: "checkbox"}),
-      into = h("select", {});
+      turned = h("input", {type: "checkbox", "data-kept": true}),
+      into = h("select", {"data-kept": true});
     const sizes = () =>
       fill(
         inputs,
@@ -325,7 +329,7 @@ export async function show(box, app) {
     sizes();
     const details = h(
       "details",
-      {class: "preset"},
+      {class: "preset", "data-kept": true},
       h("summary", {}, "Values from material and cross-section"),
       h(
         "div",
@@ -359,7 +363,7 @@ export async function show(box, app) {
       [
         {key: "label", title: "number", label: "number", placeholder: String(nextLabel())},
         ...axes.map((name) => ({key: name, title: `${name}, m`, label: name})),
-        {key: "held", title: "held", label: "support", list: "held-ways", placeholder: "free"},
+        {key: "held", title: "support", label: "support", list: "held-ways", placeholder: "free"},
       ],
       [...model.nodes].map(([label, at]) => ({
         key: String(label),
@@ -551,7 +555,7 @@ export async function show(box, app) {
     h(
       "p",
       {class: "note"},
-      "Enter adds a row and goes down, arrow keys go up and down, Ctrl-Z undoes. Held: free, pinned, clamped, or directions such as X Y.",
+      "Enter adds a row and goes down, arrow keys go up and down, Ctrl-Z undoes. Supports: free, pinned, clamped, or directions such as X Y.",
     ),
   );
   fill(

@@ -2,7 +2,7 @@
 import {post, view} from "../api.js";
 import {besideCard} from "../beside.js";
 import {chart, colours} from "../charts.js";
-import {bandIn, field, fill, h, number, numberIn, options, table, unpacked, writing} from "../dom.js";
+import {bandIn, field, fill, h, marked, number, numberIn, options, table, unpacked, writing} from "../dom.js";
 import {mergeCard} from "../merge.js";
 import {besideStudy, givenOptions, readingFields, recordEdits, records} from "../recorded.js";
 
@@ -95,7 +95,7 @@ export async function show(box, app) {
     try {
       drawn({study, asked, found: await post("survey", asked)});
     } catch (error) {
-      fill(result, h("div", {class: "card bad"}, error.message));
+      fill(result, h("div", {class: "card bad"}, marked(error.message)));
     }
   };
   const drawn = (one) => {
@@ -163,7 +163,7 @@ function picture(box, app, one, now, keep) {
           h(
             "ul",
             {class: "warnings"},
-            found.warnings.map((words) => h("li", {}, words)),
+            found.warnings.map((words) => h("li", {}, marked(words))),
           ),
         )
       : null,

@@ -1,7 +1,7 @@
 // Records: time histories by least and greatest of stretches, responses with coherence, and the band by dragging.
 import {get, post} from "../api.js";
 import {chart, colours} from "../charts.js";
-import {bandIn, checkbox, field, fill, h, options, table, toml, typed, unpacked, withUnit} from "../dom.js";
+import {bandIn, checkbox, field, fill, h, marked, options, table, toml, typed, unpacked, withUnit} from "../dom.js";
 import {fileOf, givenOptions, recordName, recordPath, records} from "../recorded.js";
 import {forgetTyped} from "../typed.js";
 import {facts, use} from "./start.js";
@@ -77,7 +77,7 @@ export async function show(box, app) {
     } catch (error) {
       fill(
         what,
-        h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message),
+        h("p", {class: "state bad", style: {"white-space": "normal"}}, marked(error.message)),
         h("p", {class: "note"}, "On the start page, say what the file does not say about itself."),
       );
     }
@@ -220,13 +220,17 @@ function channelErrors(box, app, found) {
       `${one.role === "load" ? "load " : ""}${called(one.name)}`,
     ]);
   const all = [["outputs all", "all sensors"], ...(isModes ? [] : [["inputs all", "all loads"]])];
-  const property = h("select", {id: "error-property"}, options(isModes ? PROPERTIES.slice(0, 1) : PROPERTIES)),
+  const property = h(
+      "select",
+      {id: "error-property", "data-kept": true},
+      options(isModes ? PROPERTIES.slice(0, 1) : PROPERTIES),
+    ),
     channels = h(
       "select",
-      {id: "error-channels", multiple: true, size: Math.min(6, ends.length + all.length)},
+      {id: "error-channels", "data-kept": true, multiple: true, size: Math.min(6, ends.length + all.length)},
       options([...all, ...ends], "outputs all"),
     );
-  const each = h("input", {type: "checkbox", id: "error-each", checked: true}),
+  const each = h("input", {type: "checkbox", id: "error-each", "data-kept": true, checked: true}),
     prior = h("input", {id: "error-prior", spellcheck: "false", placeholder: "as in 1 ± 2.5 %"});
   const add = h(
     "button",
@@ -430,7 +434,11 @@ async function lines(box, app) {
   try {
     told = await post("responses", {study: app.study, outputs: [], number: app.record});
   } catch (error) {
-    fill(box, h("h2", {}, "Responses"), h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message));
+    fill(
+      box,
+      h("h2", {}, "Responses"),
+      h("p", {class: "state bad", style: {"white-space": "normal"}}, marked(error.message)),
+    );
     return;
   }
   const mode = h(

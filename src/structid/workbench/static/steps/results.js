@@ -7,6 +7,7 @@ import {
   field,
   fill,
   h,
+  marked,
   number,
   numberIn,
   options,
@@ -50,9 +51,9 @@ export async function show(box, app) {
       }
       fill(
         place,
-        verdict(found.results),
-        further(app, found.results, name),
+        verdict(found.results, name, found.files),
         changes(found.results, name, found.files),
+        further(app, found.results, name),
         values(found.results, beside?.results, name, other.value),
         fit,
         picture,
@@ -138,39 +139,52 @@ function further(app, found, folder) {
   );
 }
 
-// Words with what stands between back quotes as code.
-const marked = (words) => words.split("`").map((part, k) => (k % 2 ? h("code", {}, part) : part));
-
-function verdict(found) {
+function verdict(found, folder, files) {
   const advice = found.advice || (found.verdict_reasons || []).slice(1),
-    warnings = found.warnings || [];
-  const headline = found.headline || found.verdict_text || found.status_text || found.status || "";
+    headline = found.headline || found.verdict_text || found.status_text || found.status || "";
   return h(
     "section",
     {class: "card " + (MARKS[found.verdict] || "doubt"), id: "verdict"},
     h("h2", {}, found.title || "Verdict"),
     h("p", {}, h("strong", {}, marked(headline))),
+    cause(found, folder, files),
     found.next_step ? h("p", {}, h("strong", {}, "Next: "), marked(found.next_step)) : null,
-    advice.length
-      ? h(
-          "ul",
-          {class: "warnings"},
-          advice.slice(0, 5).map((words) => h("li", {}, marked(words))),
-        )
-      : null,
-    warnings.length
-      ? h(
-          "details",
-          {},
-          h("summary", {}, `${warnings.length} warnings`),
-          h(
-            "ul",
-            {class: "warnings"},
-            warnings.map((words) => h("li", {}, marked(words))),
-          ),
-        )
+    advice.length ? warningList(advice.slice(0, 5)) : null,
+    found.warnings?.length
+      ? h("details", {}, h("summary", {}, `${found.warnings.length} warnings`), warningList(found.warnings))
       : null,
   );
+}
+
+const warningList = (lines) =>
+  h(
+    "ul",
+    {class: "warnings"},
+    lines.map((words) => h("li", {}, marked(words))),
+  );
+
+// The change of model or record that explains the misfit, with its study to open.
+function cause(found, folder, files) {
+  const [first] = found.causes || [];
+  return first?.share >= 0.01
+    ? h(
+        "div",
+        {id: "cause"},
+        h("h3", {}, "Cause"),
+        h("p", {}, `${capital(first.words)}. This removes ${percent(first.share)} of the misfit.`),
+        opened(first, folder, files),
+      )
+    : null;
+}
+
+const capital = (words) => words.charAt(0).toUpperCase() + words.slice(1);
+
+// A link to the study of a change, where it was written.
+function opened(one, folder, files) {
+  const path = `${folder}/${one.study}`;
+  return one.study && files.some((file) => file.path === path)
+    ? h("a", {class: "button", href: `#structure/${encodeURIComponent(path)}`}, `Open ${one.study.split("/").at(-1)}`)
+    : null;
 }
 
 // The fit of the worst and of the best channel, and of others by choice: measured, initial and fitted magnitude.
@@ -240,33 +254,42 @@ function fitOf(found, x, first, label, id) {
 // What may be wrong with the model, each as a study that can be opened and run.
 function changes(found, folder, files) {
   const there = new Set(files.map((one) => one.path)),
-    named = [...(found.causes || []), ...(found.suggestions || [])].filter(
-      (one) => one.study && there.has(`${folder}/${one.study}`),
-    );
-  return named.length
+    isWritten = (one) => one.study && there.has(`${folder}/${one.study}`),
+    causes = (found.causes || []).filter(isWritten),
+    others = (found.suggestions || []).filter(isWritten);
+  return [
+    changeList("Possible causes, each as a study", causes, folder, files, "suggested"),
+    changeList(
+      "Changes that lower the misfit without explaining it, each as a study",
+      others,
+      folder,
+      files,
+      causes.length ? "lowering" : "suggested",
+    ),
+  ];
+}
+
+function changeList(title, list, folder, files, id) {
+  return list.length
     ? h(
         "section",
-        {class: "card", id: "suggested"},
-        h("h2", {}, "Changes of the model that were tried, each as a study"),
+        {class: "card", id},
+        h("h2", {}, title),
         h(
           "ul",
           {class: "plain"},
-          named.map((one) =>
+          list.map((one) =>
             h(
               "li",
               {},
-              h("p", {}, `${one.words}: removes ${percent(one.share)} of the misfit`),
+              h("p", {}, `${capital(one.words)}: removes ${percent(one.share)} of the misfit`),
               h(
                 "details",
                 {},
                 h("summary", {}, "Lines that it changes"),
                 h("pre", {class: "log", tabindex: 0}, one.lines.join("\n")),
               ),
-              h(
-                "a",
-                {class: "button", href: `#structure/${encodeURIComponent(`${folder}/${one.study}`)}`},
-                `Open ${one.study.split("/").at(-1)}`,
-              ),
+              opened(one, folder, files),
             ),
           ),
         ),

@@ -65,7 +65,7 @@ function start(app) {
   const results = h("input", {value: free(), spellcheck: "false", id: "results-folder"}),
     needs = h("p", {class: "note", "aria-live": "polite"}, "");
   const limit = h("input", {inputmode: "decimal", placeholder: "by itself", id: "causes-seconds"}),
-    always = h("input", {type: "checkbox"});
+    always = h("input", {type: "checkbox", "data-kept": true});
   const box = h("div"),
     off = !app.folder.writable || !app.now.table.record;
   const buttons = writing(
@@ -116,7 +116,7 @@ function start(app) {
     h("div", {class: "row end"}, field("Results go to", results), buttons, ask),
     h(
       "details",
-      {},
+      {"data-kept": true},
       h("summary", {}, "Causes of a misfit"),
       h(
         "div",

@@ -1,6 +1,6 @@
 // The folder: its studies, new ones from templates, and files that are dropped.
 import {get, post, put, view} from "../api.js";
-import {bytes, field, fill, h, number, numberIn, options, table, unitText, withUnit} from "../dom.js";
+import {bytes, field, fill, h, marked, number, numberIn, options, table, unitText, withUnit} from "../dom.js";
 import {besideStudy, givenOptions, readingFields, recordEdits, records} from "../recorded.js";
 import {forgetTyped} from "../typed.js";
 
@@ -416,7 +416,9 @@ export async function understood(app, path, place, own = null) {
   const seen = /\.(csv|txt|tsv)$/i.test(path) ? preview(path, mapping, given.csv ?? {}) : null;
   fill(
     place,
-    failed ? h("div", {class: "card doubt"}, h("p", {}, failed)) : facts(found),
+    failed
+      ? h("div", {class: "card doubt"}, h("p", {}, marked(failed.replaceAll(" in [record.csv]", ""))))
+      : facts(found),
     h("details", {open: Boolean(failed)}, h("summary", {}, "What the file does not say about itself"), seen, mapping),
     found && app.study
       ? use(app, path, found, given)

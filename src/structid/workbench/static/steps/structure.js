@@ -1,6 +1,20 @@
 // The structure in space, its sensors, and what `check` says of it.
 import {get} from "../api.js";
-import {checkbox, field, fill, h, number, numberIn, options, percent, quantity, table, toml, unitText} from "../dom.js";
+import {
+  checkbox,
+  field,
+  fill,
+  h,
+  marked,
+  number,
+  numberIn,
+  options,
+  percent,
+  quantity,
+  table,
+  toml,
+  unitText,
+} from "../dom.js";
 import {recordPath, recordPicker, records} from "../recorded.js";
 import {Scene, sceneStage} from "../scene.js";
 import {forgetTyped} from "../typed.js";
@@ -122,14 +136,14 @@ export async function show(box, app) {
   }
 
   const mark = (findings) => {
-    marked(places, scene, findings);
+    markFindings(places, scene, findings);
   };
   mark(told.findings);
   await refresh();
 }
 
 // What is doubtful in places: a number in the picture, the words beside it.
-function marked(place, scene, findings) {
+function markFindings(place, scene, findings) {
   scene.findings = findings.map((one) => ({...one, shown: true}));
   scene.ask();
   place.hidden = !findings.length;
@@ -150,7 +164,7 @@ function marked(place, scene, findings) {
               scene.ask();
             },
             h("b", {class: "tag"}, String(k + 1)),
-            h("span", {}, one.words),
+            h("span", {}, marked(one.words)),
           ),
         ),
       ),
@@ -184,7 +198,7 @@ function sensorPanel(place, state, told, choose) {
   fill(
     place,
     h("h2", {}, told.has_record ? "Sensors and loads of the record" : "Planned sensors and loads"),
-    state.failed ? h("p", {class: "state bad", style: {"white-space": "normal"}}, state.failed) : null,
+    state.failed ? h("p", {class: "state bad", style: {"white-space": "normal"}}, marked(state.failed)) : null,
     listed.length > 400
       ? h("p", {}, `${listed.length} channels`)
       : listed.length
@@ -582,7 +596,7 @@ async function showCheck(place, app, mark) {
             h(
               "ul",
               {class: "warnings"},
-              found.warnings.map((words) => h("li", {}, words)),
+              found.warnings.map((words) => h("li", {}, marked(words))),
             ),
           ]
         : h("p", {class: "muted"}, "No warning."),
@@ -654,7 +668,7 @@ async function showCheck(place, app, mark) {
     fill(
       place,
       h("h2", {}, "What check says"),
-      h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message),
+      h("p", {class: "state bad", style: {"white-space": "normal"}}, marked(error.message)),
       h("a", {href: `#text/${encodeURIComponent(study)}`}, "Open the study file"),
     );
   }

@@ -1,6 +1,6 @@
 // What is sought: properties of element sets, priors and bounds, with the accuracy that is predicted beside each.
 import {get} from "../api.js";
-import {field, fill, h, options, percent, quantity, table, toml, typed, unitText} from "../dom.js";
+import {field, fill, h, marked, options, percent, quantity, table, toml, typed, unitText} from "../dom.js";
 import {refuseTyped} from "../typed.js";
 
 export async function show(box, app) {
@@ -191,14 +191,20 @@ function fresh(app, told, changed) {
   const sets = told.sets.filter((one) => one.properties.length),
     names = h(
       "select",
-      {id: "set", multiple: true, size: Math.min(6, Math.max(2, sets.length)), onchange: () => draw_()},
+      {
+        id: "set",
+        "data-kept": true,
+        multiple: true,
+        size: Math.min(6, Math.max(2, sets.length)),
+        onchange: () => draw_(),
+      },
       options(
         sets.map((one) => [one.name, `${one.name} (${one.count} × ${one.type})`]),
         sets[0]?.name,
       ),
     );
-  const property = h("select", {id: "property"}),
-    each = h("input", {type: "checkbox", id: "each"});
+  const property = h("select", {id: "property", "data-kept": true}),
+    each = h("input", {type: "checkbox", id: "each", "data-kept": true});
   const draw_ = () => {
     const chosen = [...names.selectedOptions].map((one) => sets.find((set) => set.name === one.value)),
       common = (chosen[0]?.properties || []).filter((p) =>
@@ -345,7 +351,7 @@ async function predict(place, app, list) {
     fill(
       place,
       h("h2", {}, "Predicted accuracy"),
-      h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message),
+      h("p", {class: "state bad", style: {"white-space": "normal"}}, marked(error.message)),
     );
   }
 }

@@ -1,7 +1,7 @@
 // Use: what the identified model says of other places and of changes, beside what was measured; and files for other programs.
 import {get, link, post} from "../api.js";
 import {chart, colours, ink} from "../charts.js";
-import {bandIn, field, fill, h, number, numberIn, options, table, unitText, unpacked} from "../dom.js";
+import {bandIn, field, fill, h, marked, number, numberIn, options, table, unpacked, withUnit} from "../dom.js";
 import {resultPaths} from "../recorded.js";
 
 const KINDS = ["accelerance", "mobility", "receptance"];
@@ -31,6 +31,13 @@ const CHANGES = {
       ["damping_ratio", "Damping ratio", "number"],
     ],
   ],
+  tune: [
+    "a tuned mass damper is added and tuned",
+    [
+      ["dof", "Where", "dofs"],
+      ["mass", "kg", "number"],
+    ],
+  ],
   remove: ["an element set is taken out", [["name", "Element set", "sets"]]],
 };
 const kept = new Map(); // changes and places asked about, by results, so that they are there again
@@ -55,7 +62,7 @@ export async function show(box, app) {
         fill(place, asked(app, results, facts, fits), exported(app, results, facts));
       }
     } catch (error) {
-      fill(place, h("div", {class: "card bad"}, h("p", {}, error.message)));
+      fill(place, h("div", {class: "card bad"}, h("p", {}, marked(error.message))));
     }
   };
   await draw();
@@ -89,9 +96,13 @@ function asked(app, results, facts, fits) {
     changes: [],
   };
   kept.set(results, state);
-  const places = [...new Set([...facts.outputs, ...facts.dofs])];
-  const [sensor, sensorField] = named("Sensor", places, state.sensor),
-    [load, loadField] = named("Force at", [...new Set([...facts.inputs, ...facts.dofs])], state.load);
+  const places = [...new Set([...facts.outputs, ...facts.dofs, ...facts.element_outputs])];
+  const [sensor, sensorField] = named("Sensor, force or strain", places, state.sensor),
+    [load, loadField] = named(
+      "Force, or support that moves, at",
+      [...new Set([...facts.inputs, ...facts.dofs, ...facts.supports])],
+      state.load,
+    );
   const kind = h("select", {}, options(KINDS, state.kind)),
     low = h("input", {inputmode: "decimal", value: state.band[0]}),
     high = h("input", {inputmode: "decimal", value: state.band[1]});
@@ -102,7 +113,7 @@ function asked(app, results, facts, fits) {
     Object.assign(state, {
       sensor: sensor.value.trim(),
       load: load.value.trim(),
-      kind: kind.value,
+      kind: facts.supports.includes(unsigned(load.value.trim())) ? "transmissibility" : kind.value,
       band: bandIn(low, high),
     });
     fill(answer, h("p", {class: "muted"}, "Computing 200 models within the uncertainty…"));
@@ -121,7 +132,7 @@ function asked(app, results, facts, fits) {
           : null,
       );
     } catch (error) {
-      fill(answer, h("div", {class: "card bad"}, h("p", {}, error.message)));
+      fill(answer, h("div", {class: "card bad"}, h("p", {}, marked(error.message))));
     }
   };
   const listed = () =>
@@ -162,7 +173,7 @@ function asked(app, results, facts, fits) {
     h(
       "p",
       {class: "note"},
-      "The response at any place to a force at any place, and what a change of the structure would do to it.",
+      "The response at any place to a force or a moving support at any place, and what a change of the structure would do to it. Elements have forces, strains and stresses: M[deck:3@12], strain[deck:3@12 y=0.05], stress[deck:3@12 y=0.05 E=2.1e11].",
     ),
     h(
       "div",
@@ -334,7 +345,7 @@ function response(told, state, facts, fits) {
     return chart(place, lines, {
       again: draw,
       xaxis: {title: {text: "frequency, Hz"}, range: state.band},
-      yaxis: {type: "log", exponentformat: "power", title: {text: `magnitude, ${unitText(told.frf.unit)}`}},
+      yaxis: {type: "log", exponentformat: "power", title: {text: withUnit("magnitude", told.frf.unit)}},
     });
   };
   setTimeout(draw); // it has no width before it is on the page
@@ -342,9 +353,15 @@ function response(told, state, facts, fits) {
     ? "measured in the record"
     : seen
       ? `measured as ${facts.kind}; predict that kind to see both`
-      : "no sensor of the record is there";
+      : state.sensor.includes("[")
+        ? "read from the element, which no sensor of the record measures"
+        : "no sensor of the record is there";
   return [
-    h("h3", {}, `Response at ${state.sensor} to a force at ${state.load}`),
+    h(
+      "h3",
+      {},
+      `Response at ${state.sensor} to ${state.kind === "transmissibility" ? "motion of" : "a force at"} ${state.load}`,
+    ),
     h("p", {class: "note"}, `${words}.`),
     place,
   ];
