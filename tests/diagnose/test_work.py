@@ -7,7 +7,7 @@ import pytest
 from frame_cases import STUDY, off, written
 
 from structid.diagnose import modified_model, refits, search, search_budget
-from structid.diagnose.causes import Mass
+from structid.diagnose.causes import DryFriction, Mass
 from structid.diagnose.explain import unfinished_words
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.refits import Fitted, fit_mirrored, fit_near
@@ -24,7 +24,7 @@ from structid.diagnose.search_budget import (
     map_within_budget,
 )
 from structid.diagnose.tested_model import TestedModel
-from structid.diagnose.thresholds import FIRST_CAUSE_TIME
+from structid.diagnose.thresholds import ALWAYS_FITTED, FINALISTS, FIRST_CAUSE_TIME
 from structid.forward.record_problem import decide_polarities
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
@@ -102,6 +102,8 @@ def test_a_change_takes_the_answer_of_another_only_where_its_misfit_is_the_same(
     assert taken["theta"] is first["theta"]
     assert fit_mirrored(base, (own, (Mass(where=("3",)), 0.3, ()), first), PLAIN_TOOLS) == {"theta": "own"}
     assert fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, ()), {}), PLAIN_TOOLS) == {"theta": "own"}
+    fewer = {**first, "theta": first["theta"][:-1]}  # of a change that adds other parameters
+    assert fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, ()), fewer), PLAIN_TOOLS) == {"theta": "own"}
 
 
 def test_a_near_fit_ends_early_only_where_it_would_end_above_what_is_of_use(base, monkeypatch):
@@ -234,3 +236,13 @@ def test_other_pairs_are_looked_for_as_long_as_the_budget_allows_one_more(base, 
     pair = search._paired(first, ALONE, budget)
     assert (len(efforts), pair.is_single) == (n_more, is_single)
     assert efforts == pytest.approx([10.0 * (k + 1) for k in range(n_more)])
+
+
+def test_best_near_fits_are_refitted_before_those_that_smoothed_data_do_not_show():
+    rubs = [DryFriction(where=(f"{k}X",)) for k in range(1, 6)]
+    masses = [Mass(where=(str(k),)) for k in range(1, 11)]
+    order = [0, 5, 1, 6, 2, 7, 3, 8, 4, *range(9, 15)]  # of the near fits: friction is the best of all
+    finalists = search._finalists(order, [*rubs, *masses])
+    assert len(finalists) == FINALISTS
+    assert finalists[:2] == [5, 6]
+    assert finalists[-ALWAYS_FITTED:] == [0, 1, 2]

@@ -269,7 +269,7 @@ class ModifiedModel:
         *far, above = limits or [np.inf]
         if len(far) != len(problems) - 1:  # the changed model has other stages than that of the limits
             far = [np.inf] * (len(problems) - 1)
-        methods = [QUICK] * len(far) + [replace(QUICK, above=above)]
+        methods = [replace(QUICK, above=limit) for limit in (*far, above)]
         ends = [self.theta_of(values) for values in path] if len(path) == len(problems) else []
         theta, steps = np.asarray(self.target.theta_start), list[Minimum]()
         for number, (problem, method, most) in enumerate(zip(problems, methods, [*far, np.inf], strict=True)):

@@ -334,8 +334,7 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
     approaches = _fit_near_all(base, changes, alike, rank, kept, work, f"{which}causes", budget)
     near = [one or StoredFit() for one in approaches]
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["chi_square"]))
-    always = [k for k in order if changes[k][0].is_always_fitted][:ALWAYS_FITTED]
-    finalists = [*always, *(k for k in order if not changes[k][0].is_always_fitted)][:FINALISTS]
+    finalists = _finalists(order, [candidate for candidate, _ in changes])
     finalists += [k for k, one in enumerate(looked) if near[k] and one in at_fit and k not in finalists]
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
@@ -351,6 +350,17 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
     left_out = approaches.count(None) + len(items) - n_ended
     begun = [(*changes[k], near[k]["theta"]) for k in order if alike[k] == k and not changes[k][0].leaves_data_out]
     return replace(_weighed(base, fits, tried), spent=clock.spent, left_out=left_out, begun=tuple(begun))
+
+
+def _finalists(order: Sequence[int], several: Sequence[Candidate]) -> list[int]:
+    """Positions of the candidates to refit, from the `order` of their near fits, the best first.
+
+    Those that smoothed data do not show have places among them and come last: where the time ends early, the best near fits
+    are those that were fitted to the end.
+    """
+    always = [k for k in order if several[k].is_always_fitted][:ALWAYS_FITTED]
+    others = [k for k in order if not several[k].is_always_fitted]
+    return [*others[: FINALISTS - len(always)], *always]
 
 
 def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:

@@ -28,7 +28,7 @@ def comparison_table(result: ComparisonResult) -> Table:
         rows.append(
             (
                 comparison.names[i],
-                unit_text(comparison.units[i]) or "1",
+                unit_text(comparison.units[i]),
                 before,
                 after,
                 percent(float(comparison.relative_change[i])),
