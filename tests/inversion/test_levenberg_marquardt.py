@@ -4,9 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_triangular
 
 from structid.core.errors import SingularModelError
 from structid.inversion import DataRows, FreeUnknowns, LevenbergMarquardt, Linearization, Problem, minimize
+from structid.inversion.linearization import solve_upper
 
 
 @dataclass
@@ -157,3 +159,15 @@ def test_triangle_of_any_number_of_rows_has_their_products(n_rows):
     assert np.allclose(triangle.T @ triangle, rows.T @ rows)
     assert triangle.shape == (min(n_rows, 5), 5)
     assert not np.tril(triangle, -1).any()
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_triangles_are_solved_to_the_digits_of_scipy(order):
+    rng = np.random.default_rng(3)
+    triangle = np.array(np.triu(rng.standard_normal((5, 5))) + 3 * np.eye(5), order=order)
+    for right in (rng.standard_normal(5), rng.standard_normal((5, 3))):
+        assert np.array_equal(solve_upper(triangle, right), solve_triangular(triangle, right))
+        assert np.array_equal(solve_upper(triangle, right, transposed=True), solve_triangular(triangle, right, trans=1))
+    triangle[2, 2] = 0.0
+    with pytest.raises(np.linalg.LinAlgError, match="entry 3"):
+        solve_upper(triangle, np.ones(5))

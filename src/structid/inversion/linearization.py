@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 from scipy import sparse
+from scipy.linalg import lapack
 
 from structid.core.arrays import FloatArray
 
@@ -57,8 +58,29 @@ def triangle_of(rows: FloatArray) -> FloatArray:
     width = rows.shape[1]
     size = max(_NEAR_ROWS, _OF_COLUMN * width)
     whole = len(rows) // size * size
+    if not whole:
+        return np.asarray(np.linalg.qr(rows, mode="r"))
     tops = np.asarray(np.linalg.qr(rows[:whole].reshape(whole // size, size, width), mode="r"))
     return np.asarray(np.linalg.qr(np.concatenate([tops.reshape(len(tops) * width, width), rows[whole:]]), mode="r"))
+
+
+def solve_upper(triangle: FloatArray, right: FloatArray, transposed: bool = False) -> FloatArray:
+    """Solution x of R x = b, or of R'x = b if `transposed`, for an upper triangle R; of the shape of b.
+
+    It has the digits of `scipy.linalg.solve_triangular`, whose checks take several times as long as a small system.
+
+    Raises
+    ------
+    LinAlgError
+        If R is singular.
+    """
+    if triangle.flags.f_contiguous:
+        solution, info = lapack.dtrtrs(triangle, right, trans=int(transposed))
+    else:  # a row-major R is the column-major R' of its memory
+        solution, info = lapack.dtrtrs(triangle.T, right, lower=1, trans=int(not transposed))
+    if info:
+        raise np.linalg.LinAlgError(f"the triangle is singular at its diagonal entry {info}")
+    return np.asarray(solution)
 
 
 @dataclass(frozen=True, eq=False)

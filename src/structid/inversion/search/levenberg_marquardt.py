@@ -7,12 +7,11 @@ from typing import ClassVar, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
 from structid.core.arrays import FloatArray
 from structid.core.constraints import Count, NotNegative, Positive
 from structid.inversion.fixed_values import FixedColumns
-from structid.inversion.linearization import Linearization
+from structid.inversion.linearization import Linearization, solve_upper
 from structid.inversion.problem import Problem
 from structid.inversion.search.least_squares import LEFT, Damping, End, Point, Trial, damped_end, shortened, sizes_at
 from structid.inversion.search.minimum import Minimum, residual_at, squared
@@ -92,12 +91,12 @@ class _Damped:
     def step(self, projected: FloatArray) -> FloatArray:
         """Minimizer of |R s + projected|^2 + damping |D s|^2."""
         right = self.orthogonal[: len(projected)].T @ projected
-        return np.asarray(-linalg.solve_triangular(self.triangle, right, check_finite=False))
+        return -solve_upper(self.triangle, right)
 
     def downhill(self, gradient: FloatArray) -> FloatArray:
         """The damped step from J'r: minimizer of |J s|^2 + 2 s'J'r + damping |D s|^2."""
-        down = linalg.solve_triangular(self.triangle, gradient, trans=1, check_finite=False)
-        return np.asarray(-linalg.solve_triangular(self.triangle, down, check_finite=False))
+        down = solve_upper(self.triangle, gradient, transposed=True)
+        return -solve_upper(self.triangle, down)
 
     def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
         """Damped step (n_params,) with the entries `held` fixed at `values`.
@@ -107,7 +106,7 @@ class _Damped:
         right = self.orthogonal[: len(projected)].T @ projected + self.triangle[:, held] @ values[held]
         orthogonal, factor = np.linalg.qr(self.triangle[:, ~held])
         step = np.array(values)
-        step[~held] = -linalg.solve_triangular(factor, orthogonal.T @ right, check_finite=False)
+        step[~held] = -solve_upper(factor, orthogonal.T @ right)
         return step
 
     def length(self, step: FloatArray) -> float:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from structid.core.arrays import ComplexArray, FloatArray
+from structid.inversion.linearization import solve_upper
 from structid.inversion.problems.eliminated import EliminatedProblem, NormalEquations, minimize_eliminated
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.modal.correlations import Outputs, displacement_rows
@@ -78,7 +79,12 @@ class _Projected:
     coefficients: FloatArray  # (2 n_modes, n_channels), of the basis
     residual: FloatArray  # (n_times, n_channels)
     outside: FloatArray  # (n_times, 2 n_modes): t [Re E, Im E] without its part in the basis
-    inside: FloatArray  # (2 n_modes, 2 n_modes): that part, as coefficients of the basis
+    along: FloatArray  # (2 n_modes, 2 n_modes): that part, in the basis
+
+    @property
+    def inside(self) -> FloatArray:
+        """That part of t [Re E, Im E] which is a sum of [Re E, Im E], as its coefficients, (2 n_modes, 2 n_modes)."""
+        return solve_upper(self.triangle, self.along)
 
 
 def decay_fit(data: Outputs, start: ComplexArray) -> DecayFit | None:
@@ -199,10 +205,10 @@ def _projected(data: Outputs, poles: ComplexArray) -> list[_Projected]:
             _Projected(
                 q,
                 triangle,
-                linalg.solve_triangular(triangle, along),
+                solve_upper(triangle, along),
                 y - q @ along,
                 slope - q @ part,
-                linalg.solve_triangular(triangle, part),
+                part,
             )
         )
     return found
@@ -210,7 +216,7 @@ def _projected(data: Outputs, poles: ComplexArray) -> list[_Projected]:
 
 def _inverse_gram(part: _Projected) -> FloatArray:
     """Covariance of the coefficients for unit noise, (2 n_modes, 2 n_modes)."""
-    inverse = linalg.solve_triangular(part.triangle, np.eye(len(part.triangle)))
+    inverse = solve_upper(part.triangle, np.eye(len(part.triangle)))
     return np.asarray(inverse @ inverse.T)
 
 
