@@ -102,6 +102,8 @@ def test_a_change_takes_the_answer_of_another_only_where_its_misfit_is_the_same(
     assert taken["theta"] is first["theta"]
     assert fit_mirrored(base, (own, (Mass(where=("3",)), 0.3, ()), first), PLAIN_TOOLS) == {"theta": "own"}
     assert fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, ()), {}), PLAIN_TOOLS) == {"theta": "own"}
+    fewer = {**first, "theta": first["theta"][:-1]}  # of a change that adds other parameters
+    assert fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, ()), fewer), PLAIN_TOOLS) == {"theta": "own"}
 
 
 def test_a_near_fit_ends_early_only_where_it_would_end_above_what_is_of_use(base, monkeypatch):

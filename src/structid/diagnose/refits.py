@@ -262,11 +262,13 @@ def fit_mirrored(base: Fitted, item: tuple[Task, NearItem | Item, StoredFit], to
     task, (candidate, strength, *_), other = item
     try:
         modified = base.modified.changed(candidate, other.get("strength", strength))
-        residual = (modified.target if "strength" in other else modified.anchored()).residual(other["theta"])
-        if abs(residual @ residual + base.left_out - other["chi_square"]) <= SAME_MISFIT * other["chi_square"]:
-            mirrored: StoredFit = {**other, "where": list(candidate.where)}
-            mirrored.pop("theta_within", None)  # fixed values within tolerances are mirrored too
-            return mirrored
+        target = modified.target if "strength" in other else modified.anchored()
+        if len(other["theta"]) == len(target.names):  # the screen also takes changes of other parameters for alike
+            residual = target.residual(other["theta"])
+            if abs(residual @ residual + base.left_out - other["chi_square"]) <= SAME_MISFIT * other["chi_square"]:
+                mirrored: StoredFit = {**other, "where": list(candidate.where)}
+                mirrored.pop("theta_within", None)  # fixed values within tolerances are mirrored too
+                return mirrored
     except (StructidError, np.linalg.LinAlgError, KeyError):
         pass
     own: StoredFit = task(base, item[1], tools)

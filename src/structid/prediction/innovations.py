@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from structid.core.arrays import FloatArray
 
-#: Longest lag, in samples, over which innovations are correlated with earlier ones; a quarter of a record that is short.
+#: Longest lag, in samples, over which innovations are correlated with earlier ones; of short records a quarter of their samples.
 _LAGS = 50
 #: By how many standard deviations of simulated records a logarithm must lie above their mean.
 _SIGNIFICANT = 3.0
@@ -125,5 +125,7 @@ def _excess(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
 
 def _is_beyond(value: float, usual: Sequence[float]) -> bool:
     """True where a positive value lies beyond all usual ones and far from their logarithmic mean."""
+    if not value > max(usual):
+        return False
     logs = np.log(usual)
-    return bool(value > max(usual) and np.log(value) > logs.mean() + _SIGNIFICANT * logs.std(ddof=1))
+    return bool(np.log(value) > logs.mean() + _SIGNIFICANT * logs.std(ddof=1))

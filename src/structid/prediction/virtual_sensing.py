@@ -72,7 +72,8 @@ class UnknownForces:
         Where they act.
     correlation_time : float, optional
         s; short for wind or traffic, long for what changes slowly. By default the shortest one under which the record is as
-        likely, but for chance, as under any.
+        likely, but for chance, as under any; where that does not fit, and neither it nor `std` is stated, the covariance may be
+        std^2 exp(-|t| / correlation_time) cos(2 pi frequency t) with the likeliest frequency.
     std : float, optional
         N; the one under which the record is likeliest by default.
     """
@@ -179,7 +180,8 @@ def sense(
     """Motion, forces and stresses anywhere during a record, whose loads may be known, partly known or unknown.
 
     A Kalman filter with steady gains and a Rauch-Tung-Striebel smoother run over the modes up to the sampling rate, with each
-    unknown force as a state of first order. They are run again for models within the uncertainty: the deviation includes both.
+    unknown force as a state of first or second order, and again for models within the uncertainty: the deviation includes both.
+    The innovations of the filter give the verdict, see `judge_innovations`.
 
     Parameters
     ----------
@@ -199,7 +201,8 @@ def sense(
     seed : int
     is_filtered : bool
         Whether the record went through a filter against aliasing, as measured ones do. All that is sensed is then meant without
-        what is above half the sampling rate; a filter acts on responses as if it acted on the unknown forces.
+        what is above half the sampling rate; a filter acts on responses as if it acted on the unknown forces. Known forces are
+        then band-limited between samples, else straight lines.
 
     Returns
     -------
@@ -208,9 +211,9 @@ def sense(
     Raises
     ------
     InputError
-        If an output or a force is not part of the structure, an output is a von Mises stress, there are more unknown forces than
-        sensors, `leave_out` names no sensor of the record, the record holds strains or other quantities that are neither motions
-        nor forces, or a sensor has no noise and reads a constant.
+        If an output or a force is not part of the structure or named twice, an output is a von Mises stress, there are more
+        unknown forces than sensors, `leave_out` names no sensor of the record, the record holds strains or other quantities that
+        are neither motions nor forces, or a sensor has no noise and reads a constant.
     NoAnswerError
         If the record cannot tell the motion: nothing holds the structure and accelerations alone are measured, or no sensor sees
         one of the modes.
@@ -270,7 +273,8 @@ def sense(
     others = [reduce_structure(structure, v, basis, sides_at(v)) for v in map(model.parameters.values, drawn)]
     nominal, deviation, verdict = _within_uncertainty(smoother, std, reduced, others, seed)
     # with as many forces as sensors a frequency would explain the resonance of a wrong model
-    if verdict.words and stated_time is None and len(channels.sensors) > len(forces):
+    is_free = unknown is not None and unknown.correlation_time is None and unknown.std is None
+    if verdict.words and is_free and len(channels.sensors) > len(forces):
         likelier = smoother.with_likeliest_frequency(reduced, std, nominal.mean[:, -len(forces) :])
         retried = likelier and _within_uncertainty(*likelier, reduced, others, seed)
         if likelier and retried and not retried[2].is_contradicted:

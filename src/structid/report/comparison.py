@@ -28,7 +28,7 @@ def comparison_table(result: ComparisonResult) -> Table:
         rows.append(
             (
                 found.names[i],
-                unit_text(found.units[i]) or "1",
+                unit_text(found.units[i]),
                 before,
                 after,
                 percent(float(found.relative_change[i])),

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from structid.core.display import join_words, plural
 from structid.core.dof import Dof
+from structid.core.quantities import unit_text
 from structid.inversion.diagnostics.collinearity import percent_text
 from structid.planning.planned import Plan
 from structid.records.record import FRF_UNITS
@@ -117,7 +118,7 @@ def parameter_table(plan: Plan) -> Table:
     for i, name in enumerate(plan.parameters.names):
         mark = "" if plan.chosen.of_interest[i] else " (nuisance)"
         shown = (percent_text(math.inf if math.isnan(test.std[i]) else float(test.std[i])) for test in tests)
-        rows.append((name + mark, plan.parameters.units[i], f"{plan.parameters.start[i]:.5g}", *shown))
+        rows.append((name + mark, unit_text(plan.parameters.units[i]), f"{plan.parameters.start[i]:.5g}", *shown))
     return Table(header, tuple(rows), tuple(range(2, len(header))))
 
 

@@ -186,7 +186,7 @@ def searched_minima(
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
     found = work.map("uniqueness starts", _search, (problem, method, tuple(chosen)), more, progress) if more else []
     minima += [_found(problem, method, task) for task in found]
-    if not search.wide_starts or (good and not _is_determined(problem, best)):
+    if not search.wide_starts or (good and not _is_determined_somewhere(problem, best, start)):
         return SearchedMinima(minima)
     grouped = _GroupedMinima(fits)
     for minimum, _ in minima:
@@ -294,10 +294,20 @@ def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
     return [answer.theta + sign * step for step in steps for sign in (1.0, -1.0)]
 
 
-def _is_determined(problem: Problem, minimum: Minimum) -> bool:
-    """True if data and priors determine every direction of the parameters at a minimum."""
-    relative = cast(Linearization, minimum.linearization).jacobian * sizes_at(problem, minimum.theta)
-    if len(relative) < len(minimum.theta) or not np.isfinite(relative).all():
+def _is_determined_somewhere(problem: Problem, minimum: Minimum, start: FloatArray) -> bool:
+    """True if data and priors determine every direction of the parameters at a minimum, or at the start.
+
+    A search may end between several answers, where the data do not see the way from one to the next.
+    """
+    if _is_determined(problem, minimum.theta, cast(Linearization, minimum.linearization)):
+        return True
+    return _is_determined(problem, start, problem.linearize(start))
+
+
+def _is_determined(problem: Problem, theta: FloatArray, at: Linearization) -> bool:
+    """True if data and priors determine every direction of the parameters at free variables `theta`."""
+    relative = at.jacobian * sizes_at(problem, theta)
+    if len(relative) < len(theta) or not np.isfinite(relative).all():
         return False
     singular = np.linalg.svd(relative, compute_uv=False)
     return bool(singular[-1] > _SEEN * singular[0])

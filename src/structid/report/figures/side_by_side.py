@@ -38,7 +38,7 @@ def side_by_side_figure(part: ModesCorrelation) -> plot.Figure | None:
     caption = (
         "Sensors in a row in the order of the channels, as the nodes of the structure have no places."
         if scene is None
-        else "Black: measured shape, carried on to the structure, with dots at the sensors as they were measured. Red: the"
+        else "Black: measured shape, carried on to the structure, with dots at the sensors as they were measured. Orange: the"
         " model's, in the same scale. Grey: at rest."
     )
     if len(pairs) > len(chosen):
