@@ -44,6 +44,18 @@ def test_all_frames_of_the_same_frequencies_are_listed(masses, stiffness, count)
     assert found.estimate.search.n_starts < 200
 
 
+@pytest.mark.long
+def test_a_search_that_ends_between_two_frames_goes_on_to_both():
+    """At 0.1 % the first search ends where the frequencies do not see the way from one frame to the other."""
+    masses = np.array([1446.0, 1212.0, 1243.0, 1249.0])
+    frequency = frame_frequencies(masses, np.array([2.6923e6, 1.759e6, 1.849e6, 1.2231e6]))
+    truths = all_frames(masses, frequency, 500)
+    found = identify_together([frame_setup(masses, frequency, start=1.5e6, error=1e-3)])
+    assert len(truths) == 2
+    for truth in truths:
+        assert np.abs(found.alternatives.values / truth - 1).max(axis=1).min() < 1e-4
+
+
 def test_what_would_decide_is_what_the_frames_predict_most_differently(three):
     """Every other ratio of two entries of a shape has two frames that are nearer, by the angle whose tangent it is."""
     deciding = three.alternatives.deciding

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from structid.core.display import join_words, plural
 from structid.core.dof import Dof
+from structid.core.quantities import unit_text
 from structid.inversion.diagnostics.collinearity import percent_text
 from structid.planning.planned import Plan
 from structid.records.record import FRF_UNITS
@@ -84,7 +85,7 @@ def assumption_lines(plan: Plan) -> list[str]:
         return lines
     return [
         *lines,
-        f"these std rest on noise of {_noise_words(plan)} and on a model without any damping, whose resonances are endlessly high:"
+        f"these std assume noise of {_noise_words(plan)} and a model without any damping, whose resonances are infinitely high:"
         " a real structure will tell far less; give the model damping, such as `damping_ratio = 0.01` in [structure]",
     ]
 
@@ -117,7 +118,7 @@ def parameter_table(plan: Plan) -> Table:
     for i, name in enumerate(plan.parameters.names):
         mark = "" if plan.chosen.of_interest[i] else " (nuisance)"
         shown = (percent_text(math.inf if math.isnan(test.std[i]) else float(test.std[i])) for test in tests)
-        rows.append((name + mark, plan.parameters.units[i], f"{plan.parameters.start[i]:.5g}", *shown))
+        rows.append((name + mark, unit_text(plan.parameters.units[i]), f"{plan.parameters.start[i]:.5g}", *shown))
     return Table(header, tuple(rows), tuple(range(2, len(header))))
 
 

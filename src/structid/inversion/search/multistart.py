@@ -126,7 +126,7 @@ class SearchedMinima:
 def searched_minima(
     problem: Problem,
     method: Method,
-    ways: Sequence[ContinuationPath],
+    paths: Sequence[ContinuationPath],
     search: Search,
     fits: Callable[[Minimum], bool],
     progress: StageProgress | None = None,
@@ -145,7 +145,7 @@ def searched_minima(
     problem : Problem
     method : Method
         Search method.
-    ways : sequence of ContinuationPath
+    paths : sequence of ContinuationPath
     search : Search
         Numbers of starts, seed and start.
     fits : callable
@@ -154,7 +154,7 @@ def searched_minima(
     work : Work
     """
     start = np.array(problem.theta_start if search.start is None else search.start)
-    chosen: Sequence[ContinuationPath] = ways or ((),)
+    chosen: Sequence[ContinuationPath] = paths or ((),)
     spread = _SPREAD * problem.unknowns.sizes(problem.physical(start)) / problem.slope(start)
     rng = np.random.default_rng(search.seed)
     most = max(search.uniqueness_starts, search.doubt_starts)
@@ -186,7 +186,7 @@ def searched_minima(
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
     found = work.map("uniqueness starts", _search, (problem, method, tuple(chosen)), more, progress) if more else []
     minima += [_found(problem, method, task) for task in found]
-    if not search.wide_starts or (good and not _is_determined(problem, best)):
+    if not search.wide_starts or (good and not _is_determined_somewhere(problem, best, start)):
         return SearchedMinima(minima)
     grouped = _GroupedMinima(fits)
     for minimum, _ in minima:
@@ -236,7 +236,7 @@ class _GroupedMinima:
 def _wide_minima(
     problem: Problem,
     method: Method,
-    way: ContinuationPath,
+    path: ContinuationPath,
     start: FloatArray,
     search: Search,
     grouped: _GroupedMinima,
@@ -245,7 +245,7 @@ def _wide_minima(
 ) -> tuple[list[tuple[Minimum, int]], bool]:
     """Minima from distant random starts and along the weakest directions, each with its iterations; True if no more are expected.
 
-    `way` is the continuation path of each search, `start` the centre of the starts, and `grouped` takes the new minima.
+    `path` is the continuation path of each search, `start` the centre of the starts, and `grouped` takes the new minima.
     """
     rng = np.random.default_rng([search.seed, search.wide_starts])
     reach, size = problem.unknowns.reach, np.log(_WIDE) * sizes_at(problem, start)
@@ -256,7 +256,7 @@ def _wide_minima(
         """Search from each of `points`, and return the number of minima that the data allow."""
         nonlocal n_made
         items = [(n_made + k, 0, np.clip(point, *reach.T)) for k, point in enumerate(points)]
-        tasks = work.map("wide starts", _search_widely, (problem, method, (way,)), items, progress, first=n_made)
+        tasks = work.map("wide starts", _search_widely, (problem, method, (path,)), items, progress, first=n_made)
         n_made += len(items)
         ends = [_found(problem, method, task) for task in tasks if "failed" not in task]
         minima.extend(ends)
@@ -294,10 +294,20 @@ def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
     return [answer.theta + sign * step for step in steps for sign in (1.0, -1.0)]
 
 
-def _is_determined(problem: Problem, minimum: Minimum) -> bool:
-    """True if data and priors determine every direction of the parameters at a minimum."""
-    relative = cast(Linearization, minimum.linearization).jacobian * sizes_at(problem, minimum.theta)
-    if len(relative) < len(minimum.theta) or not np.isfinite(relative).all():
+def _is_determined_somewhere(problem: Problem, minimum: Minimum, start: FloatArray) -> bool:
+    """True if data and priors determine every direction of the parameters at a minimum, or at the start.
+
+    A search may end between several answers, where the data do not see the way from one to the next.
+    """
+    if _is_determined(problem, minimum.theta, cast(Linearization, minimum.linearization)):
+        return True
+    return _is_determined(problem, start, problem.linearize(start))
+
+
+def _is_determined(problem: Problem, theta: FloatArray, at: Linearization) -> bool:
+    """True if data and priors determine every direction of the parameters at free variables `theta`."""
+    relative = at.jacobian * sizes_at(problem, theta)
+    if len(relative) < len(theta) or not np.isfinite(relative).all():
         return False
     singular = np.linalg.svd(relative, compute_uv=False)
     return bool(singular[-1] > _SEEN * singular[0])
@@ -306,8 +316,9 @@ def _is_determined(problem: Problem, minimum: Minimum) -> bool:
 def _ended(
     problem: Problem, method: Method, minima: list[tuple[Minimum, int]], progress: StageProgress | None, work: Work
 ) -> list[tuple[Minimum, int]]:
-    """Minima of all searches with their iterations; searches that were stopped early but are near the best are
-    completed.
+    """Minima of all searches with their iterations.
+
+    Searches that were stopped early but are near the best are completed.
     """
     most = _NEAR_BEST * min(float(minimum.costs[-1]) for minimum, _ in minima)
     ended = []

@@ -71,8 +71,8 @@ def comac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plo
     )
     caption = (
         "By sensor, over all pairs. COMAC: 1 where the sensor follows the model in every mode; a sensor that is only turned"
-        " round keeps its COMAC. ECOMAC: mean distance of the scaled shapes, 0 where they agree; sense, gain or place of a"
-        " sensor that stands out are to be checked."
+        " round keeps its COMAC. ECOMAC: mean distance of the scaled shapes, 0 where they agree. Check sense, gain and position"
+        " of a sensor that stands out."
     )
     return plot.Figure(panels, (1050.0, 300.0), 1, caption)
 
@@ -124,7 +124,7 @@ def fdac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> 
             title = _title(word, len(parts)) + (f", load {load}" if len(part.record.inputs) > 1 else "")
             panels.append(replace(plot.panel(x, y, cells, diagonal, scale=scale), equal=True, title=title.lstrip(", ")))
     caption = (
-        "Frequency domain assurance criterion: likeness of the operating shapes at every pair of lines. A ridge of ones below"
+        "Frequency domain assurance criterion: agreement of the operating shapes at every pair of lines. A ridge of ones below"
         " the dashed diagonal: the model has the same shapes at higher frequencies, it is too stiff or too light; above it,"
         " too soft or too heavy."
     )

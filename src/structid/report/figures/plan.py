@@ -67,7 +67,7 @@ def std_figure(plan: Plan) -> plot.Figure:
         beyond = np.full(int(off.sum()), edge * (high / low) ** 0.025)  # an arrow to what lies beyond
         traces.append(plot.Curve(beyond, height[off], None, arrow))
     ticks = tuple((value, percent_text(value)) for value, _ in plot.decade_ticks(low, high))
-    label = "predicted standard deviation, relative to the initial value"
+    label = "predicted std over initial value"
     panel = plot.panel(plot.Axis(label, limits=(low, high), log=True, ticks=ticks), plot.rows_axis(names), *traces)
     return plot.Figure((panel,), plot.rows_size(len(names)))
 
