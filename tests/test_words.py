@@ -25,6 +25,13 @@ REPLACED = {
     "the intervals carry": "the intervals include",
     "not told from 0": "is not significantly different from 0",
     "rest on\\*": "sensitivity to fixed values",
+    "(is|are) not told apart": "cannot be distinguished",
+    "goes? with the model": "fits far worse than the others",
+    "held on the axis": "measured FRFs, prior at the start",
+    "next to nothing of": "hardly determines",
+    "(a|no) like in the model": "matches no mode of the model",
+    "record would have": "the record prefers",
+    "what is not there": "a broken link",
 }
 PATTERN = re.compile("|".join(f"({words})(?![a-z])" for words in REPLACED), re.IGNORECASE)
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)

@@ -58,7 +58,7 @@ def test_nothing_to_pair_exits_1_with_results(tmp_path):
     (tmp_path / "modes.csv").write_text("\n".join([lines[0], *(",".join(row) for row in rows)]) + "\n")
     done = invoke(study, "--out", tmp_path / "out", "--least-mac", "0.99")
     assert done.exit_code == 1
-    assert "no measured mode has a like in the model" in done.stderr
+    assert "no measured mode matches one of the model" in done.stderr
     assert (tmp_path / "out" / "correlation.json").exists()
 
 

@@ -72,7 +72,7 @@ OF_SETS = [
     ("mesh", ("all lines",), 0.02, "the mesh is too coarse for the highest frequencies"),
     ("shear", ("girder",), 0.1, "girder shears: it is no slender beam"),
     ("damping_law", ("right", "viscous"), 0.1, "damping of right is viscous"),
-    ("held", ("bending_stiffness[right]",), 0.3, "bending_stiffness[right], which the study fixes, is not what the model says"),
+    ("held", ("bending_stiffness[right]",), 0.3, "bending_stiffness[right], fixed in the study, differs from its stated value"),
     ("axial_force", ("girder",), 0.1, "girder carries an axial force that the model lacks"),
     ("node_place", ("2",), 0.3, "node 2 is elsewhere along its line than drawn: a length is wrong"),
     ("window", ("all channels",), 1.0, "the records were windowed, which adds damping"),

@@ -158,7 +158,7 @@ def test_a_sound_answer_whose_record_would_have_another_held_value_is_approximat
     found, fits = diagnose_study(ready, result, explain=False)
     judgement = found.diagnosis.judgement
     assert judgement.verdict == "approximate"
-    assert "the record would have stiffness[upper], which the model fixes" in judgement.words
+    assert "the record prefers stiffness[upper], fixed in the model" in judgement.words
     assert "smaller" in judgement.words
     assert [one.where for one in found.diagnosis.suggestions] == [("stiffness[upper]",), ("mass[floors]",)]
     assert len(fits) == 2

@@ -184,7 +184,7 @@ def test_a_free_gain_of_the_load_leaves_only_ratios_and_says_so():
     free = identify(chain(), unknown, data, channel_unknowns=[ChannelUnknown("gain", inputs="all")])
     assert free.estimate.identifiability.rank == len(free.estimate.names) - 1
     [words] = [d.words for d in free.estimate.identifiability.directions]
-    assert words.endswith("only as ratios: their absolute size goes with gain[load 3X+]")
+    assert words.endswith("only as ratios: their absolute size is proportional to gain[load 3X+]")
     assert any("absolute masses and stiffnesses are not measured" in warning for warning in free.warnings)
     ratio = free.estimate.values[1] / free.estimate.values[0]
     assert abs(ratio - 1.5) < 0.01

@@ -256,7 +256,7 @@ def test_modes_that_few_sensors_tell_apart_are_fitted_without_the_way_of_wide_er
     problem = ModalProblem(structure, truth.started_at(truth.start * np.array([1.02, 0.98, 1.01])), record)
     assert [name for way in problem.schedules() for name, _ in way] == ["modal dynamic residual"]
     with pytest.raises(
-        InputError, match=r"modes 1, 2, 3 are not told apart .* 2 sensors; lower `closeness` or the errors"
+        InputError, match=r"modes 1, 2, 3 cannot be distinguished .* 2 sensors; lower `closeness` or the errors"
     ):
         replace(problem, settings=ModalSettings(frequency_error=0.02))
 
@@ -388,7 +388,9 @@ def test_a_mode_that_is_listed_twice_is_named():
     twice = replace(
         record, frequency=record.frequency[[0, 0, 2]], mode_shapes=record.mode_shapes[:, [0, 0, 2]], covariance=None
     )
-    with pytest.raises(InputError, match=r"modes 1 \(.* Hz\), 2 \(.* Hz\) of m.csv are not told apart .* listed twice"):
+    with pytest.raises(
+        InputError, match=r"modes 1 \(.* Hz\), 2 \(.* Hz\) of m.csv cannot be distinguished .* listed twice"
+    ):
         ModalProblem(structure, unknown, twice, ModalSettings(frequency_error=0.01))
 
 

@@ -144,7 +144,7 @@ def test_a_free_gain_of_the_load_leaves_only_ratios_and_says_so():
     found = identified(measured(np.random.default_rng(0), load_gain=1.1), [ChannelUnknown("gain", inputs="4X")])
     assert found.estimate.identifiability.rank == len(found.estimate.names) - 1
     [words] = [d.words for d in found.estimate.identifiability.directions]
-    assert words.endswith("only as ratios: their absolute size goes with gain[load 4X+]")
+    assert words.endswith("only as ratios: their absolute size is proportional to gain[load 4X+]")
     assert any("absolute masses and stiffnesses are not measured" in warning for warning in found.warnings)
 
 

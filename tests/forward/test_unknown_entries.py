@@ -230,7 +230,7 @@ def test_what_cannot_do_without_more_entries_says_so():
         of_form(problem_of(bare), "dynamic")
     few = without(record, (0, 1), (1, 2), (2, 3))
     with pytest.raises(
-        InputError, match=r"modes 2, 3, 4 are not told apart .* 2 sensors at which the shapes of all are known"
+        InputError, match=r"modes 2, 3, 4 cannot be distinguished .* 2 sensors at which the shapes of all are known"
     ):
         problem_of(few, closeness=0.5)
     with pytest.raises(InputError, match="and there are 2 sensors; lower `closeness`"):

@@ -29,7 +29,7 @@ CLAMP = ("1X", "1Y", "1RZ")
 
 def test_a_part_that_floats_is_named_with_its_nodes_and_elements():
     [one] = found([beam("arm", 1, 2, 3), beam("lost", 5, 6, 7)], CLAMP)
-    assert one.words.startswith("nothing joins nodes 5, 6, 7 to the rest or holds it")
+    assert one.words.startswith("nothing joins nodes 5, 6, 7 to the rest or supports it")
     assert one.nodes == (5, 6, 7)
     assert {name: rows.tolist() for name, rows in one.elements.items()} == {"lost": [0, 1]}
 

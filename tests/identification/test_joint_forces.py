@@ -1,4 +1,4 @@
-"""Forces that are never apart: histories are fitted with them, and FRFs are shown to what is independent of them."""
+"""Linearly dependent forces: histories are fitted with them, and FRFs are shown under independent joint forces."""
 
 from dataclasses import replace
 
@@ -82,7 +82,7 @@ def test_one_shaker_on_a_diagonal_given_in_two_parts_is_identified(fit):
     start = sid.parameters(structure, [sid.Unknown("mass", "floors", each=True, start=2.5)])
     setup = sid.TimeSetup(structure, start, record(structure), sid.TimeFit(fit), cache=ResponseCache())
     options = IdentifyOptions(band=(1.0, 12.0) if fit == "spectra" else None, tolerances=EXACT)
-    assert "forces at 3X+, 3Y- are never apart" in setup.words(options)
+    assert "forces at 3X+, 3Y- are linearly dependent" in setup.words(options)
     found = sid.identify_together([setup], options)
     assert found.estimate.values == pytest.approx([2.0, 2.0], abs=4 * found.estimate.std.max())
     assert found.estimate.std.max() < 0.02

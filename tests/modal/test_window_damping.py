@@ -101,7 +101,7 @@ def test_doubtful_damping_is_said():
     modes = replace(record(), covariance=None)
     assert without_window_damping(modes, 0.05).warnings == ()
     assert "mode 1 is left with negative damping" in without_window_damping(modes, 0.1).warnings[0]
-    assert any("not known to half" in text for text in without_window_damping(record(), 0.05).warnings)
+    assert any("uncertain by more than half" in text for text in without_window_damping(record(), 0.05).warnings)
     for wrong in (-0.1, np.nan, np.inf):
         with pytest.raises(InputError, match="`decay` must be a finite rate"):
             without_window_damping(modes, wrong)

@@ -464,7 +464,7 @@ def test_a_model_without_damping_is_told_beside_its_predictions(tmp_path):
     path = written(tmp_path, WITHOUT_RECORD + PLAN)
     damped, words = (
         run(path, "--out", tmp_path / "damped"),
-        "on noise of 1 % of each value and 0.001 (m/s^2)/N and on a model",
+        "assume noise of 1 % of each value and 0.001 (m/s^2)/N and a model",
     )
     assert "without any damping" not in damped.stdout
     springs = CHAIN[: CHAIN.index("[[structure.dashpot]]")].replace("loss_factor = 0.03\n", "")

@@ -107,7 +107,7 @@ def mode_55(frequency=10.0, ratio=0.01, values=(1.0, 2, 3)):
     [
         ([mode_55(), mode_55(values=(3, -1, 0))], ""),
         ([mode_55(), mode_55(frequency=11.0)], ""),
-        ([mode_55(), mode_55()], "holds the mode that stands before it once more"),
+        ([mode_55(), mode_55()], "repeats the mode before it"),
         ([mode_55(ratio=1.5)], "states a damping ratio of 1.5, with which nothing vibrates"),
     ],
 )

@@ -162,7 +162,7 @@ def test_doubtful_modes_get_a_remark(result):
     assert first == "at the sensors the shape is that of mode 3"
     assert "damping is not positive" in second
     assert "complex shape" in second
-    assert "not told apart from 0" in third
+    assert "damping is not significantly different from 0" in third
     assert "steady tone" in third
     sure = replace(modes, covariance=np.diag([1e-6] * 3 + [1e-8] * 3))
     good = replace(result, identification=replace(result.identification, modes=sure))

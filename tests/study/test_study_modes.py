@@ -227,7 +227,7 @@ def test_a_measured_mode_without_a_like_in_the_model_is_named(tmp_path):
         ModalRecord(given.frequency, given.damping_ratio, shapes, given.channels, given.covariance, given.shape_std),
     )
     found = run_study(load_study(path)).identification
-    assert any("measured at 4.2906 Hz has no like in the model" in words for words in found.warnings)
+    assert any("measured at 4.2906 Hz matches no mode of the model" in words for words in found.warnings)
 
 
 @pytest.mark.parametrize(

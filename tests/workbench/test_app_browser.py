@@ -375,7 +375,7 @@ bending_stiffness = 25.0
     with served(tmp_path) as bench:
         page.goto(bench.address + "#structure/beam.toml")
         marked = page.locator("#marked")
-        marked.get_by_text("nothing joins nodes 7, 8 to the rest or holds it").wait_for()
+        marked.get_by_text("nothing joins nodes 7, 8 to the rest or supports it").wait_for()
         marked.get_by_text("node 9 is held, and no element or tie is there").wait_for()
         page.locator("#checked").get_by_text("Warnings").wait_for()
         marked.get_by_text("half of the energy of mode").wait_for()
@@ -571,12 +571,12 @@ def test_modes_beside_the_model_and_set_ups_merged(page, screens, tmp_path):
         page.get_by_role("button", name="Save 3 modes").wait_for()
         page.get_by_label("Measured modes").select_option("found")
         page.get_by_role("button", name="Hold against the model").click()
-        page.get_by_text("3 of 3 measured modes have a like in the model, by 2 sensors").wait_for()
+        page.get_by_text("3 of 3 measured modes match modes of the model, by 2 sensors").wait_for()
         # the set-ups merged stand beside the model by themselves, at all sensors
         page.get_by_label("upper.h5").check()
         page.get_by_label("lower.h5").check()
         page.get_by_role("button", name="Merge", exact=True).click()
-        page.get_by_text("3 of 3 measured modes have a like in the model, by 3 sensors").wait_for(timeout=600_000)
+        page.get_by_text("3 of 3 measured modes match modes of the model, by 3 sensors").wait_for(timeout=600_000)
         assert page.locator("table.mac td.pair").count() == 3
         assert min(float(one) for one in page.locator("table.mac td.pair").all_inner_texts()) > 0.98
         shown(page, screens, "11_beside")
@@ -701,7 +701,7 @@ path = "a.csv"
             one.locator("li", has_text="made last").wait_for()
         last = pages[-1]
         last.locator("#unusable summary").click()
-        assert "gone.toml is a link to what is not there" in last.locator("#unusable").inner_text().replace("\n", " ")
+        assert "gone.toml is a broken link" in last.locator("#unusable").inner_text().replace("\n", " ")
         last.goto(f"{bench.address}#run/first.toml")
         last.get_by_role("button", name="Identify").click()
         last.locator("#confirm").wait_for()

@@ -72,8 +72,8 @@ def test_a_hostile_folder_is_listed_in_a_moment(hostile):
     reasons = {one["path"]: one["words"] for one in listing["unusable"]}
     assert "leaves the folder" in reasons["secrets.toml"]
     assert "leaves the folder" in reasons["device.csv"]
-    assert "what is not there" in reasons["dangling.toml"]
-    assert "what is not there" in reasons["annexed.npz"]
+    assert "broken link" in reasons["dangling.toml"]
+    assert "broken link" in reasons["annexed.npz"]
     assert "leads to itself" in reasons["itself.toml"]
     assert "pipe or a device" in reasons["fifo.toml"]
     assert "sign that is not used" in reasons["line\ufffdbreak.toml"]

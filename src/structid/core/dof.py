@@ -116,8 +116,9 @@ def parse_dofs(texts: Iterable[str | Dof]) -> tuple[Dof, ...]:
 
 
 def dofs_of_text(text: str) -> list[Dof]:
-    """Degrees of freedom that a text names: ``1X`` or ``1X-`` is one, ``1 X RZ`` two of node 1, ``1`` all six of node
-    1.
+    """Degrees of freedom that a text names.
+
+    ``1X`` or ``1X-`` is one, ``1 X RZ`` two of node 1, ``1`` all six of node 1.
     """
     several = _SEVERAL.match(text)
     words = [several[1] + direction for direction in several[2].split()] if several else [text]

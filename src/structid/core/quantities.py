@@ -116,8 +116,9 @@ def span_digits(low: float, high: float) -> tuple[int, int]:
 
 
 def span_text(low: float, high: float, unit: str = "") -> str:
-    """An interval as text with its unit, its ends to a hundredth of its width, such as ``1.2 to 1.4 kg``; open ends in
-    words.
+    """An interval as text with its unit, its ends to a hundredth of its width, such as ``1.2 to 1.4 kg``.
+
+    Open ends are given in words.
     """
     if math.isnan(low) or math.isnan(high):
         return NOTHING

@@ -105,7 +105,7 @@ def diagnose_sound(
             names = [one.name for one in doubts]
             explanation = with_freed(_base(model, identification), names, len(sensitivities), work)
         except (StructidError, np.linalg.LinAlgError) as error:
-            why = f"it could not be fitted with what it holds set free: {error}"
+            why = f"it could not be fitted with its fixed values free: {error}"
             return without_causes(identification, why, find_disagreements, sensitivities)
         return _diagnose_explained(
             model, identification, explanation, sensitivities, find_disagreements, is_search=False
@@ -114,7 +114,7 @@ def diagnose_sound(
         try:
             explanation = requested_changes(_base(model, identification), work)
         except (StructidError, np.linalg.LinAlgError) as error:
-            why = f"it could not be held against single changes: {error}"
+            why = f"single changes could not be tested: {error}"
             return without_causes(identification, why, find_disagreements, sensitivities)
         shifts = [one for fit in explanation.causes for one in _shifts(identification, explanation.base, fit)]
         if any(one.distance > MATTERS for one in shifts):

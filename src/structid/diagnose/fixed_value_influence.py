@@ -76,7 +76,7 @@ class FixedValueSensitivity:
     def words(self) -> str:
         """A clause on the value that the record would prefer, and the parameter that would move with it."""
         more = f"{_percent(self.pull)} (standard deviation {abs(100 * self.pull_std):.2g} %)"
-        words = f"the record would have {self.name}, which the model fixes, {more}"
+        words = f"the record prefers {self.name}, fixed in the model, {more}"
         at = self.moved_by_pull
         if at is None:
             return words

@@ -352,8 +352,9 @@ def _values_in_study(modified: ModifiedModel, theta: FloatArray, base: Fitted) -
 
 
 def _with_other_lines(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> ModifiedModel | None:
-    """The modified model with the outlying lines or tones found after its fit; None where they are those it already
-    has.
+    """The modified model with the outlying lines or tones found after its fit.
+
+    None where the model has them already.
     """
     candidate, strength, _ = modified.changes[-1]
     if not isinstance(candidate, OutlyingLines | Tone) or len(base.modified.problems) > 1:

@@ -99,8 +99,9 @@ class Point:
         return {}
 
     def without(self, mask: np.ndarray) -> float:
-        """Misfit after a linear step where the errors of the masked data rows (n_data,) are larger by their likeliest
-        factor.
+        """Misfit after a linear step where the errors of the masked data rows are larger.
+
+        Their errors are multiplied by the likeliest factor; `mask` is (n_data,).
         """
         keep = np.ones(len(self.residual), dtype=bool)
         keep[: len(mask)] = ~mask
@@ -114,8 +115,9 @@ class Point:
         )
 
     def screened(self, candidates: Sequence[Candidate]) -> list[Screened]:
-        """Screening result of every candidate, in the given order: its best strength and misfit after a linear step of
-        the parameters.
+        """Screening result of every candidate, in the given order.
+
+        It has the candidate's best strength, and the misfit after a linear step of the parameters.
         """
         keys = [self._key(candidate) for candidate in candidates]
         known: dict[_Key, _Look] = {}
@@ -170,8 +172,9 @@ class Point:
         return *values, *moves
 
     def _look(self, candidate: Candidate) -> _Look:
-        """A first screening of a candidate: its misfit at every second strength after a linear step, and its linear
-        estimate.
+        """A first screening of a candidate.
+
+        It has the misfit at every second strength after a linear step, and the linear estimate.
         """
         strengths = candidate.strengths[::2]
         if len(candidate.strengths) == 1:
@@ -185,8 +188,9 @@ class Point:
         return _Look(strengths, left, step, float(min(left.min(), linear)))
 
     def _closer(self, candidate: Candidate, look: _Look) -> _Look:
-        """A closer screening of a candidate: its `look` with all strengths, and more about the best and the linear
-        estimate.
+        """A closer screening of a candidate, from the first one `look`.
+
+        It has all strengths, and more about the best of them and the linear estimate.
         """
         if len(candidate.strengths) == 1:
             return look

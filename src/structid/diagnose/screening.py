@@ -53,7 +53,7 @@ from structid.identification.setups.setup import titles
 from structid.inversion import JointProblem
 from structid.inversion.search.work import Tools, Work
 
-#: By what tells candidates apart, the part of the misfit that a linear look promises to remove, and the look.
+#: By the key of a candidate, the part of the misfit that a linear screening promises to remove, and the screening.
 _Promises = dict[Hashable, tuple[float, Screened]]
 
 
@@ -276,7 +276,8 @@ def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:
 def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, budget: SearchBudget) -> list[Screened]:
     """Screened candidates sorted by the misfit of measured modes after one linear step; the first few keep their rank.
 
-    A change may remove a tenth of the misfit of the FRFs computed from the modes, and four fifths of that of the modes.
+    Needed since a change that removes four fifths of the misfit of the modes may remove only a tenth of that of the FRFs that are
+    computed from them.
     `name` is the stage's in progress messages.
     """
     left = np.array(

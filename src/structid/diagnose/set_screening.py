@@ -56,8 +56,9 @@ class LinearizedFit(NamedTuple):
         return self._misfit_with(self.triangle[:, chosen].sum(axis=1, keepdims=True))
 
     def _misfit_with(self, freed: FloatArray) -> float:
-        """The misfit after one linear step with further unknowns, whose Jacobian columns `freed` are as rows of
-        `triangle`.
+        """The misfit after one linear step with further unknowns.
+
+        `freed` are their Jacobian columns, with the rows of `triangle`.
         """
         n_directions = self.directions.shape[1]
         n_params = self.triangle.shape[1] - len(self.names) - n_directions - 1

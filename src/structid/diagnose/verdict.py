@@ -553,7 +553,7 @@ def _judged(
         return Judgement("wrong_model", words, (*(_apart(one) for one in disagreements), *pushed))
     if is_far and _is_large(identification):
         words = (
-            f"Wrong model: {misfit}; resonances agree, and so do most values from parts of the data, but what is wrong may move"
+            f"Wrong model: {misfit}; resonances agree, and so do most values from parts of the data, but the error may shift"
             f" all values alike, beyond their intervals: do not use them. {_searched(n_tried)}{also}"
         )
         return Judgement("wrong_model", words.rstrip(), (misfit, *pushed, *map(_apart, disagreements)))
@@ -656,7 +656,7 @@ def _misfit_words(identification: Identification) -> str:
         i = fixed.beyond[0]
         change = 100 * np.expm1(fixed.asked[i] * fixed.tolerance[i])
         return (
-            f"the record would have {fixed.names[i]}, which the model holds, {change:+.2g} % off, {abs(fixed.asked[i]):.2g} times"
+            f"the record prefers {fixed.names[i]}, fixed in the model, {change:+.2g} % away, {abs(fixed.asked[i]):.2g} times"
             " its tolerance"
         )
     noises = {problem.facts.noise for problem in identification.problems}

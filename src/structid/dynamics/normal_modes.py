@@ -373,7 +373,7 @@ def _condensed_modes(
         follow = -linalg.solve(stiffness[np.ix_(light, light)], stiffness[np.ix_(light, heavy)], assume_a="sym")
     except linalg.LinAlgError as error:
         raise SingularModelError(
-            "part of the model has neither mass nor stiffness: hold it, or give it one of them"
+            "part of the model has neither mass nor stiffness: fix it, or give it one of them"
         ) from error
     condensed = stiffness[np.ix_(heavy, heavy)] + stiffness[np.ix_(heavy, light)] @ follow
     eigenvalues, shapes = linalg.eigh(0.5 * (condensed + condensed.T), mass[np.ix_(heavy, heavy)])

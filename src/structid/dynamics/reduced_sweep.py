@@ -226,9 +226,9 @@ def reduced_sweep(
     return ReducedSweep(values, sweep.n_factorizations + sweep.n_lines, 0, float("nan"))
 
 
-def reading_error(exact: NumberArray, found: NumberArray) -> float:
+def reading_error(exact: NumberArray, approximate: NumberArray) -> float:
     """Largest difference in parts of the largest reading."""
-    return float(np.abs(found - exact).max() / np.abs(exact).max())
+    return float(np.abs(approximate - exact).max() / np.abs(exact).max())
 
 
 class FieldBasis:

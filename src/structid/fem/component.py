@@ -212,8 +212,9 @@ def _reduce_component(
     joined: IntArray,
     constrained: frozenset[int],
 ) -> Reduction:
-    """A component reduced to its interface and modes; `codes` are its degrees of freedom, `joined` those to keep, `constrained`
-    the constrained ones.
+    """A component reduced to its interface and modes.
+
+    `codes` are its degrees of freedom, `joined` those to keep, `constrained` the constrained ones.
 
     `terms` are the properties of all element sets, by set.
     """
@@ -380,6 +381,6 @@ def _factorized_solver(component: Component, matrix: sparse.csc_array) -> Callab
 
 def _mechanism(component: Component) -> InputError:
     return InputError(
-        f"component {component.name!r} can move inside with neither stiffness nor mass; hold what is loose in `fixed`, leave its"
+        f"component {component.name!r} can move inside with neither stiffness nor mass; fix loose parts with `fixed`, leave its"
         " direction out of `active`, or give it stiffness"
     )

@@ -113,8 +113,9 @@ class MeasuredComponent:
         return f"measured component {self.name!r}" + (f" ({self.source})" if self.source else "")
 
     def receptance_at(self, frequency: FloatArray) -> ComplexArray:
-        """Receptance Y at `frequency` in Hz, (n_lines, n, n); interpolated by cubics between the measured lines if these
-        are dense.
+        """Receptance Y (n_lines, n, n) at `frequency` in Hz.
+
+        Interpolated by cubics between the measured lines if these are dense.
 
         The result is kept for the lines last asked for.
 

@@ -161,8 +161,8 @@ class ModalDamping(Factor):
             shapes = linalg.eigh(mass, scaled_sum)[1]
         except (linalg.LinAlgError, ValueError) as error:
             raise SingularModelError(
-                "modal damping needs mass or stiffness in every motion, none of them negative; hold what is loose in `fixed`, or"
-                " give it some"
+                "modal damping needs mass or stiffness in every motion, none of them negative; fix loose parts with `fixed`, or"
+                " give them some"
             ) from error
         squares = [np.einsum("ij,ij->j", shapes, matrix @ shapes) for matrix in (mass, stiffness / scaling)]
         heavy, stiff = (np.sqrt(np.where(square > _NOTHING, square, 0.0)) for square in squares)

@@ -158,7 +158,7 @@ def split_by_length_power(
 ) -> tuple[Term, ...]:
     """Terms of bars or beams, with each matrix term split by the power of the element length that it is proportional to.
 
-    Matrices are sums of such powers; they are told apart by lengths that are all twice, four times, half as large and so on.
+    Matrices are sums of such powers, which are separated by evaluation at all lengths times 2, 4, 1/2 and so on.
 
     Parameters
     ----------

@@ -116,8 +116,9 @@ class Structure(Shown, StructurePlots):
         left_aside: Iterable[str] = (),
         file_notes: Iterable[str] = (),
     ) -> None:
-        """A structure of nodes (positions in m), element sets, supports and ties; arguments as the attributes of the
-        class.
+        """A structure of nodes (positions in m), element sets, supports and ties.
+
+        The arguments are as the attributes of the class.
 
         `active` are the directions of motion, `fixed` the supports, `subdivide` the pieces of each line, `sliding` the
         nodes whose position is a property, and `left_aside` and `file_notes` remarks on the mesh file.

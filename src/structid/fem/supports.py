@@ -71,8 +71,9 @@ class RigidLink:
         dependents: int | Iterable[int],
         directions: str | Iterable[str] | None = None,
     ) -> None:
-        """A link called `name` by which the nodes `dependents` follow the node `main` rigidly, in all or in some
-        `directions`.
+        """A link called `name` by which the nodes `dependents` follow the node `main` rigidly.
+
+        They do so in all or in some `directions`.
         """
         nodes = (dependents,) if isinstance(dependents, int) else tuple(int(n) for n in dependents)
         if not nodes or main in nodes:
@@ -125,8 +126,9 @@ class Constraint:
     depends_on: tuple[tuple[Dof, float], ...]
 
     def __init__(self, name: str, dependent: str | Dof, depends_on: Iterable[tuple[str | Dof, float]]) -> None:
-        """A constraint called `name`: the degree of freedom `dependent` is the sum of others times factors,
-        `depends_on`.
+        """A constraint called `name`: `dependent` is a weighted sum of other degrees of freedom.
+
+        `depends_on` are those with their factors.
         """
         pairs = tuple((parse_dof(d), float(c)) for d, c in depends_on)
         if not all(np.isfinite(c) for _, c in pairs):
@@ -195,8 +197,9 @@ class Base:
     supports: tuple[Dof, ...]
 
     def __init__(self, name: str, supports: str | Dof | Iterable[str | Dof]) -> None:
-        """A base called `name`: the degrees of freedom `supports`, fixed in the structure, that one measured motion
-        drives.
+        """A base called `name`: supported degrees of freedom that one measured motion drives.
+
+        The structure fixes these `supports`.
         """
         named = (supports,) if isinstance(supports, str | Dof) else tuple(supports)
         object.__setattr__(self, "name", name)

@@ -89,7 +89,7 @@ def read_start(path: Path, most: int, follow: bool = True, begin: int = 0) -> by
 def _why_missing(path: Path) -> str:
     """The reason why there is no file at `path`, with the nearest name in its folder as a suggestion."""
     if path.is_symlink():
-        return "is a link to what is not there, or to itself; mend the link, or give the file itself"
+        return "is a broken link; mend it, or give the file itself"
     folder = path.parent
     if not folder.is_dir():
         return f"there is no such file; its folder {folder} does not exist either"

@@ -224,9 +224,9 @@ def _limits(group: _Group) -> tuple[float, float]:
     return (0.0, np.inf) if group.unknown.property != "delay" else (-np.inf, np.inf)
 
 
-def _require_ranges(groups: list[_Group], made: ChannelErrors) -> None:
+def _require_ranges(groups: list[_Group], errors: ChannelErrors) -> None:
     """Raise `InputError` if a start lies outside its bounds, or a prior is unsound or does not fit the bounds."""
-    rows = zip(groups, made.names, made.start, made.transforms.lower, made.transforms.upper, strict=True)
+    rows = zip(groups, errors.names, errors.start, errors.transforms.lower, errors.transforms.upper, strict=True)
     for group, name, value, low, high in rows:
         prior = group.unknown.prior
         if not low < value < high:

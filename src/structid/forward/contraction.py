@@ -64,8 +64,9 @@ class ParameterForces:
         return len(self.indptr) - 1
 
     def entries(self, factors: ComplexArray, x: NumberArray) -> NumberArray:
-        """Forces dZ/dp x (n_forces, n_x) of fields `x` (n_dofs, n_x), at one frequency line with the `factors`
-        (n_maps,) of matrices.
+        """Forces dZ/dp x (n_forces, n_x) of fields `x` (n_dofs, n_x) at one frequency line.
+
+        `factors` (n_maps,) are those of the matrices there.
         """
         is_complex = np.iscomplexobj(x)
         flat = np.ascontiguousarray(x)
@@ -134,8 +135,9 @@ def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: i
 
 
 def _pairs(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Element index, parameter index and derivative of every element weight that depends on a parameter, in memory-
-    sized parts.
+    """Element index, parameter index and derivative of every element weight that depends on a parameter.
+
+    They come in parts that fit into memory.
     """
     element = np.repeat(np.arange(part.slope.shape[0]), np.diff(part.slope.indptr))
     local = part.blocks.dofs.shape[1] ** 2 if isinstance(part.blocks, Blocks) else 1

@@ -19,13 +19,14 @@ class LastEvaluation(Generic[T]):
     def __reduce__(self) -> tuple[type[LastEvaluation[T]], tuple[()]]:
         return LastEvaluation, ()
 
-    def at(self, theta: FloatArray, made: Callable[[FloatArray], T]) -> T:
-        """The evaluation at free variables `theta` (n_params,): the cached one, or else that made by `made`, which is
-        then cached.
+    def at(self, theta: FloatArray, evaluate: Callable[[FloatArray], T]) -> T:
+        """The evaluation at free variables `theta` (n_params,).
+
+        The cached one if it is of the same `theta`, or else that made by `evaluate`, which is then cached.
         """
         found = self.known(theta)
         if found is None:
-            found = made(theta)
+            found = evaluate(theta)
             self.keep(theta, found)
         return found
 
@@ -33,8 +34,8 @@ class LastEvaluation(Generic[T]):
         """The evaluation that is kept of `theta`, if any."""
         return self._kept[1] if self._kept is not None and self._kept[0] == theta.tobytes() else None
 
-    def keep(self, theta: FloatArray, found: T) -> None:
-        self._kept = theta.tobytes(), found
+    def keep(self, theta: FloatArray, evaluation: T) -> None:
+        self._kept = theta.tobytes(), evaluation
 
     def taken(self, theta: FloatArray) -> T | None:
         """The evaluation that is kept of `theta`, if any; nothing is kept afterwards."""

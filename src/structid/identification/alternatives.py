@@ -106,38 +106,38 @@ class Alternatives:
 
 
 def alternatives(
-    found: Estimate, problems: Sequence[RecordProblem], without_priors: Estimate | None = None
+    estimate: Estimate, problems: Sequence[RecordProblem], without_priors: Estimate | None = None
 ) -> Alternatives | None:
     """The sets of values that fit the data equally well; None where there is only one.
 
     Parameters
     ----------
-    found : Estimate
+    estimate : Estimate
         The first set.
     problems : sequence of RecordProblem
     without_priors : Estimate, optional
         From the data alone, where priors choose among several sets.
     """
-    by_priors = without_priors is not None and found.search.n_fitting < 2
-    searched = without_priors if by_priors and without_priors is not None else found
+    by_priors = without_priors is not None and estimate.search.n_fitting < 2
+    searched = without_priors if by_priors and without_priors is not None else estimate
     fitting = [answer for answer in searched.search.answers if answer.fits]
     if len(fitting) < 2:
         return None
     if by_priors:
-        fitting.sort(key=lambda answer: _relative_distance(answer.values, found.values))
-    start = np.asarray(found.initial)
+        fitting.sort(key=lambda answer: _relative_distance(answer.values, estimate.values))
+    start = np.asarray(estimate.initial)
     others = sorted(fitting[1:], key=lambda answer: _relative_distance(answer.values, start))
-    values = np.array([found.values, *(answer.values for answer in others)])
+    values = np.array([estimate.values, *(answer.values for answer in others)])
     return Alternatives(
-        names=found.names,
-        units=found.units,
+        names=estimate.names,
+        units=estimate.units,
         values=locked(values),
         cost=locked([answer.cost for answer in (fitting[0], *others)]),
         n_searches=tuple(answer.n_searches for answer in (fitting[0], *others)),
         is_exhaustive=searched.search.is_exhaustive,
         chosen_by_priors=by_priors,
         measured=_measured_words(problems),
-        deciding=deciding_measurement(found.names, values, problems[0]),
+        deciding=deciding_measurement(estimate.names, values, problems[0]),
     )
 
 

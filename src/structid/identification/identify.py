@@ -200,41 +200,41 @@ def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem])
     return own + [f"scatter of {one.name}" for one in scatter_problems(problems)]
 
 
-def _own(problem: RecordProblem, found: Estimate) -> Own:
+def _own(problem: RecordProblem, estimate: Estimate) -> Own:
     """Free variables, values and initial values, in the estimate of all parameters, of those that the problem has.
 
     A linear fit has no free variables; a value out of its range gets those of the start.
     """
-    place = indices_of(found.names, problem.names)
-    values, theta = found.values[place], found.theta[place]
-    if found.parameters.slope is None:
-        theta = begun_at(problem.unknowns, dict(zip(found.names, found.values.tolist(), strict=True))).theta_start
-    return Own(theta, values, found.initial[place])
+    place = indices_of(estimate.names, problem.names)
+    values, theta = estimate.values[place], estimate.theta[place]
+    if estimate.parameters.slope is None:
+        theta = begun_at(problem.unknowns, dict(zip(estimate.names, estimate.values.tolist(), strict=True))).theta_start
+    return Own(theta, values, estimate.initial[place])
 
 
 def total_mass(
-    problem: RecordProblem, found: Estimate, direction: str | None, freed: RecordProblem | None = None
+    problem: RecordProblem, estimate: Estimate, direction: str | None, freed: RecordProblem | None = None
 ) -> tuple[float, float]:
     """Total mass of the problem's structure for motion in a direction, and its standard deviation, kg.
 
     Parameters
     ----------
     problem : RecordProblem
-    found : Estimate
+    estimate : Estimate
     direction : str or None
     freed : RecordProblem, optional
         The problem with what its model holds among the unknowns; masses that are held err within their tolerances then.
     """
-    unknown, row = problem.parameters, np.zeros((1, len(found.names)))
-    index = indices_of(found.names, unknown.names)
-    values = unknown.values(found.values[index])
+    unknown, row = problem.parameters, np.zeros((1, len(estimate.names)))
+    index = indices_of(estimate.names, unknown.names)
+    values = unknown.values(estimate.values[index])
     gradient = problem.structure.mass_gradient(direction, values)
     row[0, index] = gradient @ unknown.design
     mass = problem.structure.mass_of(values, direction)
     names = () if freed is None else freed.parameters.names
     held = {} if freed is None else dict(zip(names, gradient @ freed.parameters.design, strict=True))
     held = {name.removeprefix(FIXED): change for name, change in held.items() if name.startswith(FIXED)}
-    return mass, mass_deviation(row, found.uncertainty, held, found.fixed)
+    return mass, mass_deviation(row, estimate.uncertainty, held, estimate.fixed)
 
 
 def mass_deviation(

@@ -168,8 +168,9 @@ def freed_problems(
 
 
 def taken_as_exact(problems: Sequence[RecordProblem], tolerances: Tolerances, carried: Sequence[str]) -> str:
-    """A clause that names the fixed values with a tolerance that the search could not include (all but `carried`); ""
-    if none.
+    """A clause that names the fixed values whose tolerance the search could not include.
+
+    These are all but `carried`; "" if none.
     """
     if not all(problem.structure.has_matrices for problem in problems):
         return "the model behind the FRFs of the solver is taken as exact"

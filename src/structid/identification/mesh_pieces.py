@@ -82,7 +82,9 @@ class MeshPieces:
         return f"{cut}: {moves}{self.obstacle}"
 
 
-def judge_pieces(setups: Sequence[AnySetup], found: Identification, options: IdentifyOptions, count: int) -> MeshPieces:
+def judge_pieces(
+    setups: Sequence[AnySetup], identification: Identification, options: IdentifyOptions, count: int
+) -> MeshPieces:
     """The shifts of identified values by the mesh, for beams that are cut into `count` pieces.
 
     With b the change of the residual by pieces half as long, values move by (J'J)^-1 J'b.
@@ -91,29 +93,29 @@ def judge_pieces(setups: Sequence[AnySetup], found: Identification, options: Ide
     ----------
     setups : sequence of RecordSetup
         Set-ups as they were identified.
-    found : Identification
+    identification : Identification
     options : IdentifyOptions
     count : int
     """
     if not any(setup.structure.divisible for setup in setups):
         return MeshPieces(count, obstacle="no beam can be cut, and no bar that pieces would leave held sideways")
-    problem, theta = found.target, found.estimate.theta
-    if problem is None or not found.estimate.uncertainty.has_matrix:
+    problem, theta = identification.target, identification.estimate.theta
+    if problem is None or not identification.estimate.uncertainty.has_matrix:
         return MeshPieces(count, obstacle="this search has no residual to judge the mesh by; give a number of pieces")
     if max(_finer(setup, count) for setup in setups) > _MOST_DOFS:
         return MeshPieces(
             count, obstacle=f"with pieces half as long the model has more than {_MOST_DOFS} degrees of freedom"
         )
     try:
-        finer = _finer_problem(setups, found.problems, options, 2 * count)
-        moved_rows = finer.residual(theta[indices_of(found.estimate.names, finer.names)])[: finer.n_data]
+        finer = _finer_problem(setups, identification.problems, options, 2 * count)
+        moved_rows = finer.residual(theta[indices_of(identification.estimate.names, finer.names)])[: finer.n_data]
     except (InputError, SingularModelError, np.linalg.LinAlgError) as error:
         return MeshPieces(count, obstacle=f"with pieces half as long the model cannot be evaluated ({error})")
     at = problem.linearize(theta)
     change = np.zeros(len(at.residual))
     change[: finer.n_data] = moved_rows - at.residual[: finer.n_data]  # priors know no mesh
     shift = _shift(at.jacobian, change) * problem.slope(theta)
-    deviation = _deviation(found)
+    deviation = _deviation(identification)
     is_known = np.isfinite(shift) & (deviation > 0)
     deviations = np.divide(np.abs(shift), deviation, out=np.zeros(len(shift)), where=is_known)
     worst = int(np.argmax(deviations))
@@ -149,10 +151,10 @@ def _finer(setup: AnySetup, count: int) -> int:
     return setup.structure.n_dofs + lines * count * len(setup.structure.active or ())
 
 
-def _deviation(found: Identification) -> FloatArray:
+def _deviation(identification: Identification) -> FloatArray:
     """Standard deviations (n_params,) from noise and tolerances of fixed values, without model error."""
-    fixed = found.estimate.fixed
-    variance = found.estimate.std_noise**2
+    fixed = identification.estimate.fixed
+    variance = identification.estimate.std_noise**2
     return np.sqrt(variance if fixed is None else variance + fixed.std**2)
 
 

@@ -355,32 +355,32 @@ def _folded(model: LocalModel, kept: Sequence[int], strengths: Strengths) -> Loc
     return LocalModel(data, tuple(model.penalties[k] for k in kept))
 
 
-def shares(problem: Problem | None, found: Estimate) -> FloatArray | None:
+def shares(problem: Problem | None, estimate: Estimate) -> FloatArray | None:
     """Part of each parameter's variance, (n_params,), that stems from priors and regularizations.
 
     None without a covariance matrix; 0 where no problem was minimized.
     """
     if problem is None:
-        return np.zeros(len(found.names))
-    if not found.uncertainty.has_matrix:
+        return np.zeros(len(estimate.names))
+    if not estimate.uncertainty.has_matrix:
         return None
-    return prior_share(problem.linearize(found.theta).jacobian, problem.n_data)
+    return prior_share(problem.linearize(estimate.theta).jacobian, problem.n_data)
 
 
 def regularization_warnings(
     problems: Sequence[RecordProblem],
-    found: Estimate,
+    estimate: Estimate,
     regularizations: Sequence[AppliedRegularization],
     share: FloatArray | None,
 ) -> tuple[str, ...]:
     """Warnings on the regularizations, and on parameters whose prior fraction `share` (n_params,) exceeds one half."""
     warnings = [item.words for item in regularizations]
-    owing = [] if share is None else [name for name, part in zip(found.names, share, strict=True) if part > 0.5]
+    owing = [] if share is None else [name for name, part in zip(estimate.names, share, strict=True) if part > 0.5]
     if owing:
         sources = [coupling.name for p in problems for coupling in p.parameters.couplings]
         sources += ["their priors"] if any(p.unknowns.priors.stated.any() for p in problems) else []
         warnings.append(
-            f"{len(owing)} of {len(found.names)} parameters are held by {' and '.join(dict.fromkeys(sources))} more than"
+            f"{len(owing)} of {len(estimate.names)} parameters are held by {' and '.join(dict.fromkeys(sources))} more than"
             f" by the data: {join_words(owing, 4)}"
         )
     return tuple(warnings)

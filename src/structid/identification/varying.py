@@ -182,21 +182,23 @@ def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> 
     return FoundScatter((float(ends[0]), float(ends[1])), mixed - chosen.covariance)
 
 
-def widened_estimate(found: Estimate, more: Sequence[FoundScatter]) -> Estimate:
+def widened_estimate(estimate: Estimate, more: Sequence[FoundScatter]) -> Estimate:
     """The estimate with the covariance that is added because scatters are not known exactly."""
-    slope, spread = found.parameters.slope, found.spread
+    slope, spread = estimate.parameters.slope, estimate.spread
     if not more or slope is None:
-        return found
+        return estimate
     added = np.sum([one.more for one in more], axis=0) * np.outer(slope, slope)
     widened = replace(
         spread,
         noise=DenseCovariance(spread.noise.matrix + added),
         model_error=DenseCovariance(spread.model_error.matrix + added),
     )
-    return replace(found, spread=widened)
+    return replace(estimate, spread=widened)
 
 
-def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str, FoundScatter]) -> tuple[Varied, ...]:
+def varied(
+    problems: Sequence[RecordProblem], estimate: Estimate, more: Mapping[str, FoundScatter]
+) -> tuple[Varied, ...]:
     """Parameters that differ from record to record, with their scatter and the records that stand out.
 
     A value's deviation over its standard deviation under the scatter is Student's t once the scatter is that of the
@@ -205,7 +207,7 @@ def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str
     Parameters
     ----------
     problems : sequence of RecordProblem
-    found : Estimate
+    estimate : Estimate
         With the covariance at the chosen scatters.
     more : mapping
         What is known of each scatter that the data chose, by name.
@@ -213,12 +215,12 @@ def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str
     groups = scatter_problems(problems)
     if not groups:
         return ()
-    place = {name: i for i, name in enumerate(found.names)}
+    place = {name: i for i, name in enumerate(estimate.names)}
     made, chances = [], []
     for group in groups:
         used = np.array([place[name] for name in group.names])
-        residual, rows = group.coupling.rows(found.values[used])
-        covariance = found.spread.covariance_noise[np.ix_(used, used)]
+        residual, rows = group.coupling.rows(estimate.values[used])
+        covariance = estimate.spread.covariance_noise[np.ix_(used, used)]
         left = np.einsum("kp,pq,kq->k", rows, covariance, rows)
         chances.append(_chances(residual, group.std, left, is_known=group.name not in more))
         own = [group.names[int(np.argmax(row))] for row in group.coupling.matrix]

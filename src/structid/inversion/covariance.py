@@ -37,37 +37,37 @@ def inverse_information(jacobian: FloatArray) -> FloatArray:
     return covariance
 
 
-def noise_covariance(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
+def noise_covariance(problem: Problem, theta: FloatArray, linearization: Linearization) -> FloatArray:
     """Covariance of the free variables from the noise alone: A^-1 (J' Sigma J + P'P) A^-1 with A = J'J + P'P, P the priors' rows.
 
     With rows of independent unit errors it is A^-1; where n averages tell their variances, Sigma is n / (n - 3). NaN where the
     data do not tell.
     """
-    bread, rows = inverse_information(at.jacobian), problem.n_data
+    bread, rows = inverse_information(linearization.jacobian), problem.n_data
     seen = np.isfinite(np.diag(bread))
-    scores = problem.noise_law(theta).score_covariance(at.jacobian[:rows])
+    scores = problem.noise_law(theta).score_covariance(linearization.jacobian[:rows])
     if scores is None or not seen.any():
         return bread
-    inner, prior = np.ix_(seen, seen), at.jacobian[rows:, seen]
+    inner, prior = np.ix_(seen, seen), linearization.jacobian[rows:, seen]
     meat = scores[inner] + prior.T @ prior
     covariance = np.full_like(bread, np.nan)
     covariance[inner] = bread[inner] @ meat @ bread[inner]
     return covariance
 
 
-def chi_square_law(problem: Problem, theta: FloatArray, at: Linearization) -> tuple[float, float]:
+def chi_square_law(problem: Problem, theta: FloatArray, linearization: Linearization) -> tuple[float, float]:
     """Scale and degrees of freedom of the scaled chi-square distribution that noise alone gives the sum of squares.
 
     Where few averages determine the variances of rows, see `row_law`. For rows with correlated errors, the residual's
     covariance is P Sigma P with P the projection past the Jacobian: sums of squares have the mean and variance of scale
     times chi-square (Satterthwaite 1946, Biometrics Bull. 2, 110-114).
     """
-    freedom = float(max(len(at.residual) - at.n_params - at.n_eliminated, 0))
+    freedom = float(max(len(linearization.residual) - linearization.n_params - linearization.n_eliminated, 0))
     changes = problem.noise_law(theta).factor
     if changes is None or freedom == 0:
         scale, share = row_law(problem.rows.averages)
         return scale, share * freedom
-    basis = np.linalg.qr(at.jacobian[: problem.n_data])[0]
+    basis = np.linalg.qr(linearization.jacobian[: problem.n_data])[0]
     left = changes - (changes @ basis) @ basis.T
     gram = left @ left.T if len(left) <= left.shape[1] else left.T @ left
     mean, square = float(np.trace(gram)), float(np.sum(gram**2))
@@ -118,7 +118,7 @@ def correlation_length(residual: FloatArray, lines: IntArray, series: IntArray) 
     return float(1 + 2 * correlation[1:last].sum())
 
 
-def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
+def model_error_covariance(problem: Problem, linearization: Linearization) -> FloatArray:
     """Cluster-robust covariance of the parameters: stretches of lines, and channels, as independent units.
 
     With A = J'J and g_b = J_b' r_b summed over a block b of rows, it is A^-1 (sum of g_b g_b') A^-1, with blocks
@@ -138,9 +138,9 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
     Eq. (8), for the effective number of blocks, here for errors of one size.
     """
     rows = problem.n_data
-    residual, jacobian = at.residual[:rows], at.jacobian[:rows]
-    prior = at.jacobian[rows:]
-    bread = inverse_information(at.jacobian)
+    residual, jacobian = linearization.residual[:rows], linearization.jacobian[:rows]
+    prior = linearization.jacobian[rows:]
+    bread = inverse_information(linearization.jacobian)
     seen = np.isfinite(np.diag(bread))
     inner = np.ix_(seen, seen)
     covariance = np.full_like(bread, np.nan)
@@ -152,7 +152,7 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
         for b in error_blocks(residual, problem.rows.lines, problem.rows.series)
     ]
     along = root @ (sums[0] + known) @ root
-    freedom = effective_blocks(problem, at)[seen] - 1
+    freedom = effective_blocks(problem, linearization)[seen] - 1
     scale = special.stdtrit(np.maximum(freedom, LEAST_FREEDOM), 0.975) / special.ndtri(0.975)
     least = max(1.0, float(residual @ residual) / max(rows - int(seen.sum()), 1)) * np.diag(root)
     if len(sums) > 1:
@@ -163,7 +163,11 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
     scale = np.maximum(scale, np.sqrt(least / size))
     covariance[inner] = along * np.outer(scale, scale)
     quantities = repeated_quantities(problem)
-    return covariance if quantities is None else larger_covariance(covariance, left_out_covariance(at, quantities))
+    return (
+        covariance
+        if quantities is None
+        else larger_covariance(covariance, left_out_covariance(linearization, quantities))
+    )
 
 
 def repeated_quantities(problem: Problem) -> IntArray | None:
@@ -182,7 +186,7 @@ def repeated_quantities(problem: Problem) -> IntArray | None:
     return np.maximum(block, -1)
 
 
-def left_out_covariance(at: Linearization, block: IntArray) -> FloatArray:
+def left_out_covariance(linearization: Linearization, block: IntArray) -> FloatArray:
     """Jackknife covariance of the parameters, leaving out one block of rows at a time.
 
     To first order d_b = (A - A_b)^-1 J_b' r_b. With few blocks that carry much each it is rather too large than too small, and is
@@ -190,7 +194,7 @@ def left_out_covariance(at: Linearization, block: IntArray) -> FloatArray:
 
     Parameters
     ----------
-    at : Linearization
+    linearization : Linearization
     block : (n_data,) int array
         Block of each data row from 0; rows of -1, and priors, stay.
 
@@ -202,10 +206,10 @@ def left_out_covariance(at: Linearization, block: IntArray) -> FloatArray:
     n_blocks, n_data = int(block.max()) + 1, len(block)
     moved = []
     for number in range(n_blocks):
-        out = np.zeros(len(at.residual), dtype=bool)
+        out = np.zeros(len(linearization.residual), dtype=bool)
         out[:n_data] = block == number
-        score = at.jacobian[out].T @ at.residual[out]
-        rest = inverse_information(at.jacobian[~out])
+        score = linearization.jacobian[out].T @ linearization.residual[out]
+        rest = inverse_information(linearization.jacobian[~out])
         lost = np.isnan(np.diag(rest))
         moved.append(np.where(lost, np.nan, np.nan_to_num(rest) @ score))
     steps = np.array(moved)
@@ -246,14 +250,14 @@ def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tup
     return (stretches, channels) if len(found) >= _FEWEST_CHANNELS else (stretches,)
 
 
-def effective_blocks(problem: Problem, at: Linearization) -> FloatArray:
+def effective_blocks(problem: Problem, linearization: Linearization) -> FloatArray:
     """Effective number of blocks of lines that determine each parameter, (n_params,): (sum a)^2 / sum a^2 of their shares a.
 
     The share of a block in the variance of parameter j is (A^-1 J_b' J_b A^-1)_jj; NaN where it is not seen.
     """
     rows = problem.n_data
-    block = error_blocks(at.residual[:rows], problem.rows.lines, problem.rows.series)[0]
-    influence = at.jacobian[:rows] @ np.nan_to_num(inverse_information(at.jacobian))
+    block = error_blocks(linearization.residual[:rows], problem.rows.lines, problem.rows.series)[0]
+    influence = linearization.jacobian[:rows] @ np.nan_to_num(inverse_information(linearization.jacobian))
     shares = np.zeros((int(block.max(initial=0)) + 1, influence.shape[1]))
     np.add.at(shares, block, influence**2)
     total, squares = shares.sum(axis=0), (shares**2).sum(axis=0)

@@ -213,21 +213,21 @@ class FixedColumns:
             refit=None,
         )
 
-    def influence(self, theta: FloatArray, at: Linearization, slope: FloatArray) -> FixedValueInfluence:
+    def influence(self, theta: FloatArray, linearization: Linearization, slope: FloatArray) -> FixedValueInfluence:
         """Change of the parameters per relative change of each fixed value; NaN for undetermined parameters.
 
         Parameters
         ----------
         theta : (n_params,) float array
-        at : Linearization
+        linearization : Linearization
             Of the problem without them.
         slope : (n_params,) float array
             Derivative of each physical parameter with respect to its free variable.
         """
-        bread = inverse_information(at.jacobian)
+        bread = inverse_information(linearization.jacobian)
         seen = np.isfinite(np.diag(bread))
         changes = np.full((len(slope), len(self.names)), np.nan)
-        score = at.jacobian[: len(self.columns), seen].T @ self.columns
+        score = linearization.jacobian[: len(self.columns), seen].T @ self.columns
         changes[seen] = -bread[np.ix_(seen, seen)] @ score
         return self.influence_by(theta, changes, slope)
 

@@ -102,7 +102,7 @@ class OperatorLinearization:
     words : str
         How the products are made.
     jacobian : (n_data, n_params) float array, optional
-        Of the data rows, where it is stored all the same.
+        Of the data rows, where it is stored nevertheless.
     """
 
     residual: FloatArray

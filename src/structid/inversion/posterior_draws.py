@@ -27,7 +27,7 @@ _MISFIT = "the fit misses the noise: standard deviations come from the residual,
 def drawn_uncertainty(
     problem: Problem,
     theta: FloatArray,
-    at: OperatorLinearization,
+    linearization: OperatorLinearization,
     draws: int,
     solved: Sequence[str],
     misfit_probability: float,
@@ -40,7 +40,7 @@ def drawn_uncertainty(
     ----------
     problem : Problem
     theta : (n_params,) float array
-    at : OperatorLinearization
+    linearization : OperatorLinearization
     draws : int
         How many; 0 gives NaN.
     solved : sequence of str
@@ -58,28 +58,41 @@ def drawn_uncertainty(
     """
     indices = [_index_of(problem.names, name) for name in solved]
     generator = np.random.default_rng(seed)
-    precondition = preconditioner(at, np.zeros(at.n_params)) if draws or indices or fixed is not None else None
-    sampled, determined, missed = counted_draws(at, draws, generator, precondition)
+    precondition = (
+        preconditioner(linearization, np.zeros(linearization.n_params))
+        if draws or indices or fixed is not None
+        else None
+    )
+    sampled, determined, missed = counted_draws(linearization, draws, generator, precondition)
     (scale, share), few = row_law(problem.rows.averages), few_averages(problem.rows.averages)
-    freedom = share * max(at.n_data - np.nan_to_num(determined), 1.0)
-    misfit = misses_noise(problem, at.residual, scale, freedom, misfit_probability)
+    freedom = share * max(linearization.n_data - np.nan_to_num(determined), 1.0)
+    misfit = misses_noise(problem, linearization.residual, scale, freedom, misfit_probability)
     fixed = fixed.refitted() if misfit and fixed is not None else fixed
     if misfit and fixed is not None and fixed.within is not None:
         misfit = fixed.within.misfits_law(misfit_probability, scale, freedom)
-    influence, exact = (None, "") if fixed is None else solved_influence(problem, theta, at, fixed, precondition)
+    influence, exact = (
+        (None, "") if fixed is None else solved_influence(problem, theta, linearization, fixed, precondition)
+    )
     wider = 1.0 if few is None else float(np.sqrt(score_factor(few).max()))
-    noise = drawn_covariance(problem, theta, at, wider * sampled)
+    noise = drawn_covariance(problem, theta, linearization, wider * sampled)
     std, error = np.array(noise.std), np.array(noise.std_error)
     for index in () if misfit else indices:
-        std[index] = wider * solved_std(at, index, precondition) * abs(problem.slope(theta)[index])
+        std[index] = wider * solved_std(linearization, index, precondition) * abs(problem.slope(theta)[index])
         error[index] = 0.0
     noise = DrawnCovariance(noise.draws, locked(std), locked(error))
-    model, used = drawn_covariance(problem, theta, at, sampled[:0]), len(sampled)
+    model, used = drawn_covariance(problem, theta, linearization, sampled[:0]), len(sampled)
     if misfit and used:
-        sampled, more = posterior_draws(at, draws, generator, error_draws(problem, at), precondition)
-        model = drawn_covariance(problem, theta, at, sampled[np.isfinite(sampled).all(axis=1)])
+        sampled, more = posterior_draws(
+            linearization, draws, generator, error_draws(problem, linearization), precondition
+        )
+        model = drawn_covariance(problem, theta, linearization, sampled[np.isfinite(sampled).all(axis=1)])
         missed, used = missed + more, len(model.draws)
-    words = [at.words, _std_words(used, 0 if misfit else len(indices), missed), _MISFIT if misfit else "", exact]
+    words = [
+        linearization.words,
+        _std_words(used, 0 if misfit else len(indices), missed),
+        _MISFIT if misfit else "",
+        exact,
+    ]
     identified = (model if misfit else noise).std <= problem.unknowns.sizes(problem.physical(theta))
     spread = Spread(
         noise=noise,
@@ -90,14 +103,14 @@ def drawn_uncertainty(
         determined=determined,
         fixed=influence,
     )
-    carried = np.ones(at.n_params, dtype=bool)
-    return Uncertainty(spread=spread, carried=carried, freedom=at.n_data - determined, words=tuple(words))
+    carried = np.ones(linearization.n_params, dtype=bool)
+    return Uncertainty(spread=spread, carried=carried, freedom=linearization.n_data - determined, words=tuple(words))
 
 
 def solved_influence(
     problem: Problem,
     theta: FloatArray,
-    at: OperatorLinearization,
+    linearization: OperatorLinearization,
     fixed: FixedColumns,
     precondition: Solver | None = None,
 ) -> tuple[FixedValueInfluence | None, str]:
@@ -105,11 +118,11 @@ def solved_influence(
 
     A value whose equations conjugate gradients do not solve is taken as exact; None where all are.
     """
-    precondition = precondition or preconditioner(at, np.zeros(at.n_params))
-    rest, kept, changes = np.zeros(at.prior.shape[0]), [], []
+    precondition = precondition or preconditioner(linearization, np.zeros(linearization.n_params))
+    rest, kept, changes = np.zeros(linearization.prior.shape[0]), [], []
     for number, column in enumerate(fixed.columns.T):
-        right = at.transposed(np.concatenate([column, rest]))
-        change, _, left = conjugate_gradients(at.information, right, precondition, _SOLVED, _MOST_INNER)
+        right = linearization.transposed(np.concatenate([column, rest]))
+        change, _, left = conjugate_gradients(linearization.information, right, precondition, _SOLVED, _MOST_INNER)
         if left <= _SOLVED:
             kept.append(number)
             changes.append(-change)
@@ -121,13 +134,13 @@ def solved_influence(
 
 
 def drawn_covariance(
-    problem: Problem, theta: FloatArray, at: OperatorLinearization, sampled: FloatArray
+    problem: Problem, theta: FloatArray, linearization: OperatorLinearization, sampled: FloatArray
 ) -> DrawnCovariance:
     """Covariance by draws `sampled` (n_draws, n_params) of free variables, in physical units; NaN if unseen."""
     slope, count = problem.slope(theta), len(sampled)
-    std = np.sqrt((sampled**2).mean(axis=0)) if count > 1 else np.full(at.n_params, np.nan)
-    std[at.squares <= 0] = np.nan
-    error = np.full(at.n_params, 1 / np.sqrt(2 * count) if count > 1 else np.nan)
+    std = np.sqrt((sampled**2).mean(axis=0)) if count > 1 else np.full(linearization.n_params, np.nan)
+    std[linearization.squares <= 0] = np.nan
+    error = np.full(linearization.n_params, 1 / np.sqrt(2 * count) if count > 1 else np.nan)
     return DrawnCovariance(locked(sampled * slope), locked(std * np.abs(slope)), locked(error))
 
 
@@ -153,7 +166,7 @@ def _std_words(draws: int, n_solved: int, missed: int) -> str:
 
 
 def posterior_draws(
-    at: OperatorLinearization,
+    linearization: OperatorLinearization,
     count: int,
     generator: np.random.Generator,
     errors: Callable[[np.random.Generator], FloatArray] | None = None,
@@ -165,7 +178,7 @@ def posterior_draws(
 
     Parameters
     ----------
-    at : OperatorLinearization
+    linearization : OperatorLinearization
     count : int
     generator : numpy.random.Generator
     errors : callable, optional
@@ -178,35 +191,37 @@ def posterior_draws(
     Papandreou and Yuille (2010), Gaussian sampling by local perturbations, Advances in Neural Information Processing
     Systems 23, section 2.
     """
-    made = np.empty((count, at.n_params))
+    made = np.empty((count, linearization.n_params))
     if not count:
         return made, 0
-    precondition, missed = precondition or preconditioner(at, np.zeros(at.n_params)), 0
+    precondition, missed = precondition or preconditioner(linearization, np.zeros(linearization.n_params)), 0
     for row in made:
-        unit = generator.standard_normal(len(at.residual))
+        unit = generator.standard_normal(len(linearization.residual))
         if errors is not None:
-            unit[: at.n_data] = errors(generator)
-        right = at.transposed(unit)
-        row[:], _, left = conjugate_gradients(at.information, right, precondition, _SOLVED, _MOST_INNER)
+            unit[: linearization.n_data] = errors(generator)
+        right = linearization.transposed(unit)
+        row[:], _, left = conjugate_gradients(linearization.information, right, precondition, _SOLVED, _MOST_INNER)
         if left > _SOLVED:
             row[:], missed = np.nan, missed + 1
     return made, missed
 
 
 def counted_draws(
-    at: OperatorLinearization, count: int, generator: np.random.Generator, precondition: Solver | None = None
+    linearization: OperatorLinearization, count: int, generator: np.random.Generator, precondition: Solver | None = None
 ) -> tuple[FloatArray, float, int]:
     """Draws of the answer's errors that converged, number of combinations that the data determine, failed draws.
 
     The number is tr(C J'J) = E |J s|^2 of the data rows; NaN without draws. `count` is the number of draws.
     """
-    made, missed = posterior_draws(at, count, generator, None, precondition)
+    made, missed = posterior_draws(linearization, count, generator, None, precondition)
     sound = made[np.isfinite(made).all(axis=1)]
-    determined = float(np.mean([np.sum(at.forward(draw) ** 2) for draw in sound])) if len(sound) else float("nan")
+    determined = (
+        float(np.mean([np.sum(linearization.forward(draw) ** 2) for draw in sound])) if len(sound) else float("nan")
+    )
     return sound, determined, missed
 
 
-def error_draws(problem: Problem, at: OperatorLinearization) -> Callable[[np.random.Generator], FloatArray]:
+def error_draws(problem: Problem, linearization: OperatorLinearization) -> Callable[[np.random.Generator], FloatArray]:
     """Function that draws data errors (n_data,): the residual with one random factor for each stretch of lines.
 
     Their scores J'e have the covariance sum of g_b g_b' of `model_error_covariance`, raised for few blocks in the
@@ -216,20 +231,20 @@ def error_draws(problem: Problem, at: OperatorLinearization) -> Callable[[np.ran
     ----------
     Liang and Zeger (1986), Biometrika 73, Eq. (5); Wu (1986), Ann. Statist. 14, 1261, section 7, for the factors.
     """
-    residual = at.residual[: at.n_data]
+    residual = linearization.residual[: linearization.n_data]
     block = error_blocks(residual, problem.rows.lines, problem.rows.series)[0]
     count = int(block.max(initial=0)) + 1
     if count < 2:
-        return lambda generator: np.full(at.n_data, np.nan)
+        return lambda generator: np.full(linearization.n_data, np.nan)
     freedom = max(count - 1.0, LEAST_FREEDOM)
     raised = np.sqrt(count / (count - 1)) * special.stdtrit(freedom, 0.975) / special.ndtri(0.975)
     return lambda generator: residual * (raised * generator.standard_normal(count))[block]
 
 
-def solved_std(at: OperatorLinearization, index: int, precondition: Solver | None = None) -> float:
+def solved_std(linearization: OperatorLinearization, index: int, precondition: Solver | None = None) -> float:
     """Standard deviation of parameter number `index` by conjugate gradients; NaN if these do not converge."""
-    unit = np.zeros(at.n_params)
+    unit = np.zeros(linearization.n_params)
     unit[index] = 1.0
-    precondition = precondition or preconditioner(at, np.zeros(at.n_params))
-    column, _, left = conjugate_gradients(at.information, unit, precondition, _SOLVED, _MOST_INNER)
+    precondition = precondition or preconditioner(linearization, np.zeros(linearization.n_params))
+    column, _, left = conjugate_gradients(linearization.information, unit, precondition, _SOLVED, _MOST_INNER)
     return float(np.sqrt(column[index])) if left <= _SOLVED and column[index] > 0 else float("nan")

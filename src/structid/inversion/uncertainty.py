@@ -289,7 +289,7 @@ class Uncertainty:
 def dense_uncertainty(
     problem: Problem,
     theta: FloatArray,
-    at: Linearization,
+    linearization: Linearization,
     converged: bool,
     misfit_probability: float,
     fixed: FixedColumns | None = None,
@@ -300,7 +300,7 @@ def dense_uncertainty(
     ----------
     problem : Problem
     theta : (n_params,) float array
-    at : Linearization
+    linearization : Linearization
     converged : bool
         Whether the search did.
     misfit_probability : float
@@ -309,26 +309,28 @@ def dense_uncertainty(
         The values that the model holds; exact where none are given.
     """
     values, slope = problem.physical(theta), problem.slope(theta)
-    data, sizes = at.residual[: problem.n_data], problem.unknowns.sizes(values)
-    freedom = max(len(at.residual) - at.n_params - at.n_eliminated, 0)
-    misfit, square, within = misfits(problem, theta, at, misfit_probability), float(data @ data), None
+    data, sizes = linearization.residual[: problem.n_data], problem.unknowns.sizes(values)
+    freedom = max(len(linearization.residual) - linearization.n_params - linearization.n_eliminated, 0)
+    misfit, square, within = misfits(problem, theta, linearization, misfit_probability), float(data @ data), None
     if misfit and fixed is not None and fixed.within is not None:
         within, square = fixed.within, fixed.within.chi_square
         misfit = within.misfits(misfit_probability)
     noise_scale = float(np.sqrt(square / max(freedom, 1))) if misfit else 1.0
-    held = at_bounds(problem, theta, at, noise_scale)
+    held = at_bounds(problem, theta, linearization, noise_scale)
     free = is_free(held, len(values))
-    at = replace(at, jacobian=np.where(free, at.jacobian, 0.0)) if held else at
+    linearization = (
+        replace(linearization, jacobian=np.where(free, linearization.jacobian, 0.0)) if held else linearization
+    )
     tested = (
         agreement(within.problem, within.at)
         if within is not None and isinstance(within.at, Linearization)
-        else agreement(problem, at)
+        else agreement(problem, linearization)
     )
     disagreement = None if tested is None or tested.probability >= misfit_probability else tested
     is_doubted = misfit or disagreement is not None
-    noise = DenseCovariance(noise_covariance(problem, theta, at) * np.outer(slope, slope))
-    model = DenseCovariance(model_error_covariance(problem, at) * np.outer(slope, slope))
-    found = identifiability(relative_jacobian(problem, theta, at), values, problem.names, noise_scale, free)
+    noise = DenseCovariance(noise_covariance(problem, theta, linearization) * np.outer(slope, slope))
+    model = DenseCovariance(model_error_covariance(problem, linearization) * np.outer(slope, slope))
+    found = identifiability(relative_jacobian(problem, theta, linearization), values, problem.names, noise_scale, free)
     adopted = (model if is_doubted else noise).std
     initial = bound_at(problem, np.asarray(problem.theta_start), "the initial values")
     at_start = carried(initial, sizes, adopted, converged and not misfit) | ~free
@@ -347,24 +349,24 @@ def dense_uncertainty(
         bound_initial=initial.std,
         at_bound=held,
         disagreement=disagreement,
-        fixed=None if fixed is None else fixed.influence(theta, at, slope),
+        fixed=None if fixed is None else fixed.influence(theta, linearization, slope),
     )
     return Uncertainty(
         spread=spread,
         carried=at_start,
         freedom=freedom,
         words=(refusal,),
-        taken=effective_parameters(at, problem.n_data),
+        taken=effective_parameters(linearization, problem.n_data),
     )
 
 
-def effective_parameters(at: Linearization, n_data: int) -> float:
+def effective_parameters(linearization: Linearization, n_data: int) -> float:
     """Degrees of freedom that the parameters take from `n_data` data rows: tr(J_d (J'J)^-1 J_d').
 
     It is the rank of J without priors, and less where prior rows determine some combinations (Hoerl and Kennard 1970).
     """
-    scale = np.linalg.norm(at.jacobian, axis=0)
-    columns, singular, _ = np.linalg.svd(at.jacobian / np.where(scale > 0, scale, 1.0), full_matrices=False)
+    scale = np.linalg.norm(linearization.jacobian, axis=0)
+    columns, singular, _ = np.linalg.svd(linearization.jacobian / np.where(scale > 0, scale, 1.0), full_matrices=False)
     sound = singular > _SEEN * singular.max(initial=0.0)
     return float((columns[:n_data, sound] ** 2).sum())
 
@@ -374,14 +376,14 @@ def basis(misfit: bool) -> str:
     return "model_error" if misfit else "noise"
 
 
-def misfits(problem: Problem, theta: FloatArray, at: Linearization, probability: float) -> bool:
+def misfits(problem: Problem, theta: FloatArray, linearization: Linearization, probability: float) -> bool:
     """True where a larger chi-square has less than this probability by noise alone."""
-    return misses_noise(problem, at.residual, *chi_square_law(problem, theta, at), probability)
+    return misses_noise(problem, linearization.residual, *chi_square_law(problem, theta, linearization), probability)
 
 
-def relative_jacobian(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
+def relative_jacobian(problem: Problem, theta: FloatArray, linearization: Linearization) -> FloatArray:
     """Data rows of the Jacobian with respect to relative changes of the physical parameters."""
-    return at.jacobian[: problem.n_data] * relative_steps(problem, theta)
+    return linearization.jacobian[: problem.n_data] * relative_steps(problem, theta)
 
 
 def relative_steps(problem: Problem, theta: FloatArray) -> FloatArray:

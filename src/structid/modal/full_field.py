@@ -277,14 +277,14 @@ def full_field_modes(
 
 
 def at_all_channels(
-    found: ModalIdentification, motions: SharedMotions, channels: tuple[Dof, ...]
+    identification: ModalIdentification, motions: SharedMotions, channels: tuple[Dof, ...]
 ) -> ModalIdentification:
     """Modes of `SharedMotions.record` with shapes at the channels that share the motions."""
-    modes, rank = found.modes, motions.basis.shape[1]
+    modes, rank = identification.modes, motions.basis.shape[1]
     words = f"{len(channels)} channels by {rank} shared motions, which leave out {100 * motions.left_out:.2g} % of the power"
     shapes = unit_largest(motions.basis @ modes.mode_shapes)
     source = f"{modes.source}; {words}"
     return replace(
-        found,
+        identification,
         modes=replace(modes, mode_shapes=shapes, channels=channels, shape_std=None, changes=None, source=source),
     )

@@ -263,7 +263,7 @@ def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Seq
         if worth[best] < _LEAST_WORTH:
             near = f"nearest {setup.frequency[best]:.4g} Hz with a MAC of {likeness[best]:.2f} at the references"
             reasons.append(f"none in set-up {other + 1}, {near}")
-    return ", ".join(reasons) or "its like is paired with another mode"
+    return ", ".join(reasons) or "its match is paired with another mode"
 
 
 def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> Merging:

@@ -116,10 +116,10 @@ def _excess(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
     square, usual = mean_square(whitened), [mean_square(item) for item in replicates]
     ratio = np.sqrt(square / np.exp(np.mean(np.log(usual))))
     if _is_beyond(square, usual) and ratio > 1 + _LARGER:
-        return f"the sensors are {ratio:.2g} times as far as they should be from what the samples before make expected"
+        return f"the prediction errors of the sensors are {ratio:.2g} times as large as they should be"
     part, usual = foretold_part(whitened), [foretold_part(item) for item in replicates]
     if _is_beyond(part, usual) and part - np.mean(usual) > _FORETOLD:
-        return "what the sensors show beyond the expected follows from samples before, and should be white noise"
+        return "the prediction errors of the sensors are correlated in time, and should be white noise"
     return ""
 
 

@@ -233,6 +233,6 @@ _MOST_MOVED = 1e8
 def _refuse_loose(structure: Structure, bases: Sequence[Base]) -> None:
     names = ", ".join(dof.place for base in bases for dof in base.supports)
     raise InputError(
-        f"the structure is loose even with its supports at {names} held, so that their motion does not say where it goes; fix what"
-        " is loose"
+        f"the structure can move as a rigid body even with its supports at {names} fixed, so that their motion does not determine"
+        " its own; support the loose part"
     )

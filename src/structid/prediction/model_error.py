@@ -102,7 +102,7 @@ class ModelError:
     ) -> ComplexArray:
         """FRFs (n_draws, n_frequencies, n_outputs, n_inputs) with random errors, whose size `nominal` FRFs give.
 
-        Outputs that are no motion (n_outputs,), such as stresses, are missed by the same part of their own size.
+        Outputs that are no motion (mask `is_motion`, (n_outputs,)), such as stresses, have the same relative error.
         """
         part, size = (np.interp(frequency, self.frequency, each) for each in (self.part, self.size))
         size = size * (2 * np.pi * frequency) ** (DERIVATIVES[kind] - DERIVATIVES[self.kind])
@@ -114,7 +114,7 @@ class ModelError:
         return np.asarray(draws + noise * (std / np.sqrt(2)))
 
     def added_to_histories(self, draws: FloatArray, sampling_rate: float, rng: np.random.Generator) -> FloatArray:
-        """Histories (n_draws, n_times, n_outputs) with random errors: each frequency of the response is missed by its part."""
+        """Histories (n_draws, n_times, n_outputs) with random errors, relative to the response at each frequency."""
         n_draws, n_times, n_outputs = draws.shape
         padded = next_fast_len(2 * n_times, real=True)
         frequency = np.fft.rfftfreq(padded, 1 / sampling_rate)

@@ -25,7 +25,7 @@ from structid.records.record import MOTION_DERIVATIVES
 #: Orders of magnitude below and above a first guess of the unknown forces between which their size is sought, to what part of one;
 #: of free structures, whose motion hardly says the size, as many above as below.
 _BELOW, _ABOVE, _SURE = 2.0, 0.5, 0.01
-#: Part of the variance of a force before the record that remains, above which the record says next to nothing of it.
+#: Part of the variance of a force before the record that remains, above which the record hardly determines it.
 _UNSEEN = 0.9
 #: Part of a combination of forces below which a force is not named in it.
 _NAMED = 0.3
@@ -262,7 +262,8 @@ def sense(
     reduced = reduce_structure(structure, model.values, basis, sides_at(model.values))
     if reduced.is_rigid.any() and 0 not in channels.derivatives:
         raise NoAnswerError(
-            "nothing holds the structure, so that velocities and accelerations do not tell where it is; measure a displacement too"
+            "the structure is unsupported, so that velocities and accelerations do not determine its position; measure a"
+            " displacement too"
         )
     std, is_trusted = (0.0 if unknown is None else unknown.std), True
     if stated_time is None:
@@ -326,8 +327,8 @@ def _within_uncertainty(
 
 
 _DOUBTED = (
-    "the size of the unknown forces is that of the motion alone: the record would be likelier with far larger ones, so that the"
-    " model misses it by more than the noise of its sensors; state that noise, or `force_std`"
+    "the size of the unknown forces is estimated from the motion: the likelihood prefers far larger forces, since the model"
+    " misses the record by more than the noise of its sensors; state that noise, or `force_std`"
 )
 
 
@@ -340,11 +341,7 @@ def _unseen_words(forces: Sequence[Dof], covariance: FloatArray, std: float) -> 
         return ()
     remaining = covariance / std**2
     blind = [dof for dof, part in zip(forces, np.diag(remaining), strict=True) if part > _UNSEEN]
-    words = (
-        [f"the record says next to nothing of the force at {join_words(blind)}: no sensor moves with it"]
-        if blind
-        else []
-    )
+    words = [f"the record hardly determines the force at {join_words(blind)}: no sensor moves with it"] if blind else []
     parts, directions = np.linalg.eigh(remaining)
     for part, direction in zip(parts, directions.T, strict=True):
         largest = float(direction[np.argmax(np.abs(direction))])
@@ -353,7 +350,7 @@ def _unseen_words(forces: Sequence[Dof], covariance: FloatArray, std: float) -> 
         if part > _UNSEEN and len(named) > 1 and not all(dof in blind for _, dof in named):
             text = " ".join(f"{'-' if weight < 0 else '+'} {abs(weight):.2g} {dof.place}" for weight, dof in named)
             words.append(
-                f"the record says next to nothing of the forces {text.removeprefix('+ ')} together: their sum moves no sensor"
+                f"the record hardly determines the forces {text.removeprefix('+ ')} together: their sum moves no sensor"
             )
     return tuple(words)
 

@@ -19,48 +19,48 @@ _HEADER = (
 
 def comparison_table(result: ComparisonResult) -> Table:
     """Table of all compared parameters, one row each, declared changes first and marked."""
-    found = result.comparison
-    order = found.order
+    comparison = result.comparison
+    order = comparison.order
     rows: list[tuple[str, ...]] = []
     for i in order:
-        before = with_std(float(found.before[i]), float(found.covariance_before[i, i]) ** 0.5)
-        after = with_std(float(found.after[i]), float(found.covariance_after[i, i]) ** 0.5)
+        before = with_std(float(comparison.before[i]), float(comparison.covariance_before[i, i]) ** 0.5)
+        after = with_std(float(comparison.after[i]), float(comparison.covariance_after[i, i]) ** 0.5)
         rows.append(
             (
-                found.names[i],
-                unit_text(found.units[i]),
+                comparison.names[i],
+                unit_text(comparison.units[i]),
                 before,
                 after,
-                percent(float(found.relative_change[i])),
-                percent(float(found.relative_std[i]), 2, signed=False),
-                _probability(float(found.p_values[i])),
-                _probability(float(found.adjusted[i])),
-                "changed" if found.changed[i] else "",
-                percent(float(found.relative_detection_limit[i]), 2, signed=False),
+                percent(float(comparison.relative_change[i])),
+                percent(float(comparison.relative_std[i]), 2, signed=False),
+                _probability(float(comparison.p_values[i])),
+                _probability(float(comparison.adjusted[i])),
+                "changed" if comparison.changed[i] else "",
+                percent(float(comparison.relative_detection_limit[i]), 2, signed=False),
             )
         )
-    marks = tuple("changed" if found.changed[i] else "" for i in order)
+    marks = tuple("changed" if comparison.changed[i] else "" for i in order)
     return Table(_HEADER, tuple(rows), (2, 3, 4, 5, 6, 7, 9), marks)
 
 
 def facts(result: ComparisonResult) -> list[str]:
     """Sentences on how two states were compared: basis, correction for several tests, and detection limit."""
-    found = result.comparison
+    comparison = result.comparison
     rule = (
         "Holm: no false declaration among all of them with probability"
-        f" {percent(1 - found.level, 3, signed=False)} or more"
-        if found.correction == "holm"
-        else f"Benjamini-Hochberg: on average at most {percent(found.level, 2, signed=False)} of those declared are false"
+        f" {percent(1 - comparison.level, 3, signed=False)} or more"
+        if comparison.correction == "holm"
+        else f"Benjamini-Hochberg: on average at most {percent(comparison.level, 2, signed=False)} of those declared are false"
     )
     together = (
-        f"all changes together: chi-square {number(found.statistic, 3)} for {len(found.names)} parameters,"
-        f" probability {_probability(found.probability)} if nothing had changed"
+        f"all changes together: chi-square {number(comparison.statistic, 3)} for {len(comparison.names)} parameters,"
+        f" probability {_probability(comparison.probability)} if nothing had changed"
     )
-    power = percent(found.power, 2, signed=False)
+    power = percent(comparison.power, 2, signed=False)
     return [
         f"{result.baseline.title} → {result.later.title}",
         f"basis: {result.basis_words}",
-        f"corrected for {len(found.names)} tests by {rule}",
+        f"corrected for {len(comparison.names)} tests by {rule}",
         together,
         *([result.unchanged.words] if result.unchanged is not None and not result.is_contradicted else []),
         f"detection limit: smallest single change that is declared with probability {power}",
@@ -87,11 +87,11 @@ def _probability(value: float) -> str:
 
 def comparison_page(result: ComparisonResult) -> Page:
     """The page and its figures."""
-    found = result.comparison
+    comparison = result.comparison
     words = {
         "title": f"{result.baseline.title} → {result.later.title}",
-        "complete": found.is_complete,
-        "any_changed": bool(found.changed.any()) or result.is_contradicted,
+        "complete": comparison.is_complete,
+        "any_changed": bool(comparison.changed.any()) or result.is_contradicted,
         "words": result.words,
         "warnings": result.warnings,
         "facts": facts(result)[1:],

@@ -133,7 +133,7 @@ def channels_table(correlation: StudyCorrelation) -> Table:
 def summary_words(part: ModesCorrelation) -> str:
     """Sentence that sums up the correlation of measured and model modes."""
     if not part.n_paired:
-        return f"None of {plural(part.measured.n_modes, 'measured mode')} has a like in the model"
+        return f"None of {plural(part.measured.n_modes, 'measured mode')} matches a mode of the model"
     paired = part.pairing.paired
     worst = float(np.nanmax(np.abs(part.frequency_difference)))
     like = part.pairing.mac[paired, part.pairing.number[paired]]

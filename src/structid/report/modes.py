@@ -204,7 +204,7 @@ def remarks(result: ModesResult) -> list[list[str]]:
         if ratio <= 0:
             found[k].append("damping is not positive: noise, a tone, or motion that grows")
         elif std > ratio / 2:
-            found[k].append("damping is not told apart from 0")
+            found[k].append("damping is not significantly different from 0")
         if ratio < HARDLY_DAMPED and not isinstance(result.record, FrfRecord) and not decaying[k]:
             found[k].append(_tone_words(float(result.kurtosis[k])))
         if len(modes.channels) > 1 and collinearity[k] < _COMPLEX:
@@ -253,12 +253,12 @@ def record_words(result: ModesResult) -> str:
 
 def method_words(result: ModesResult) -> str:
     """Sentence on the method that found the modes: model orders, damping range, band."""
-    found = result.identification
-    words = f"method {found.method}"
-    if found.sweep:
-        orders = found.orders
+    identification = result.identification
+    words = f"method {identification.method}"
+    if identification.sweep:
+        orders = identification.orders
         words += f", orders {orders[0]} to {orders[-1]}" if len(orders) > 1 else f", order {orders[0]}"
-        low, high = found.options.criteria.damping_ratio
+        low, high = identification.options.criteria.damping_ratio
         words += f", poles with damping ratios from {percent(low, signed=False)} to {percent(high, signed=False)}"
     if result.options.band is not None:
         words += f", modes from {exact(result.options.band[0])} to {exact(result.options.band[1])} Hz"

@@ -85,7 +85,7 @@ def assumption_lines(plan: Plan) -> list[str]:
         return lines
     return [
         *lines,
-        f"these std rest on noise of {_noise_words(plan)} and on a model without any damping, whose resonances are endlessly high:"
+        f"these std assume noise of {_noise_words(plan)} and a model without any damping, whose resonances are infinitely high:"
         " a real structure will tell far less; give the model damping, such as `damping_ratio = 0.01` in [structure]",
     ]
 

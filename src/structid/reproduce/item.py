@@ -124,8 +124,9 @@ Step = tuple[float, str, Callable[[Callable[[float], None]], Sequence[Item]]]
 
 
 def made(steps: Sequence[Step], progress: Progress | None) -> tuple[Item, ...]:
-    """All items that the steps (start fraction, name, function) make, in order; `progress` is told the name and the
-    fraction done.
+    """All items that the steps (start fraction, name, function) make, in order.
+
+    `progress` is told the name and the fraction done.
     """
     items: list[Item] = []
     report = progress or (lambda _name, _done: None)

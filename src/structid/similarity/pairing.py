@@ -16,7 +16,7 @@ from structid.similarity.shapes import mac, subspace_angles
 _AS_GOOD = 0.8
 #: MAC from which a close mode of the model has a part in a measured one.
 _PART = 0.1
-#: MAC of every pair from which close modes are told apart, and are held against each other one by one.
+#: MAC of every pair from which close modes are distinguished, and compared one by one.
 _TOLD = 0.95
 #: Logarithmic distance in frequency, in parts of the guard, beyond which there is no pair.
 _FARTHEST = 3.0
@@ -127,7 +127,7 @@ def pair_modes(
     """Pairing of measured modes with modes of a model, each used once, with the largest sum of `pairing_worth`.
 
     Measured modes closer than `closeness` form a group, and modes of the model that close to a pair, with a part in the
-    measured shapes, belong to it: where single shapes are not told apart, the span is.
+    measured shapes, belong to it: where single shapes cannot be distinguished, their span can.
 
     Parameters
     ----------

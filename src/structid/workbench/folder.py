@@ -156,7 +156,7 @@ class OpenFolder:
             try:
                 target = path.resolve(strict=True)
             except FileNotFoundError:
-                return "is a link to what is not there; fetch it, or remove the link"
+                return "is a broken link; restore its target, or remove the link"
             except (OSError, RuntimeError):
                 return "is a link that leads to itself; remove it"
             if not target.is_relative_to(self.root):

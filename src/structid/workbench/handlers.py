@@ -276,8 +276,9 @@ def _modes_folder(name: str, *keys: str) -> Handler:
 
 
 async def _histories(bench: Workbench, request: Request) -> Response:
-    """Answer with minimum and maximum of time histories over stretches; starts an overview of a long record that has
-    none yet.
+    """Answer with minimum and maximum of time histories over stretches.
+
+    Starts an overview of a long record that has none yet.
     """
     body = await request.json()
     given = {key: body[key] for key in ("record", "options", "first", "last", "points")}

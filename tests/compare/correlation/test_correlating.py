@@ -141,7 +141,7 @@ def test_a_mode_without_a_like_is_told(tmp_path):
     part = changed(tmp_path, spoil)
     assert part.pairing.missing.tolist() == [3]
     assert part.remark(3).startswith("missing in the model: nearest is mode")
-    assert any("no like of the modes measured at" in words for words in part.warnings)
+    assert any("no mode of the model matches the modes measured at" in words for words in part.warnings)
     assert not np.abs(part.coefficients[:, 3]).any()
 
 

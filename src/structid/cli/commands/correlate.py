@@ -25,7 +25,7 @@ def correlate(
     """Hold measured and modelled modes or FRFs side by side: pairs, MAC, COMAC, FRAC; write correlation.json and a page.
 
     Nothing is estimated: the model has the start values of the study, or those of an earlier run. Measured shapes carried
-    on to the model are written as expanded_modes.csv. Exit code 1: no measured mode has a like in the model.
+    on to the model are written as expanded_modes.csv. Exit code 1: no measured mode matches one of the model.
 
     \b
     Examples:
@@ -56,4 +56,4 @@ def correlate(
     show(correlation_text(found))
     say(folder / name)
     if not found.is_paired:
-        fail("no measured mode has a like in the model; check sensors, supports and units", NOT_DETERMINED)
+        fail("no measured mode matches one of the model; check sensors, supports and units", NOT_DETERMINED)

@@ -15,7 +15,7 @@ from structid.dynamics import Modes
 
 #: Part of the largest singular value that counts as none.
 _RANK = 1e-8
-#: Condition of the modes at the sensors beyond which they are not told apart.
+#: Condition of the modes at the sensors beyond which they cannot be distinguished.
 _WORST = 100.0
 
 

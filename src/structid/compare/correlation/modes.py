@@ -168,8 +168,8 @@ class ModesCorrelation:
         missing = [i for i in self.pairing.missing.tolist() if i not in far]
         if missing:
             messages.append(
-                f"the model has no like of the modes measured at {_listed(self.measured.frequency[missing])} Hz (MAC below"
-                f" {self.options.least_mac:g} with what is near in frequency and free): check sensors and model, or they are no"
+                f"no mode of the model matches the modes measured at {_listed(self.measured.frequency[missing])} Hz (MAC below"
+                f" {self.options.least_mac:g} with unpaired modes near in frequency): check sensors and model; they may be no"
                 " modes of the structure"
             )
         if far:

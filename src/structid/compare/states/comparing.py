@@ -262,8 +262,8 @@ def _warnings(comparison: Comparison, baseline: State, later: State) -> tuple[st
     regularizations = dict.fromkeys((*baseline.regularizations, *later.regularizations))
     if regularizations:
         warnings.append(
-            f"{' and '.join(regularizations)}: standard deviations of what it holds tell the assumption more than the data, and so"
-            " do the tests of its changes"
+            f"{' and '.join(regularizations)}: standard deviations of the regularized parameters, and tests of their"
+            " changes, depend on the assumption more than on the data"
         )
     if (
         comparison.status is not Status.CONVERGED

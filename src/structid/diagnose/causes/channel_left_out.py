@@ -1,4 +1,4 @@
-"""A sensor does not go with the others: noisy, clipped or dead."""
+"""A sensor fits far worse than the others: noisy, clipped or dead."""
 
 from __future__ import annotations
 

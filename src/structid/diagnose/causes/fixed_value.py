@@ -55,7 +55,7 @@ class FixedValue(Candidate):
     def sentence(self, value: float | None) -> str:
         if len(self.where) > 1:
             return f"{join_words(self.where)}, which the study fixes, are off by one factor"
-        return f"{self.where[0]}, which the study fixes, is not what the model says"
+        return f"{self.where[0]}, fixed in the study, differs from its stated value"
 
 
 def fixed_values(structure: Structure, unknown: Parameters, kinds: Sequence[str] = ELASTIC) -> tuple[FixedValue, ...]:

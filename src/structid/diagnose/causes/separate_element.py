@@ -155,8 +155,9 @@ class DifferingElement(Differing):
 
 
 def _separation(model: TestedModel, differing: DifferingProperty, start_factor: float) -> SeparateElement:
-    """The edit that gives one property of an element or set a parameter of its own, started at `start_factor` times
-    nominal.
+    """The edit that gives one property of an element or set a parameter of its own.
+
+    The parameter starts at `start_factor` times the nominal value.
     """
     where, prop, follows = differing
     nominal: dict[str, tuple[float, ...]] = {}

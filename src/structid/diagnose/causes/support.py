@@ -82,8 +82,9 @@ class Support(Candidate):
         return [*to_base, *released, *added_spring("spring", entry, self.loss_factor)]
 
     def _driving_end(self, model: TestedModel, dof: Dof) -> tuple[list[Edit], dict[str, str]]:
-        """The edits for a driven support, and the second end of its spring: a new node that moves with the base in its
-        place.
+        """The edits for a driven support, and the second end of its spring.
+
+        That end is a new node, in the place of the first, that moves with the base.
         """
         if not any(base.moves(dof) for setup in model.setups for base in setup.structure.bases):
             return [], {}

@@ -33,7 +33,7 @@ class ResonancePair:
     Attributes
     ----------
     measured, model : float
-        Hz; NaN where one has no like.
+        Hz; NaN where one has no match.
     mac : float
         Of their shapes at sensors and loads; NaN where one is missing.
     """
@@ -76,8 +76,9 @@ class Aligned:
 
 
 def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
-    """Cosine of the phase angle between two complex arrays, averaged over the first axis; NaN where there are no
-    values.
+    """Cosine of the phase angle between two complex arrays, averaged over the first axis.
+
+    NaN where there are no values.
 
     Both are (n_lines, ...), and the mean is (...).
     """
@@ -187,8 +188,9 @@ def resonance_pairs(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonan
 
 
 def _shapes(record: FrfRecord, values: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Peak frequencies (n_peaks,), Hz, of FRFs `values` on a record's lines, and their quadrature parts there,
-    (n_peaks, n_frfs).
+    """Peak frequencies (n_peaks,) in Hz of FRFs, and their quadrature parts there (n_peaks, n_frfs).
+
+    `values` are the FRFs on the lines of a record.
     """
     peak_frequencies = peaks(record.frequency, values, record.kind)
     near = np.abs(record.frequency[:, None] - peak_frequencies).argmin(axis=0)

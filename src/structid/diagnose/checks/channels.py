@@ -19,7 +19,7 @@ from structid.core.units import MISTAKEN_FORCES, STANDARD_GRAVITY, mistaken_moti
 from structid.diagnose.checks.aligned_responses import Aligned, accord, median
 from structid.records import FrfRecord
 
-#: Accord that the others must reach, and well; below which a channel is turned round, or does not go with the model.
+#: Accord that the others must reach, and well; below which a channel is reversed, or fits far worse than the others.
 _GOES, _GOES_WELL, _TURNED, _APART = 0.7, 0.9, -0.4, 0.4
 #: Factors, as logarithms: by which a channel may be off, and beyond which its level, and its unit, is wrong.
 _ABOUT_ONE, _LEVEL, _FAR = np.log(1.7), np.log(2.5), np.log(3.0)
@@ -223,8 +223,9 @@ def _faults(
 
 
 def _exchanged(comparison: Aligned, misfits: Sequence[int]) -> list[tuple[int, int]]:
-    """Pairs of sensors that agree with the model once exchanged, by their positions, sought among the positions
-    `misfits`.
+    """Pairs of sensors, by position, that agree with the model once exchanged.
+
+    They are sought among the positions `misfits`.
     """
     pairs: list[tuple[int, int]] = []
     for a, b in combinations(misfits, 2):

@@ -85,14 +85,15 @@ def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding
     found = []
     for one in loose.tolist():
         nodes = tuple(n for n in label[part == one].tolist() if n in structure.nodes)
-        words = f"nothing joins {_nodes(nodes, '')} to the rest or holds it: a part that floats by itself"
+        words = f"nothing joins {_nodes(nodes, '')} to the rest or supports it: a loose part"
         found.append(PlacedFinding(words, nodes, _touching(structure, nodes)))
     return found
 
 
 def coarse_elements(structure: Structure, values: FloatArray, mesh: MeshErrors) -> PlacedFinding | None:
-    """A finding that names the elements with half of the energy of the mode with the largest mesh error; None without
-    such a mode.
+    """A finding that names the elements with half of the energy of the mode with the largest mesh error.
+
+    None without such a mode.
 
     `values` (n_values,) are the property values.
     """

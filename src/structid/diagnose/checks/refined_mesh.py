@@ -154,8 +154,9 @@ def refined(structure: Structure, values: FloatArray, times: int, most_dofs: int
 
 
 def _inside(structure: Structure, times: int) -> dict[int, int]:
-    """New labels by old ones, for nodes inside subdivided elements and at released ends, once each piece is cut into
-    `times`.
+    """New labels by old ones, for nodes inside subdivided elements and at released ends.
+
+    Each piece is cut into `times`.
     """
     first = max(structure.nodes) + 1
     pieces, n_lines = structure.subdivide, sum(len(made.nodes) for made in structure.divisible)
@@ -173,12 +174,16 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + (" and others" if len(names) > 3 else "")
 
 
-def _kinds(made: ElementSet) -> list[str]:
-    return [made.cells[count] for count in np.unique((made.nodes >= 0).sum(axis=1)).tolist()] if made.cells else []
+def _kinds(elements: ElementSet) -> list[str]:
+    return (
+        [elements.cells[count] for count in np.unique((elements.nodes >= 0).sum(axis=1)).tolist()]
+        if elements.cells
+        else []
+    )
 
 
-def _kind_of(made: ElementSet, row: IntArray) -> str:
-    return made.cells[int((row >= 0).sum())] if made.cells else "line"
+def _kind_of(elements: ElementSet, row: IntArray) -> str:
+    return elements.cells[int((row >= 0).sum())] if elements.cells else "line"
 
 
 class _Middles:

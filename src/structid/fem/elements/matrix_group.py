@@ -78,8 +78,9 @@ class MatrixGroup(ElementSet):
         return {key: matrix for key, matrix in every.items() if matrix is not None}
 
     def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
-        """The group's factors as properties with the matrices that they multiply; positions and other elements have no
-        influence.
+        """The group's factors as properties with the matrices that they multiply.
+
+        Positions and other elements have no influence.
         """
         matrix_terms_of, unit = self.matrices(positions, used_codes), np.ones(1)
         terms = [Term(key, _KINDS[key], "1", unit, matrix_terms) for key, matrix_terms in matrix_terms_of.items()]

@@ -91,8 +91,9 @@ class SolverModel(ElementSet):
                 )
 
     def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
-        """The model's properties (factors and parameters) with the matrices that they multiply; the arguments have no
-        influence.
+        """The model's properties (factors and parameters) with the matrices that they multiply.
+
+        The arguments have no influence.
         """
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
@@ -226,8 +227,9 @@ class SolverFrfs(ElementSet):
         return tuple(dict.fromkeys(dof.unsigned for dof in (*self.table.outputs, *self.table.inputs)))
 
     def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
-        """The parameters as properties with empty matrices, since the model has FRFs alone; the arguments have no
-        influence.
+        """The parameters as properties with empty matrices, since the model has FRFs alone.
+
+        The arguments have no influence.
         """
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         nothing = sparse.csc_array((codes.size, codes.size))

@@ -106,8 +106,9 @@ _READERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
 
 
 def write(path: Path, matrices: Sequence[ImportedMatrix], called: Path | None = None) -> None:
-    """Write matrices as NPZ, MatrixMarket (17 digits) or NPY (one matrix), or MAT, by the suffix; `called` is the path in
-    errors.
+    """Write matrices as NPZ, MatrixMarket (17 digits), NPY (one matrix) or MAT, by the suffix.
+
+    `called` is the path in errors.
 
     Raises
     ------

@@ -35,7 +35,7 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
     if len(diagonal) and diagonal[low] < -_ZERO * abs(diagonal).max():
         raise InputError(
             f"`{name}` must be positive semidefinite, but its diagonal is {diagonal[low]:.6g} at {dofs[low].unsigned}; check "
-            "signs and numbering, or set `indefinite = true` for what is meant so (preload)"
+            "signs and numbering, or set `indefinite = true` if this is intended (preload)"
         )
     root = np.sqrt(np.maximum(diagonal, 0.0))
     coordinates = matrix.tocoo()
@@ -47,7 +47,7 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
         raise InputError(
             f"`{name}` must be positive semidefinite, but the entry of {dofs[i].unsigned} and {dofs[j].unsigned} is "
             f"{coordinates.data[at]:.6g} beside {diagonal[i]:.6g} and {diagonal[j]:.6g} on the diagonal (in {int(over.sum()) // 2} "
-            "pairs); entries are missing or out of place, or set `indefinite = true` for what is meant so (preload)"
+            "pairs); entries are missing or out of place, or set `indefinite = true` if this is intended (preload)"
         )
     used = np.flatnonzero(root > 0)
     if 0 < len(used) <= _FACTORED_UP_TO:
@@ -56,7 +56,7 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
         if count:
             raise InputError(
                 f"`{name}` must be positive semidefinite, but has {count} negative eigenvalues; entries are missing or wrong, "
-                "or set `indefinite = true` for what is meant so (preload)"
+                "or set `indefinite = true` if this is intended (preload)"
             )
 
 

@@ -19,18 +19,21 @@ from structid.core.units import FORCES, LENGTHS
 _MASS_ERROR = 0.1
 #: Ratio of what a matrix gives to the declared mass, and what it then most likely is.
 _RATIOS = (
-    (1e-3, "the matrices are in tonnes (mm, N, t): set `length_unit` to mm and `force_unit` to N"),
-    (1e3, "the matrices are in grams, or the declared mass is in tonnes"),
-    (1e-6, "the matrices are in 1e6 kg, or mm and m are mixed"),
-    (1e6, "the matrices are in milligrams, or mm and m are mixed"),
+    (1e-3, "masses of the model are in tonnes (mm, N, t): set `length_unit` to mm and `force_unit` to N"),
+    (1e3, "masses of the model are in grams, or the declared mass is in tonnes"),
+    (1e-6, "masses of the model are in 1e6 kg, or mm and m are mixed"),
+    (1e6, "masses of the model are in milligrams, or mm and m are mixed"),
     (1e9, "the density was given per mm^3 in a model in m"),
     (1e-9, "the density was given per m^3 in a model in mm"),
-    (1 / 175.126835, "the matrices are in lbf s^2/in: set `length_unit` to in and `force_unit` to lbf"),
-    (1 / 175126.835, "the matrices are in kip s^2/in: set `length_unit` to in and `force_unit` to kip"),
-    (1 / 14.5939029, "the matrices are in slugs: set `length_unit` to ft and `force_unit` to lbf"),
-    (1 / 0.45359237, "the matrices are in pounds (lb)"),
-    (386.0886 / 175.126835, "the matrices hold weight in lbf: give PARAM,WTMASS or divide the densities by 386.09"),
-    (9.80665, "the matrices hold weight in N: divide the densities by 9.80665"),
+    (1 / 175.126835, "masses of the model are in lbf s^2/in: set `length_unit` to in and `force_unit` to lbf"),
+    (1 / 175126.835, "masses of the model are in kip s^2/in: set `length_unit` to in and `force_unit` to kip"),
+    (1 / 14.5939029, "masses of the model are in slugs: set `length_unit` to ft and `force_unit` to lbf"),
+    (1 / 0.45359237, "masses of the model are in pounds (lb)"),
+    (
+        386.0886 / 175.126835,
+        "masses of the model are weights in lbf: give PARAM,WTMASS or divide the densities by 386.09",
+    ),
+    (9.80665, "masses of the model are weights in N: divide the densities by 9.80665"),
     (2.0, "both triangles were added, or a symmetric half was modelled"),
     (0.5, "a half of the structure was modelled, or one triangle of the matrix is missing"),
     (0.25, "a quarter of the structure was modelled"),
@@ -80,7 +83,7 @@ def require_total_mass(total: float, declared: float, left_aside: str = "") -> N
         raise InputError(f"`total_mass` must be greater than 0, got {declared}")
     if total <= 0:
         raise InputError(
-            f"the total mass of the matrices is {total:.6g}, the declared one {declared:.6g} kg; the mass matrix is "
+            f"the total mass of the model is {total:.6g}, the declared one {declared:.6g} kg; the mass matrix is "
             "missing, or its rows are not the degrees of freedom named"
         )
     ratio = total / declared
@@ -91,7 +94,7 @@ def require_total_mass(total: float, declared: float, left_aside: str = "") -> N
         "mass at degrees of freedom held in the export is not in the matrix; else check units, densities and numbering"
     ))  # fmt: skip
     raise InputError(
-        f"the total mass of the matrices is {total:.6g} kg, the declared one {declared:.6g} kg: a factor of {ratio:.6g}; "
+        f"the total mass of the model is {total:.6g} kg, the declared one {declared:.6g} kg: a factor of {ratio:.6g}; "
         f"{cause}"
     )
 

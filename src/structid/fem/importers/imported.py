@@ -96,7 +96,7 @@ def of_elements(imported: ImportedMatrix, elements: Iterable[int]) -> ImportedMa
     parts = imported.elements
     if parts is None:
         raise InputError(
-            f"{imported.name!r} is assembled; its elements cannot be told apart, export it element by element"
+            f"{imported.name!r} is assembled; its elements cannot be separated, export it element by element"
         )
     wanted = np.unique(np.fromiter(elements, dtype=np.int64))
     missing = np.setdiff1d(wanted, parts.element)

@@ -25,7 +25,7 @@ _PAIR = re.compile(r"^\s*(\d+)[\s,;]+([0-6])\s*$")
 def read_numbering(path: Path) -> tuple[Dof, ...]:
     """The degrees of freedom of the rows, in order, from the file at `path`.
 
-    Four kinds of text files, told apart by what is in them:
+    Four kinds of text files, recognized by their content:
 
     - Nastran bulk data or punch file with ``EXTRN`` (their order is that of the rows) or ``ASET``, ``ASET1``, ``BSET``,
       ``CSET``, ``QSET`` (rows follow grid points, then components, as long as the model is not resequenced);

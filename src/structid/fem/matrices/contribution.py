@@ -106,8 +106,9 @@ class ShearFactor(Factor):
         return shares
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
-        """Derivative of the factor by the bending (`number` 0) or the shear stiffness (`number` 1) of each element; see
-        `Factor.slope`.
+        """Derivative of the factor by a stiffness of each element; see `Factor.slope`.
+
+        `number` is 0 for the bending stiffness and 1 for the shear stiffness.
         """
         bending, shear = values[self.bending], values[self.shear]
         total = shear + self.ratio * bending

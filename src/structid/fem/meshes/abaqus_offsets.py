@@ -63,8 +63,9 @@ class SectionOffsets:
         return [*parts, *([DeckPart("BEAM CENTROID", count, obstacle="move the nodes")] if count else [])]
 
     def _offsets(self, scope: Scope, block: KeywordBlock) -> list[CellOffsets]:
-        """The offsets of the cells of one section block, by cell block; `ValueError` if cells of its element set cannot
-        have offsets.
+        """The offsets of the cells of one section block, by cell block.
+
+        `ValueError` if cells of its element set cannot have offsets.
         """
         members = self._members(scope, block.options.get("ELSET", ""))
         chosen = []

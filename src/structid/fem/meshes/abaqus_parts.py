@@ -126,8 +126,9 @@ class _Deck:
                     yield scope, block
 
     def read(self, keyword: str, reader: Callable[[_Deck, Scope, KeywordBlock], Items]) -> list[DeckPart]:
-        """The parts that `reader` makes of the blocks of a keyword; blocks that it cannot read become one part with that
-        obstacle.
+        """The parts that `reader` makes of the blocks of a keyword.
+
+        Blocks that it cannot read become one part with that obstacle.
         """
         items: Items = []
         for scope, block in self.blocks(keyword):

@@ -90,8 +90,9 @@ class Surfaces:
         return Surface(faces, list(dict.fromkeys(node for face, _ in faces for node in face)))
 
     def _block(self, scope: Scope, name: str) -> tuple[Scope, KeywordBlock]:
-        """The *SURFACE block called `name` and the scope that holds it, looked for in `scope` first; `ValueError` if
-        there is none.
+        """The *SURFACE block called `name` and its scope, looked for in `scope` first.
+
+        `ValueError` if there is none.
         """
         own = self._assembly.own
         owner, dot, bare = name.strip('"').upper().rpartition(".")

@@ -419,8 +419,9 @@ def _spring_dofs(weights: Mapping[tuple[int, str], float]) -> tuple[Dof, Dof | N
 def _matrix_of(
     triples: Sequence[tuple[int, str, int, str, float]], codes: Sequence[tuple[int, str]] | None = None
 ) -> tuple[list[Dof], sparse.csc_array]:
-    """Degrees of freedom (sorted, or those of `codes`) and the matrix of summed entries (node, direction, node,
-    direction, value).
+    """Degrees of freedom, and the matrix of summed entries (node, direction, node, direction, value).
+
+    The degrees of freedom are sorted, or those of `codes`.
     """
     if codes is None:
         codes = sorted({(node, direction) for node, direction, *_ in triples})

@@ -103,8 +103,9 @@ class Ascii:
         return table[:, 0].astype(np.int64), table[:, 1:].astype(np.float64)
 
     def old_elements(self, count: int, width: Callable[[int], int]) -> Iterator[Cells]:
-        """Blocks of equal elements in a section of version 2: type, tags (n, 2) and nodes (n, width); `width` depends on
-        the type.
+        """Blocks of equal elements in a section of version 2: type, tags (n, 2) and nodes (n, width).
+
+        `width` depends on the type.
         """
         assert self._words is not None
         numbers = self._words[self._at :].astype(np.int64)

@@ -161,8 +161,9 @@ def _rows_of_block(cards: Cards, block: CellBlock) -> IntArray:
 
 
 def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]]:
-    """Height of the middle of each laminate with Z0 over its reference plane, in the deck's unit, or the reason why it is
-    unknown.
+    """Height of the middle of each laminate with Z0 over its reference plane, in the deck's unit.
+
+    The reason as text where it is unknown.
     """
     middles: dict[int, tuple[float, str]] = {}
     for name, (head, width, thickness) in _LAMINATES.items():

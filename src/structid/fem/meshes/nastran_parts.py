@@ -219,8 +219,9 @@ def _readers(deck: _Deck) -> dict[str, Reader]:
 
 
 def _read_cards(name: str, rows: Sequence[Sequence[str]], reader: Reader) -> list[DeckPart]:
-    """The parts that `reader` makes of all cards of a name (`rows` of fields); unreadable cards become a part with that
-    obstacle.
+    """The parts that `reader` makes of all cards of a name (`rows` of fields).
+
+    Unreadable cards become a part with that obstacle.
     """
     items: list[Item] = []
     for words in rows:

@@ -1,4 +1,4 @@
-"""Datasets of a universal file: told apart, and checked to be whole."""
+"""Datasets of a universal file: separated, and checked to be complete."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def read_reals(text: bytes) -> FloatArray:
         try:
             return np.array(text.split(), dtype=np.float64)
         except ValueError:
-            pass  # numbers without a blank between them, told apart below
+            pass  # numbers without a blank between them, separated below
     numbers, at = [], 0
     end = len(text.rstrip())
     while at < end:

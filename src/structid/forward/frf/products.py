@@ -20,7 +20,7 @@ from structid.forward.contraction import element_products
 from structid.forward.frf.response import Response
 from structid.forward.sensitive import WeightedParts
 
-#: Largest Jacobian of the data, in bytes, that is stored all the same: products with it are then faster.
+#: Largest Jacobian of the data, in bytes, that is stored nevertheless: products with it are then faster.
 STORED_BYTES = 1_000_000_000
 
 

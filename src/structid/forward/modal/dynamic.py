@@ -92,8 +92,9 @@ def dynamic_residual(
 
 
 def _independent(sensors: FloatArray) -> FloatArray:
-    """Orthonormal combinations of sensors that see different motions, (n_channels, rank): what more sensors than degrees of
-    freedom say is met in the sense of least squares.
+    """Orthonormal combinations of sensors that see different motions, (n_channels, rank).
+
+    With more sensors than degrees of freedom, their data are met in the sense of least squares.
     """
     _, singular, rows = np.linalg.svd(sensors, full_matrices=False)
     rank = int(np.sum(singular > 1e-12 * singular.max(initial=0.0)))

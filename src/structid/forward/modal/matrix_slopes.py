@@ -29,8 +29,9 @@ _FEW, _SMALL = 6, 50_000
 
 @dataclass(frozen=True, eq=False)
 class MatrixSlopes:
-    """Products y' (dA/dp) x with the derivatives of mass, damping and stiffness: of small models by full matrices dA/dp, which
-    all modes share.
+    """Products y' (dA/dp) x with the derivatives of mass, damping and stiffness.
+
+    Small models use full matrices dA/dp, which all modes share.
     """
 
     structure: Structure

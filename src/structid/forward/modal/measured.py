@@ -63,7 +63,7 @@ _DEPENDENT = 1e-9
 
 
 class FewSensorsError(InputError):
-    """There are more modes that are not told apart than sensors that tell their shapes."""
+    """There are more close modes than sensors that distinguish their shapes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,8 +259,8 @@ def _require_told_apart(modes: MeasuredModes, group: GroupData) -> None:
     numbers, n_own = ", ".join(str(mode + 1) for mode in group.members.tolist()), len(group.channels)
     where = "" if n_own == len(modes.record.channels) else " at which the shapes of all are known"
     raise FewSensorsError(
-        f"modes {numbers} are not told apart (within {modes.settings.closeness:g} of each other, or their errors) and there are"
-        f" {plural(n_own, 'sensor')}{where}; lower `closeness` or the errors, measure more places, or leave modes out"
+        f"modes {numbers} cannot be distinguished (within {modes.settings.closeness:g} of each other, or their errors) and there"
+        f" are {plural(n_own, 'sensor')}{where}; lower `closeness` or the errors, measure more places, or leave modes out"
     )
 
 
@@ -273,7 +273,7 @@ def _require_independent(modes: MeasuredModes, group: GroupData) -> None:
         record = modes.record
         listed = ", ".join(f"{mode + 1} ({record.frequency[mode]:.6g} Hz)" for mode in group.members.tolist())
         raise InputError(
-            f"modes {listed}{f' of {record.source}' if record.source else ''} are not told apart by frequency, and"
+            f"modes {listed}{f' of {record.source}' if record.source else ''} cannot be distinguished by frequency, and"
             " their shapes are the same or sums of each other, as where a mode is listed twice; leave one out of the file or"
             " with `use`, or give the shapes at more sensors"
         )

@@ -153,7 +153,12 @@ class ModalProblem(RecordProblem):
         return DataRows(modes, np.concatenate(series), names, modes)
 
     def schedules(self) -> Sequence[Schedule]:
-        """Ways to the answer: straight, by modes in their order, and by the dynamic residual, which needs no pairing.
+        """Search stages to try: none, modes paired in their order, and the modal dynamic residual, which needs no pairing.
+
+        Where the search without stages misses the noise, the others are tried too. If two modes have yet to cross, shapes pair
+        each with the other: pairing by order of frequency, with shapes hardly counting, leads past that, if no mode was missed.
+        Under noise on the shapes the dynamic residual alone is smallest where all stiffnesses vanish, so that it may end farther
+        off than it began. Its matrices are dense: large models do without it, and so do those with unknown channel errors.
 
         Where the straight way misses the noise, the others are tried too. Shapes pair a mode with its neighbour where the two have
         yet to cross: frequencies in their order, shapes hardly counting, lead past that, if no mode was missed. Under noise on the

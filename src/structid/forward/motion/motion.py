@@ -19,7 +19,7 @@ Rule = Literal["trapezoid", "difference"]
 MOTION_QUANTITIES = ("acceleration", "velocity", "displacement")
 NO_MOTION = "the record holds no motion; it needs displacement, velocity or acceleration channels"
 NO_FORCE = "the record holds no force channel; the forces must be known: add the channels"
-#: Smallest pivot of what sensors read, in parts of the largest, that tells degrees of freedom apart.
+#: Smallest pivot of the sensor matrix, relative to the largest, for which degrees of freedom are determined.
 _APART = 1e-10
 
 

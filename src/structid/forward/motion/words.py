@@ -33,53 +33,53 @@ _SWAMPED = 0.5
 
 
 def motion_estimate(
-    equations: TimeEquations, found: LinearFit, n_samples: int, bias: FloatArray | None = None
+    equations: TimeEquations, fit: LinearFit, n_samples: int, bias: FloatArray | None = None
 ) -> Estimate:
     """Estimate with covariance, status and messages from a linear fit to motion; `bias` (n_params,) if known."""
     unknown = equations.unknown
-    std = np.sqrt(np.diag(found.covariance))
-    identified = std <= np.abs(found.values)
+    std = np.sqrt(np.diag(fit.covariance))
+    identified = std <= np.abs(fit.values)
     if bias is not None:
-        identified &= np.abs(bias) <= _SWAMPED * np.abs(found.values)
+        identified &= np.abs(bias) <= _SWAMPED * np.abs(fit.values)
     parameters = ParameterValues(
         names=unknown.names,
         kinds=unknown.kinds,
         units=unknown.units,
         initial=unknown.start,
-        values=found.values,
-        theta=found.values,
+        values=fit.values,
+        theta=fit.values,
     )
     spread = Spread(
-        noise=DenseCovariance(found.covariance),
-        model_error=DenseCovariance(np.full_like(found.covariance, np.nan)),
+        noise=DenseCovariance(fit.covariance),
+        model_error=DenseCovariance(np.full_like(fit.covariance, np.nan)),
         covariance_basis="noise",
         identified=locked(identified),
-        identifiability=_identifiability(equations, found),
+        identifiability=_identifiability(equations, fit),
     )
     goodness = Goodness(
         chi_square=float("nan"),
         n_data=equations.n_dofs * n_samples,
-        degrees_of_freedom=found.degrees_of_freedom,
+        degrees_of_freedom=fit.degrees_of_freedom,
         residual_correlation=float("nan"),
     )
-    history = locked(np.array([unknown.start, found.values]))
+    history = locked(np.array([unknown.start, fit.values]))
     return Estimate(
         parameters=parameters,
         spread=spread,
         goodness=goodness,
         search=SearchRecord(n_iterations=1, n_starts=1, n_agreeing=1, history=history),
         status=Status.CONVERGED if identified.all() else Status.NOT_IDENTIFIABLE,
-        message="; ".join(_words(equations, found, n_samples, bias)),
+        message="; ".join(_words(equations, fit, n_samples, bias)),
     )
 
 
-def _words(equations: TimeEquations, found: LinearFit, n_samples: int, bias: FloatArray | None) -> list[str]:
+def _words(equations: TimeEquations, fit: LinearFit, n_samples: int, bias: FloatArray | None) -> list[str]:
     """Words for the reader, the most important first."""
-    words = solution_words(equations.unknown, found, equations.n_dofs * n_samples, n_samples)
-    return [*words[:-1], *_bias_words(equations, found, bias), words[-1]]
+    words = solution_words(equations.unknown, fit, equations.n_dofs * n_samples, n_samples)
+    return [*words[:-1], *_bias_words(equations, fit, bias), words[-1]]
 
 
-def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int, n_samples: int) -> list[str]:
+def solution_words(unknown: Parameters, fit: LinearFit | BlockFit, n_rows: int, n_samples: int) -> list[str]:
     """Sentences on what the data lack and how to supply it, then on rank and residual of the linear fit."""
     n_params, n = unknown.n_params, n_rows // max(1, n_samples)
     words = []
@@ -88,35 +88,35 @@ def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int
             f"{n_samples} samples of {n} degrees of freedom give {n_rows} equations for {n_params} parameters;"
             f" at least {-(-n_params // n)} samples are needed"
         )
-    lost = np.flatnonzero(~found.seen)
+    lost = np.flatnonzero(~fit.seen)
     for kind in dict.fromkeys(unknown.kinds[i] for i in lost):
         names = [unknown.names[i] for i in lost if unknown.kinds[i] == kind]
         words.append(f"not seen: {join_words(names)}: {_UNSEEN[kind]}")
-    if found.rank < found.seen.sum() and n_rows >= n_params:
+    if fit.rank < fit.seen.sum() and n_rows >= n_params:
         words.append(
-            f"the regressors have rank {found.rank} for {n_params} parameters; samples at other instants, a force at"
+            f"the regressors have rank {fit.rank} for {n_params} parameters; samples at other instants, a force at"
             " another place or of other frequencies, or fewer parameters would supply what is missing"
         )
-    if found.rank == n_params and found.degrees_of_freedom == 0:
+    if fit.rank == n_params and fit.degrees_of_freedom == 0:
         words.append("as many equations as parameters: no residual is left to tell the noise from; add samples")
-    outside = (found.values <= unknown.transforms.lower) | (found.values >= unknown.transforms.upper)
+    outside = (fit.values <= unknown.transforms.lower) | (fit.values >= unknown.transforms.upper)
     if outside.any():
         words.append(
             f"outside the declared range: {join_words([unknown.names[i] for i in np.flatnonzero(outside)])};"
             " least squares does not impose it, and noise or a wrong model is the usual cause"
         )
     words.append(
-        f"rank {found.rank} of {n_params}, condition {found.condition:.3g} with unit columns, residual"
-        f" {np.sqrt(found.residual_variance):.3g} RMS over {found.degrees_of_freedom} degrees of freedom"
+        f"rank {fit.rank} of {n_params}, condition {fit.condition:.3g} with unit columns, residual"
+        f" {np.sqrt(fit.residual_variance):.3g} RMS over {fit.degrees_of_freedom} degrees of freedom"
     )
     return words
 
 
-def _bias_words(equations: TimeEquations, found: LinearFit, bias: FloatArray | None) -> list[str]:
+def _bias_words(equations: TimeEquations, fit: LinearFit, bias: FloatArray | None) -> list[str]:
     """Sentences on the predicted `bias` (n_params,) of a fit from noise in the motion, and where it is too large."""
     if bias is None:
         return [_BIAS]
-    relative = np.abs(bias / found.values)
+    relative = np.abs(bias / fit.values)
     worst = int(np.argmax(relative))
     words = [
         f"predicted bias from the noise of the motion: up to {relative[worst]:.2g} of {equations.unknown.names[worst]}"
@@ -130,18 +130,18 @@ def _bias_words(equations: TimeEquations, found: LinearFit, bias: FloatArray | N
     return words
 
 
-def _identifiability(equations: TimeEquations, found: LinearFit) -> Identifiability:
+def _identifiability(equations: TimeEquations, fit: LinearFit) -> Identifiability:
     """Directions of relative parameter change that the equations leave undetermined."""
     unknown = equations.unknown
-    values = np.where(np.isfinite(found.values) & (found.values != 0), found.values, unknown.start)
+    values = np.where(np.isfinite(fit.values) & (fit.values != 0), fit.values, unknown.start)
     values = np.where(values != 0, values, 1.0)
-    noise = np.sqrt(found.residual_variance)
+    noise = np.sqrt(fit.residual_variance)
     sigma = noise if noise > 0 else 1.0
-    seen = np.flatnonzero(found.seen)
-    relative = found.triangle[:, seen] * np.abs(values[seen]) / sigma
+    seen = np.flatnonzero(fit.seen)
+    relative = fit.triangle[:, seen] * np.abs(values[seen]) / sigma
     part = identifiability(relative, values[seen], tuple(unknown.names[i] for i in seen))
     directions = []
-    for i in np.flatnonzero(~found.seen):
+    for i in np.flatnonzero(~fit.seen):
         unit = np.zeros(unknown.n_params)
         unit[i] = 1.0
         directions.append(Direction(unit, float("inf"), f"{unknown.names[i]} not at all"))

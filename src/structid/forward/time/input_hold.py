@@ -79,8 +79,9 @@ class InputHold:
         return self.oscillation(n_times)[-n_times:, : self.n_loads]
 
     def known(self, samples: FloatArray) -> FloatArray:
-        """Force samples (n_times, n_loads) as measured; of an oscillation its amplitudes (n_force_values,) fitted to
-        them.
+        """Force samples (n_times, n_loads) as measured.
+
+        Of an oscillation, its amplitudes (n_force_values,) fitted to them.
         """
         if not self.oscillates:
             return samples

@@ -300,8 +300,9 @@ class _End:
 
 
 def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tuple[int, FloatArray]]:
-    """Number of samples of the first stage and starting parameters, for each attempt in turn; `size` is the smallest
-    number.
+    """Number of samples of the first stage and starting parameters, for each attempt in turn.
+
+    `size` is the smallest number.
     """
     n_times, given = fit.motion.n_times, np.array(unknown.start)
     for first in dict.fromkeys((min(size, n_times), min(8 * size, n_times))):

@@ -189,10 +189,10 @@ def _followed(
     return len(sizes), excess, theta, spent
 
 
-def _misfit(problem: OutputErrorProblem, at: Linearization | OperatorLinearization) -> tuple[float, float]:
+def _misfit(problem: OutputErrorProblem, linearization: Linearization | OperatorLinearization) -> tuple[float, float]:
     """Chi-square per degree of freedom at a linearization, and the probability of a larger one."""
-    data = at.residual[: problem.n_data]
-    freedom, chi_square = problem.n_data - at.n_params - at.n_eliminated, float(data @ data)
+    data = linearization.residual[: problem.n_data]
+    freedom, chi_square = problem.n_data - linearization.n_params - linearization.n_eliminated, float(data @ data)
     if freedom <= 0:
         return 1.0, 1.0
     return chi_square / freedom, float(special.gammaincc(freedom / 2, chi_square / 2))

@@ -59,7 +59,7 @@ class Missed:
 
 
 def missed_parts(
-    names: Sequence[str], problems: Sequence[RecordProblem], found: Estimate, freed: Sequence[RecordProblem] = ()
+    names: Sequence[str], problems: Sequence[RecordProblem], estimate: Estimate, freed: Sequence[RecordProblem] = ()
 ) -> tuple[Missed, ...]:
     """Records, or kinds of values of modes, that the fit misses beyond their errors, the worst first.
 
@@ -71,19 +71,19 @@ def missed_parts(
     names : sequence of str
         Names of the records; "" for a single one.
     problems : sequence of RecordProblem
-    found : Estimate
+    estimate : Estimate
         Estimate of all parameters.
     freed : sequence of RecordProblem
         Problems with the fixed values of their models among the unknowns; where given, the fit within tolerances is tested.
     """
     is_whole = len(problems) == 1 and not isinstance(problems[0], ModalProblem)
-    if is_whole or not found.goodness.misfit < _HIDES:
+    if is_whole or not estimate.goodness.misfit < _HIDES:
         return ()
     parts = []
-    free = dict(zip(found.names, found.theta.tolist(), strict=True))
-    if freed and (fixed := found.fixed) is not None:
+    free = dict(zip(estimate.names, estimate.theta.tolist(), strict=True))
+    if freed and (fixed := estimate.fixed) is not None:
         problems, asked = freed, fixed.asked * fixed.tolerance
-        free = dict(zip(found.names, fixed.theta.tolist(), strict=True))
+        free = dict(zip(estimate.names, fixed.theta.tolist(), strict=True))
         free |= zip((FIXED + name for name in fixed.names), asked.tolist(), strict=True)
     for name, problem in zip(names, problems, strict=True):
         # a fixed value whose influence could not be solved for is exact
@@ -96,7 +96,7 @@ def missed_parts(
     for what, rows, least in parts:
         square, n = float(rows @ rows), len(rows)
         if square > least * n and float(special.gammaincc(n / 2, square / 2)) * len(parts) < _RISK:
-            missed.append(Missed(what, n, found.goodness.n_data - n, square / n))
+            missed.append(Missed(what, n, estimate.goodness.n_data - n, square / n))
     return tuple(sorted(missed, key=lambda one: -one.chi_square_per_value))
 
 

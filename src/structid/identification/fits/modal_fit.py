@@ -110,14 +110,14 @@ class ModalFit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about measured modes without a like in the model, and modes of the model that were not measured."""
+        """Warnings about measured modes without a match in the model, and modes of the model that were not measured."""
         warnings: list[str] = []
         f = self.problem.data.frequency
         for i, (value, like) in enumerate(zip(f.tolist(), self.fitted.mac.tolist(), strict=True)):
             likeness = like if self.problem.data.is_alone[i] else float(np.cos(self.fitted.angle[i]) ** 2)
             if likeness < 0.5:
                 warnings.append(
-                    f"the mode measured at {value:.5g} Hz has no like in the model: the nearest, at"
+                    f"the mode measured at {value:.5g} Hz matches no mode of the model: the nearest, at"
                     f" {self.fitted.frequency[i]:.5g} Hz, has a MAC of {likeness:.2f}; check sensors and model, or leave the"
                     " mode out with `use`"
                 )

@@ -31,11 +31,11 @@ def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> M
     return modes(mass, stiffness, damping, structural, min(n_modes, own) if own else n_modes, strains)
 
 
-def response_rounding(found: Modes) -> FloatArray:
+def response_rounding(modes: Modes) -> FloatArray:
     """Relative error of each resonance, (n_modes,), in responses that are solved from the assembled stiffness matrix."""
-    if found.matrix_rounding is None:
-        return found.rounding
-    return np.maximum(found.rounding, found.matrix_rounding)
+    if modes.matrix_rounding is None:
+        return modes.rounding
+    return np.maximum(modes.rounding, modes.matrix_rounding)
 
 
 def rounding_warnings(rounding: FloatArray) -> list[str]:

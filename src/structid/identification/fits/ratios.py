@@ -20,8 +20,8 @@ _INERTIAS = ("mass", "rotary_inertia")
 _SCALED = (*_INERTIAS, "stiffness", "axial_force", "viscous_damping")
 #: What that the scale is the force's means.
 ON_FORCE = (
-    "no known mass, stiffness or prior holds the scale of the values: an error of 1 % in the calibration of the force is one of"
-    " 1 % in every mass, stiffness and damping, beside their intervals"
+    "no known mass, stiffness or prior fixes the scale of the values: an error of 1 % in the calibration of the force is one of"
+    " 1 % in every mass, stiffness and damping, which their intervals do not include"
 )
 
 
@@ -51,7 +51,7 @@ class Ratios:
     words: str
 
 
-def ratios(problem: Problem, found: Estimate) -> Ratios | None:
+def ratios(problem: Problem, estimate: Estimate) -> Ratios | None:
     """Ratios of the parameters where data and priors leave their common scale free; None where they determine it.
 
     The scale is free where the data do not see one common relative change of several masses and stiffnesses (with
@@ -60,33 +60,33 @@ def ratios(problem: Problem, found: Estimate) -> Ratios | None:
     Parameters
     ----------
     problem : Problem
-    found : Estimate
+    estimate : Estimate
         Estimate of that problem.
     """
-    theta = np.asarray(found.theta)
+    theta = np.asarray(estimate.theta)
     jacobian = relative_jacobian(problem, theta, problem.linearize(theta))
-    scale = max(1.0, np.sqrt(found.chi_square_per_dof)) if found.covariance_basis == "model_error" else 1.0
-    members = common_scale(jacobian, found.kinds, scale)
-    if members is None or found.identified[members].any():
+    scale = max(1.0, np.sqrt(estimate.chi_square_per_dof)) if estimate.covariance_basis == "model_error" else 1.0
+    members = common_scale(jacobian, estimate.kinds, scale)
+    if members is None or estimate.identified[members].any():
         return None
-    reference = int(next(i for kind in _INERTIAS for i in members if found.kinds[i] == kind))
+    reference = int(next(i for kind in _INERTIAS for i in members if estimate.kinds[i] == kind))
     others = np.array([i for i in members if i != reference])
     _, singular, rows = np.linalg.svd(jacobian, full_matrices=True)
     singular = np.concatenate([singular, np.zeros(len(rows) - len(singular))])
     relative = scale * np.array([_std(i, reference, singular, rows) for i in others])
-    values = found.values[others] / found.values[reference]
+    values = estimate.values[others] / estimate.values[reference]
     ends = values[:, None] * np.exp(1.959964 * relative[:, None] * np.array([-1.0, 1.0]))
     return Ratios(
-        tuple(found.names[i] for i in others),
-        found.names[reference],
+        tuple(estimate.names[i] for i in others),
+        estimate.names[reference],
         locked(values),
         locked(values * relative),
         locked(ends),
-        scale_words([found.names[i] for i in members], found.names[reference]),
+        scale_words([estimate.names[i] for i in members], estimate.names[reference]),
     )
 
 
-def scale_from_force(problems: Sequence[Problem], found: Estimate) -> bool:
+def scale_from_force(problems: Sequence[Problem], estimate: Estimate) -> bool:
     """True where only measured forces determine the common scale of masses, stiffnesses and dampings.
 
     A larger scale then makes every FRF smaller by the same factor: no known mass or stiffness and no prior contradicts, and an
@@ -95,7 +95,7 @@ def scale_from_force(problems: Sequence[Problem], found: Estimate) -> bool:
     for problem in problems:
         if not isinstance(problem, FrfProblem) or problem.form == "equation" or not problem.facts.measures_force:
             return False
-        theta = np.asarray(found.theta[[found.names.index(name) for name in problem.names]])
+        theta = np.asarray(estimate.theta[[estimate.names.index(name) for name in problem.names]])
         members = _scaled(problem.unknowns.kinds)
         if problem.unknowns.priors.stated[members].any():
             return False

@@ -333,7 +333,9 @@ class AveragedHistories:
         if self._parts is None:
             return ""
         forces, shown = (", ".join(map(str, dofs)) for dofs in (self._loads, self.frfs.inputs))
-        return f"; forces at {forces} are never apart: responses are shown to what is independent of them, as {shown}"
+        return (
+            f"; forces at {forces} are linearly dependent: responses are shown under independent joint forces, {shown}"
+        )
 
     @cached_property
     def _parts(self) -> FloatArray | None:

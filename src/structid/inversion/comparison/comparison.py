@@ -293,7 +293,7 @@ def compare_states(
 
 
 def compare_jointly(
-    found: Identified,
+    identified: Identified,
     shared: Sequence[str],
     level: float = 0.05,
     power: float = 0.9,
@@ -306,7 +306,7 @@ def compare_jointly(
 
     Parameters
     ----------
-    found : Estimate
+    identified : Estimate
         Of a `states_problem`.
     shared : sequence of str
         The parameters that it has in common for both states.
@@ -319,21 +319,21 @@ def compare_jointly(
         If the states have nothing but the shared parameters in common, or an argument is out of range.
     """
     require_levels(level, power, correction)
-    own = [(name, i) for i, name in enumerate(found.names) if OF_RECORD not in name]
+    own = [(name, i) for i, name in enumerate(identified.names) if OF_RECORD not in name]
     second = {name.removesuffix(LATER): i for name, i in own if name.endswith(LATER)}
     first = {name: i for name, i in own if not name.endswith(LATER)}
     names = tuple(name for name in first if name in second)
     if not names:
         raise InputError(_NOTHING_IN_COMMON)
     at, to = (np.array([place[name] for name in names]) for place in (first, second))
-    _require_units(names, [found.units[i] for i in at], [found.units[i] for i in to])
-    p, q, cross = (found.covariance[np.ix_(*pair)] for pair in ((at, at), (to, to), (at, to)))
+    _require_units(names, [identified.units[i] for i in at], [identified.units[i] for i in to])
+    p, q, cross = (identified.covariance[np.ix_(*pair)] for pair in ((at, at), (to, to), (at, to)))
     return Comparison(
         names=names,
-        kinds=tuple(found.kinds[i] for i in at),
-        units=tuple(found.units[i] for i in at),
-        before=locked(found.values[at]),
-        after=locked(found.values[to]),
+        kinds=tuple(identified.kinds[i] for i in at),
+        units=tuple(identified.units[i] for i in at),
+        before=locked(identified.values[at]),
+        after=locked(identified.values[to]),
         covariance_before=locked(p),
         covariance_after=locked(q),
         carried=tuple(shared),
@@ -344,7 +344,7 @@ def compare_jointly(
         power=power,
         correction=correction,
         least=least,
-        status=found.status,
+        status=identified.status,
     )
 
 

@@ -38,13 +38,13 @@ class Agreement:
     def words(self) -> str:
         """Meaning of a small probability, in a sentence."""
         return (
-            f"each mode, as all records have it, asks for other values than the other modes do (F = {self.ratio:.2g},"
-            f" {self.between:.0f} and {self.within:.0f} degrees of freedom, p = {self.probability:.1g}): model error that goes"
-            " together in all records"
+            f"each mode, common to all records, gives other values than the other modes do (F = {self.ratio:.2g},"
+            f" {self.between:.0f} and {self.within:.0f} degrees of freedom, p = {self.probability:.1g}): model error that is"
+            " common to all records"
         )
 
 
-def agreement(problem: Problem, at: Linearization) -> Agreement | None:
+def agreement(problem: Problem, linearization: Linearization) -> Agreement | None:
     """F test that quantities measured in several records agree on the parameters; None if it cannot be made.
 
     With S the sum of squares that all quantities leave with the same parameters, S_q that of quantity q with parameters of its own,
@@ -59,14 +59,14 @@ def agreement(problem: Problem, at: Linearization) -> Agreement | None:
     block = repeated_quantities(problem)
     if block is None:
         return None
-    residual, jacobian = at.residual[: problem.n_data], at.jacobian[: problem.n_data]
+    residual, jacobian = linearization.residual[: problem.n_data], linearization.jacobian[: problem.n_data]
     rows = [block == number for number in range(int(block.max()) + 1)]
     told = block >= 0
     whole, rank = _left(jacobian[told], residual[told])
     own = [_left(jacobian[q], residual[q]) for q in rows]
     least = sum(square for square, _ in own)
     ranks = sum(count for _, count in own)
-    between, within = ranks - rank, int(told.sum()) - ranks - at.n_eliminated
+    between, within = ranks - rank, int(told.sum()) - ranks - linearization.n_eliminated
     if between <= 0 or within <= 0 or least <= 0:
         return None
     ratio = (whole - least) / between / (least / within)
@@ -74,8 +74,9 @@ def agreement(problem: Problem, at: Linearization) -> Agreement | None:
 
 
 def _left(jacobian: FloatArray, residual: FloatArray) -> tuple[float, int]:
-    """Residual sum of squares of a linear least-squares fit to `residual`, and the rank of its Jacobian (n_rows,
-    n_params).
+    """Residual sum of squares of a linear least-squares fit to `residual`, and the rank of its Jacobian.
+
+    The Jacobian is (n_rows, n_params).
     """
     scale = np.linalg.norm(jacobian, axis=0)
     vectors, singular, _ = np.linalg.svd(jacobian / np.where(scale > 0, scale, 1.0), full_matrices=False)

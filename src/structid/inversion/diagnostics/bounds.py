@@ -85,8 +85,10 @@ def is_free(at_bound: Sequence[AtBound], n_params: int) -> np.ndarray:
     return free
 
 
-def at_bounds(problem: Problem, theta: FloatArray, at: Linearization, noise_scale: float = 1.0) -> tuple[AtBound, ...]:
-    """Parameters at a bound at the minimum `theta` (n_params,), by the linearization `at` it.
+def at_bounds(
+    problem: Problem, theta: FloatArray, linearization: Linearization, noise_scale: float = 1.0
+) -> tuple[AtBound, ...]:
+    """Parameters at a bound at the minimum `theta` (n_params,), by its linearization.
 
     One is at a bound where it lies within a hundredth of its range and a tenth of its standard deviation from it, and the
     linear model has its minimum beyond. One that data without bounds would leave open over its whole range is not at
@@ -96,7 +98,7 @@ def at_bounds(problem: Problem, theta: FloatArray, at: Linearization, noise_scal
     ----------
     problem : Problem
     theta : (n_params,) float array
-    at : Linearization
+    linearization : Linearization
         At `theta`.
     noise_scale : float
         As in `AtBound`.
@@ -113,16 +115,20 @@ def at_bounds(problem: Problem, theta: FloatArray, at: Linearization, noise_scal
     near = np.isfinite(span) & (distance <= _CLOSE * span) & (slope != 0)
     if not near.any():
         return ()
-    basis, kept = np.linalg.qr(at.jacobian[:, ~near]) if not near.all() else (np.zeros((len(at.residual), 0)), None)
+    basis, kept = (
+        np.linalg.qr(linearization.jacobian[:, ~near])
+        if not near.all()
+        else (np.zeros((len(linearization.residual), 0)), None)
+    )
     if kept is not None:
         basis = basis[:, np.abs(np.diag(kept)) > 1e-12 * np.abs(np.diag(kept)).max(initial=0.0)]
     found = []
     for i in np.flatnonzero(near).tolist():
-        column = at.jacobian[:, i] / slope[i]
+        column = linearization.jacobian[:, i] / slope[i]
         own = column - basis @ (basis.T @ column)
         size = float(np.linalg.norm(own))
         outward = -1.0 if side[i] == 0 else 1.0
-        multiplier = -outward * float(own @ at.residual)
+        multiplier = -outward * float(own @ linearization.residual)
         if not size > 0:
             continue
         std = 1 / size

@@ -85,7 +85,7 @@ def gains(
     criterion : {"d", "a"}
         Determinant or trace of the covariance.
     of_interest : (n_params,) bool array, optional
-        Parameters whose covariance counts; all by default. The others count as unknown all the same.
+        Parameters whose covariance counts; all by default. The others are still unknown.
 
     References
     ----------

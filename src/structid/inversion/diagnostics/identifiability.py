@@ -161,7 +161,7 @@ def _gain_words(relative: FloatArray, names: list[str]) -> str:
     listed = [name for name, gain in zip(names, is_gain, strict=True) if not gain]
     gains = " and ".join(name for name, gain in zip(names, is_gain, strict=True) if gain)
     joined = _joined(listed)
-    how = "" if len(listed) == 1 else " only as ratios: their absolute size goes with"
+    how = "" if len(listed) == 1 else " only as ratios: their absolute size is proportional to"
     return f"{joined}{how or ' only together with'} {gains}"
 
 

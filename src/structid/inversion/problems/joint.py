@@ -376,8 +376,9 @@ class JointNoise:
 
 
 def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
-    """Integer labels of all parts in one array, those of each part raised above those before it, by a multiple of
-    `step`.
+    """Integer labels of all parts in one array.
+
+    Those of each part are raised above those before it by a multiple of `step`.
     """
     raised, first = [], 0
     for part in parts:

@@ -231,8 +231,9 @@ def _reflect_panel(r, q, rows, k):
 
 @_part
 def _by_reflections(r, q, rows):
-    """Update the triangle `r` of `q` columns by the samples in `rows` with Householder reflections, three columns at a
-    time.
+    """Update the triangle `r` of `q` columns by the samples in `rows`.
+
+    Householder reflections, three columns at a time.
     """
     n, last = _padded(q), r.shape[0] - 1
     for k in range(0, n, 3):

@@ -87,8 +87,9 @@ def shared_out(n: int, threads: int, work: Callable[[int, int], object]) -> None
 
 
 def block_widths(columns: IntArray) -> IntArray:
-    """Number of used columns of each block, (n_blocks,), from their parameter indices (n_blocks, k); unused ones (-1)
-    come last.
+    """Number of used columns of each block, (n_blocks,).
+
+    `columns` (n_blocks, k) are parameter indices; unused ones (-1) come last.
     """
     widths = (columns >= 0).sum(axis=1)
     if (columns[np.arange(columns.shape[1]) < widths[:, None]] < 0).any():

@@ -80,7 +80,7 @@ class SettledStrengths:
 
 
 def settled_strengths(
-    made: Callable[[Sequence[float]], Problem],
+    make_problem: Callable[[Sequence[float]], Problem],
     terms: Sequence[Differences],
     given: Sequence[float | None],
     strengths: tuple[float, ...],
@@ -97,7 +97,7 @@ def settled_strengths(
 
     Parameters
     ----------
-    made : callable
+    make_problem : callable
         The problem with given strengths.
     terms : sequence of Differences
         No two of which share members.
@@ -131,7 +131,7 @@ def settled_strengths(
     determined = (float("nan"),) * len(terms)
     done = 0
     for _ in range(_MOST_ROUNDS):
-        problem = made(strengths)
+        problem = make_problem(strengths)
         found = search(problem, _LOOSE, theta, None if progress is None else partial(_later, progress, done))
         theta, done = found.theta, done + len(found.inner)
         at = cast(OperatorLinearization, found.linearization)
@@ -184,7 +184,7 @@ def _chosen(term: Differences, physical: FloatArray, determined: float, strength
 
 def _determined(
     problem: Problem,
-    at: OperatorLinearization,
+    linearization: OperatorLinearization,
     theta: FloatArray,
     terms: Sequence[Differences],
     strengths: Sequence[float],
@@ -195,12 +195,12 @@ def _determined(
     `strengths` are those of the penalties `terms`.
     """
     slope, physical = problem.slope(theta), problem.physical(theta)
-    draws, _ = posterior_draws(at, _DRAWS, np.random.default_rng(seed))
+    draws, _ = posterior_draws(linearization, _DRAWS, np.random.default_rng(seed))
     rows = [term.jacobian(physical) @ sparse.diags_array(slope) for term in terms]
     sums: FloatArray = np.zeros(len(terms))
     sound = draws[np.isfinite(draws).all(axis=1)]
     for draw in sound:
-        rest = at.information(draw)
+        rest = linearization.information(draw)
         for part, strength in zip(rows, strengths, strict=True):
             rest = rest - strength * (part.T @ (part @ draw))
         sums = sums + np.array([float(draw[term.members] @ rest[term.members]) for term in terms])

@@ -21,7 +21,7 @@ _REGULAR = 1e-14
 _MOST_ROWS, _RIGHT_SIDES = 6000, 256
 
 
-def preconditioner(at: OperatorLinearization, damping: FloatArray) -> Solver:
+def preconditioner(linearization: OperatorLinearization, damping: FloatArray) -> Solver:
     """Solver of (S + U C^-1 U') x = b with S = P'P + damping + a small part of diag(J'J), P the rows of the priors.
 
     U C^-1 U' is J'J itself where J is stored and has not too many rows (U = J', C = 1), else its sketch:
@@ -30,15 +30,15 @@ def preconditioner(at: OperatorLinearization, damping: FloatArray) -> Solver:
     """
     from scipy.linalg import cho_factor, cho_solve
 
-    is_whole = at.jacobian is not None and len(at.jacobian) <= _MOST_ROWS
+    is_whole = linearization.jacobian is not None and len(linearization.jacobian) <= _MOST_ROWS
     part = _STORED_PART if is_whole else _DATA_PART
-    solve = solved_by(at.prior, damping + part * at.data_squares)
+    solve = solved_by(linearization.prior, damping + part * linearization.data_squares)
     wide: FloatArray
     inner: FloatArray
-    if is_whole and at.jacobian is not None:
-        wide, inner = at.jacobian.T, np.eye(len(at.jacobian))
+    if is_whole and linearization.jacobian is not None:
+        wide, inner = linearization.jacobian.T, np.eye(len(linearization.jacobian))
     else:
-        wide, inner = at.sketch
+        wide, inner = linearization.sketch
     across = np.empty(wide.shape, order="F")
     for first in range(0, wide.shape[1], _RIGHT_SIDES):
         across[:, first : first + _RIGHT_SIDES] = solve(np.asfortranarray(wide[:, first : first + _RIGHT_SIDES]))

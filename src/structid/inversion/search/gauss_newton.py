@@ -46,20 +46,20 @@ class GaussNewton(WithJacobian):
         none = np.zeros(len(theta))
         return Point(theta, problem.linearize(theta), none, none + np.inf)
 
-    def tried(self, problem: Problem, here: Point[Linearization], damping: Damping) -> Trial:
-        """Gauss-Newton step from `here`, halved until the cost falls if steps are controlled, or the reason to end."""
+    def tried(self, problem: Problem, point: Point[Linearization], damping: Damping) -> Trial:
+        """Gauss-Newton step from `point`, halved until the cost falls if steps are controlled, or the reason to end."""
 
         def cost_at(theta: FloatArray) -> float:
             return squared(residual_at(problem, theta))
 
-        step = -np.linalg.lstsq(here.at.jacobian, here.at.residual, rcond=None)[0]
-        size, cost = 1.0, cost_at(here.theta + step)
-        while self.step_control and not cost <= here.cost and size > _SHORTEST:
+        step = -np.linalg.lstsq(point.at.jacobian, point.at.residual, rcond=None)[0]
+        size, cost = 1.0, cost_at(point.theta + step)
+        while self.step_control and not cost <= point.cost and size > _SHORTEST:
             size /= 2
-            cost = cost_at(here.theta + size * step)
+            cost = cost_at(point.theta + size * step)
         if not np.isfinite(cost):
             return Trial(None, end=End(False, "the step leads where the model cannot be evaluated"))
-        if self.step_control and cost > here.cost:
+        if self.step_control and cost > point.cost:
             is_small = bool(np.abs(step).max(initial=0.0) < 1e3 * self.step_tolerance)
             return Trial(None, end=End(is_small, "no shorter step lowers the residual"))
         arrived = np.abs(size * step).max(initial=0.0) < self.step_tolerance

@@ -95,10 +95,10 @@ class Damping:
     limit: FloatArray
     reach: FloatArray
 
-    def at(self, here: Point[A], largest_step: float) -> Damping:
+    def at(self, point: Point[A], largest_step: float) -> Damping:
         """A copy that takes the lengths and sizes of a point into account."""
-        scale = np.maximum(here.scale, 0.1 * self.scale)
-        reach = np.where(here.size > 0, largest_step * here.size, np.inf)
+        scale = np.maximum(point.scale, 0.1 * self.scale)
+        reach = np.where(point.size > 0, largest_step * point.size, np.inf)
         return replace(self, scale=scale, limit=np.maximum(self.limit, reach))
 
     def after(self, gain: float) -> Damping:
@@ -135,7 +135,7 @@ class Method(Protocol[P]):
         """A `Point`: the problem linearized at free variables."""
         ...
 
-    def tried(self, problem: Problem, here: P, damping: Damping) -> Trial:
+    def tried(self, problem: Problem, point: P, damping: Damping) -> Trial:
         """The next step from a point."""
         ...
 
@@ -257,15 +257,15 @@ def sizes_at(problem: Problem, theta: FloatArray) -> FloatArray:
 
 
 def damped_end(
-    here: Point[A], damping: Damping, step: FloatArray, promised: float, step_tolerance: float, gain_tolerance: float
+    point: Point[A], damping: Damping, step: FloatArray, promised: float, step_tolerance: float, gain_tolerance: float
 ) -> End | None:
     """Reason why a damped search ends before its next `step` of predicted decrease `promised`; None if it goes on.
 
     It ends below a relative step of `step_tolerance`, or a relative decrease of `gain_tolerance`.
     """
-    if (np.abs(step) <= step_tolerance * here.size).all() or damping.factor > _MOST_DAMPING:
+    if (np.abs(step) <= step_tolerance * point.size).all() or damping.factor > _MOST_DAMPING:
         return End(True, "the step fell below its tolerance")
-    if promised <= gain_tolerance * here.cost and damping.factor < _MUCH_DAMPING:
+    if promised <= gain_tolerance * point.cost and damping.factor < _MUCH_DAMPING:
         return End(True, "the search has converged")
     return None
 

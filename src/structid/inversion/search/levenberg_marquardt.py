@@ -119,19 +119,19 @@ def _damped(triangle: FloatArray, damping: float, scale: FloatArray) -> _Damped:
     return _Damped(orthogonal, factor, safe)
 
 
-def _velocity(here: FactoredPoint, damped: _Damped, damping: Damping) -> FloatArray:
+def _velocity(point: FactoredPoint, damped: _Damped, damping: Damping) -> FloatArray:
     """Damped step (n_params,), with parameters whose step exceeds the limit to no effect held at that limit.
 
     One runs away where its step is beyond its limit though moving it that far would hardly change the residual, as
     for a loss factor on its way to 0: the step would be cut for its sake, and all others would stand still. One that
     would leave the reach of the search is held at its end.
     """
-    limit, velocity = damping.limit, damped.step(here.projected)
-    effect = here.scale * limit
-    held = (np.abs(velocity) > limit) & (effect**2 < _NEGLIGIBLE * here.promised(velocity))
+    limit, velocity = damping.limit, damped.step(point.projected)
+    effect = point.scale * limit
+    held = (np.abs(velocity) > limit) & (effect**2 < _NEGLIGIBLE * point.promised(velocity))
     if held.all():
         held = np.zeros(len(held), dtype=bool)
-    low, high = damping.reach.T - here.theta
+    low, high = damping.reach.T - point.theta
     for _ in range(_MOST_HOLDS):
         short = np.clip(np.clip(velocity, -limit, limit), low, high)
         leaves = np.clip(velocity, -limit, limit) != short
@@ -140,7 +140,7 @@ def _velocity(here: FactoredPoint, damped: _Damped, damping: Damping) -> FloatAr
         held = held | leaves
         if held.all():
             return short
-        velocity = damped.step_holding(here.projected, held, short)
+        velocity = damped.step_holding(point.projected, held, short)
     return velocity
 
 
@@ -207,37 +207,37 @@ class LevenbergMarquardt(WithJacobian):
             projected=projected,
         )
 
-    def tried(self, problem: Problem, here: FactoredPoint, damping: Damping) -> Trial:
-        """Damped step from `here` with its gain ratio, or the reason why the search ends."""
-        damped = _damped(here.triangle, damping.factor, damping.scale)
-        velocity = _velocity(here, damped, damping)
-        promised = here.promised(velocity)
-        end = damped_end(here, damping, velocity, promised, self.step_tolerance, self.gain_tolerance)
+    def tried(self, problem: Problem, point: FactoredPoint, damping: Damping) -> Trial:
+        """Damped step from `point` with its gain ratio, or the reason why the search ends."""
+        damped = _damped(point.triangle, damping.factor, damping.scale)
+        velocity = _velocity(point, damped, damping)
+        promised = point.promised(velocity)
+        end = damped_end(point, damping, velocity, promised, self.step_tolerance, self.gain_tolerance)
         if end is not None:
             return Trial(None, end=end)
-        low, high = damping.reach.T - here.theta
+        low, high = damping.reach.T - point.theta
         step = np.clip(shortened(velocity, damping.limit), low, high)
-        residual = residual_at(problem, here.theta + step)
+        residual = residual_at(problem, point.theta + step)
         cost = squared(residual)
         # a step cut to its limit is held to the promise of the whole: damping then grows until it turns downhill instead
-        if residual is not None and here.cost - cost <= _KEPT * promised:
-            bent = self._bent_step(here, damped, step, residual)
+        if residual is not None and point.cost - cost <= _KEPT * promised:
+            bent = self._bent_step(point, damped, step, residual)
             if bent is not None:
                 bent = np.clip(shortened(bent, damping.limit), low, high)
-                bent_cost = squared(residual_at(problem, here.theta + bent))
+                bent_cost = squared(residual_at(problem, point.theta + bent))
                 step, cost = (bent, bent_cost) if bent_cost < cost else (step, cost)
-        return Trial(step, (here.cost - cost) / promised if promised > 0 else -1.0)
+        return Trial(step, (point.cost - cost) / promised if promised > 0 else -1.0)
 
     def _bent_step(
-        self, here: FactoredPoint, damped: _Damped, step: FloatArray, residual: FloatArray
+        self, point: FactoredPoint, damped: _Damped, step: FloatArray, residual: FloatArray
     ) -> FloatArray | None:
         """The step with half its acceleration, from the residual after it; None where that is rounding or too long."""
         if self.acceleration <= 0:
             return None
-        bend = residual - here.at.residual - here.at.jacobian @ step
-        if np.linalg.norm(bend) <= here.rounding:
+        bend = residual - point.at.residual - point.at.jacobian @ step
+        if np.linalg.norm(bend) <= point.rounding:
             return None
-        acceleration = 2 * damped.downhill(here.at.jacobian.T @ bend)
+        acceleration = 2 * damped.downhill(point.at.jacobian.T @ bend)
         if not damped.length(acceleration) <= self.acceleration * damped.length(step):
             return None
         return np.asarray(step + 0.5 * acceleration)
@@ -258,9 +258,9 @@ class Raced(LevenbergMarquardt):
     above: float = np.inf
     left_at: Positive = _LEFT_AT
 
-    def tried(self, problem: Problem, here: FactoredPoint, damping: Damping) -> Trial:
-        """Damped step from `here`, or the end of a search that will probably stay above the sum of squares `above`."""
-        promised = float(here.projected @ here.projected)
-        if promised < self.left_at * here.cost and here.cost - _MOST_GAINED * promised > self.above:
+    def tried(self, problem: Problem, point: FactoredPoint, damping: Damping) -> Trial:
+        """Damped step from `point`, or the end of a search that will probably stay above the sum of squares `above`."""
+        promised = float(point.projected @ point.projected)
+        if promised < self.left_at * point.cost and point.cost - _MOST_GAINED * promised > self.above:
             return Trial(None, end=End(False, LEFT))
-        return super().tried(problem, here, damping)
+        return super().tried(problem, point, damping)

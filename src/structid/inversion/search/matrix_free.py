@@ -81,9 +81,9 @@ class MatrixFree:
         at = problem.linearize_operator(theta)
         return Point(theta, at, np.sqrt(at.squares), sizes_at(problem, theta))
 
-    def tried(self, problem: Problem, here: Point[OperatorLinearization], damping: Damping) -> Trial:
-        """Damped step from `here` by conjugate gradients with its gain ratio, or the reason why the search ends."""
-        at, weight = here.at, damping.factor * damping.scale**2
+    def tried(self, problem: Problem, point: Point[OperatorLinearization], damping: Damping) -> Trial:
+        """Damped step from `point` by conjugate gradients with its gain ratio, or the reason why the search ends."""
+        at, weight = point.at, damping.factor * damping.scale**2
         gradient = at.transposed(at.residual)
         step, count, _ = conjugate_gradients(
             lambda v: at.information(v) + weight * v,
@@ -94,12 +94,12 @@ class MatrixFree:
         )
         linear = at.product(step)
         promised = -float(linear @ linear + 2 * step @ gradient)
-        end = damped_end(here, damping, step, promised, self.step_tolerance, self.gain_tolerance)
+        end = damped_end(point, damping, step, promised, self.step_tolerance, self.gain_tolerance)
         if end is not None:
             return Trial(None, end=end)
         step = shortened(step, damping.limit)
-        cost = squared(residual_at(problem, here.theta + step))
-        return Trial(step, (here.cost - cost) / promised if promised > 0 else -1.0, count)
+        cost = squared(residual_at(problem, point.theta + step))
+        return Trial(step, (point.cost - cost) / promised if promised > 0 else -1.0, count)
 
     def for_stages(self) -> MatrixFree:
         return replace(self, max_iterations=20, gain_tolerance=1e-3, inner_tolerance=1e-3)

@@ -126,7 +126,7 @@ class SearchedMinima:
 def searched_minima(
     problem: Problem,
     method: Method,
-    ways: Sequence[ContinuationPath],
+    paths: Sequence[ContinuationPath],
     search: Search,
     fits: Callable[[Minimum], bool],
     progress: StageProgress | None = None,
@@ -145,7 +145,7 @@ def searched_minima(
     problem : Problem
     method : Method
         Search method.
-    ways : sequence of ContinuationPath
+    paths : sequence of ContinuationPath
     search : Search
         Numbers of starts, seed and start.
     fits : callable
@@ -154,7 +154,7 @@ def searched_minima(
     work : Work
     """
     start = np.array(problem.theta_start if search.start is None else search.start)
-    chosen: Sequence[ContinuationPath] = ways or ((),)
+    chosen: Sequence[ContinuationPath] = paths or ((),)
     spread = _SPREAD * problem.unknowns.sizes(problem.physical(start)) / problem.slope(start)
     rng = np.random.default_rng(search.seed)
     most = max(search.uniqueness_starts, search.doubt_starts)
@@ -236,7 +236,7 @@ class _GroupedMinima:
 def _wide_minima(
     problem: Problem,
     method: Method,
-    way: ContinuationPath,
+    path: ContinuationPath,
     start: FloatArray,
     search: Search,
     grouped: _GroupedMinima,
@@ -245,7 +245,7 @@ def _wide_minima(
 ) -> tuple[list[tuple[Minimum, int]], bool]:
     """Minima from distant random starts and along the weakest directions, each with its iterations; True if no more are expected.
 
-    `way` is the continuation path of each search, `start` the centre of the starts, and `grouped` takes the new minima.
+    `path` is the continuation path of each search, `start` the centre of the starts, and `grouped` takes the new minima.
     """
     rng = np.random.default_rng([search.seed, search.wide_starts])
     reach, size = problem.unknowns.reach, np.log(_WIDE) * sizes_at(problem, start)
@@ -256,7 +256,7 @@ def _wide_minima(
         """Search from each of `points`, and return the number of minima that the data allow."""
         nonlocal n_made
         items = [(n_made + k, 0, np.clip(point, *reach.T)) for k, point in enumerate(points)]
-        tasks = work.map("wide starts", _search_widely, (problem, method, (way,)), items, progress, first=n_made)
+        tasks = work.map("wide starts", _search_widely, (problem, method, (path,)), items, progress, first=n_made)
         n_made += len(items)
         ends = [_found(problem, method, task) for task in tasks if "failed" not in task]
         minima.extend(ends)
@@ -316,8 +316,9 @@ def _is_determined(problem: Problem, theta: FloatArray, at: Linearization) -> bo
 def _ended(
     problem: Problem, method: Method, minima: list[tuple[Minimum, int]], progress: StageProgress | None, work: Work
 ) -> list[tuple[Minimum, int]]:
-    """Minima of all searches with their iterations; searches that were stopped early but are near the best are
-    completed.
+    """Minima of all searches with their iterations.
+
+    Searches that were stopped early but are near the best are completed.
     """
     most = _NEAR_BEST * min(float(minimum.costs[-1]) for minimum, _ in minima)
     ended = []

@@ -117,16 +117,16 @@ class Alone:
 ALONE = Alone()
 
 
-def stored_minimum(found: Minimum) -> Stored:
+def stored_minimum(minimum: Minimum) -> Stored:
     """A minimum without its linearization, in plain arrays."""
     return {
-        "theta": found.theta,
-        "history": found.history,
-        "costs": found.costs,
-        "inner": found.inner,
-        "converged": found.converged,
-        "message": found.message,
-        "stages": [stage._asdict() for stage in found.stages],
+        "theta": minimum.theta,
+        "history": minimum.history,
+        "costs": minimum.costs,
+        "inner": minimum.inner,
+        "converged": minimum.converged,
+        "message": minimum.message,
+        "stages": [stage._asdict() for stage in minimum.stages],
     }
 
 

@@ -24,8 +24,9 @@ _FIRST, _WIDTH = 13, 12
 
 
 def frd_modes(path: Path, text: str) -> PrintedModes:
-    """Modes with displacements in the `text` of a CalculiX result file (blocks ``100CL`` called MODAL); no mode if there
-    is none.
+    """Modes with displacements in the `text` of a CalculiX result file (blocks ``100CL`` called MODAL).
+
+    Empty if there is none.
 
     Raises
     ------

@@ -37,8 +37,9 @@ _DAMPING_UNITS = {"-": 1.0, "1": 1.0, "%": 0.01}
 
 
 def modes_csv(modes: ModalRecord) -> str:
-    """Text of a CSV table of modes: frequency, damping ratio, their standard deviations, MPC, scaling, then the shape by
-    channel.
+    """Text of a CSV table of modes.
+
+    Frequency, damping ratio, their standard deviations, MPC, scaling, then the shape by channel.
     """
     n, shapes = modes.n_modes, modes.mode_shapes
     std = np.full(2 * n, np.nan) if modes.covariance is None else np.sqrt(np.diag(modes.covariance))

@@ -322,7 +322,7 @@ def _real_eigenvalues(
             if not same_eigenvalue((2 * np.pi * cycles) ** 2, abs(square)) and abs(square) > 1e-6:
                 raise FileError(
                     f"{where} has the eigenvalue {square:g} and {cycles:g} cycles, which is not its root over 2 pi; the"
-                    " file is damaged, or the analysis is none of vibration"
+                    " file is damaged, or of no vibration analysis"
                 )
         matching = [row for row in rows if same_eigenvalue(row[0], square) or abs(row[0] - square) < 1e-6]
         if rows and not matching and not notes:

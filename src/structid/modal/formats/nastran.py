@@ -39,8 +39,8 @@ def nastran_modes(path: Path, options: ModeFileOptions | None = None) -> Printed
 def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> ModalRecord:
     """The modes of a Nastran listing, punch file or binary file at the directions that move, largest entry 1.
 
-    Rotations are left out unless `options` state the unit of length: beside translations they mean something in metres
-    only.
+    Rotations are left out unless `options` state the unit of length: beside translations they have a meaning only in
+    metres.
 
     Raises
     ------

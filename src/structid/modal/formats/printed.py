@@ -143,8 +143,8 @@ def undamped(path: Path, squares: Sequence[float]) -> list[complex]:
     for number, square in enumerate(squares, 1):
         if square < -max(_UNSTABLE * largest, 1e-3):
             raise FileError(
-                f"{path}: mode {number} has the negative eigenvalue {square:.6g}; the model is unstable, or the analysis is"
-                " none of vibration: correct the deck"
+                f"{path}: mode {number} has the negative eigenvalue {square:.6g}; the model is unstable, or the analysis"
+                " is not one of vibration: correct the deck"
             )
     return [1j * np.sqrt(max(square, 0.0)) for square in squares]
 

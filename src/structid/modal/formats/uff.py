@@ -276,7 +276,7 @@ def _require_vibrations(modes: list[_Mode]) -> None:
     for first, second in pairwise(modes):
         same = first.s == second.s and first.nodes.keys() == second.nodes.keys()
         if same and all(np.array_equal(values, second.nodes[node]) for node, values in first.nodes.items()):
-            raise FileError(f"{second.where} holds the mode that stands before it once more; keep one of the two")
+            raise FileError(f"{second.where} repeats the mode before it; keep one of the two")
 
 
 def _units(path: Path, blocks: Sequence[Block], options: ModeFileOptions) -> tuple[float, float, bool]:

@@ -93,7 +93,7 @@ def _doubts(modes: ModalRecord) -> list[str]:
     unsure = [str(i + 1) for i in np.flatnonzero((ratio >= 0) & (modes.std[modes.n_modes :] > 0.5 * ratio))]
     if unsure:
         notes.append(
-            f"the window did so much of the damping of mode {', '.join(unsure)} that what is left is not known to half "
-            "of itself: measure with a longer window"
+            f"the window adds so much damping to mode {', '.join(unsure)} that the remainder is uncertain by more than "
+            "half of it: measure with a longer window"
         )
     return notes

@@ -142,8 +142,9 @@ def free_motion(records: Sequence[TimeRecord], quantities: Sequence[str], rule: 
 
 
 def _one_record(record: TimeRecord, channels: tuple[Dof, ...], quantities: Sequence[str], rule: str) -> FreeMotion:
-    """Motion of one record, weighted for time averages by the `rule`, with its boundary terms `ends` times its
-    duration.
+    """Motion of one record, weighted for time averages by the `rule`.
+
+    Its `ends` are the boundary terms times the duration.
     """
     base, *measured = (_columns(record, channels, quantity) for quantity in quantities)
     step, inner, no_ends = 1 / record.sampling_rate, base[1:-1], np.zeros((len(channels),) * 2)

@@ -328,14 +328,16 @@ def _require_oscillation(omega: FloatArray, duration: float, pair: str) -> None:
     )
 
 
-def _doubts(found: StationaryValues, omega: FloatArray, pair: str, form: str, n_modes: int | None) -> tuple[str, ...]:
+def _doubts(
+    stationary: StationaryValues, omega: FloatArray, pair: str, form: str, n_modes: int | None
+) -> tuple[str, ...]:
     """Notes on what makes the modes doubtful; `omega` holds their circular frequencies (rad/s), increasing.
 
     `pair` and `form` are the options of `pseudo_rayleigh`.
     """
-    motion, gram, rank = found.motion, found.gram_eigenvalues, len(found.eigenvalues)
+    motion, gram, rank = stationary.motion, stationary.gram_eigenvalues, len(stationary.eigenvalues)
     # the printed forms push neighbours apart, to a gap of order 1 / T whatever the true one
-    apart = np.sqrt(np.maximum(found.unsymmetrized.real, 0.0)) if form in _SYMMETRIC else omega
+    apart = np.sqrt(np.maximum(stationary.unsymmetrized.real, 0.0)) if form in _SYMMETRIC else omega
     notes = []
     if rank < len(gram):
         cause = (

@@ -160,41 +160,41 @@ def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptio
         middle = 0.5 * (low + high)
         inside = np.flatnonzero((spectrum.frequency >= low) & (spectrum.frequency <= high))
         places = (float(spectrum.frequency[inside[spectrum.values[inside, 0].argmax()]]) if len(inside) else middle,)
-        notes.append(f"no peak stands out between {low:g} and {high:g} Hz; one mode is looked for all the same")
+        notes.append(f"no peak stands out between {low:g} and {high:g} Hz; one mode is searched for anyway")
     return Band(low, high, places)
 
 
-def _doubts(number: int, band: Band, found: Posterior, data: Outputs) -> list[str]:
+def _doubts(number: int, band: Band, posterior: Posterior, data: Outputs) -> list[str]:
     """Notes on a frequency band whose modes are doubtful.
 
     `number` is that of the band.
     """
     words, spacing = [], 1 / data.duration
     where = f"band {number}, {band.low:.4g} to {band.high:.4g} Hz"
-    if not found.converged:
+    if not posterior.converged:
         words.append(f"{where}: the search for the most probable values has not converged; change the band")
-    if not np.isfinite(found.covariance).all():
+    if not np.isfinite(posterior.covariance).all():
         words.append(
             f"{where}: the data do not determine all that {band.n_modes} modes need, so no covariance is given; widen "
             "the band, or look for fewer modes there"
         )
-    for f, zeta in zip(found.modes.frequency, found.modes.damping_ratio, strict=True):
+    for f, zeta in zip(posterior.modes.frequency, posterior.modes.damping_ratio, strict=True):
         if 2 * zeta * f < _FEW_LINES * spacing:
             words.append(
                 f"{where}: the half-power bandwidth of the mode at {f:.4g} Hz is {2 * zeta * f / spacing:.2g} lines of "
                 f"{spacing:.2g} Hz; leakage raises its damping ratio. Measure longer"
             )
         if not band.low < f < band.high:
-            words.append(f"{where}: a mode came out at {f:.4g} Hz, outside; it stands for a slope, not for a peak")
+            words.append(f"{where}: a mode was found at {f:.4g} Hz, outside the band; it fits a slope, not a peak")
     return words
 
 
 def _modal_record(
-    found: Sequence[Posterior], places: tuple[Dof, ...], options: ModalOptions, notes: list[str], source: str
+    posteriors: Sequence[Posterior], places: tuple[Dof, ...], options: ModalOptions, notes: list[str], source: str
 ) -> ModalRecord:
     """Modal record of the modes of all bands, by increasing frequency."""
     parts = []
-    for one in found:
+    for one in posteriors:
         unit, std = _unit_largest(one.modes.shapes, one.shape_covariance)
         parts.append(by_frequency(one.modes.frequency, one.modes.damping_ratio, unit, places, one.covariance, std))
     modes = joined(parts, (), source)

@@ -130,17 +130,17 @@ def _root(x: FloatArray, m: int) -> ComplexArray:
     return root
 
 
-def _vectors(place: Chart, x: FloatArray) -> FloatArray:
+def _vectors(chart: Chart, x: FloatArray) -> FloatArray:
     """Shapes before they are given unit norm, (n_channels, m)."""
-    n, m = place.centre.shapes.shape
+    n, m = chart.centre.shapes.shape
     t = x[2 * m : m * (n + 1)].reshape(m, n - 1)
-    return np.asarray(place.centre.shapes + np.einsum("mnt,mt->nm", place.tangents, t))
+    return np.asarray(chart.centre.shapes + np.einsum("mnt,mt->nm", chart.tangents, t))
 
 
-def modes_at(place: Chart, x: FloatArray) -> BandModes:
+def modes_at(chart: Chart, x: FloatArray) -> BandModes:
     """The modes at coordinates x."""
-    centre, m = place.centre, place.centre.n_modes
-    vectors, root = _vectors(place, x), _root(x, m)
+    centre, m = chart.centre, chart.centre.n_modes
+    vectors, root = _vectors(chart, x), _root(x, m)
     return BandModes(
         centre.frequency * np.exp(centre.damping_ratio * x[:m]),
         centre.damping_ratio * np.exp(x[m : 2 * m]),
@@ -246,11 +246,11 @@ def gradient(data: BandLines, chart: Chart, x: FloatArray) -> tuple[float, Float
     ])  # fmt: skip
 
 
-def _along_tangents(place: Chart, x: FloatArray, modes: BandModes, slope: FloatArray) -> FloatArray:
+def _along_tangents(chart: Chart, x: FloatArray, modes: BandModes, slope: FloatArray) -> FloatArray:
     """Slopes to shapes as slopes to coordinates."""
-    length = np.linalg.norm(_vectors(place, x), axis=0)
+    length = np.linalg.norm(_vectors(chart, x), axis=0)
     across = (slope - modes.shapes * np.sum(modes.shapes * slope, axis=0)) / length
-    return np.einsum("mnt,nm->mt", place.tangents, across).ravel()
+    return np.einsum("mnt,nm->mt", chart.tangents, across).ravel()
 
 
 def _of_triangle(root: ComplexArray, slope: ComplexArray) -> FloatArray:

@@ -179,8 +179,9 @@ def _mode(
 
 
 def _scatter(n_lines: int, averages: float, n_draws: int, rng: np.random.Generator) -> FloatArray:
-    """Random factors (n_draws, n_lines) by which a spectrum from so many `averages` under Hann windows scatters about
-    its mean.
+    """Random factors (n_draws, n_lines) by which a spectrum scatters about its mean.
+
+    The spectrum has so many `averages` under Hann windows.
     """
     count = min(max(round(averages), 1), _DRAWN)
     parts = rng.standard_normal((2, n_draws, count, n_lines + 2))

@@ -96,7 +96,7 @@ def close_mode_notes(
     -------
     tuple of str
         On pairs with T gap / pi below 1, the gap in rad/s (half a beat; the product must exceed about 1 for the
-        quotient of Norris, and 0.1 for methods with delays even in little noise); on pairs that are not told apart;
+        quotient of Norris, and 0.1 for methods with delays even in little noise); on pairs that cannot be distinguished;
         on repeated modes in too few records.
 
     References

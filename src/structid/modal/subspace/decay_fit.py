@@ -265,8 +265,9 @@ def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[Com
 
     @lru_cache(maxsize=1)  # a step is tried and taken at the same poles
     def project(changes: bytes) -> tuple[ComplexArray, list[_Projected]] | None:
-        """The poles after changes of Re s and Im s (an array as bytes), and projections; None where a pole is no mode
-        or two coincide.
+        """The poles after changes of Re s and Im s (an array as bytes), and the projections.
+
+        None where a pole is no mode or two coincide.
         """
         parts = np.frombuffer(changes)
         poles = start + parts[:n] + 1j * parts[n:]

@@ -202,8 +202,9 @@ def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int
 
 
 def _around(sweep: Sequence[Poles], all_clusters: Sequence[Cluster], number: int, index: int) -> Cluster:
-    """The cluster that holds the pole `index` of order `number`, with that pole chosen, or a new one of that pole
-    alone.
+    """The cluster that holds the pole `index` of order `number`, with that pole chosen.
+
+    A new cluster of that pole alone if there is none.
     """
     for cluster in all_clusters:
         here = np.flatnonzero((cluster.number == number) & (cluster.index == index))
@@ -258,7 +259,7 @@ def _standing_out(
     return [picked[i] for i in kept], tuple(chosen_clusters[i] for i in kept), free_decay(data, s[kept])
 
 
-def _keep_certain_modes(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> ModalIdentification:
+def _keep_certain_modes(data: Outputs, identification: ModalIdentification, motion: FreeDecay) -> ModalIdentification:
     """Identification without modes whose frequency deviation exceeds their half-power bandwidth, or 2 / T.
 
     Stable poles of mere noise seldom are so certain; half of that is the limit for modes of a probability below `_PERHAPS`.
@@ -266,28 +267,30 @@ def _keep_certain_modes(data: Outputs, found: ModalIdentification, motion: FreeD
     collinearity of `ONE_PHASE`. In free decays modes must also be certain to `_CERTAIN`, or
     hold `_STRONG` of the energy.
     """
-    modes, std = found.modes, found.modes.frequency_std
-    doubtful = found.probability < _PERHAPS
+    modes, std = identification.modes, identification.modes.frequency_std
+    doubtful = identification.probability < _PERHAPS
     width = np.where(doubtful, 1, 2) * np.maximum(np.abs(modes.damping_ratio) * modes.frequency, 1 / data.duration)
-    found = found.kept(~(std > width), "stable poles whose frequency is less certain than their bandwidth")
+    identification = identification.kept(
+        ~(std > width), "stable poles whose frequency is less certain than their bandwidth"
+    )
     if not motion.explains_all:
         words = "stable poles of the shape and, to within their deviations, the frequency of another"
-        found = found.kept(~repeated_modes(found.modes), words)
-        is_one = ~(modal_phase_collinearity(found.modes.mode_shapes.astype(complex)) < ONE_PHASE)
-        found = found.kept(
+        identification = identification.kept(~repeated_modes(identification.modes), words)
+        is_one = ~(modal_phase_collinearity(identification.modes.mode_shapes.astype(complex)) < ONE_PHASE)
+        identification = identification.kept(
             is_one, "stable poles without a shape in one phase, as at the edge of a filter or of the forces"
         )
-    modes = found.modes
-    if not motion.explains_most or found.options.deviation is not None:
-        return found
+    modes = identification.modes
+    if not motion.explains_most or identification.options.deviation is not None:
+        return identification
     weak = (modes.frequency_std > _CERTAIN * modes.frequency) & (energy_fractions(data, modes.poles) < _STRONG)
     words = (
         f"modes of the decay with a standard deviation of frequency above {100 * _CERTAIN:g} % and less than"
         f" {100 * _STRONG:g} % of the energy"
     )
-    found = found.kept(~weak, words)
-    return found.kept(
-        ~_is_steady(data, found.modes),
+    identification = identification.kept(~weak, words)
+    return identification.kept(
+        ~_is_steady(data, identification.modes),
         "weak poles that stay while other modes die out, as the tone of a machine or the mains,",
     )
 
@@ -411,17 +414,17 @@ def _pole_changes(
     subspace: Subspace,
     sweep: Sequence[Poles],
     picked: Sequence[tuple[int, int]],
-    found: Sequence[Cluster],
+    clusters: Sequence[Cluster],
     motion: FreeDecay,
 ) -> PoleChanges | None:
     """Changes of the chosen poles by the scatter of the data; None where that cannot be had."""
-    numbers = [k for k, _ in picked] if motion.explains_all else [k for k, _ in picked] + numbers_of(found)
+    numbers = [k for k, _ in picked] if motion.explains_all else [k for k, _ in picked] + numbers_of(clusters)
     spread = deviations(subspace, max(sweep[k].order for k in numbers), motion, len(picked))
     return None if spread is None else PoleChanges(spread, *changes_of_poles(subspace, spread, sweep, picked))
 
 
-def numbers_of(found: Sequence[Cluster]) -> list[int]:
-    return sorted({k for cluster in found for k in cluster.number.tolist()})
+def numbers_of(clusters: Sequence[Cluster]) -> list[int]:
+    return sorted({k for cluster in clusters for k in cluster.number.tolist()})
 
 
 def surest_poles(
@@ -450,8 +453,9 @@ def surest_poles(
     memory = _memory(start)
 
     def std(poles: ComplexArray, moved: ComplexArray) -> FloatArray:
-        """Standard deviations (2, n_poles) of frequencies (Hz) and damping ratios from changes `moved` (n_changes,
-        n_poles) of poles.
+        """Standard deviations (2, n_poles) of frequencies (Hz) and damping ratios.
+
+        `moved` (n_changes, n_poles) are the poles after each change.
         """
         batches = moved if piece is None else overlapping_batches(moved, moved[:, None], piece, memory)[0]
         slope = frequency_damping_slope(poles)

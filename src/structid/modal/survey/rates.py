@@ -137,31 +137,38 @@ def _same_modes(low: ModalRecord, high: ModalRecord) -> list[tuple[int, int]]:
     return [(i, j) for i, j in pairs if away[:, j].argmin() == i]
 
 
-def _likely_alone(look: ModalIdentification, other: ModalRecord, taken: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask (n_modes,) of the likely modes of `look` that have no neighbour among the modes `taken` of the `other`
-    analysis.
+def _likely_alone(
+    identification: ModalIdentification, other: ModalRecord, taken: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Mask (n_modes,) of the likely modes of `identification` that the `other` analysis does not have.
+
+    They have no neighbour among its modes `taken`.
     """
-    modes = look.modes
+    modes = identification.modes
     gap = np.abs(modes.frequency[:, None] - other.frequency[taken])
     width = 2 * np.nan_to_num(modes.damping_ratio) * modes.frequency + 3 * np.nan_to_num(modes.frequency_std)
-    return np.asarray((look.probability >= LIKELY) & ~(gap <= width[:, None]).any(axis=1))
+    return np.asarray((identification.probability >= LIKELY) & ~(gap <= width[:, None]).any(axis=1))
 
 
 def _limited(
-    found: ModalIdentification, keep_mode: NDArray[np.bool_], least: float, greatest: float
+    identification: ModalIdentification, keep_mode: NDArray[np.bool_], least: float, greatest: float
 ) -> ModalIdentification:
     """Identification with the modes marked in `keep_mode` and other poles between `least` and `greatest` (Hz)."""
-    modes = found.modes
-    clusters = [c for c, keep in zip(found.clusters, keep_mode, strict=True) if keep] if found.clusters else []
-    inside = [(poles.frequency >= least) & (poles.frequency < greatest) for poles in found.sweep]
+    modes = identification.modes
+    clusters = (
+        [c for c, keep in zip(identification.clusters, keep_mode, strict=True) if keep]
+        if identification.clusters
+        else []
+    )
+    inside = [(poles.frequency >= least) & (poles.frequency < greatest) for poles in identification.sweep]
     for cluster in clusters:
         for number, i in zip(cluster.number.tolist(), cluster.index.tolist(), strict=True):
             inside[number][i] = True
-    sweep = tuple(poles.select(keep) for poles, keep in zip(found.sweep, inside, strict=True))
+    sweep = tuple(poles.select(keep) for poles, keep in zip(identification.sweep, inside, strict=True))
     moved = []
     for cluster in clusters:
         pairs = zip(cluster.number.tolist(), cluster.index.tolist(), strict=True)
         moved.append(replace(cluster, index=np.array([int(inside[number][:i].sum()) for number, i in pairs])))
-    left_out = tuple(part for part in found.left_out if least <= part.frequency < greatest)
+    left_out = tuple(part for part in identification.left_out if least <= part.frequency < greatest)
     few = modes.some_modes(np.flatnonzero(keep_mode))
-    return replace(found, modes=few, sweep=sweep, clusters=tuple(moved), left_out=left_out)
+    return replace(identification, modes=few, sweep=sweep, clusters=tuple(moved), left_out=left_out)

@@ -378,7 +378,7 @@ def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSp
 def _tone_kurtosis(record: Record, identification: ModalIdentification) -> FloatArray:
     """Kurtosis of the motion of hardly damped modes, (n_modes,), which tells tones; NaN for other modes.
 
-    NaN for modes of a free decay whose damping is told from 0: no tone dies out.
+    NaN for modes of a free decay whose damping is significant: no tone dies out.
     """
     modes = identification.modes
     kurtosis = np.full(modes.n_modes, np.nan)

@@ -81,7 +81,7 @@ def frf_from_time(
     ------
     InputError
         If channels are missing, records do not fit together or are too short, an input is silent, or several inputs
-        cannot be told apart (their spectra are coherent, or there are fewer averages than inputs).
+        cannot be separated (their spectra are coherent, or there are fewer averages than inputs).
 
     Notes
     -----
@@ -245,7 +245,7 @@ def _require_separable(spectra: Spectra, count: int, inputs: tuple[Dof, ...], fr
     if condition.max() > _SEPARABLE:
         frequency_at = frequency[int(np.argmax(condition))]
         raise InputError(
-            f"the inputs cannot be told apart at {frequency_at:g} Hz, they are coherent; drive them independently, or"
+            f"the inputs cannot be separated at {frequency_at:g} Hz, where they are coherent; drive them independently, or"
             " fit the histories themselves ([record.time]), where forces may act together"
         )
 

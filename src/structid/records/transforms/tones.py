@@ -14,7 +14,7 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.records.record import TimeRecord
 
-#: Damping ratio of the least damped mode that is told from a tone.
+#: Damping ratio of the least damped mode that is distinguished from a tone.
 _LEAST_DAMPING = 1e-3
 #: Greatest kurtosis of a tone whose frequency wanders: between 1.5 of a tone and 3 of a mode under random forces.
 _MOST_KURTOSIS = 1.75

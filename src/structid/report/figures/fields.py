@@ -44,7 +44,7 @@ def field_figures(identification: Identification) -> dict[str, plot.Figure]:
 
 
 def _field_figure(
-    drawn: Picture, names: tuple[str, str], change: FloatArray, std: FloatArray, limit: float
+    picture: Picture, names: tuple[str, str], change: FloatArray, std: FloatArray, limit: float
 ) -> plot.Figure:
     """Figure of relative change beside its standard deviation, by element, with significant areas outlined.
 
@@ -68,7 +68,7 @@ def _field_figure(
     label = "standard deviation of the change"
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, top, label, ticks, is_exceeded=bool((known > top).any()))
     return structure_figure(
-        drawn, (changed, Shading(f"{name}: {label}", sides[1], scale)), caption=_caption(elements, change, std)
+        picture, (changed, Shading(f"{name}: {label}", sides[1], scale)), caption=_caption(elements, change, std)
     )
 
 

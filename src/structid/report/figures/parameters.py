@@ -24,9 +24,9 @@ def parameters_figure(identification: Identification) -> plot.Figure:
 
     The axis holds what is identified; what lies beyond stands at its end.
     """
-    found = identification.estimate
-    scale = np.where(found.initial != 0, found.initial, np.nan)
-    ratio, std, sure = found.values / scale, found.std / np.abs(scale), found.identified
+    estimate = identification.estimate
+    scale = np.where(estimate.initial != 0, estimate.initial, np.nan)
+    ratio, std, sure = estimate.values / scale, estimate.std / np.abs(scale), estimate.identified
     one_std, normal = (ratio[:, None] + reach * std[:, None] * _BOTH for reach in (1.0, NORMAL_95))
     given = np.sort(identification.intervals.ends / scale[:, None], axis=1)
     interval = np.where(np.isfinite(given), given, normal)
@@ -36,8 +36,8 @@ def parameters_figure(identification: Identification) -> plot.Figure:
     floor = low / 10 if log else None
     one_std, interval, prior = (np.clip(ends, floor, None) for ends in (one_std, interval, prior))
     wild = ~np.isfinite(std) | (std > 3 * (high - low))  # unknown, or much wider than the axis
-    notes = ("" if initial else " (initial value 0)" for initial in found.initial)
-    names = [name + note for name, note in zip(found.names, notes, strict=True)]
+    notes = ("" if initial else " (initial value 0)" for initial in estimate.initial)
+    names = [name + note for name, note in zip(estimate.names, notes, strict=True)]
     texts = [f"{name}: {with_std(r, s)}" for name, r, s in zip(names, ratio, std, strict=True)]
     positions, has_prior = np.arange(len(names), dtype=float), np.isfinite(prior).all(axis=1)
     rows, known = (positions, positions), ~wild
@@ -123,13 +123,13 @@ def correlation_figure(identification: Identification) -> plot.Figure:
 
 def convergence_figure(identification: Identification) -> plot.Figure:
     """Figure of parameters relative to initial values over the iterations of all stages of the search."""
-    found = identification.estimate
-    courses = [stage.history for stage in found.search.stages] or [found.search.history]
-    ratio = np.concatenate(courses) / np.where(found.initial != 0, found.initial, np.nan)
+    estimate = identification.estimate
+    courses = [stage.history for stage in estimate.search.stages] or [estimate.search.history]
+    ratio = np.concatenate(courses) / np.where(estimate.initial != 0, estimate.initial, np.nan)
     begins = np.cumsum([0, *(len(course) - 1 for course in courses)])[:-1].tolist()
     change = np.nan_to_num(np.abs(np.log(np.where(ratio[-1] > 0, ratio[-1], np.nan))))
     highlighted = np.argsort(-change, kind="stable")[:_N_HIGHLIGHTED].tolist()
-    others = [i for i in range(len(found.names)) if i not in highlighted]
+    others = [i for i in range(len(estimate.names)) if i not in highlighted]
     colours = dict(zip(highlighted, palette.CYCLE, strict=False))
     iteration = np.concatenate(
         [begin + np.arange(len(course), dtype=float) for begin, course in zip(begins, courses, strict=True)]
@@ -147,7 +147,7 @@ def convergence_figure(identification: Identification) -> plot.Figure:
     for i in (*others, *highlighted):
         colour, named = colours.get(i, palette.FAINT), i in colours
         marker = plot.Marker(size=4.0, colour=colour) if named else None
-        label = found.names[i] if named else f"{len(others)} others"
+        label = estimate.names[i] if named else f"{len(others)} others"
         traces.append(
             plot.Curve(iteration, ratio[:, i], plot.Pen(colour, 2.0 if named else 1.2), marker, label, plot.NUMBERS)
         )

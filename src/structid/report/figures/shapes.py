@@ -15,7 +15,6 @@ from structid.modal import ModalRecord
 from structid.modal.survey.survey import ModesResult
 from structid.records import Geometry
 from structid.report.drawing import palette
-from structid.report.figures.survey import MOST_SHAPES
 from structid.report.rendering import plot
 from structid.similarity.shapes import real_turn
 
@@ -159,7 +158,7 @@ def shapes_figure(result: ModesResult) -> plot.Figure:
         name = f"mode {k + 1}: {value_words(f, result.std[k])} Hz"
         panels.append(plot.Panel(x, (strip,), name=name, z=deep[0] if deep else None, equal=not is_row))
     small, height, columns = ((330.0, 230.0), 520.0, 3) if is_row else ((270.0, 290.0), 640.0, 4)
-    choice = plot.Choice("Mode", tuple(range(min(len(panels), MOST_SHAPES))), small, moves=True)
+    choice = plot.Choice("Mode", tuple(range(min(len(panels), plot.MOST_PANELS))), small, moves=True)
     return plot.Figure(tuple(panels), (1150.0, height), columns, " ".join(scene.notes), choice)
 
 

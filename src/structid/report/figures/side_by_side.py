@@ -18,7 +18,6 @@ from structid.fem.measuring_points import AimedSensor
 from structid.fem.supports import RigidLink
 from structid.report.drawing import palette
 from structid.report.drawing.faces import cell_edges, is_cells
-from structid.report.figures.survey import MOST_SHAPES
 from structid.report.rendering import plot
 
 #: Largest displacement, and gap between the two, in parts of the diagonal.
@@ -31,7 +30,7 @@ _MEASURED, _MODEL = palette.MEASURED, palette.FITTED
 def side_by_side_figure(part: ModesCorrelation) -> plot.Figure | None:
     """Animated figure of measured mode shapes beside their model counterparts; None if none is known."""
     pairs = part.pairing.paired[part.measured.known[:, part.pairing.paired].any(axis=0)]
-    chosen = pairs[:MOST_SHAPES]
+    chosen = pairs[: plot.MOST_PANELS]
     if not len(chosen):
         return None
     scene = _in_place(part.structure, part.measured.channels)
@@ -72,7 +71,7 @@ class _Scene:
 def model_shapes_figure(structure: Structure, modes: Modes) -> plot.Figure | None:
     """Animated figure of the mode shapes of a model; None if no mode has a shape in space."""
     scene = _in_place(structure, ())
-    n_modes = min(len(modes.frequency), MOST_SHAPES)
+    n_modes = min(len(modes.frequency), plot.MOST_PANELS)
     if scene is None or n_modes == 0:
         return None
     motion = _moved(structure, scene, modes.mode_shapes[:, :n_modes])

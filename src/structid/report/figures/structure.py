@@ -30,21 +30,21 @@ _CAPTION = (
 
 
 def structure_figure(
-    drawn: Picture, shadings: Sequence[Shading] = (), title: str = "", caption: str = ""
+    picture: Picture, shadings: Sequence[Shading] = (), title: str = "", caption: str = ""
 ) -> plot.Figure:
     """Figure of a structure, one panel for each shading, or one plain panel if there is none."""
-    left, right, bottom, top = drawn.bounds
+    left, right, bottom, top = picture.bounds
     x, y = plot.Axis(limits=(left, right)), plot.Axis(limits=(bottom, top))
     panels = tuple(
-        replace(plot.panel(x, y, *_traces(drawn, shade), title=name, scale=scale), equal=True, bare=True)
+        replace(plot.panel(x, y, *_traces(picture, shade), title=name, scale=scale), equal=True, bare=True)
         for shade, name, scale in _headed(shadings, title)
     )
-    inches, beside = (WIDE_INCHES, 1.4) if drawn.is_wide else (PANEL_INCHES, 0.9)
+    inches, beside = (WIDE_INCHES, 1.4) if picture.is_wide else (PANEL_INCHES, 0.9)
     size = (
         100 * (inches + (beside if shadings else 0.0)),
-        float(np.clip(100 * inches / drawn.aspect + 60, 240, 100 * MOST_INCHES)),
+        float(np.clip(100 * inches / picture.aspect + 60, 240, 100 * MOST_INCHES)),
     )
-    columns = 1 if drawn.is_wide else len(panels)
+    columns = 1 if picture.is_wide else len(panels)
     return plot.Figure(
         panels, size, columns, caption or (_CAPTION if shadings else "Arrows point in the positive sense.")
     )
@@ -54,14 +54,14 @@ def _headed(shadings: Sequence[Shading], title: str) -> list[tuple[Shading | Non
     return [(shade, shade.title, shade.scale) for shade in shadings] or [(None, title, None)]
 
 
-def _traces(drawn: Picture, shade: Shading | None) -> Iterator[plot.Trace]:
+def _traces(picture: Picture, shade: Shading | None) -> Iterator[plot.Trace]:
     """Traces of a structure's drawing, from what lies behind to what is in front."""
-    yield from drawn.behind
-    yield from _marks(drawn.marks, shade)
-    yield from drawn.before
+    yield from picture.behind
+    yield from _marks(picture.marks, shade)
+    yield from picture.before
     if shade:
-        yield curve(_region(drawn.marks, shade), plot.Pen(palette.INK, 2.2), "round changes beyond chance")
-    answering = drawn.marks if len(drawn.marks) <= _MOST_HOVER else ()
+        yield curve(_region(picture.marks, shade), plot.Pen(palette.INK, 2.2), "round changes beyond chance")
+    answering = picture.marks if len(picture.marks) <= _MOST_HOVER else ()
     yield points(np.array([mark.centre for mark in answering]).reshape(-1, 2), _words(answering, shade))
 
 

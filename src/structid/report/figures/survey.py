@@ -32,8 +32,6 @@ _SINGULAR = (
     ("second singular value", plot.Pen(palette.BLUE, 1.4, "dash")),
     ("third singular value", plot.Pen(palette.PURPLE, 1.4, "dot")),
 )
-#: Modes that have a picture of their own.
-MOST_SHAPES = 24
 _MOST_LINES = 2400
 
 
@@ -220,7 +218,7 @@ def complexity_figure(result: ModesResult) -> plot.Figure:
     names = [str(dof) for dof in result.modes.channels]
     panels = tuple(
         _circle(f"mode {k + 1}: {number(f)} Hz, MPC {collinearity[k]:.3f}", shapes[:, k], names)
-        for k, f in enumerate(result.modes.frequency[:MOST_SHAPES])
+        for k, f in enumerate(result.modes.frequency[: plot.MOST_PANELS])
     )
     caption = (
         "Entries of each shape in the complex plane, one line a channel. All on one diameter: every sensor moves in phase"

@@ -26,24 +26,24 @@ _HEADER = ("Parameter", "Initial", "Identified", "Change", "Change in standard d
 
 def free_page(result: StudyResult) -> Page:
     """Report page of an identification with very many parameters, with its figures."""
-    found = result.identification
-    estimate = found.estimate
-    maps = field_figures(found)
-    responses = {f"record_{k}_frf" if k > 1 else "frf": fit for k, fit in enumerate(found.fits, 1)}
-    side_by_side, beside_model = side_by_side_chapter(found)
+    identification = result.identification
+    estimate = identification.estimate
+    maps = field_figures(identification)
+    responses = {f"record_{k}_frf" if k > 1 else "frf": fit for k, fit in enumerate(identification.fits, 1)}
+    side_by_side, beside_model = side_by_side_chapter(identification)
     rows = tuple(_row(result, i) for i in largest_changes(estimate, _MOST_ROWS))
     words = {
         "title": result.study.title,
         "status": estimate.status.value,
         "status_words": f"{estimate.status_words} ({estimate.message})",
         "is_good": estimate.status is Status.CONVERGED and estimate.covariance_basis == "noise",
-        "warnings": sorted_warnings(found)[0],
+        "warnings": sorted_warnings(identification)[0],
         "summary": _cards(result),
         "maps": [(f"map_{k}", name) for k, name in enumerate(maps, 1)],
         "changes": Table(_HEADER, rows, (1, 2, 3, 4)),
         "std_words": _std_words(result),
         "records": [(name, fit.name if len(responses) > 1 else "") for name, fit in responses.items()],
-        "modes": mode_table(mode_rows(found.fits[0]), band_used(found.fits)),
+        "modes": mode_table(mode_rows(identification.fits[0]), band_used(identification.fits)),
         "provenance": provenance_table(asdict(result.provenance)),
         "beside_model": beside_model,
     }
@@ -57,14 +57,17 @@ def free_page(result: StudyResult) -> Page:
 
 def _cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
     """Key figures of an identification with very many parameters: label, value and remark of each."""
-    found = result.identification
-    estimate = found.estimate
+    identification = result.identification
+    estimate = identification.estimate
     error, before = (
         percent(float(np.median(np.concatenate([part.ravel() for part in parts]))), 3, signed=False)
-        for parts in ([f.relative_error for f in found.fits], [f.initial_relative_error for f in found.fits])
+        for parts in (
+            [f.relative_error for f in identification.fits],
+            [f.initial_relative_error for f in identification.fits],
+        )
     )
-    has_mass = np.isfinite(found.mass.total) and found.mass.total > 0
-    mass = f"{with_std(found.mass.total, found.mass.std)} kg" if has_mass else NOTHING
+    has_mass = np.isfinite(identification.mass.total) and identification.mass.total > 0
+    mass = f"{with_std(identification.mass.total, identification.mass.std)} kg" if has_mass else NOTHING
     beyond, limit = estimate.beyond_chance()
     lower, higher = (int((beyond & (sense * estimate.distance > 0)).sum()) for sense in (-1, 1))
     basis = "from the residual" if estimate.covariance_basis == "model_error" else "from the noise"
@@ -96,22 +99,22 @@ def _cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
 
 
 def _row(result: StudyResult, i: int) -> tuple[str, ...]:
-    found = result.identification.estimate
-    initial, value, std = float(found.initial[i]), float(found.values[i]), float(found.std[i])
+    estimate = result.identification.estimate
+    initial, value, std = float(estimate.initial[i]), float(estimate.values[i]), float(estimate.std[i])
     return (
-        found.names[i],
-        with_unit(number(initial), found.units[i]),
-        with_unit(with_std(value, std), found.units[i]),
+        estimate.names[i],
+        with_unit(number(initial), estimate.units[i]),
+        with_unit(with_std(value, std), estimate.units[i]),
         percent(value / initial - 1) if initial else NOTHING,
-        number(float(found.distance[i]), 3),
+        number(float(estimate.distance[i]), 3),
     )
 
 
 def _std_words(result: StudyResult) -> str:
     """Sentence on how accurately the standard deviations are known from posterior draws."""
-    found = result.identification.estimate
-    spread = found.uncertainty.std_error[np.isfinite(found.uncertainty.std_error)]
+    estimate = result.identification.estimate
+    spread = estimate.uncertainty.std_error[np.isfinite(estimate.uncertainty.std_error)]
     if not spread.size:
         return "Standard deviations are not known."
     known = percent(float(spread.max()), 2, signed=False)
-    return f"Standard deviations come from {len(found.uncertainty.draws)} draws, each known to {known}."
+    return f"Standard deviations come from {len(estimate.uncertainty.draws)} draws, each known to {known}."

@@ -68,7 +68,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
     )
     f = record.frequency[problem.data.measured]
     scale = (
-        "modes give ratios of stiffness to mass only; kilograms rest on "
+        "modes give ratios of stiffness to mass only; kilograms depend on "
         + ("known masses, priors or other records" if masses_unknown else "the masses of the model")
     )  # fmt: skip
     return (
@@ -120,11 +120,13 @@ def modal_cards(identification: Identification) -> tuple[tuple[str, str, str], .
 
 def ratio_table(identification: Identification) -> Table | None:
     """Table of parameter ratios that are determined though their common scale is not; None if it is."""
-    found = identification.mass.ratios
-    if found is None:
+    ratios = identification.mass.ratios
+    if ratios is None:
         return None
     rows = [
-        (f"{name} / {found.reference}", with_std(float(value), float(std)), f"{number(low, 5)} to {number(high, 5)}")
-        for name, value, std, (low, high) in zip(found.names, found.values, found.std, found.ends.tolist(), strict=True)
+        (f"{name} / {ratios.reference}", with_std(float(value), float(std)), f"{number(low, 5)} to {number(high, 5)}")
+        for name, value, std, (low, high) in zip(
+            ratios.names, ratios.values, ratios.std, ratios.ends.tolist(), strict=True
+        )
     ]
     return Table(("Ratio", "Value ± std", "95\u00a0% interval"), tuple(rows), (1, 2))

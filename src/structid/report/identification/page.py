@@ -198,8 +198,8 @@ def sorted_warnings(identification: Identification) -> tuple[tuple[str, ...], tu
 
     The status and the undetermined directions have places of their own and are in neither.
     """
-    found = identification.estimate
-    elsewhere = {f"the data determine {d.words}" for d in found.identifiability.directions}
+    estimate = identification.estimate
+    elsewhere = {f"the data determine {d.words}" for d in estimate.identifiability.directions}
     elsewhere.add(_status_warning(identification))
     rest = [w for w in identification.warnings if w not in elsewhere]
     repeated = [w for w in rest if _REPEATED.search(w)]
@@ -209,8 +209,8 @@ def sorted_warnings(identification: Identification) -> tuple[tuple[str, ...], tu
 
 
 def _status_warning(identification: Identification) -> str:
-    found = identification.estimate
-    return f"{found.status_words} ({found.message})"
+    estimate = identification.estimate
+    return f"{estimate.status_words} ({estimate.message})"
 
 
 def verdict_words(view: ResultsView) -> dict[str, object]:

@@ -76,9 +76,9 @@ def value_table(view: ResultsView) -> Table:
 
 def parameter_table(view: ResultsView) -> Table:
     """Table of every parameter with prior, change, and standard deviations from noise and from model error."""
-    found = view.identification.estimate
-    adopted = "model error" if found.covariance_basis == "model_error" else "noise"
-    adopted += "" if found.fixed is None else " and tolerances"
+    estimate = view.identification.estimate
+    adopted = "model error" if estimate.covariance_basis == "model_error" else "noise"
+    adopted += "" if estimate.fixed is None else " and tolerances"
     header = (
         "Parameter", "Unit", "Prior", f"Identified ± std ({adopted}, adopted)", "Relative std", "Change",
         "Std (noise)", "Std (model error)",
@@ -263,11 +263,11 @@ def element_table(structure: Structure) -> Table:
     return Table(("Element set", "Type", "Elements", "Nominal properties"), tuple(rows), (2,))
 
 
-def stage_table(found: Estimate) -> Table | None:
+def stage_table(estimate: Estimate) -> Table | None:
     """Table of the stages of the search: iterations, and sum of squares at begin and end; None where there is no course."""
     rows = tuple(
         (stage.name, str(len(stage.costs) - 1), number(float(stage.costs[0])), number(float(stage.costs[-1])))
-        for stage in found.search.stages
+        for stage in estimate.search.stages
     )
     header = ("Stage", "Iterations", "First sum of squares", "Last sum of squares")
     return Table(header, rows, (1, 2, 3)) if rows else None
@@ -275,15 +275,15 @@ def stage_table(found: Estimate) -> Table | None:
 
 def summary_facts(identification: Identification) -> tuple[tuple[str, str, str], ...]:
     """Key figures of an identification: label, value and remark of each."""
-    found = identification.estimate
+    estimate = identification.estimate
     mass, std = identification.mass.total, identification.mass.std
     has_mass = np.isfinite(mass) and mass > 0
-    rank, n = found.identifiability.rank, found.identifiability.n_free
-    of = f"{n} free ones" if n < len(found.names) else str(n)
-    basis = "carries model error" if found.covariance_basis == "model_error" else "from noise alone"
-    fit = found.goodness
+    rank, n = estimate.identifiability.rank, estimate.identifiability.n_free
+    of = f"{n} free ones" if n < len(estimate.names) else str(n)
+    basis = "carries model error" if estimate.covariance_basis == "model_error" else "from noise alone"
+    fit = estimate.goodness
     chance = f"{fit.degrees_of_freedom} degrees of freedom, probability {number(fit.chi_square_probability, 2)}"
-    steps = f"{plural(found.search.n_iterations, 'iteration')}; {found.message}"
+    steps = f"{plural(estimate.search.n_iterations, 'iteration')}; {estimate.message}"
     remark = "; an error of 1 % in the force is one of 1 % here" if identification.mass.scale_from_force else ""
     weighed = (
         (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}{remark}")
@@ -292,9 +292,9 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
     )
     return (
         ("Total mass", *weighed),
-        ("Status", found.status.value.replace("_", " "), steps),
-        ("Rank", f"{rank} of {of}", f"condition {number(found.identifiability.condition, 2)}"),
-        ("Misfit over what is expected", number(float(np.sqrt(found.goodness.misfit)), 3), chance),
+        ("Status", estimate.status.value.replace("_", " "), steps),
+        ("Rank", f"{rank} of {of}", f"condition {number(estimate.identifiability.condition, 2)}"),
+        ("Misfit over what is expected", number(float(np.sqrt(estimate.goodness.misfit)), 3), chance),
         *(_frf_cards(identification) if identification.fits else ()),
     )
 

@@ -270,6 +270,10 @@ class Panel:
         return (trace for strip in self.strips for trace in strip.traces)
 
 
+#: Modes that have a panel of their own in a `Choice` at most.
+MOST_PANELS = 24
+
+
 @dataclass(frozen=True)
 class Choice:
     """One panel at a time on a page, chosen from a list under `label`; a picture shows those `shown`, small.

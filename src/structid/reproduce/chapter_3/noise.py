@@ -55,8 +55,9 @@ def added(exact: Motion, rng: np.random.Generator) -> Motion:
 
 
 def integrated(exact: Motion, rng: np.random.Generator) -> Motion:
-    """Noisy motion as the text describes it: noisy accelerations at 1 ms, integrated twice and sampled every 0.5 s, and
-    noisy force.
+    """Noisy motion as the text describes it, and noisy force.
+
+    Noisy accelerations at 1 ms are integrated twice and sampled every 0.5 s.
     """
     fine = _fine_motion(round(exact.n_times * STEP / FINE_STEP))
     a = _acceleration(fine)
@@ -107,8 +108,9 @@ def sum_of_two_rms(relative: FloatArray) -> FloatArray:
 
 
 def repeats(reading: str, n_samples: int, n_seeds: int) -> Errors:
-    """Relative errors of least-squares estimates from `n_samples` noisy samples, once for each seed; `reading` names the
-    kind of noise.
+    """Relative errors of least-squares estimates from `n_samples` noisy samples, once for each seed.
+
+    `reading` names the kind of noise.
     """
     structure = beam(ACTUAL)
     equations = time_equations(structure, unknown_values(structure))
@@ -157,8 +159,9 @@ def predicted_bias(reading: str, n_samples: int) -> float:
 
 
 def rigid_body_fractions(duration: float) -> tuple[float, float]:
-    """Fractions of the mass-weighted mean squares of displacement and of acceleration that are rigid-body motion, over
-    `duration` in s.
+    """Fractions of mass-weighted mean squares of displacement and acceleration that are rigid-body motion.
+
+    The means are over `duration` in s.
     """
     structure = beam(ACTUAL)
     mass = structure.matrix("mass").toarray()
@@ -214,7 +217,7 @@ def noisy_table(name: str, n_samples: int, n_seeds: int) -> Item:
         f"The table is one draw of noise whose seed is not known. Beside it stand medians over {n_seeds} draws (seeds 0"
         f" to {n_seeds - 1}) under reading A, in which accelerations and force have 2 % noise and displacements are"
         f" exact; {inside} of its 30 numbers lie in the 5-95 % band. Reading A multiplies every sample by 1 + 2 % n,"
-        " reading B adds 2 % of the RMS of each channel; the table cannot tell them apart."
+        " reading B adds 2 % of the RMS of each channel; the table does not distinguish them."
         f"\nThe printed RMS error {rms} is the sum of the RMS over the masses and the RMS over the stiffnesses,"
         f" {both:.4f}; the RMS over all 30 is {all_30:.4f}. That definition is an inference, from both tables."
         "\nThe text says that displacements are integrated from the noisy accelerations; see Claims on noise.",
@@ -245,8 +248,9 @@ def _rms_table(rms: float, both: float, all_30: float, studies: dict[str, Errors
 
 
 def claims(n_seeds: int, report: Callable[[float], None]) -> Item:
-    """Claims of the text on noise: the effect of more samples with exact displacements, and with displacements integrated
-    from noise.
+    """Claims of the text on noise.
+
+    The effect of more samples with exact displacements, and with displacements integrated from noise.
 
     Parameters
     ----------

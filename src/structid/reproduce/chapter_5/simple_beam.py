@@ -54,8 +54,9 @@ def free_record(motion: FreeDecay, step: float, dofs: Sequence[Dof], source: str
 
 
 def beam_record(n_modes: int = N_SIMULATED, duration: float = DURATION) -> TimeRecord:
-    """Exact motion at ten sensors of the beam after a unit impulse at the first, as a sum of `n_modes` modes over
-    `duration` in s.
+    """Exact motion at ten sensors of the beam after a unit impulse at the first.
+
+    A sum of `n_modes` modes over `duration` in s.
     """
     time = np.arange(round(duration / STEP) + 1) * STEP
     impulse = beam_shapes(SENSORS[:1], n_modes)[0]

@@ -41,12 +41,12 @@ def write_merged(modes: ModalRecord, folder: Path, geometry: Geometry | None = N
 
 def modes_summary(result: ModesResult) -> dict[str, Entry]:
     """The content of modes.json, before what is not finite becomes null; `read_modes` reads it back."""
-    found = result.identification
+    identification = result.identification
     fields = modal_fields(result.modes)
     collinearity, deviation = collinearity_with_std(result.modes), phase_deviation_with_std(result.modes)
     return {
         "title": result.title,
-        "method": found.method,
+        "method": identification.method,
         "n_modes": result.modes.n_modes,
         **{name: fields[name] for name in ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std", "mpc")},
         "mpc_std": collinearity.std,
@@ -54,14 +54,14 @@ def modes_summary(result: ModesResult) -> dict[str, Entry]:
         "mpd_deg": deviation.value,
         "mpd_std_deg": deviation.std,
         "mpd_by_noise_deg": deviation.noise_effect,
-        "probability": found.probability,
+        "probability": identification.probability,
         **_clusters(result),
         **{name: fields[name] for name in ("channels", "scaling")},
         "tone_kurtosis": result.kurtosis,
         "tones_removed": [_tone(tone) for tone in result.tones],
         "scale": result.scale_words,
         **{name: fields[name] for name in ("mode_shapes", "shape_std", "covariance")},
-        "left_out": [asdict(part) for part in found.left_out],
+        "left_out": [asdict(part) for part in identification.left_out],
         "warnings": list(result.modes.warnings),
         "findings": [asdict(finding) for finding in result.findings],
         "preparation": list(result.steps),

@@ -369,7 +369,9 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
     if all(np.isnan(mode.lines_per_bandwidth) for mode in modes):
         return []
     if not any(mode.in_band for mode in modes):
-        return ["no mode of the initial model lies in the band: damping cannot be told from it; check band and model"]
+        return [
+            "no mode of the initial model lies in the band: the record cannot determine damping; check band and model"
+        ]
     coarse = [mode for mode in modes if mode.in_band and 0 < mode.lines_per_bandwidth < 1]
     if not coarse:
         return []

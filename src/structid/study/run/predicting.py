@@ -311,8 +311,9 @@ def _recorded_loads(
 def _spectrum(
     structure: Structure, outputs: tuple[Output, ...], lines: FloatArray, options: PredictOptions
 ) -> Spectrum:
-    """The quantity that predicts the spectra of `outputs` at the frequencies `lines` (Hz), under the noise named in the
-    options.
+    """The quantity that predicts the spectra of `outputs` at the frequencies `lines` (Hz).
+
+    It includes the noise named in the options.
     """
     path, loaded = _noise_parts(structure, options)
     frequency, density = read_density(path)

@@ -265,8 +265,9 @@ class _Tried:
         self._in_first = True
 
     def __call__(self, name: str, _: int, __: float) -> None:
-        """Count an iteration of the timed trial search, reported by its stage `name`; raise `_EnoughError` when its
-        time is over.
+        """Count an iteration of the timed trial search, reported by its stage `name`.
+
+        Raises `_EnoughError` when its time is over.
         """
         now = time.perf_counter() - self.begun
         if now > _TRIED_SECONDS:

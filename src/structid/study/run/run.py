@@ -92,14 +92,19 @@ def refine_mesh(
         mesh, tried = judge_pieces(ready.setups, result.identification, options, mesh.needed), tried + 1
     if not mesh.is_enough and not mesh.obstacle:
         mesh = replace(mesh, obstacle="no more pieces are tried")
-    found = result.identification
-    warnings = found.warnings if mesh.is_enough else (f"{SUBDIVIDE_AUTO}: {mesh.words}", *found.warnings)
-    return replace(ready, mesh=mesh), replace(result, identification=replace(found, mesh=mesh.words, warnings=warnings))
+    identification = result.identification
+    warnings = (
+        identification.warnings if mesh.is_enough else (f"{SUBDIVIDE_AUTO}: {mesh.words}", *identification.warnings)
+    )
+    return replace(ready, mesh=mesh), replace(
+        result, identification=replace(identification, mesh=mesh.words, warnings=warnings)
+    )
 
 
 def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult:
-    """The result with a warning where beams, cut as the study says, change a value by a large part of its standard
-    deviation.
+    """The result, with a warning where the mesh changes a value by a large part of its standard deviation.
+
+    Beams are cut as the study says.
     """
     found, structure = result.identification, ready.study.structure
     of_modes = all(isinstance(problem, ModalProblem) for problem in found.problems)  # `mesh_warnings` looks at these

@@ -39,7 +39,7 @@ def sense_record(
     model = stored_model(folder, stored_study(folder, study))
     record = read_record(path, read)
     if not isinstance(record, TimeRecord):
-        raise InputError(f"{path}: holds FRFs; motion at other places is told from time histories")
+        raise InputError(f"{path}: holds FRFs; motion at other places is computed from time histories")
     unknown = None
     if options.unknown:
         unknown = UnknownForces(split_commas(options.unknown), options.correlation_time, options.force_std)

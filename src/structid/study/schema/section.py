@@ -137,11 +137,11 @@ class Section:
                 values[name] = key.holds.made(self.table[name])
         return values
 
-    def read(self, made: Callable[..., T]) -> T:
-        """Object that `made`, a class or function, makes of the keys that are its arguments; see `table_of`."""
-        given = self.values(own_table(made))
+    def read(self, make: Callable[..., T]) -> T:
+        """Object that `make`, a class or function, makes of the keys that are its arguments; see `table_of`."""
+        given = self.values(own_table(make))
         with self.located():
-            return made(**given)
+            return make(**given)
 
     def section(self, key: str) -> Section | None:
         """The table `key` inside this one, or None."""

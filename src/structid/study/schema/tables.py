@@ -135,21 +135,21 @@ class Table:
         return schema if self.short is None else {"anyOf": [self.short.schema, schema]}
 
 
-def table_of(made: Callable[..., object], leave_out: Collection[str] = (), **others: Kind | Table) -> Table:
+def table_of(make: Callable[..., object], leave_out: Collection[str] = (), **others: Kind | Table) -> Table:
     """The table whose keys are the arguments of a class or function, from their annotations and its docstring.
 
     Parameters
     ----------
-    made : class or function
+    make : class or function
         What each key is stands in its docstring, or as a text in the annotation.
     leave_out : collection of str
         Arguments that no key gives.
     **others : Kind or Table
         What keys hold where the annotation does not say it, and keys besides the arguments.
     """
-    types, words = declared_types(made), parameter_descriptions(made)
+    types, words = declared_types(make), parameter_descriptions(make)
     keys = {}
-    for name, item in inspect.signature(made).parameters.items():
+    for name, item in inspect.signature(make).parameters.items():
         if name not in leave_out:
             required = item.default is inspect.Parameter.empty
             default = None if required else item.default

@@ -120,8 +120,9 @@ def _restrict_to_structure(unknown: Unknown, structure: Structure, element_sets:
 
 
 def _faulty_declaration(structure: Structure, unknowns: list[Unknown]) -> int:
-    """Index of the first declaration that cannot be used: by itself, together with those before it, or because of its
-    tie.
+    """Index of the first declaration that cannot be used.
+
+    It fails by itself, together with those before it, or because of its tie.
     """
     plain = [replace(unknown, tied_to=None) for unknown in unknowns]
     for i in range(len(unknowns)):

@@ -80,7 +80,7 @@ function pairs(told) {
     h(
       "p",
       {},
-      `${told.pair.filter((one) => one !== null).length} of ${told.frequency.length} measured modes have a like in the model, by ${told.sensors} sensors.`,
+      `${told.pair.filter((one) => one !== null).length} of ${told.frequency.length} measured modes match modes of the model, by ${told.sensors} sensors.`,
     ),
     table(
       ["measured", "Hz", "model, Hz", "model is higher by", "MAC", "remark"],

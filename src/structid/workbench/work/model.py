@@ -92,7 +92,7 @@ def _record(root: Section, number: int) -> Section | None:
 
 
 class Looking(Alone):
-    """Work that refuses to run solvers; runs that are kept are read all the same."""
+    """Work that refuses to run solvers; stored runs are still read."""
 
     def map(
         self,

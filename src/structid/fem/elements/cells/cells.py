@@ -52,8 +52,9 @@ class CellSet(ElementSet):
     def matrix_term(
         self, corners: FloatArray, matrices_of: CellMatrices, power: int = 0, directions: Sequence[str] | None = None
     ) -> ElementMatrixTerm:
-        """Element matrix term from `matrices_of`, a function of one cell type, on `directions` of each node (all that the nodes
-        move in).
+        """Element matrix term of all cells, from `matrices_of`, a function of one cell type.
+
+        `directions` are those of each node that the matrices have: all in which the nodes move.
 
         `corners` are the positions of the nodes. Cells with fewer nodes are padded with zeros; `power` is that of the
         thickness.

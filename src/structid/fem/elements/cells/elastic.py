@@ -12,8 +12,9 @@ BENDING_CELLS = ("quad", "hexahedron")
 
 
 def plane_elasticity(poisson: float, strain: bool) -> FloatArray:
-    """Stress-strain matrix (xx, yy, engineering xy) for unit Young's modulus, (3, 3): plane strain if `strain`, else
-    plane stress.
+    """Stress-strain matrix (3, 3) of xx, yy and engineering xy for unit Young's modulus.
+
+    Plane strain if `strain`, else plane stress.
 
     `poisson` is Poisson's ratio.
     """

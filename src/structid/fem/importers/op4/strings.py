@@ -144,8 +144,9 @@ def entries(row: IntArray, column: IntArray, length: IntArray) -> tuple[IntArray
 def assemble_strings(
     shape: tuple[int, int], row: IntArray, column: IntArray, length: IntArray, numbers: AnyArray, is_complex: bool
 ) -> sparse.csc_array:
-    """The sparse matrix of strings given by first row, column and length; `numbers` alternate real and imaginary if
-    `is_complex`.
+    """The sparse matrix of strings given by first row, column and length.
+
+    `numbers` alternate real and imaginary parts if `is_complex`.
     """
     values = np.ascontiguousarray(numbers, dtype=np.float64)
     rows, columns, _ = entries(row, column, length)

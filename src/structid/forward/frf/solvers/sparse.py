@@ -229,17 +229,19 @@ def sweep_error(
     """
     maps, factors = forces
 
-    def error(line: int, exact: NumberArray, found: NumberArray) -> float:
-        readings = reading_error(*(np.asarray(sensors.T @ fields[:, loads]) for fields in (exact, found))) / tolerance
-        pair = [np.stack(maps.contracted(factors[line], fields[:, loads], fields)) for fields in (exact, found)]
+    def error(line: int, exact: NumberArray, approximate: NumberArray) -> float:
+        readings = (
+            reading_error(*(np.asarray(sensors.T @ fields[:, loads]) for fields in (exact, approximate))) / tolerance
+        )
+        pair = [np.stack(maps.contracted(factors[line], fields[:, loads], fields)) for fields in (exact, approximate)]
         return max(readings, derivative_error(*pair) / (_DERIVATIVES * tolerance))
 
     return error
 
 
-def derivative_error(exact: NumberArray, found: NumberArray) -> float:
+def derivative_error(exact: NumberArray, approximate: NumberArray) -> float:
     """Root mean square over parameters of the relative difference of derivatives (n_loads, n_params, n_readings)."""
-    size, off = (np.linalg.norm(values, axis=(0, 2)) for values in (exact, found - exact))
+    size, off = (np.linalg.norm(values, axis=(0, 2)) for values in (exact, approximate - exact))
     return float(np.sqrt(np.mean((off[size > 0] / size[size > 0]) ** 2))) if size.any() else 0.0
 
 

@@ -52,7 +52,7 @@ def write_exports(
     """
     for path in files.paths:
         if files.paths.count(path) > 1:
-            raise InputError(f"{path}: two kinds of content are to go into it; give each a file of its own")
+            raise InputError(f"{path} is named for two kinds of content; give each a file of its own")
         if path.exists() and not force:
             raise FileError(f"{path}: exists already; add --force to write it anew, or write to another file")
     source = stored_study(results, study)

@@ -150,8 +150,9 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
 def _read_entries(
     entries: list[Section], dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader
 ) -> tuple[list[tuple[Section, MatrixGroup]], list[Dof]]:
-    """Matrix groups of the tables `entries` (on `dofs`, or those that the files state), and the degrees of freedom marked
-    as constrained.
+    """Matrix groups of the tables `entries`, and the degrees of freedom marked as constrained.
+
+    The groups are on `dofs`, or on those that the files state.
 
     `units` are those of length and force in the files.
     """
