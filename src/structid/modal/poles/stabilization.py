@@ -25,11 +25,15 @@ from structid.modal.poles.poles import HardCriteria, Poles, modal_phase_collinea
 
 _STILL = 1e-3  # poles that move less from order to order are equally stable, those of noise-free motion included
 _APART = 1e3  # distance of two poles of one order, which cannot be one mode
+_ONE_MODE = 0.2  # distance to the middle of a cluster below which a pole belongs there: a MAC of 0.8
+_ONE_POLE = 0.05  # part of it that the poles themselves may be apart
 _FEWEST_POLES = 3  # of a cluster whose spread over the orders says something
 #: Log odds of being a mode, for 1, stability, log10 of the distance, log10 of the energy, and collinearity.
 _WEIGHTS = np.array([-8.92, 3.94, -2.18, 0.93, 2.21])
 #: Probability from which on a cluster is taken for a mode, however few its poles.
 LIKELY = 0.8
+#: Probability below which a cluster is no mode, however many its poles.
+UNLIKELY = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,17 +139,21 @@ def clusters(
     s, shapes, number, index, energy = s[stable], shapes[:, stable], number[stable], index[stable], energy[stable]
     pool = _Pool(s, number, index, energy, modal_phase_collinearity(shapes), len(sweep))
     distance = _unit_distance(s, shapes, s, shapes)
-    labels = _linked(distance, number, 10.0**boundary)
+    labels = _gathered(_linked(distance, number, 10.0**boundary), distance, s, number)
     members = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels)[1:])[:-1])
     every = sorted((_cluster(own, pool, distance) for own in members), key=lambda c: c.frequency[c.chosen])
     return tuple(every) if keep_all else likely_modes(every)
 
 
 def likely_modes(every: Sequence[Cluster]) -> tuple[Cluster, ...]:
-    """Clusters that are large, by two means of the sizes of `every` one, or likely to be a mode."""
+    """Clusters that are large, by two means of the sizes of `every` one, unless `UNLIKELY`; or likely to be a mode."""
     sizes = np.array([c.size for c in every], dtype=float)
     large = sizes > _two_means_boundary(np.append(sizes, 0.0))
-    return tuple(c for c, keep in zip(every, large, strict=True) if keep or c.probability >= LIKELY)
+    return tuple(
+        c
+        for c, is_large in zip(every, large, strict=True)
+        if (is_large and not c.probability < UNLIKELY) or c.probability >= LIKELY
+    )
 
 
 def _nearest_before(s: ComplexArray, shapes: ComplexArray, number: IntArray, n_orders: int) -> FloatArray:
@@ -188,6 +196,28 @@ def _linked(distance: FloatArray, number: IntArray, width: float) -> IntArray:
     np.fill_diagonal(apart, 0.0)
     tree = linkage(squareform(apart, checks=False), method="average")
     return np.asarray(fcluster(tree, max(width, _STILL), criterion="distance"))
+
+
+def _gathered(labels: IntArray, distance: FloatArray, poles: ComplexArray, number: IntArray) -> IntArray:
+    """Cluster labels after each cluster, largest first, took the nearest like pole of smaller ones in every order it lacks.
+
+    Poles of close or highly damped modes scatter more over the orders than a cluster is wide, and fall into several.
+    """
+    labels, sizes = labels.copy(), np.bincount(labels)
+    taken = np.zeros(len(labels), dtype=bool)
+    for label in np.argsort(-sizes, kind="stable")[: np.count_nonzero(sizes > 1)].tolist():
+        members = np.flatnonzero(labels == label)
+        if not len(members):
+            continue
+        taken[members] = True
+        middle = poles[members[distance[np.ix_(members, members)].sum(axis=1).argmin()]]
+        away = np.median(distance[:, members], axis=1)
+        like = (away < _ONE_MODE) & (np.abs(poles - middle) < _ONE_POLE * abs(middle))
+        candidates = np.flatnonzero(like & ~taken & ~np.isin(number, number[members]))
+        candidates = candidates[np.argsort(away[candidates], kind="stable")]
+        nearest = candidates[np.unique(number[candidates], return_index=True)[1]]
+        labels[nearest], taken[nearest] = label, True
+    return np.unique(labels, return_inverse=True)[1] + 1
 
 
 @dataclass(frozen=True, eq=False)

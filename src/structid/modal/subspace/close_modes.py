@@ -60,17 +60,17 @@ def close_groups(modes: ModalRecord) -> tuple[IntArray, ...]:
 def repeated_modes(modes: ModalRecord) -> np.ndarray:
     """Mask (n_modes,) of modes that duplicate a better known one in frequency and shape.
 
-    Models of more states than a record of random motion carries give a resonance two stable poles. None where the modes
-    have no covariance, or the channels are too few for shapes to differ.
+    Models of more states than a record of random motion carries give a resonance two stable poles, whose errors go
+    together: how they do counts for nothing here. None where the modes have no covariance, or the channels are too few for
+    shapes to differ.
     """
     repeated = np.zeros(modes.n_modes, dtype=bool)
     if len(modes.channels) < _FEWEST_CHANNELS or modes.covariance is None:
         return repeated
     n = modes.n_modes
     variance = np.diag(modes.covariance)[:n]
-    spread = variance[:, None] + variance - 2 * modes.covariance[:n, :n]
     gap = modes.frequency[:, None] - modes.frequency
-    alike = (gap**2 <= NOT_TOLD_APART**2 * np.maximum(spread, 0.0)) & (mac(modes.mode_shapes) > _ONE_SHAPE)
+    alike = (gap**2 <= NOT_TOLD_APART**2 * (variance[:, None] + variance)) & (mac(modes.mode_shapes) > _ONE_SHAPE)
     for m in np.argsort(-modes.std[n:], kind="stable"):
         repeated[m] = (alike[m] & ~repeated).sum() > 1
     return repeated

@@ -50,6 +50,7 @@ _LOST = 0.1  # of the noise left: amplitude of a free decay below which it tells
 _TRIES = 4  # poles in a row that explain a free decay no better, after which no more are tried
 ONE_PHASE = 0.5  # modal phase collinearity below which a stable pole of random motion is no mode
 _PERHAPS = 0.3  # probability of being a mode from which on poles that are none are listed
+_RATHER = 0.5  # probability of being a mode from which on a surer pole is looked for in other orders
 _STEADY, _FEWEST_DYING = (
     0.1,
     3,
@@ -98,7 +99,8 @@ def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = F
     if automatic and changes is not None and not motion.explains_all:
         seconds = data.seconds
         piece = seconds / len(subspace.windows)
-        picked, found, changes = surest_poles(subspace, sweep, found, changes, seconds, piece)
+        least = LIKELY if motion.explains_most else _RATHER  # a weak pole of a decay must not pass for certain
+        picked, found, changes = surest_poles(subspace, sweep, found, changes, seconds, piece, least)
     modes = _modal_record(subspace, sweep, picked, motion, changes, notes)
     if method in _REFINED and options.refine and motion.explains_all:
         modes = decay_modes(data, modes)
@@ -260,12 +262,14 @@ def _standing_out(
 def _keep_certain_modes(data: Outputs, identification: ModalIdentification, motion: FreeDecay) -> ModalIdentification:
     """Identification without modes whose frequency deviation exceeds their half-power bandwidth, or 2 / T.
 
-    Stable poles of mere noise seldom are. Of random motion each mode is kept once, and its channels move in one phase or the
-    opposite as far as a modal phase collinearity of `ONE_PHASE`. In free decays modes must also be certain to `_CERTAIN`, or
+    Stable poles of mere noise seldom are so certain; half of that is the limit for modes of a probability below `_PERHAPS`.
+    Of random motion each mode is kept once, and its channels move in one phase or the opposite as far as a modal phase
+    collinearity of `ONE_PHASE`. In free decays modes must also be certain to `_CERTAIN`, or
     hold `_STRONG` of the energy.
     """
     modes, std = identification.modes, identification.modes.frequency_std
-    width = 2 * np.maximum(np.abs(modes.damping_ratio) * modes.frequency, 1 / data.duration)
+    doubtful = identification.probability < _PERHAPS
+    width = np.where(doubtful, 1, 2) * np.maximum(np.abs(modes.damping_ratio) * modes.frequency, 1 / data.duration)
     identification = identification.kept(
         ~(std > width), "stable poles whose frequency is less certain than their bandwidth"
     )
@@ -430,13 +434,15 @@ def surest_poles(
     changes: PoleChanges,
     seconds: float,
     piece: float | None = None,
+    least_probability: float = _RATHER,
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], PoleChanges]:
     """Chosen poles, clusters and changes, with other poles of the clusters of modes that are less certain than need be.
 
     A model of high order may have a pole of noise beside that of a mode, which then is uncertain although all orders agree
-    on it. Likely modes whose frequency has more than `_WIDE` times the standard deviation that a long record allows are
-    looked at in a few other orders: the surest pole of the cluster, equal to the chosen one within its deviations, takes
-    its place. `seconds` is the length of all records, `piece` that of a piece where changes are those by pieces.
+    on it. Modes of `least_probability` whose frequency has more than `_WIDE` times the standard deviation that a long record
+    allows are looked at in a few other orders: the surest pole of the cluster, equal to the chosen one within its
+    deviations, takes its place. `seconds` is the length of all records, `piece` that of a piece where changes are those by
+    pieces.
 
     References
     ----------
@@ -459,7 +465,7 @@ def surest_poles(
     clusters, ds, dshape = list(chosen_clusters), changes.poles.copy(), changes.shapes.copy()
     least = np.sqrt(np.maximum(-start.real, 0.0) / seconds) / (2 * np.pi)
     surest = std(start, ds)
-    likely = np.array([cluster.probability >= LIKELY for cluster in chosen_clusters])
+    likely = np.array([cluster.probability >= least_probability for cluster in chosen_clusters])
     tries = dict.fromkeys(np.flatnonzero(likely & (surest[0] > _WIDE * least)).tolist(), _MORE_ORDERS)
     numbers = [k for m in tries for k in chosen_clusters[m].number.tolist()]
     for k in sorted(set(numbers), key=lambda k: (-numbers.count(k), k)):
