@@ -24,6 +24,7 @@ INNER = (
     "structid.forward",
     "structid.modal.formats",
     "structid.identification.setups",
+    "structid.inversion",
     "structid.study.schema.model",
     "structid.study.schema.records",
     "structid.study.run.solver",

@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 import structid as sid
+from structid import JointProblem, MatrixFree, estimate
 from structid.identification.warning_words import estimate_warnings
-from structid.inversion import JointProblem, MatrixFree, estimate
 from structid.inversion.averaging import expected_square, normal_values, score_factor, square_variance
 from structid.inversion.covariance import row_law
 from structid.inversion.estimate import expected_per_row

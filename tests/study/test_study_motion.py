@@ -103,7 +103,7 @@ BAD = {
     "noise": (STUDY + "[record.noise]\nrelative = 0.01\n", "identification from motion does not use it; leave it out"),
     "relabel": (STUDY + "relabel = {'2X' = '1X'}\n", "identification from motion does not use it; leave it out"),
     "start": (STUDY + "start = 1.0\n", "does not use start"),
-    "engine": (STUDY, "`engine` must be 'auto', 'numba' or 'numpy'"),
+    "engine": (STUDY, "--engine must be 'auto', 'numba' or 'numpy'"),
 }
 
 

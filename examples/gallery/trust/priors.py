@@ -39,6 +39,6 @@ print("status:", found.estimate.status.value)
 masses = [sid.Unknown("mass", f"mass:{i}", prior=sid.Prior(3.0, 0.06) if i == 2 else None) for i in (1, 2, 3)]
 found = sid.identify(model, sid.parameters(model, [*masses, stiffness]), record, channel_unknowns=gain)
 print(found.estimate)
-for name, share in zip(found.estimate.names, found.priors.share, strict=True):
+for name, share in zip(found.estimate.names, found.priors.variance_fraction, strict=True):
     print(f"{name}: {100 * share:.1f} % of the variance stems from the prior")
 figure = found.plot_correlation()

@@ -24,18 +24,9 @@ WEIGHT, NOISE = 1e6, 1e-8
 
 def beam(bending_stiffness):
     """Twelve elements of 0.5 m, 2 kg/m, with a little damping."""
-    return sid.Structure(
-        NODES,
-        [
-            sid.Beam(
-                "beam",
-                [[i, i + 1] for i in range(12)],
-                mass=2.0,
-                bending_stiffness=bending_stiffness,
-                loss_factor=0.002,
-            )
-        ],
-    )
+    pieces = [[i, i + 1] for i in range(12)]
+    element_set = sid.Beam("beam", pieces, mass=2.0, bending_stiffness=bending_stiffness, loss_factor=0.002)
+    return sid.Structure(NODES, [element_set])
 
 
 # %%
@@ -88,38 +79,32 @@ def slowest(plant, controller):
 
 truth = equations(built, 1.0, JUDGED)
 few = equations(after, variance, (40.0, 10))
-for words, design in (
-    ("on the drawing", nominal),
-    ("on the identified model", identified),
-    ("on the identified model with the three modes below 40 Hz alone", few),
-):
+designs = {
+    "on the drawing": nominal,
+    "on the identified model": identified,
+    "on its three modes below 40 Hz alone": few,
+}
+for words, design in designs.items():
     pole = slowest(truth, regulate(design))
-    print(
-        f"designed {words}: slowest pole {pole:+.2f} 1/s, {'stable' if pole < 0 else 'unstable'} on the beam that was built"
-    )
+    print(f"designed {words}: slowest pole of the built beam {pole:+.2f} 1/s, {'stable' if pole < 0 else 'unstable'}")
 
 # %%
 # Stability over the posterior: the same controller on a hundred models within the uncertainty.
 std = found.estimate.std[0]
-models = [
-    equations(beam(value), 1.0, JUDGED)
-    for value in found.estimate.values[0] + std * np.random.default_rng(1).standard_normal(100)
-]
+draws = found.estimate.values[0] + std * np.random.default_rng(1).standard_normal(100)
+models = [equations(beam(value), 1.0, JUDGED) for value in draws]
 poles = np.array([slowest(model, regulate(identified)) for model in models])
 print(f"stable on {np.sum(poles < 0)} of 100 models within the uncertainty")
 
 figure, axes = plt.subplots(figsize=(6, 3.2), layout="constrained")
 stiffness = np.linspace(0.6, 1.5, 46) * 3000
 plants = [equations(beam(value), 1.0, JUDGED) for value in stiffness]
-for label, design in (("designed on the drawing", nominal), ("designed on the identified model", identified)):
-    controller = regulate(design)
-    axes.plot(stiffness, [slowest(plant, controller) for plant in plants], label=label)
+for words in ("on the drawing", "on the identified model"):
+    controller = regulate(designs[words])
+    axes.plot(stiffness, [slowest(plant, controller) for plant in plants], label=f"designed {words}")
 axes.axhline(0, color="0.6", linewidth=0.8)
 for value, words in ((3000, "built"), (4000, "drawn")):
     axes.axvline(value, color="0.6", linewidth=0.8, linestyle=":")
-    axes.annotate(
-        words, (value, 1), (3, -10), xycoords=("data", "axes fraction"), textcoords="offset points", color="0.4"
-    )
-axes.set_xlabel("bending stiffness of the beam (N m²)")
-axes.set_ylabel("slowest pole (1/s), stable below 0")
+    axes.text(value, 0.98, f" {words}", transform=axes.get_xaxis_transform(), va="top", color="0.4")
+axes.set(xlabel="bending stiffness of the beam (N m²)", ylabel="slowest pole (1/s), stable below 0")
 figure.legend(loc="outside upper center", ncols=2, frameon=False)

@@ -26,7 +26,7 @@ from structid.identification.setups.setup import AnySetup, prefixes, prepared_wa
 from structid.identification.warning_words import estimate_warnings, ran_away, ran_away_words, unused_damping
 from structid.inversion import Covariance, Estimate
 from structid.inversion.fixed_values import FIXED, FixedValueInfluence
-from structid.inversion.intervals.intervals import intervals
+from structid.inversion.intervals.intervals import parameter_intervals
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
@@ -135,7 +135,7 @@ def identify_together(
     if found.goodness.residual_tests is not None and target is not None:
         tests = found.goodness.residual_tests.named(_series_names(setups, problems))
         found = replace(found, goodness=replace(found.goodness, residual_tests=tests))
-    ends = intervals(target or problems[0], found, chosen.intervals, seed=chosen.seed, work=work)
+    ends = parameter_intervals(target or problems[0], found, chosen.intervals, seed=chosen.seed, work=work)
     seen = list(zip(setups, titles(setups), problems, [_own(problem, found) for problem in problems], strict=True))
     fits = [setup.response_fit(title, problem, own, chosen) for setup, title, problem, own in seen]
     modal_fits = [setup.modal_fit(title, problem, own, chosen) for setup, title, problem, own in seen]

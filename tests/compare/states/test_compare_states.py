@@ -233,8 +233,8 @@ def test_a_state_whose_model_is_wrong_ends_with_3_and_its_verdict(states, tmp_pa
     ("arguments", "words"),
     [
         (["{before}", "{after}", "--unchanged", "masss"], "must name parameters that both states identify"),
-        (["{before}", "{after}", "--level", "2"], "`level` must lie between"),
-        (["{before}", "{after}", "--correction", "none"], "`correction` must be"),
+        (["{before}", "{after}", "--level", "2"], "--level must lie between"),
+        (["{before}", "{after}", "--correction", "none"], "--correction must be"),
         (["{before}", "nowhere.toml"], "there is no such file"),
         (["{folder}", "{after}"], "holds no estimate.json"),
         (["{before}", "{folder}", "--unchanged", "mass"], "later state as a study file"),

@@ -44,7 +44,7 @@ class Intervals:
     notes: tuple[str, ...]
 
 
-def intervals(
+def parameter_intervals(
     problem: Problem,
     estimate: Estimate,
     kind: IntervalKind = "laplace",
