@@ -168,6 +168,31 @@ def test_dates_of_europe_and_america_are_read(tmp_path, head, times):
         read_record(path)
 
 
+@pytest.mark.parametrize(
+    ("head", "lines"),
+    [
+        ("Datum;Uhrzeit", ["05.03.2026;10:00:00", "05.03.2026;10:00:01", "05.03.2026;10:00:02"]),
+        ("Date;Clock", ["2026-03-05;23:59:59", "2026-03-06;00:00:00", "2026-03-06;00:00:01"]),
+        ("Sample;Stamp", ["1;2026-03-05 10:00:00", "2;2026-03-05 10:00:01", "3;2026-03-05 10:00:02"]),
+        ("Date;Time [s]", ["2026-03-05 00:00:00;0", "2026-03-05 00:00:00;1", "2026-03-05 00:00:00;2"]),
+    ],
+)
+def test_the_column_with_a_time_of_day_is_the_clock(tmp_path, head, lines):
+    """Whatever its header; dates that all are midnight are days."""
+    path = tmp_path / "a.csv"
+    path.write_text(f"{head};1X [g]\n" + "".join(f"{line};{k},25\n" for k, line in enumerate(lines)))
+    columns = ["1X"] if head.startswith("Sample") else []
+    assert read_record(path, ReadOptions(columns=columns) if columns else None).sampling_rate == pytest.approx(1)
+
+
+def test_two_clocks_that_disagree_are_refused(tmp_path):
+    """Stamps that begin at midnight are no bare days."""
+    path = tmp_path / "a.csv"
+    path.write_text("Date;Time [s];1X [g]\n" + "".join(f"2026-03-05 00:00:0{k};{k / 2};{k}.25\n" for k in range(3)))
+    with pytest.raises(FileError, match=r"column 2 \('Time \[s\]'\)"):
+        read_record(path)
+
+
 def test_a_second_header_and_overloads_are_told(tmp_path):
     path = tmp_path / "a.csv"
     run = "Time [s];1X [g]\n" + "".join(f"{k};{k},5\n" for k in range(9))

@@ -125,9 +125,12 @@ def _time_column(table: Table, options: ReadOptions) -> int | None:
         numbers = range(1, len(table.names) + 1)
         return choose_columns(table.path, [options.time_column], table.names, list(numbers))[0]
     timed = [j for j, name in enumerate(table.names) if is_time(name) and not _is_chosen(table, j, options)]
-    with_time_of_day = [j for j in timed if not _is_day(_first_date(table, j))]
-    if timed:
-        return (with_time_of_day or timed)[0]
+    clocks = [j for j in timed if not _is_day(table, j)]
+    if not clocks and (timed or options.sampling_rate is None):
+        dated = (j for j in range(len(table.names)) if _first_date(table, j) is not None)
+        clocks = [j for j in dated if not _is_day(table, j)]
+    if clocks or timed:
+        return (clocks or timed)[0]
     if options.sampling_rate is None and _first_date(table, 0) is not None:
         return 0
     if options.sampling_rate is None:
@@ -146,9 +149,13 @@ def _first_date(table: Table, j: int) -> datetime | None:
     return as_date(table.column(j)[0]) if np.isnan(table.values[0, j]) else None
 
 
-def _is_day(date: datetime | None) -> bool:
-    """True for a date without a time of the day, such as beside a column of clock times."""
-    return date is not None and date.year > 1 and date.time() == datetime.min.time()
+def _is_day(table: Table, j: int) -> bool:
+    """True for a column of dates without a time of the day, such as beside a column of clock times."""
+    if _first_date(table, j) is None:
+        return False
+    texts = table.column(j)
+    dates = [as_date(texts[i]) for i in (0, len(texts) // 2, -1)]
+    return all(date is not None and date.year > 1 and date.time() == datetime.min.time() for date in dates)
 
 
 def _is_chosen(table: Table, j: int, options: ReadOptions) -> bool:

@@ -340,7 +340,7 @@ def _bad_cell_error(path: Path, line: int, row: list[str], cells: list[str], nam
                 re.IGNORECASE,
             ):
                 hint = "; clear the cell where a sample is missing: gaps are told, cut or filled"
-            elif row[j].strip().startswith(name):
+            elif sum(cell.strip() == other for cell, other in zip(row, names, strict=False)) >= min(2, len(names)):
                 hint = "; the header stands here again: put what follows into a file of its own"
             return FileError(f"{path}: line {line}, column {j + 1} ({name}) must be a number, got {row[j]!r:.60}{hint}")
     return FileError(f"{path}: line {line} cannot be read as numbers")
