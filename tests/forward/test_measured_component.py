@@ -28,9 +28,27 @@ from structid import (
 )
 from structid.diagnose.receptances import receptances_at
 from structid.forward.frf.response import response
+from structid.prediction.changes import Scale
+from structid.prediction.identified_model import identified_model
+from structid.prediction.predict import predict_changes
+from structid.prediction.quantities import Frf
 from structid.unknowns.tolerances import EXACT
 
 UNKNOWNS = [Unknown("stiffness", "mount", each=True), Unknown("bending_stiffness", "beam")]
+
+
+def test_frfs_of_a_changed_structure_without_mass_are_predicted():
+    """A machine on springs: all mass is in its measured FRFs, and half a spring more adds to the dynamic stiffness."""
+    component = MeasuredComponent("machine", ["11Y", "12Y"], FREQUENCY, machine_receptance())
+    springs = [Spring("k", ["11Y"], stiffness=[1e5]), Spring("other", ["12Y"], stiffness=[2e5])]
+    structure = Structure({11: [0.0, 0.0], 12: [1.0, 0.0]}, springs, active=["Y"], measured=[component])
+    unknown = parameters(structure, [Unknown("stiffness", "k")])
+    model = identified_model(structure, unknown, unknown.start, np.array([[1e6]]))
+    [change] = predict_changes(
+        model, [Frf(["11Y"], ["11Y"], FREQUENCY[1:-1], "receptance")], [Scale("stiffness[k]", 1.5)], n_draws=50
+    )
+    before, after = (1 / prediction.values[:, 0, 0] for prediction in (change.before, change.after))
+    assert np.abs(after - before - 5e4).max() < 1.0
 
 
 def predicted(structure: Structure, record):

@@ -192,7 +192,8 @@ def changed_model(
         raise InputError(
             f"nothing of the changed structure can move ({told}), so that it has no modes; hold or take out less of it"
         )
-    if not structure.matrix("mass", parameters.values(parameters.start)).count_nonzero():
+    mass = structure.matrix("mass", parameters.values(parameters.start))
+    if structure.has_modes and not mass.count_nonzero():
         raise InputError(f"the changed structure has no mass ({told}), so that it has no modes; take out less of it")
     return structure, parameters
 
