@@ -72,6 +72,8 @@ class FormatModule:
 class LoadedByKey(Mapping[str, T]):
     """Registry of objects in modules that load when an object is asked for; keys are listed without loading any.
 
+    An entry is added as a key with the place of its object in the mapping that the registry is made of.
+
     Parameters
     ----------
     places : mapping of str to str

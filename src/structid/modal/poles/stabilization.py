@@ -1,8 +1,9 @@
 """Stabilization diagram: poles over model orders to modes, by stability, clustering and choice of one pole a mode.
 
 Poles are called stable or not by two means of their distance to the nearest pole of the order before; the boundary
-between the two is the width of a cluster. Clusters are modes that are large, by two means of the numbers of poles, or that
-are likely to be modes (`mode_probability`).
+between the two is the width of a cluster. Larger clusters take the nearest like poles of smaller ones in the orders that
+they lack (`_gathered`). Clusters are modes that are large, by two means of the numbers of poles, unless they are `UNLIKELY`
+to be modes (`mode_probability`), or that are `LIKELY` to be.
 
 References
 ----------
