@@ -37,7 +37,7 @@ from structid.prediction.quantities import (
     Spectrum,
     support_acceleration,
 )
-from structid.prediction.recovery import Output, is_von_mises, parse_outputs
+from structid.prediction.recovery import Output, distinct_channels, is_von_mises, parse_outputs
 from structid.prediction.tuned_damper import TunedDamper, tune_damper
 from structid.records import ReadOptions, TimeRecord, read_record
 from structid.study.results.stored_model import (
@@ -121,6 +121,8 @@ def predict_study(
         damper = _damper(replace(model, structure=structure, parameters=parameters), options)
         changes = [*changes, damper.change]
     outputs = parse_outputs(split_commas(options.sensors))
+    if outputs:
+        distinct_channels("sensors", outputs)
     loaded = next((name for name in ("history", "half_sine", "sine", "noise") if getattr(options, name)), None)
     if loaded is not None and not outputs:
         raise InputError(f"`sensors` must name where the motion under `{loaded}` is wanted, got none", "sensors")

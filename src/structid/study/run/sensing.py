@@ -12,7 +12,7 @@ from structid.core.errors import InputError
 from structid.core.json_types import Entry
 from structid.files import csv_text
 from structid.prediction.options import SenseOptions
-from structid.prediction.recovery import output_unit
+from structid.prediction.recovery import distinct_channels, output_unit, parse_outputs
 from structid.prediction.virtual_sensing import SensedMotion, UnknownForces, sense
 from structid.records import ReadOptions, TimeRecord, read_record
 from structid.records.record import QUANTITY_UNITS
@@ -36,6 +36,7 @@ def sense_record(
     """
     if not split_commas(options.wanted):
         raise InputError("`wanted` must name where motion is wanted, such as 12Y, got none", "wanted")
+    wanted = distinct_channels("wanted", parse_outputs(split_commas(options.wanted)))
     model = stored_model(folder, stored_study(folder, study))
     record = read_record(path, read)
     if not isinstance(record, TimeRecord):
@@ -47,7 +48,7 @@ def sense_record(
     sensed = sense(
         model,
         record,
-        split_commas(options.wanted),
+        wanted,
         options.motion,
         unknown,
         left,
