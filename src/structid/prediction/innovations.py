@@ -17,6 +17,8 @@ _SIGNIFICANT = 3.0
 #: Least part by which the size of innovations, and least part of their variance that earlier ones foretell, count: an effect below
 #: changes deviations by less than their own digits.
 _LARGER, _FORETOLD = 0.2, 0.05
+#: The same part where another spectrum of the forces or more noise would show too: these make 0.5 of it, wrong models more than 3.
+_CLEAR = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,14 +31,14 @@ class Innovations:
         In the directions in which the expected errors are independent, over their standard deviations.
     is_forced : (n,) bool array
         Directions in which unknown forces leave most open, one for each force; the others are what forces cannot make alone.
+    is_open : (n,) bool array
+        Directions that are left open by more than the noise of the sensors, so that the spectrum of the forces reaches them too:
+        a force that varies between samples moves the sensors in more than one direction.
     """
 
     whitened: FloatArray
     is_forced: npt.NDArray[np.bool_]
-
-    def part(self, is_forced: bool) -> FloatArray:
-        """The whitened innovations (n_times, n) of the directions of the forces, or of the others."""
-        return self.whitened[:, self.is_forced == is_forced]
+    is_open: npt.NDArray[np.bool_]
 
 
 def mean_square(whitened: FloatArray) -> float:
@@ -50,7 +52,8 @@ def foretold_part(whitened: FloatArray) -> float:
     It is about the part of their variance that a linear prediction from earlier ones would take off; chance alone makes it
     n n_lags / n_times. Hosking (1980), J. Am. Stat. Assoc. 75, 602-608.
     """
-    scaled = whitened / np.sqrt(np.mean(whitened**2, axis=0))
+    size = np.sqrt(np.mean(whitened**2, axis=0))
+    scaled = whitened / np.where(size > 0, size, 1.0)
     count, n = scaled.shape
     lags = range(1, min(_LAGS, count // 4) + 1)
     return float(sum(((scaled[:-lag].T @ scaled[lag:] / count) ** 2).sum() for lag in lags) / n)
@@ -76,25 +79,47 @@ class InnovationVerdict:
     is_spectrum: bool = False
 
 
-def judge_innovations(record: Innovations, replicates: Sequence[Innovations]) -> InnovationVerdict:
+def judge_innovations(
+    record: Innovations, replicates: Sequence[Innovations], has_stated_noise: bool
+) -> InnovationVerdict:
     """Compare innovations with those of `replicates`, records that models within the uncertainty could have given.
 
     Mehra and Peschon (1971), Automatica 7, 637-640 (innovations as a test); Rubin (1984), Annals of Statistics 12, 1151-1172
-    (replicates within the uncertainty).
+    (replicates within the uncertainty). Where the record does not state the noise of its sensors,
+    what no force can make contradicts the model only if it is clearly correlated in time: the rest may be noise.
     """
-    of_noise = _excess(record.part(False), [item.part(False) for item in replicates])
-    of_forces = _excess(record.part(True), [item.part(True) for item in replicates])
+    forced, reached = record.is_forced, record.is_forced | record.is_open
+
+    def parts(chosen: npt.NDArray[np.bool_]) -> tuple[FloatArray, list[FloatArray]]:
+        return record.whitened[:, chosen], [item.whitened[:, chosen] for item in replicates]
+
+    clear = _correlated(*parts(~forced), _CLEAR)
+    of_noise = _larger(*parts(~forced)) or _correlated(*parts(~reached)) or clear
+    of_forces = _larger(*parts(forced)) or _correlated(*parts(forced)) or _correlated(*parts(reached & ~forced))
+    if of_noise and not clear and not has_stated_noise:
+        return InnovationVerdict(
+            False,
+            f"{of_noise}, in what no choice of these forces explains: the record states no noise, and 1 % of what each sensor"
+            " reads was taken; state it, for either it is another one, or the model is wrong, and bands may miss the truth",
+        )
     if of_noise:
         return InnovationVerdict(
             True,
             f"the model does not explain the record: {of_noise}, in what no choice of these forces explains; the model is wrong,"
             " a force acts where none is named, or the sensors have more noise than stated, and bands may miss the truth",
         )
-    if of_forces and not record.part(False).size:
+    if of_forces and forced.all():
         return InnovationVerdict(
             True,
             f"the model does not explain the record: {of_forces}; the model is wrong, or the unknown forces have another spectrum"
             " than that of their correlation time, and these sensors cannot tell which: use more sensors than unknown forces",
+        )
+    if of_forces and (record.is_open & ~forced).any():
+        return InnovationVerdict(
+            False,
+            f"the model is wrong, or the unknown forces have another spectrum than the one that is taken here: {of_forces}; forces"
+            " that vary between samples move all of these sensors by more than their noise, so that they cannot tell which;"
+            " compare with a sensor that is left out",
         )
     if of_forces:
         return InnovationVerdict(
@@ -106,19 +131,23 @@ def judge_innovations(record: Innovations, replicates: Sequence[Innovations]) ->
     return InnovationVerdict(False, "")
 
 
-def _excess(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
-    """Words on innovations that are larger, or that earlier ones foretell more, than those of replicates; "" where neither is so.
-
-    All are (n_times, n), whitened.
-    """
+def _larger(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
+    """Words on whitened innovations (n_times, n) that are larger than those of replicates; "" where they are not."""
     if not whitened.size:
         return ""
     square, usual = mean_square(whitened), [mean_square(item) for item in replicates]
     ratio = np.sqrt(square / np.exp(np.mean(np.log(usual))))
     if _is_beyond(square, usual) and ratio > 1 + _LARGER:
         return f"the prediction errors of the sensors are {ratio:.2g} times as large as they should be"
+    return ""
+
+
+def _correlated(whitened: FloatArray, replicates: Sequence[FloatArray], least: float = _FORETOLD) -> str:
+    """Words on whitened innovations (n_times, n) that earlier ones foretell more than in replicates; "" where they do not."""
+    if not whitened.size:
+        return ""
     part, usual = foretold_part(whitened), [foretold_part(item) for item in replicates]
-    if _is_beyond(part, usual) and part - np.mean(usual) > _FORETOLD:
+    if _is_beyond(part, usual) and part - np.mean(usual) > least:
         return "the prediction errors of the sensors are correlated in time, and should be white noise"
     return ""
 

@@ -56,6 +56,10 @@ _FILTER = 9, 0.1, 80.0
 _SHORTEST, _TIMES = 0.1, 12
 #: Segments of which the spectrum of forces is averaged to see their frequency, and evaluations that its search may take.
 _SEGMENTS, _MOST_TRIALS = 8, 80
+#: Samples of a record, and of each segment, that tell a frequency at all.
+_FEWEST = 16
+#: Standard deviation that a direction of the sensors is left open by, over that of their noise, from which on forces reach it.
+_OPEN = 0.3
 #: Longest correlation time of forces about a frequency, in lengths of the record: nearly a sine.
 _LONGEST = 10.0
 #: Steps towards shorter times, each by this factor, and by how much (log) the record may get less likely: that of chance.
@@ -227,6 +231,8 @@ def sense(
     """
     if motion not in MOTION_DERIVATIVES:
         raise InputError(f"`motion` must be one of {', '.join(MOTION_DERIVATIVES)}, got {motion!r}")
+    if seed < 0:
+        raise InputError(f"`seed` must be at least 0, got {seed}")
     wanted, left = distinct_channels("outputs", parse_outputs(outputs)), parse_dofs(leave_out)
     curved = next((output for output in wanted if is_von_mises(output)), None)
     if curved is not None:
@@ -278,8 +284,8 @@ def sense(
     if verdict.words and is_free and len(channels.sensors) > len(forces):
         likelier = smoother.with_likeliest_frequency(reduced, std, nominal.mean[:, -len(forces) :])
         retried = likelier and _within_uncertainty(*likelier, reduced, others, seed)
-        if likelier and retried and not retried[2].is_contradicted:
-            (smoother, std), (nominal, deviation, verdict) = likelier, retried
+        if likelier and retried and not retried[2].words:
+            (smoother, std), (nominal, deviation, verdict), is_trusted = likelier, retried, True
     n_out, n_left = len(wanted), len(channels.left)
     out, seen, force = slice(0, n_out), slice(n_out, n_out + n_left), slice(n_out + n_left, None)
     error = (channels.left_values - nominal.mean[:, seen]) ** 2 / (deviation[:, seen] ** 2 + channels.left_variance)
@@ -322,13 +328,14 @@ def _within_uncertainty(
         if len(replicates) < _REPLICATES:
             replicates.append(smoother.with_replicate(of_other, rng))
     replicates += [smoother.with_replicate(fit, rng) for _ in range(_REPLICATES - len(replicates))]
-    verdict = judge_innovations(fit.filtered.innovations, [item.innovations(fit.system) for item in replicates])
+    usual = [item.innovations(fit.system) for item in replicates]
+    verdict = judge_innovations(fit.filtered.innovations, usual, smoother.channels.has_stated_noise)
     return nominal, np.sqrt(nominal.variance + spread), verdict
 
 
 _DOUBTED = (
     "the size of the unknown forces is estimated from the motion: the likelihood prefers far larger forces, since the model"
-    " misses the record by more than the noise of its sensors; state that noise, or `force_std`"
+    " misses the record by more than the noise of its sensors; state that noise, or the size of the forces"
 )
 
 
@@ -367,6 +374,8 @@ class _Channels:
         0 to 2 of displacement to acceleration.
     variance, left_variance : (n,) float arrays
         Of the noise of each sensor.
+    has_stated_noise : bool
+        False where the record states none, and a part of the size of each sensor is taken.
     """
 
     loads: tuple[Dof, ...]
@@ -379,6 +388,7 @@ class _Channels:
     left_derivatives: tuple[int, ...]
     variance: FloatArray
     left_variance: FloatArray
+    has_stated_noise: bool
 
     @classmethod
     def of_record(cls, record: TimeRecord, left_out: tuple[Dof, ...]) -> _Channels:
@@ -427,6 +437,7 @@ class _Channels:
             dofs(loads), dofs(used), dofs(out),
             record.values[:, loads], record.values[:, used], record.values[:, out],
             order(used), order(out), np.asarray(variance)[used], np.asarray(variance)[out],
+            record.variance is not None,
         )  # fmt: skip
 
 
@@ -707,7 +718,9 @@ class _Smoother:
         parameter more, which must be worth it: Schwarz (1978), Annals of Statistics 6, 461-464.
         """
         count = len(forces)
-        lines, power = signal.welch(forces, self.rate, nperseg=max(count // _SEGMENTS, min(count, 16)), axis=0)
+        if count < _FEWEST:
+            return None
+        lines, power = signal.welch(forces, self.rate, nperseg=max(count // _SEGMENTS, _FEWEST), axis=0)
         peak = float(lines[1:][np.argmax(power[1:].sum(axis=1))])
         first = float(forces.std())
 
@@ -721,7 +734,10 @@ class _Smoother:
                 and np.exp(point[1]) < self.rate / 2
             )
             smoother, size = of_point(point)
-            return -smoother._log_likelihood(reduced, size) if is_within else float("inf")
+            try:
+                return -smoother._log_likelihood(reduced, size) if is_within else float("inf")
+            except NoAnswerError:  # of forces so near to a sine that the filter never settles
+                return float("inf")
 
         starts = [
             np.log([time, peak, first]) for time in (1 / peak, np.sqrt(count / self.rate / peak), count / self.rate / 2)
@@ -742,7 +758,7 @@ class _Smoother:
         made = np.einsum("ij,jk,ik->i", system.reading, self._stationary(system, system.noise), system.reading)
         if not made.max() > 0:
             raise NoAnswerError(
-                "no sensor moves with the unknown forces, so that their size cannot be told; give `std`"
+                "no sensor moves with the unknown forces, so that their size cannot be told; state it, or use other sensors"
             )
         return float(np.sqrt(max(float(self._measured.var(axis=0) @ made), 1.0) / float(made @ made)))
 
@@ -805,7 +821,9 @@ class _Smoother:
             first,
             read,
             Innovations(
-                (read - before @ system.reading.T) @ whiten, np.arange(len(sizes)) >= len(sizes) - self.n_forces
+                (read - before @ system.reading.T) @ whiten,
+                np.arange(len(sizes)) >= len(sizes) - self.n_forces,
+                sizes > 1 + _OPEN**2,
             ),
             gain,
             predicted,
