@@ -316,7 +316,7 @@ def _spectrum(
     It includes the noise named in the options.
     """
     path, loaded = _noise_parts(structure, options)
-    frequency, density = read_density(path)
+    frequency, density = read_density(path, isinstance(loaded, Base))
     kind = "transmissibility" if isinstance(loaded, Base) else options.kind
     within = np.interp(lines, frequency, density, left=0.0, right=0.0)
     if not within.any():
@@ -336,7 +336,7 @@ def _noise_history(
     """
     path, loaded = _noise_parts(structure, options)
     rng = np.random.default_rng(options.seed)
-    noise = coloured_noise(*read_density(path), duration, sampling_rate, rng)
+    noise = coloured_noise(*read_density(path, isinstance(loaded, Base)), duration, sampling_rate, rng)
     return History(outputs, (loaded,), noise[:, None], sampling_rate, options.motion, options.relative)
 
 
