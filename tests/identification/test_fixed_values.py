@@ -13,7 +13,7 @@ from scipy.linalg import eigh
 
 import structid as sid
 from structid.diagnose.verdict import judged
-from structid.forward.fixed_values import with_fixed_values
+from structid.forward.fixed_values import append_fixed_factors, with_fixed_values
 from structid.identification.joint_problem import taken_as_exact, tolerances_clause
 from structid.inversion.fixed_values import FIXED
 from structid.modal import ModalRecord
@@ -308,14 +308,38 @@ def test_a_set_and_a_property_state_tolerances_of_their_own():
     }  # fmt: skip
 
 
-def test_elements_of_a_set_that_are_not_sought_are_held_together():
-    masses = sid.PointMass("m", [1, 2, 3], mass=[1.0, 2.0, 3.0])
+@pytest.mark.parametrize(
+    ("mass", "labels"),
+    [
+        ([1.0, 2.0, 1.0], {"mass[m]": [0, 2]}),
+        ([1.0, 2.0, 3.0], {"mass[m]": [0, 2], "mass[m:1]": [0], "mass[m:3]": [2]}),
+    ],
+)
+def test_elements_of_a_set_that_are_not_sought_are_held_together_and_different_ones_each_besides(mass, labels):
+    masses = sid.PointMass("m", [1, 2, 3], mass=mass)
     ground = sid.Spring("k", ["1X", "2X", "3X"], stiffness=5.0)
     structure = sid.Structure({1: 0.0, 2: 1.0, 3: 2.0}, [masses, ground], active=["X"])
-    [held] = fixed_properties(
-        structure, sid.parameters(structure, [sid.Unknown("mass", "m:2"), sid.Unknown("stiffness", "k")]), Tolerances()
-    )
-    assert (held.label, held.indices.tolist()) == ("mass[m]", [0, 2])
+    unknown = sid.parameters(structure, [sid.Unknown("mass", "m:2"), sid.Unknown("stiffness", "k")])
+    held = fixed_properties(structure, unknown, Tolerances())
+    assert {item.label: item.indices.tolist() for item in held} == labels
+    freed = append_fixed_factors(unknown, held)
+    assert freed.values(freed.start).tolist() == unknown.values(unknown.start).tolist()
+
+
+def weighed_chain() -> sid.Structure:
+    """The chain with its masses in one set."""
+    others = [part for part in chain().elements if not isinstance(part, sid.PointMass)]
+    return replace(chain(), elements=(sid.PointMass("m", list(range(1, N + 1)), mass=list(MASS)), *others))
+
+
+def test_masses_of_one_set_that_err_in_opposite_senses_leave_the_model_right():
+    errors = np.exp([0.012, -0.012, 0.0, 0.0])
+    record = measured((MASS * errors, SPRING, DASHPOT), 1.0, np.random.default_rng(3))
+    structure, sought = weighed_chain(), [*(sid.Unknown("stiffness", f"k{i + 1}") for i in range(N)), SOUGHT[2]]
+    answer = sid.identify(structure, sid.parameters(structure, sought), record)
+    assert judged(answer).verdict == "sound"
+    low, high = answer.estimate.interval()[:N].T
+    assert ((low < SPRING) & (high > SPRING)).all()
 
 
 @pytest.mark.parametrize(

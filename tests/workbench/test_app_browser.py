@@ -215,7 +215,13 @@ def test_a_table_of_a_laboratory_and_a_table_of_modes_become_records(page, scree
         page.goto(bench.address + "#start/beam.toml")
         page.get_by_role("button", name="What is it? lab.csv").click()
         lab = page.locator("[data-record='lab.csv']")
-        lab.get_by_label("encoding").fill("cp1252")  # which the words name, and nothing else is asked
+        lab.get_by_text("Filled in as the message proposes: encoding.").wait_for()
+        lab.get_by_label("encoding").fill("utf-16")
+        lab.get_by_role("button", name="Read it so").click()
+        page.get_by_text("is not UTF-16 text").wait_for()
+        assert (
+            lab.get_by_label("encoding").input_value() == "cp1252"
+        )  # in place of a wrong answer; nothing else is asked
         assert not lab.get_by_label("skip rows").is_visible()
         lab.get_by_text("All else that may be said").click()
         lab.get_by_label("skip rows").fill("1,5")

@@ -66,7 +66,7 @@ def append_fixed_factors(parameters: Parameters, fixed: tuple[FixedProperty, ...
     return replace(
         _append_unknowns(parameters, factors),
         elements=(*parameters.elements, *((item.element,) for item in fixed)),
-        offset=locked(np.where(columns.any(axis=1), 0.0, parameters.offset)),
+        offset=locked(parameters.offset - columns.sum(axis=1)),  # so that factors of 1 leave every value as it is
         design=sparse.csc_array(sparse.hstack([parameters.design, sparse.csc_array(columns)])),
     )
 

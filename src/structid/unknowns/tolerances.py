@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -19,6 +19,8 @@ Part = Annotated[float, Limits(least=0, most=1)]
 #: Kinds of properties that masses, and stiffnesses, are known by.
 _MASSES, _STIFFNESSES = ("mass", "rotary_inertia"), ("stiffness", "thickness", "axial_force")
 _DAMPINGS = (*DAMPING, "friction")
+#: Elements of a set up to which each of different values has an error of its own.
+_MOST_ALONE = 20
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,8 @@ class Tolerances:
     """Tolerances of the fixed values of a model, as standard deviations in parts of each value.
 
     They are those of all element sets and records that state no `tolerance` or `calibration` of their own. All elements of a set
-    err together in a property, as those of one drawing do; properties and sets err independently.
+    err together in a property, as those of one drawing do; properties and sets err independently. Where up to 20 elements of a set
+    have different values, as masses that were weighed one by one do, each errs by as much on its own besides.
 
     Parameters
     ----------
@@ -63,12 +66,12 @@ EXACT = Tolerances(0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class FixedProperty:
-    """The values of one property of an element set that no parameter changes.
+    """Values of one property of an element set that no parameter changes, and that err together.
 
     Attributes
     ----------
     label : str
-        Such as ``mass[deck]``.
+        Such as ``mass[deck]``, or ``mass[deck:2]`` of one element.
     kind : str
     element : str
         Its element set.
@@ -88,6 +91,8 @@ class FixedProperty:
 def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tolerances) -> tuple[FixedProperty, ...]:
     """Every property of the structure that no parameter changes and whose value has a tolerance.
 
+    A property with different values of few elements comes once for all of them and then once for each.
+
     Parameters
     ----------
     structure : Structure
@@ -103,8 +108,17 @@ def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tole
         indices = item.values.start + np.flatnonzero(is_fixed[item.values])
         tolerance = _own_tolerance(stated.get(item.element), item.term.property)
         tolerance = tolerances.of_kind(item.term.kind) if tolerance is None else tolerance
-        if len(indices) and tolerance > 0:
-            found.append(FixedProperty(item.label, item.term.kind, item.element, tolerance, locked(indices, int)))
+        if not (len(indices) and tolerance > 0):
+            continue
+        whole = FixedProperty(item.label, item.term.kind, item.element, tolerance, locked(indices, int))
+        found.append(whole)
+        values = unknown.offset[indices]
+        if len(indices) <= _MOST_ALONE and (values != values[0]).any():
+            numbers = indices - item.values.start + 1
+            found += [
+                replace(whole, label=f"{item.label[:-1]}:{number}]", indices=locked([index], int))
+                for number, index in zip(numbers, indices, strict=True)
+            ]
     return tuple(found)
 
 
@@ -114,7 +128,7 @@ def _own_tolerance(tolerance: float | Mapping[str, float] | None, name: str) -> 
 
 
 def relative_sensitivities(values: FloatArray, properties: tuple[FixedProperty, ...]) -> FloatArray:
-    """Derivatives of all property values by a common relative change of each property, (n_values, n_properties)."""
+    """Derivatives of all property values by a relative change of each of `properties`, (n_values, n_properties)."""
     columns = np.zeros((len(values), len(properties)))
     for number, item in enumerate(properties):
         columns[item.indices, number] = values[item.indices]

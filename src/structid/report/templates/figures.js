@@ -32,11 +32,20 @@ const N_FRAMES = 24,
   redrawn = []; // functions that draw figures of equal scales anew in the present width
 const hasEqualScales = (panel) => Boolean(panel.layout.yaxis?.scaleanchor);
 
+// The same for all drawings of one panel, so that a drawing that is made anew keeps its zoom.
+const REVISIONS = new Map();
+function revisionOf(panel) {
+  if (!REVISIONS.has(panel)) {
+    REVISIONS.set(panel, REVISIONS.size + 1);
+  }
+  return REVISIONS.get(panel);
+}
+
 // Draw in `plot` by the part of the library that can. The library writes the domains of equal scales into its layout and begins
 // with them when it resizes: such a drawing would shrink each time, so it gets a layout of its own and is drawn anew instead.
 function react(plot, panel, data, layout, config) {
   plot.library = LIBRARIES[panel.layout.scene ? "library-space" : "library-plane"];
-  const own = {...structuredClone(layout), template: TEMPLATE};
+  const own = {...structuredClone(layout), template: TEMPLATE, uirevision: revisionOf(panel)};
   plot.library.react(plot, data, own, {...config, responsive: !hasEqualScales(panel)});
 }
 
@@ -113,7 +122,6 @@ function startFigure(box, panels, arrays) {
   const draw = () =>
     plots.forEach((plot, i) => {
       const panel = panelOf(i);
-      phase = timer ? phase : 0;
       headings[i].textContent = panel.title;
       const config = {...CONFIG, displayModeBar: plot.clientWidth < 340 ? false : "hover"};
       const data = panel.data.map(traceOf),
@@ -124,9 +132,13 @@ function startFigure(box, panels, arrays) {
       }
       react(plot, panel, ...(isNarrow ? slim(plot, panel, data) : [data, layout]), config);
     });
+  const drawChosen = () => {
+    phase = timer ? phase : 0;
+    draw();
+  };
   const step = (by) => {
     list.value = String((Number(list.value) + by + list.options.length) % list.options.length);
-    draw();
+    drawChosen();
   };
   const animate = () => {
     phase = (phase + 1) % N_FRAMES;
@@ -183,7 +195,8 @@ function startFigure(box, panels, arrays) {
   }
   const on = (selector, event, action) =>
     box.querySelectorAll(selector).forEach((part) => part.addEventListener(event, action));
-  on(".chooser select, .chooser input", "change", draw);
+  on(".chooser select", "change", drawChosen);
+  on(".chooser input", "change", draw);
   matchMedia("(max-width: 600px)").addEventListener("change", draw);
   on(".previous", "click", () => step(-1));
   on(".next", "click", () => step(1));
@@ -244,8 +257,13 @@ const fitted = () => {
   });
   redraw();
 };
-let redrawing = 0;
+let redrawing = 0,
+  width = window.innerWidth;
 window.addEventListener("resize", () => {
+  if (window.innerWidth === width) {
+    return; // a telephone shows or hides the bar of its address
+  }
+  width = window.innerWidth;
   clearTimeout(redrawing);
   redrawing = setTimeout(redraw, 100);
 });

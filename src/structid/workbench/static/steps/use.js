@@ -21,7 +21,7 @@ const CHANGES = {
       ["factor", "Factor", "number"],
     ],
   ],
-  support: ["a degree of freedom is held", [["dof", "Degree of freedom", "dofs"]]],
+  support: ["a support is added", [["dof", "Degree of freedom", "dofs"]]],
   damper: [
     "a tuned mass damper is added",
     [
@@ -91,7 +91,7 @@ function asked(app, results, facts, fits) {
   const state = kept.get(results) || {
     sensor: facts.outputs[0] || facts.dofs[0] || "",
     load: facts.inputs[0] || facts.dofs[0] || "",
-    kind: facts.kind,
+    kind: KINDS.includes(facts.kind) ? facts.kind : KINDS[0],
     band: facts.band || ["", ""],
     changes: [],
   };
@@ -113,7 +113,7 @@ function asked(app, results, facts, fits) {
     Object.assign(state, {
       sensor: sensor.value.trim(),
       load: load.value.trim(),
-      kind: facts.supports.includes(unsigned(load.value.trim())) ? "transmissibility" : kind.value,
+      kind: kind.value,
       band: bandIn(low, high),
     });
     fill(answer, h("p", {class: "muted"}, "Computing 200 models within the uncertainty…"));
@@ -180,7 +180,7 @@ function asked(app, results, facts, fits) {
       {class: "row end"},
       sensorField,
       loadField,
-      field("Kind", kind),
+      field("Kind, to a force", kind),
       field("band from, Hz", low, "short"),
       field("to, Hz", high, "short"),
     ),
@@ -300,12 +300,13 @@ function response(told, state, facts, fits) {
   if (!told.frf) {
     return [];
   }
-  const place = h("div", {class: "plot", id: "predicted-frf"}),
+  const {moved} = told.frf,
+    place = h("div", {class: "plot", id: "predicted-frf"}),
     x = unpacked(told.frf.frequency, "f64");
   const seen = fits.channels.find(
     (one) => one.name.split("/").map(unsigned).join("/") === [state.sensor, state.load].map(unsigned).join("/"),
   );
-  const isSeen = seen && state.kind === facts.kind;
+  const isSeen = seen && told.frf.kind === facts.kind;
   const draw = () => {
     const colour = colours(),
       lines = Object.entries(told.frf.parts).flatMap(([name, part], k) => {
@@ -360,7 +361,7 @@ function response(told, state, facts, fits) {
     h(
       "h3",
       {},
-      `Response at ${state.sensor} to ${state.kind === "transmissibility" ? "motion of" : "a force at"} ${state.load}`,
+      `Response at ${state.sensor} to ${moved.length ? `motion of ${moved.length > 1 ? "supports" : "support"} ${moved.join(", ")}${moved.length > 1 ? ", together" : ""}` : `a force at ${state.load}`}`,
     ),
     h("p", {class: "note"}, `${words}.`),
     place,
