@@ -68,7 +68,7 @@ export async function show(box, app) {
   await draw();
 }
 
-const unsigned = (dof) => dof.replace(/[+-]$/, "");
+const unsigned = (dof) => dof.replace(/[+-]$/, "").toUpperCase();
 let lists = 0;
 
 // A text field that offers names, since a mesh has thousands.
