@@ -446,12 +446,12 @@ def parts_of(prediction: Prediction | PredictedChange) -> dict[str, Prediction]:
 
 
 def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, Entry]:
-    ends = [float(part.low[index]), float(part.high[index])]
+    low, high = float(part.low[index]), float(part.high[index])
     return {
         "value": float(np.real(part.values[index])),
         "std": float(part.std[index]),
-        "interval_95": ends,
-        "interval_text": span_text(*ends),
+        "interval_95": [low, high],
+        "interval_text": span_text(low, high),
     }
 
 
