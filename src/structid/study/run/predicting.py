@@ -17,6 +17,7 @@ from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.isolation import absolute_paths
 from structid.core.json_types import Entry
+from structid.core.quantities import span_text
 from structid.core.units import FrfKind
 from structid.fem import Base, Structure
 from structid.files import csv_text
@@ -445,8 +446,13 @@ def parts_of(prediction: Prediction | PredictedChange) -> dict[str, Prediction]:
 
 
 def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, Entry]:
-    ends = [float(part.low[index]), float(part.high[index])]
-    return {"value": float(np.real(part.values[index])), "std": float(part.std[index]), "interval_95": ends}
+    low, high = float(part.low[index]), float(part.high[index])
+    return {
+        "value": float(np.real(part.values[index])),
+        "std": float(part.std[index]),
+        "interval_95": [low, high],
+        "interval_text": span_text(low, high),
+    }
 
 
 def prediction_csv(prediction: Prediction | PredictedChange) -> str:
