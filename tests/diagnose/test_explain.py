@@ -236,6 +236,7 @@ def test_two_faults_are_both_named_and_the_first_is_not_told_as_all_of_it(tmp_pa
     )
     second = next(cause for cause in result.diagnosis.causes if cause.is_second)
     assert second.line == f"beside the first, {second.words}"
+    assert second.share_text.endswith(" % of what is left")
     assert words.endswith(f"{second.words}.")
     assert result.diagnosis.causes[0].line == result.diagnosis.causes[0].words
 

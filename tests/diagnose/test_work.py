@@ -1,6 +1,7 @@
 """Causes are the same wherever their fits run, and those that are kept are not fitted again."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from structid.diagnose.search_budget import (
     map_within_budget,
 )
 from structid.diagnose.tested_model import TestedModel
-from structid.diagnose.thresholds import ALWAYS_FITTED, FINALISTS, FIRST_CAUSE_TIME
+from structid.diagnose.thresholds import FINALISTS, FIRST_CAUSE_TIME, IDENTIFICATIONS, RESERVED_PLACES, SEARCH_EFFORT
 from structid.forward.record_problem import decide_polarities
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
@@ -36,6 +37,7 @@ from structid.study.run.start import prepare_study
 from structid.study.run.workers import Processes
 from structid.study.schema.study import load_study
 
+ROOT = Path(__file__).parents[2]
 TRUTH = STUDY.replace(
     "[[unknown]]", '[[structure.point_mass]]\nname = "forgotten"\nnodes = [4]\nmass = 0.4\n\n[[unknown]]', 1
 )
@@ -238,6 +240,13 @@ def test_other_pairs_are_looked_for_as_long_as_the_budget_allows_one_more(base, 
     assert efforts == pytest.approx([10.0 * (k + 1) for k in range(n_more)])
 
 
+@pytest.mark.parametrize("page", ["CHANGELOG.md", "docs/explain.md", "src/structid/workbench/static/steps/run.js"])
+def test_pages_say_how_long_the_search_takes(page):
+    text = " ".join((ROOT / page).read_text(encoding="utf-8").split())
+    assert (IDENTIFICATIONS, SEARCH_EFFORT) == (3.0, 8.0)
+    assert "three identifications and about eight seconds" in text
+
+
 def test_best_near_fits_are_refitted_before_those_that_smoothed_data_do_not_show():
     rubs = [DryFriction(where=(f"{k}X",)) for k in range(1, 6)]
     masses = [Mass(where=(str(k),)) for k in range(1, 11)]
@@ -245,4 +254,4 @@ def test_best_near_fits_are_refitted_before_those_that_smoothed_data_do_not_show
     finalists = search._finalists(order, [*rubs, *masses])
     assert len(finalists) == FINALISTS
     assert finalists[:2] == [5, 6]
-    assert finalists[-ALWAYS_FITTED:] == [0, 1, 2]
+    assert finalists[-RESERVED_PLACES:] == [0, 1, 2]

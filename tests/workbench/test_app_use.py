@@ -2,6 +2,7 @@
 
 import base64
 import json
+import re
 import shutil
 
 import meshio
@@ -10,6 +11,8 @@ import pytest
 from app_cases import require_workbench, served, write_beam_record
 from browser_cases import accessible, shown, step
 
+import structid as sid
+from structid.prediction.linear_response import movable_supports, support_base
 from structid.study.results.folder import write_results
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
@@ -121,7 +124,11 @@ def cantilever(tmp_path_factory):
 def test_forces_of_elements_and_supports_that_move_can_be_asked_about(cantilever):
     facts = ask(cantilever, "use", results="beam_results")
     assert facts["supports"] == ["1Y"]
-    assert {"V[beam:1@1]", "M[beam:2@3]", "strain[beam:1@2]"} <= set(facts["element_outputs"])
+    names = facts["element_outputs"]
+    assert {"V[beam:1@1]", "M[beam:2@3]"} <= set(names)
+    for sensor in {name.split("[")[0]: name for name in names}.values():  # one of each kind
+        options = {"sensor": sensor, "load": "3Y", "kind": "accelerance", "band": [0.1, 0.2]}
+        assert "frf" in ask(cantilever, "predict", results="beam_results", options=options, changes=[]), sensor
     options = {"sensor": "M[beam:1@1]", "load": "3Y", "kind": "accelerance", "band": [0.1, 0.2]}
     told = ask(cantilever, "predict", results="beam_results", options=options, changes=[])
     length = 0.6
@@ -129,11 +136,30 @@ def test_forces_of_elements_and_supports_that_move_can_be_asked_about(cantilever
     np.testing.assert_allclose(
         curve(told["frf"]["parts"]["value"]["value"]), length, rtol=1e-2
     )  # statics: force times arm
-    options = {"sensor": "3Y", "load": "1Y", "kind": "transmissibility", "band": [0.1, 0.2]}
+    assert (told["frf"]["kind"], told["frf"]["moved"]) == ("accelerance", [])
+    options = {
+        "sensor": "3Y",
+        "load": "1y",
+        "kind": "receptance",
+        "band": [0.1, 0.2],
+    }  # of a force; here a support moves
     told = ask(cantilever, "predict", results="beam_results", options=options, changes=[])
     np.testing.assert_allclose(
         curve(told["frf"]["parts"]["value"]["value"]), 1.0, rtol=1e-2
     )  # it goes with its support
+    assert (told["frf"]["kind"], told["frf"]["moved"]) == ("transmissibility", ["1Y"])
+    options = {"sensor": "strain[beam:1@2]", "load": "3Y", "kind": "accelerance", "band": [0.1, 0.2]}
+    told = ask(cantilever, "predict", results="beam_results", options=options, changes=[])
+    assert "give y: at the neutral axis the strain is 0" in told["error"]
+
+
+def test_supports_that_nothing_holds_to_are_not_offered():
+    parts = [sid.Bar("bars", [[1, 2], [2, 3], [1, 3]], mass=1.0, axial_stiffness=1e5)]
+    nodes = {1: (0.0, 0.0), 2: (1.0, 0.0), 3: (0.0, 1.0)}
+    structure = sid.Structure(nodes, parts, fixed=["1X", "1Y", "1Z", "3X"])
+    assert [dof.place for dof in movable_supports(structure)] == ["1X", "1Y", "3X"]
+    with pytest.raises(sid.InputError, match=r"1Z.* cannot be moved: .* such supports are 1X, 1Y, 3X"):
+        support_base(structure, sid.parse_dof("1Z"))
 
 
 def test_a_damper_is_tuned_where_the_page_asks_for_it(folder):
@@ -145,6 +171,24 @@ def test_a_damper_is_tuned_where_the_page_asks_for_it(folder):
     assert "0.1 kg" in told["changes"][0]
     twice = ask(folder, "predict", results="chain_results", options=options, changes=[change, change])
     assert "one damper is tuned at a time" in twice["error"]
+
+
+def test_a_damper_is_tuned_to_the_structure_with_the_other_changes(folder):
+    softer = {"kind": "scale", "label": "stiffness[ground]", "factor": 0.25}
+    asked = {"results": "chain_results", "options": {}}
+    [_, before] = tuned_damper_words(
+        ask(folder, "predict", **asked, changes=[{"kind": "tune", "dof": "3X", "mass": 0.1}])
+    )
+    told = ask(folder, "predict", **asked, changes=[{"kind": "tune", "dof": "3X", "mass": 0.1}, softer])
+    words, tuned = tuned_damper_words(told)
+    assert tuned < 0.85 * before, words
+    assert told["changes"][0] == "stiffness[ground] times 0.25"  # made before it is tuned
+
+
+def tuned_damper_words(told):
+    """Words of the damper among the changes, and the frequency in them, Hz."""
+    words = next(one for one in told["changes"] if "damper" in one)
+    return words, float(re.search(r"([\d.]+) Hz", words)[1])
 
 
 @pytest.mark.parametrize(

@@ -120,8 +120,7 @@ def _causes(view: ResultsView) -> list[RenderableType]:
     table = new_table(heading, "misfit removed", "chi-square per dof left", "study ready to run")
     for cause in causes[:_MOST_CAUSES]:
         alike = " (the data cannot distinguish it from the first)" if cause.is_alike and cause is not causes[0] else ""
-        removed = percent(cause.share, 3, signed=False)
-        table.add_row(cause.line + alike, removed, number(cause.chi_square_per_dof, 3), cause.study)
+        table.add_row(cause.line + alike, cause.share_text, number(cause.chi_square_per_dof, 3), cause.study)
     return [table]
 
 

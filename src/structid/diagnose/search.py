@@ -43,7 +43,6 @@ from structid.diagnose.search_budget import NOTHING, UNLIMITED, Expense, SearchB
 from structid.diagnose.set_screening import screen_sets
 from structid.diagnose.thresholds import (
     ALIKE,
-    ALWAYS_FITTED,
     CAUSE_RISK,
     CLEAR,
     CLEARLY_BETTER,
@@ -63,6 +62,7 @@ from structid.diagnose.thresholds import (
     PROMISING_PAIRS,
     REQUEST_LINES,
     REQUEST_RISK,
+    RESERVED_PLACES,
     RIGID_RATIO,
     SCREENING_TIME,
     SET_LEFT,
@@ -325,7 +325,7 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
     alike = [*range(first), *(first + k for k in _first_alike(shortlist.rows))]
     telling = sorted((one for one in few if one.left < SET_LEFT * base.misfit), key=lambda one: one.left)[:SET_REFITS]
     at_fit = [*shortlist.at_fit, *telling]
-    kept = {k for k, one in enumerate(looked) if one.candidate.is_always_fitted or one in at_fit}
+    kept = {k for k, one in enumerate(looked) if one.candidate.has_reserved_place or one in at_fit}
     rank = [
         *np.argsort(np.argsort([one.left for one in few], kind="stable")).tolist(),
         *_ranks_of_derived(looked[len(few) : first], shortlist.rows),
@@ -355,12 +355,12 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
 def _finalists(order: Sequence[int], several: Sequence[Candidate]) -> list[int]:
     """Positions of the candidates to refit, from the `order` of their near fits, the best first.
 
-    Those that smoothed data do not show have places among them and come last: where the time ends early, the best near fits
-    are those that were fitted to the end.
+    Those that smoothed data do not show have places among them and come last, so that the best near fits are refitted before
+    the time ends.
     """
-    always = [k for k in order if several[k].is_always_fitted][:ALWAYS_FITTED]
-    others = [k for k in order if not several[k].is_always_fitted]
-    return [*others[: FINALISTS - len(always)], *always]
+    reserved = [k for k in order if several[k].has_reserved_place][:RESERVED_PLACES]
+    others = [k for k in order if not several[k].has_reserved_place]
+    return [*others[: FINALISTS - len(reserved)], *reserved]
 
 
 def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
@@ -440,7 +440,7 @@ def _near_limits(base: Fitted, fits: Sequence[tuple[Candidate, StoredFit]]) -> t
     far = FAR_BEHIND * (
         np.array([row for row in costs if len(row) == len(base.near.costs)]).min(axis=0) + n_parameters(base.modified)
     )
-    sizes = sorted(fit["chi_square"] - base.left_out for candidate, fit in fits if not candidate.is_always_fitted)
+    sizes = sorted(fit["chi_square"] - base.left_out for candidate, fit in fits if not candidate.has_reserved_place)
     nothing = (1 - LEAST_DROP) * base.near.chi_square
     return *far[:-1].tolist(), min(far[-1], nothing, *sizes[FINALISTS - 1 : FINALISTS])
 

@@ -58,9 +58,9 @@ FINALISTS = 8
 FAR_BEHIND = 4.0
 #: Changes of the records of a large model that are refitted.
 LARGE_MODEL_REFITS = 4
-#: Changes that smoothed data do not show (friction, tones, leakage), at most so many of which are refitted in any case.
-ALWAYS_FITTED = 3
-#: Changes of sets that are refitted in any case; with 10 % of model error nobody sees a coarse mesh.
+#: Places among the finalists for changes that smoothed data do not show (friction, tones, leakage): the last ones.
+RESERVED_PLACES = 3
+#: Changes of sets that are added to the finalists; with 10 % of model error nobody sees a coarse mesh.
 SET_REFITS = 2
 #: Part of the misfit that these leave at most by a linear step.
 SET_LEFT = 0.75
@@ -150,7 +150,8 @@ OTHER_STATE_MISFIT = 2.0
 #: Part of a misfit below which a difference is one of rounding.
 SAME_MISFIT = 1e-9
 
-#: Changed models of a small model that are kept: screen, near fit and refit of a change ask for the same one.
+#: Changed models of a small model that the process which made them keeps: its screen, near fit and refit of a change ask for
+#: the same one. A worker process gets a copy of the candidate with each task, and makes its model anew.
 MOST_CACHED = 64
 
 # fixed values

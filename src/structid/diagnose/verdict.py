@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from structid.core.display import Overview, Shown, as_sentence, join_words, plural
+from structid.core.quantities import percent
 from structid.diagnose.data_rows import misfit_of_lines
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted
 from structid.diagnose.split_consistency import Disagreement, disagreements
@@ -152,6 +153,11 @@ class Cause:
     def line(self) -> str:
         """Line for this cause in a list of causes."""
         return f"beside the first, {self.words}" if self.is_second else self.words
+
+    @property
+    def share_text(self) -> str:
+        """The part that it removes, in per cent of the misfit, or of what the first leaves."""
+        return percent(self.share, 3, signed=False) + (" of what is left" if self.is_second else "")
 
     @property
     def moves(self) -> float:

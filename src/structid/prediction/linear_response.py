@@ -56,6 +56,12 @@ def input_words(inputs: Sequence[Input]) -> tuple[str, ...]:
     return tuple(each.name if isinstance(each, Base) else str(each) for each in inputs)
 
 
+def movable_supports(structure: Structure) -> list[Dof]:
+    """Supports that elements are attached to, so that their motion moves the structure; without a sign."""
+    codes = set(structure.numbering.codes.tolist())
+    return [dof for dof in dict.fromkeys(each.unsigned for each in structure.fixed) if 6 * dof.node + dof.axis in codes]
+
+
 def support_base(structure: Structure, dof: Dof, together: bool = True) -> Base:
     """The base that a support is part of: that of the structure, else all supports in its direction together, or it alone.
 
@@ -67,12 +73,11 @@ def support_base(structure: Structure, dof: Dof, together: bool = True) -> Base:
     declared = next((base for base in structure.bases if base.moves(dof)), None)
     if declared is not None:
         return declared
-    supports = [each.unsigned for each in structure.fixed if each.direction == dof.direction]
-    codes = set(structure.numbering.codes.tolist())
-    supports = [each for each in dict.fromkeys(supports) if 6 * each.node + each.axis in codes]
+    movable = movable_supports(structure)
+    supports = [each for each in movable if each.direction == dof.direction]
     if dof.unsigned not in supports:
-        named = ", ".join(each.place for each in structure.fixed[:6]) or "none"
-        raise InputError(f"{dof} cannot be moved: it is no support of the structure, whose supports are {named}")
+        named = ", ".join(each.place for each in movable[:6]) or "none"
+        raise InputError(f"{dof} cannot be moved: it is no support that elements hold to; such supports are {named}")
     if not together:
         return Base(f"support {dof.place}", [dof])
     return Base(

@@ -54,7 +54,7 @@ class PredictOptions:
         Of histories: displacement, velocity or acceleration; of spectra that of `kind`.
     tune_damper : str
         Mass and place of a tuned mass damper whose frequency and damping are sought, `800@40X`: those with which the largest
-        response there within `band` is smallest over the uncertainty. It is then added as a change.
+        response there within `band` is smallest over the uncertainty. It is then added as the last of the changes.
     modes : int
         Number of natural modes.
     draws : int

@@ -189,6 +189,9 @@ class FibreStress:
                 _Term(each.derivative, lever * each.column, partial(_over_stiffness, each.weight, index))
                 for each in forces
             ]
+        if not terms:
+            what = "strain" if self.youngs_modulus is None else "stress"
+            raise InputError(f"{self}: give y: at the neutral axis the {what} is 0, since {self.name!r} carries no N")
         return [terms]
 
 

@@ -38,10 +38,10 @@ class Candidate:
     #: Its kind, and what results call that.
     kind: ClassVar[str]
     result_kind: ClassVar[str] = ""
-    #: Whether it only damps, leaves data out, or is fitted to the end whatever a linear look says of it.
+    #: Whether it only damps, leaves data out, or has a place among those to refit whatever a linear look says of it.
     is_damping: ClassVar[bool] = False
     leaves_data_out: ClassVar[bool] = False
-    is_always_fitted: ClassVar[bool] = False
+    has_reserved_place: ClassVar[bool] = False
     #: Whether its fit also begins at the initial values: where it drags all values along, their fit is far from the truth.
     begins_at_start: ClassVar[bool] = False
     #: Parameters that a fit of it determines beside those of the changed model.

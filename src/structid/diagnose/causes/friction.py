@@ -27,7 +27,7 @@ class DryFriction(Candidate):
 
     kind: ClassVar[str] = "friction"
     is_damping: ClassVar[bool] = True
-    is_always_fitted: ClassVar[bool] = True  # smoothed data do not show it
+    has_reserved_place: ClassVar[bool] = True  # smoothed data do not show it
     other_strengths: ClassVar[tuple[float, ...]] = (3.0, 2.0)
     bounds: tuple[float, float] = POSITIVE
 

@@ -18,7 +18,7 @@ class Leakage(Candidate):
 
     kind: ClassVar[str] = "leakage"
     result_kind: ClassVar[str] = "window"
-    is_always_fitted: ClassVar[bool] = True
+    has_reserved_place: ClassVar[bool] = True
     where: tuple[str, ...] = ("all channels",)
 
     @classmethod

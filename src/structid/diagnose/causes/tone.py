@@ -21,7 +21,7 @@ class Tone(Candidate):
 
     kind: ClassVar[str] = "tone"
     result_kind: ClassVar[str] = "outlying_lines"
-    is_always_fitted: ClassVar[bool] = True
+    has_reserved_place: ClassVar[bool] = True
     record: int | None = 0
 
     @classmethod

@@ -268,4 +268,4 @@ def _row(cause: Cause, first: Cause) -> tuple[str, ...]:
     if cause.moved:
         one = cause.moved[0]
         moved = f"{one.name}: {number(one.before)} to {with_unit(number(one.after), one.unit)}"
-    return cause.line + alike, percent(cause.share, 3, signed=False), number(cause.chi_square_per_dof, 3), added, moved
+    return cause.line + alike, cause.share_text, number(cause.chi_square_per_dof, 3), added, moved

@@ -113,7 +113,6 @@ function startFigure(box, panels, arrays) {
   const draw = () =>
     plots.forEach((plot, i) => {
       const panel = panelOf(i);
-      phase = timer ? phase : 0;
       headings[i].textContent = panel.title;
       const config = {...CONFIG, displayModeBar: plot.clientWidth < 340 ? false : "hover"};
       const data = panel.data.map(traceOf),
@@ -124,9 +123,13 @@ function startFigure(box, panels, arrays) {
       }
       react(plot, panel, ...(isNarrow ? slim(plot, panel, data) : [data, layout]), config);
     });
+  const drawChosen = () => {
+    phase = timer ? phase : 0;
+    draw();
+  };
   const step = (by) => {
     list.value = String((Number(list.value) + by + list.options.length) % list.options.length);
-    draw();
+    drawChosen();
   };
   const animate = () => {
     phase = (phase + 1) % N_FRAMES;
@@ -183,7 +186,8 @@ function startFigure(box, panels, arrays) {
   }
   const on = (selector, event, action) =>
     box.querySelectorAll(selector).forEach((part) => part.addEventListener(event, action));
-  on(".chooser select, .chooser input", "change", draw);
+  on(".chooser select", "change", drawChosen);
+  on(".chooser input", "change", draw);
   matchMedia("(max-width: 600px)").addEventListener("change", draw);
   on(".previous", "click", () => step(-1));
   on(".next", "click", () => step(1));
@@ -244,8 +248,13 @@ const fitted = () => {
   });
   redraw();
 };
-let redrawing = 0;
+let redrawing = 0,
+  width = window.innerWidth;
 window.addEventListener("resize", () => {
+  if (window.innerWidth === width) {
+    return; // a telephone shows or hides the bar of its address
+  }
+  width = window.innerWidth;
   clearTimeout(redrawing);
   redrawing = setTimeout(redraw, 100);
 });

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeAlias
@@ -17,6 +17,7 @@ from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.isolation import absolute_paths
 from structid.core.json_types import Entry
+from structid.core.quantities import span_text
 from structid.core.units import FrfKind
 from structid.fem import Base, Structure
 from structid.files import csv_text
@@ -115,9 +116,11 @@ def predict_study(
     """
     source = stored_study(folder, study)
     model = stored_model(folder, source)
-    damper = _damper(model, options) if options.tune_damper else None
-    changes = [*changes, damper.change] if damper else changes
-    changed_model(model.structure, model.parameters, changes)
+    structure, parameters = changed_model(model.structure, model.parameters, changes)
+    damper = None
+    if options.tune_damper:
+        damper = _damper(replace(model, structure=structure, parameters=parameters), options)
+        changes = [*changes, damper.change]
     outputs = parse_outputs(split_commas(options.sensors))
     loaded = next((name for name in ("history", "half_sine", "sine", "noise") if getattr(options, name)), None)
     if loaded is not None and not outputs:
@@ -185,7 +188,7 @@ def predict_study(
 
 
 def _damper(model: IdentifiedModel, options: PredictOptions) -> TunedDamper:
-    """The tuned mass damper of the text ``mass@place`` in the options, tuned to the identified model."""
+    """The tuned mass damper of the text ``mass@place`` in the options, tuned to the model."""
     mass, at, dof = options.tune_damper.partition("@")
     try:
         kg = float(mass)
@@ -443,8 +446,13 @@ def parts_of(prediction: Prediction | PredictedChange) -> dict[str, Prediction]:
 
 
 def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, Entry]:
-    ends = [float(part.low[index]), float(part.high[index])]
-    return {"value": float(np.real(part.values[index])), "std": float(part.std[index]), "interval_95": ends}
+    low, high = float(part.low[index]), float(part.high[index])
+    return {
+        "value": float(np.real(part.values[index])),
+        "std": float(part.std[index]),
+        "interval_95": [low, high],
+        "interval_text": span_text(low, high),
+    }
 
 
 def prediction_csv(prediction: Prediction | PredictedChange) -> str:

@@ -35,19 +35,24 @@ export function givenOptions(app, path) {
   );
 }
 
-// Fields for what a file does not say about itself, with what is `given`; `options()` is what they say. Those that the words `failed` name come first,
-// filled with the values that the words propose.
+// Keys whose value the file itself determines where words propose one; all others are the reader's to answer.
+const DETERMINED = ["skip_rows", "footer_rows", "longest_gap", "encoding"];
+
+// Fields for what a file does not say about itself, with what is `given`; `options()` is what they say. Those that the words `failed` name come first:
+// filled where the file determines the value that the words propose; `asked` is the first that the reader is to answer.
 export function readingFields(app, path, given, failed = "") {
   const isTable = /\.(csv|txt|tsv)$/i.test(path);
   const all = app.folder.reading,
     layout = all.filter((one) => one.within === "csv"),
     rest = all.filter((one) => !one.within);
   const proposed = Object.fromEntries(
-    [...failed.matchAll(/`([a-z_]+) = "?([^`"]+)"?`/g)].map(([, name, value]) => [name, value]),
+    [...failed.matchAll(/`([a-z_]+) = "?([^`"]+)"?`/g)]
+      .map(([, name, value]) => [name, value])
+      .filter(([name]) => DETERMINED.includes(name)),
   );
   const rows = (isTable ? [...layout, ...rest] : rest).map((one) => {
     const stated = one.within ? given[one.within]?.[one.name] : given[one.name],
-      value = [stated ?? proposed[one.name] ?? ""].flat().join(", "),
+      value = [proposed[one.name] ?? stated ?? ""].flat().join(", "),
       name = one.name;
     return {
       ...one,
@@ -90,18 +95,20 @@ export function readingFields(app, path, given, failed = "") {
         return place;
       }),
     );
+  const filled = first.filter((one) => one.name in proposed).map((one) => one.name.replaceAll("_", " "));
   const rest_ = rows.filter((one) => !first.includes(one));
   return {
     options: said,
+    asked: first.find((one) => named.includes(one.name) && !one.input.value)?.input,
     box: first.length
       ? h(
           "div",
           {},
-          Object.keys(proposed).length
+          filled.length
             ? h(
                 "p",
                 {class: "note"},
-                "Filled in as the message proposes. Look at the lines above, then read the file so.",
+                `Filled in as the message proposes: ${filled.join(", ")}. Look at the lines above, then read the file so.`,
               )
             : null,
           drawn(first),

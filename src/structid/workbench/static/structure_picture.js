@@ -15,12 +15,12 @@ const TOOLS = [
   ["element", "Add elements", "Click one node after the other; Escape ends the chain"],
 ];
 
-let tool = "choose"; // the one in use, also after the step is drawn anew
+const tools = new Map(); // the one in use, by study, also after the step is drawn anew
 
 export class StructurePicture {
   // `acts` are chosen(label), add(at), move(label, at), join(label, label): each writes the study, or refuses by an error.
-  constructor(stage, model, acts, writable) {
-    Object.assign(this, {stage, acts, model, from: null, draft: []});
+  constructor(stage, model, acts, writable, study) {
+    Object.assign(this, {stage, acts, model, study, from: null, draft: []});
     this.scene = new Scene(stage, (label) => {
       if (label !== null && label !== undefined) {
         acts.chosen(label);
@@ -65,7 +65,7 @@ export class StructurePicture {
         this.scene.ask();
       }
     });
-    this.use(tool);
+    this.use(tools.get(study) ?? "choose");
   }
 
   get grid() {
@@ -73,7 +73,8 @@ export class StructurePicture {
   }
 
   use(kind) {
-    this.kind = tool = kind;
+    this.kind = kind;
+    tools.set(this.study, kind);
     this.from = null;
     this.buttons.forEach((button, k) => button.setAttribute("aria-pressed", String(TOOLS[k][0] === kind)));
     this.hint.textContent = TOOLS.find(([name]) => name === kind)[2];

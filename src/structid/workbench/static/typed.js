@@ -134,6 +134,9 @@ function restoreChoice(field) {
   }
   focusAgain(field, keyOf(field));
   const kept = choices.get(keyOf(field));
+  if (kept?.field === field) {
+    kept.value = stateOf(field); // its list was filled anew, and may offer that choice no more
+  }
   if (!kept || kept.field === field || field.disabled) {
     return;
   }

@@ -9,15 +9,19 @@ from typing import Any
 
 import numpy as np
 
+from structid.core.constraints import split_commas
+from structid.core.dof import parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Entry
-from structid.fem import Structure
+from structid.fem import Base, Structure
 from structid.fem.elements.element import dof_of_code
 from structid.fem.elements.plate import ThinSet
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
 from structid.prediction.changes import AddMass, AddSupport, AddTunedMassDamper, Change, Remove, Scale
+from structid.prediction.linear_response import movable_supports
 from structid.prediction.options import ExportOptions, PredictOptions
 from structid.prediction.predict import Prediction
+from structid.prediction.quantities import Frf
 from structid.study.results.stored_model import stored_model, stored_study
 from structid.study.run.exports.offers import list_offers
 from structid.study.run.exports.write import ExportFiles, write_exports
@@ -52,7 +56,7 @@ def use_facts(folder: Path) -> dict[str, Entry]:
     return {
         "dofs": [str(dof_of_code(code)) for code in moving[:_MOST_NAMES]],
         "nodes": list(structure.nodes)[:_MOST_NAMES],
-        "supports": [dof.place for dof in structure.fixed if not dof.is_rotation][:_MOST_NAMES],
+        "supports": [dof.place for dof in movable_supports(structure) if not dof.is_rotation][:_MOST_NAMES],
         "element_outputs": list(islice(_element_outputs(structure), _MOST_NAMES)),
         "outputs": outputs,
         "inputs": inputs,
@@ -75,12 +79,13 @@ def use_facts(folder: Path) -> dict[str, Entry]:
 def _element_outputs(structure: Structure) -> Iterator[str]:
     """Names of forces, strains and stresses that can be read from the elements: ``M[deck:3@12]``, ``stress_xx[plate:17@top]``."""
     for element in structure.elements:
+        forces = element.section_directions(structure.nodes)
+        read = (*forces, *(("strain",) if "N" in forces else ()))  # a beam on a line strains off its axis alone
         for row, nodes in enumerate(element.nodes.tolist(), 1):
             if isinstance(element, ThinSet):
                 yield from (f"{what}[{element.name}:{row}@{side}]" for side in _SIDES for what in _CELL_STRESSES)
                 continue
-            forces = element.section_directions(structure.nodes)
-            for what in (*forces, *(("strain",) if forces else ())):
+            for what in read:
                 yield from (f"{what}[{element.name}:{row}@{node}]" for node in nodes)
 
 
@@ -131,16 +136,19 @@ def predict_use(folder: Path, options: Mapping[str, Any], changes: Sequence[Mapp
     folder : Path
         Results.
     options : mapping
-        ``sensor``, ``load``, ``band`` and ``kind``; without a sensor modes alone are predicted.
+        ``sensor``, ``load``, ``band``, and ``kind`` of the response to a force, which one to a support that moves has not; without
+        a sensor modes alone are predicted.
     changes : sequence of mapping
         See `read_changes`; one may be of kind ``tune``: a tuned mass damper of a `mass` at a `dof`, whose frequency and damping
         are sought.
     """
     tuned = [table for table in changes if table.get("kind") == _TUNE]
+    load, supports = str(options.get("load") or ""), {dof.unsigned for dof in stored_study(folder).structure.fixed}
+    is_support = any(dof.unsigned in supports for dof in parse_dofs(split_commas(load)))
     asked = PredictOptions(
         sensors=str(options.get("sensor") or ""),
-        loads=str(options.get("load") or ""),
-        kind=options.get("kind") or "accelerance",
+        loads=load,
+        kind="transmissibility" if is_support else options.get("kind") or "accelerance",
         band=None if options.get("band") is None else (float(options["band"][0]), float(options["band"][1])),
         lines=_LINES,
         modes=_MODES,
@@ -153,9 +161,14 @@ def predict_use(folder: Path, options: Mapping[str, Any], changes: Sequence[Mapp
     if predicted.frf is not None:
         parts = parts_of(predicted.frf)
         quantity = next(iter(parts.values())).quantity
+        if not isinstance(quantity, Frf):
+            raise TypeError(f"an FRF is of the quantity Frf, got {type(quantity).__name__}")
+        moved = [dof.place for each in quantity.inputs if isinstance(each, Base) for dof in each.supports]
         answer["frf"] = {
             "frequency": packed(np.asarray(quantity.axes["frequency"], dtype=float), np.float64),
             "unit": quantity.unit,
+            "kind": quantity.kind,
+            "moved": moved,
             "parts": {name: _curves(part) for name, part in parts.items() if name != "difference"},
         }
     return answer

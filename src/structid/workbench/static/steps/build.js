@@ -84,6 +84,7 @@ export async function show(box, app) {
         join: (a, b) => join(a, b),
       },
       writable,
+      app.study,
     );
   const step = (way) => editor[way]().catch(app.fail);
   const run = (action) => editor.do(action);
@@ -124,7 +125,7 @@ export async function show(box, app) {
   });
   const held = h(
     "datalist",
-    {id: "held-ways"},
+    {id: "support-ways"},
     ["free", "pinned", "clamped"].map((one) => h("option", {value: one})),
   );
   const tables = new Map();
@@ -363,7 +364,7 @@ export async function show(box, app) {
       [
         {key: "label", title: "number", label: "number", placeholder: String(nextLabel())},
         ...axes.map((name) => ({key: name, title: `${name}, m`, label: name})),
-        {key: "held", title: "support", label: "support", list: "held-ways", placeholder: "free"},
+        {key: "held", title: "support", label: "support", list: "support-ways", placeholder: "free"},
       ],
       [...model.nodes].map(([label, at]) => ({
         key: String(label),

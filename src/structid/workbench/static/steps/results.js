@@ -60,11 +60,12 @@ export async function show(box, app) {
         exported(name, found.files),
         report(found.report, name),
       );
-      const put = async (part, card) => fill(part, await card.catch((error) => h("p", {class: "note"}, error.message)));
+      const put = async (part, card) =>
+        fill(part, await card.catch((error) => h("p", {class: "note"}, marked(error.message))));
       await Promise.all([put(fit, fits(name)), put(picture, get("identified", {results: name}).then(answerPicture))]);
     } catch (error) {
       if (own === turn) {
-        fill(place, h("div", {class: "card bad"}, error.message));
+        fill(place, h("div", {class: "card bad"}, marked(error.message)));
       }
     }
   };
@@ -165,19 +166,28 @@ const warningList = (lines) =>
 
 // The change of model or record that explains the misfit, with its study to open.
 function cause(found, folder, files) {
-  const [first] = found.causes || [];
+  const [first, next] = found.causes || [];
   return first?.share >= 0.01
     ? h(
         "div",
         {id: "cause"},
-        h("h3", {}, "Cause"),
-        h("p", {}, `${capital(first.words)}. This removes ${percent(first.share)} of the misfit.`),
+        h("h3", {}, next?.is_alike ? "Cause, or one that looks the same" : "Cause"),
+        h("p", {}, marked(`${changeWords(first)}. This removes ${percent(first.share)} of the misfit.`)),
         opened(first, folder, files),
       )
     : null;
 }
 
 const capital = (words) => words.charAt(0).toUpperCase() + words.slice(1);
+
+// The words of a change at the beginning of a sentence, without a capital where they begin with a name.
+function changeWords({words, where, is_second: isSecond}) {
+  if (isSecond) {
+    return `Beside the first, ${words}`;
+  }
+  const first = words.split(/[ ,]/, 1)[0];
+  return /^\p{L}+$/u.test(first) && ![where ?? []].flat().includes(first) ? capital(words) : words;
+}
 
 // A link to the study of a change, where it was written.
 function opened(one, folder, files) {
@@ -282,7 +292,13 @@ function changeList(title, list, folder, files, id) {
             h(
               "li",
               {},
-              h("p", {}, `${capital(one.words)}: removes ${percent(one.share)} of the misfit`),
+              h(
+                "p",
+                {},
+                marked(
+                  `${changeWords(one)}: removes ${percent(one.share)} of ${one.is_second ? "what is left" : "the misfit"}`,
+                ),
+              ),
               h(
                 "details",
                 {},

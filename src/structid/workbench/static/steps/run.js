@@ -127,7 +127,7 @@ function start(app) {
       h(
         "p",
         {class: "note"},
-        "Processor time. By itself the search takes as long as three identifications and 5 s. What it finds stands in the results, each cause as a study to open.",
+        "Processor time. By itself the search takes as long as three identifications and about eight seconds. What it finds stands in the results, each cause as a study to open.",
       ),
     ),
     needs,

@@ -407,7 +407,11 @@ export async function understood(app, path, place, own = null) {
     {
       onsubmit: (event) => {
         event.preventDefault();
-        app.doing(again, async () => understood(app, path, place, fields.options()));
+        app.doing(again, async () => {
+          const said = fields.options();
+          forgetTyped(again); // it stands in the fields again, where the file does not contradict it
+          await understood(app, path, place, said);
+        });
       },
     },
     fields.box,
@@ -426,6 +430,9 @@ export async function understood(app, path, place, own = null) {
         ? h("p", {class: "note"}, "Open a study above to use this record in it.")
         : null,
   );
+  if (failed) {
+    fields.asked?.focus();
+  }
 }
 
 const SEPARATORS = {comma: ",", semicolon: ";", tab: "\t", space: /\s+/};

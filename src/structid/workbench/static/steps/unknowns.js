@@ -209,7 +209,8 @@ function fresh(app, told, changed) {
     const chosen = [...names.selectedOptions].map((one) => sets.find((set) => set.name === one.value)),
       common = (chosen[0]?.properties || []).filter((p) =>
         chosen.every((set) => set.properties.some((other) => other.name === p.name)),
-      );
+      ),
+      before = property.value;
     fill(
       property,
       options(
@@ -217,6 +218,7 @@ function fresh(app, told, changed) {
           p.name,
           `${p.name}, nominal ${p.low === p.high ? quantity(p.low, p.unit) : "from " + quantity(p.low, p.unit)}`,
         ]),
+        before,
       ),
     );
   };

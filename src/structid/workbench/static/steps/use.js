@@ -21,7 +21,7 @@ const CHANGES = {
       ["factor", "Factor", "number"],
     ],
   ],
-  support: ["a degree of freedom is held", [["dof", "Degree of freedom", "dofs"]]],
+  support: ["a support is added", [["dof", "Degree of freedom", "dofs"]]],
   damper: [
     "a tuned mass damper is added",
     [
@@ -68,7 +68,7 @@ export async function show(box, app) {
   await draw();
 }
 
-const unsigned = (dof) => dof.replace(/[+-]$/, "");
+const unsigned = (dof) => dof.replace(/[+-]$/, "").toUpperCase();
 let lists = 0;
 
 // A text field that offers names, since a mesh has thousands.
@@ -91,7 +91,7 @@ function asked(app, results, facts, fits) {
   const state = kept.get(results) || {
     sensor: facts.outputs[0] || facts.dofs[0] || "",
     load: facts.inputs[0] || facts.dofs[0] || "",
-    kind: facts.kind,
+    kind: KINDS.includes(facts.kind) ? facts.kind : KINDS[0],
     band: facts.band || ["", ""],
     changes: [],
   };
@@ -113,7 +113,7 @@ function asked(app, results, facts, fits) {
     Object.assign(state, {
       sensor: sensor.value.trim(),
       load: load.value.trim(),
-      kind: facts.supports.includes(unsigned(load.value.trim())) ? "transmissibility" : kind.value,
+      kind: kind.value,
       band: bandIn(low, high),
     });
     fill(answer, h("p", {class: "muted"}, "Computing 200 models within the uncertainty…"));
@@ -180,7 +180,7 @@ function asked(app, results, facts, fits) {
       {class: "row end"},
       sensorField,
       loadField,
-      field("Kind", kind),
+      field("Kind, to a force", kind),
       field("band from, Hz", low, "short"),
       field("to, Hz", high, "short"),
     ),
@@ -255,8 +255,6 @@ function newChange(app, facts, add) {
   return h("div", {class: "row end"}, field("A change", kind), place, button);
 }
 
-const ends = (one, digits = 5) => `${number(one.interval_95[0], digits)} to ${number(one.interval_95[1], digits)}`;
-
 function shownModes(told) {
   const isChange = told.changes.length > 0,
     rows = told.modes.map(({frequency_hz: hertz, damping_ratio: ratio}, k) =>
@@ -266,16 +264,16 @@ function shownModes(told) {
             number(hertz.before.value, 5),
             number(hertz.after.value, 5),
             `${hertz.difference.value > 0 ? "+" : ""}${number(hertz.difference.value, 3)}`,
-            ends(hertz.difference, 3),
+            hertz.difference.interval_text,
             number(ratio.before.value, 3),
             number(ratio.after.value, 3),
           ]
         : [
             `${k + 1}`,
             number(hertz.value.value, 5),
-            ends(hertz.value),
+            hertz.value.interval_text,
             number(ratio.value.value, 3),
-            ends(ratio.value, 3),
+            ratio.value.interval_text,
           ],
     );
   const header = isChange
@@ -300,12 +298,13 @@ function response(told, state, facts, fits) {
   if (!told.frf) {
     return [];
   }
-  const place = h("div", {class: "plot", id: "predicted-frf"}),
+  const {moved} = told.frf,
+    place = h("div", {class: "plot", id: "predicted-frf"}),
     x = unpacked(told.frf.frequency, "f64");
   const seen = fits.channels.find(
     (one) => one.name.split("/").map(unsigned).join("/") === [state.sensor, state.load].map(unsigned).join("/"),
   );
-  const isSeen = seen && state.kind === facts.kind;
+  const isSeen = seen && told.frf.kind === facts.kind;
   const draw = () => {
     const colour = colours(),
       lines = Object.entries(told.frf.parts).flatMap(([name, part], k) => {
@@ -360,7 +359,7 @@ function response(told, state, facts, fits) {
     h(
       "h3",
       {},
-      `Response at ${state.sensor} to ${state.kind === "transmissibility" ? "motion of" : "a force at"} ${state.load}`,
+      `Response at ${state.sensor} to ${moved.length ? `motion of ${moved.length > 1 ? "supports" : "support"} ${moved.join(", ")}${moved.length > 1 ? ", together" : ""}` : `a force at ${state.load}`}`,
     ),
     h("p", {class: "note"}, `${words}.`),
     place,
