@@ -35,6 +35,17 @@ def test_limits_say_and_hold_the_same(limits, words, inside, outside):
     assert not any(limits.hold(value) for value in outside)
 
 
+def test_text_is_no_number():
+    @dataclass(frozen=True)
+    class Sizes:
+        part: NotNegative | None = None
+        name: str = ""
+
+    require_declared(Sizes(0.1, "1 %"))
+    with pytest.raises(InputError, match="`part` must be a number, got '1 %'"):
+        require_declared(Sizes("1 %"))  # type: ignore[arg-type]
+
+
 @dataclass(frozen=True)
 class Base:
     """A base: with a colon.

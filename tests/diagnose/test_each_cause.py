@@ -127,6 +127,8 @@ def require_explained(base, candidate, strength, folder):
     """The fit of a cause alone, which explains all; its study as text is the one that was fitted."""
     theta = base.modified.changed(candidate, strength).theta_of(base.values)
     fitted = restore_fit(base, candidate, fit_fully(base, (candidate, strength, theta), PLAIN_TOOLS))
+    if fitted.cause.where == candidate.where:  # its model is the cached one
+        assert fitted.modified is base.modified.changed(candidate, fitted.modified.changes[-1].strength)
     n_data = base.modified.target.n_data
     assert fitted.chi_square - fitted.left_out == pytest.approx(
         fitted.modified.target.n_data, abs=4 * np.sqrt(2 * n_data)

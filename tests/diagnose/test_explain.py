@@ -572,3 +572,18 @@ def test_a_channel_that_drifts_is_named_though_averaged_responses_hide_it(tmp_pa
     assert result.diagnosis.judgement.verdict == "wrong_model"
     first = result.diagnosis.causes[0]
     assert (first.kind, first.where) == ("channel", ("3X",))
+
+
+@pytest.mark.parametrize(
+    ("gain", "cause"),
+    [
+        (LoadGain(where=("3X",)), "the force at 3X is in another unit than stated: in N and read as kgf"),
+        (
+            LoadGain(where=("3X",), is_motion=True, is_alone=True),
+            "the motion of support 3X is in another unit than stated: in m/s^2 and read as g, or all sensors are off the other way"
+            " round",
+        ),
+    ],
+)
+def test_a_load_that_reads_by_g_too_much_is_told_in_units_of_what_it_is(gain, cause):
+    assert gain.sentence(9.81) == cause

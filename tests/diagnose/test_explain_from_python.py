@@ -56,3 +56,5 @@ def test_the_cause_is_named_without_a_study(clamped):
 def test_a_limit_of_no_time_is_refused(clamped):
     with pytest.raises(sid.InputError, match="`seconds` must be greater than 0, got 0"):
         sid.explain(clamped, seconds=0)
+    with pytest.raises(sid.InputError, match=r"`identification` must be what `identify` or .* gives, got int"):
+        sid.explain(3)

@@ -1,10 +1,14 @@
 """No cause is asked to explain what the tolerances of fixed values explain."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from frame_cases import STUDY, off, written
 from test_each_cause import begun
 
+from structid.diagnose import refits
 from structid.diagnose.causes import candidates
 from structid.diagnose.causes.fixed_value import FixedValue
 from structid.diagnose.score_test import Point
@@ -65,6 +69,28 @@ def test_a_linearized_fit_leaves_the_least_misfit_of_few_rows_as_of_many(drawn, 
     assert linearized.misfit == pytest.approx(least(jacobian, columns, residual), rel=1e-9)
     freed = np.column_stack([jacobian, columns[:, [0, 2, 4]].sum(axis=1)])
     assert linearized.misfit_with_freed("ace") == pytest.approx(least(freed, columns, residual), rel=1e-9)
+
+
+def test_data_that_a_change_leaves_out_do_not_say_how_far_a_refit_within_tolerances_begins(monkeypatch):
+    """They are no rows of the refit's problem, whose sum of squares it compares with its number of rows."""
+    asked = []
+
+    def refit(names, theta, chi_square, progress=None):
+        asked.append(chi_square)
+        return SimpleNamespace(chi_square=5.0, misfits=lambda probability: False, theta=theta)
+
+    monkeypatch.setattr(refits, "is_beyond_noise", lambda fitted: True)
+    monkeypatch.setattr(refits, "count_effort", lambda problem: None)
+    model = SimpleNamespace(
+        is_large=False,
+        target=SimpleNamespace(names=("p",)),
+        fixed_values=SimpleNamespace(refit=refit, problem=None),
+    )
+    fitted = refits.fitted_at(model, np.zeros(1), 100.0, left_out=60.0)
+    assert fitted.tolerance_test.chi_square == 65.0
+    untested = replace(fitted, tolerance_test=refits.ToleranceTest(65.0, False))
+    untested._within_tolerances(model.fixed_values)
+    assert asked == [40.0, 40.0]
 
 
 def test_changes_that_noise_hides_are_no_directions(drawn):

@@ -81,3 +81,8 @@ def test_rotary_inertia_sits_on_its_axis():
 def test_bad_elements_are_refused_by_name(make, fragment):
     with pytest.raises(InputError, match=fragment):
         make()
+
+
+def test_text_is_refused_as_a_property():
+    with pytest.raises(InputError, match="`mass` of 'b' must be one number or 1, got text: '2'"):
+        Beam("b", [[1, 2]], mass="2", bending_stiffness=3.0)

@@ -1,15 +1,22 @@
 """Several searches: which are made, which of their answers are distinct, and which fit."""
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 
 from structid import LevenbergMarquardt, Status, estimate
+from structid.core.errors import SingularModelError
 from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.search.least_squares import LEFT, minimize
-from structid.inversion.search.multistart import Search, distinct_answers, searched_minima, staged
+from structid.inversion.search.multistart import (
+    Search,
+    _is_determined_somewhere,
+    distinct_answers,
+    searched_minima,
+    staged,
+)
 from structid.inversion.search.work import Alone, restored_minimum, stored_minimum
 
 
@@ -36,6 +43,28 @@ class TwoWells(Problem):
         return Linearization(
             self.residual(theta), np.array([[self.weight * (2 * theta[0] - 3)], [self.miss]], dtype=float)
         )
+
+
+@dataclass
+class Unseen(TwoWells):
+    """Two wells whose derivative cannot be had at p = 1.4."""
+
+    def linearize(self, theta):
+        if theta[0] == 1.4:
+            raise SingularModelError("no response")
+        return super().linearize(theta)
+
+
+@pytest.mark.parametrize(("kind", "answer"), [(TwoWells, True), (Unseen, False)])
+def test_an_end_between_two_answers_is_judged_by_the_start_where_the_model_can_be_evaluated_there(kind, answer):
+    """The derivative is 0 at p = 1.5, between the two answers."""
+    problem, between, start = kind(), np.array([1.5]), np.array([1.4])
+    end = replace(
+        minimize(problem, LevenbergMarquardt(), np.array([1.3])),
+        theta=between,
+        linearization=problem.linearize(between),
+    )
+    assert _is_determined_somewhere(problem, end, start) is answer
 
 
 def test_two_exact_fits_are_found_and_refused():

@@ -205,6 +205,9 @@ def test_what_the_data_do_not_determine_is_not_predicted():
     [
         (sid.AddMass(9, 1.0), "no node 9"),
         (sid.AddMass(1, -1.0), "`mass` must be greater than 0"),
+        (sid.AddMass(1, 1e30), "`mass` must be at most 1000 times the mass of the structure"),
+        (sid.AddTunedMassDamper("1X", 1e9, 1.0, 0.1), "`mass` must be at most the mass of the structure"),
+        (sid.AddTunedMassDamper("1X", 0.1, 1.0, 1e9), "`damping_ratio` must be at most 10"),
         (sid.Scale("stiffness[betwen]", 1.1), r"nearest is 'stiffness\[between\]'"),
         (sid.Scale("stiffness[between:3]", 1.1), "has elements 1 to 2, got 3"),
         (sid.Remove("d"), "no element set 'd'"),

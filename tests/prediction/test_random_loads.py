@@ -1,5 +1,6 @@
 """Largest values of random response against simulation and Davenport, noise, pulses, and the distribution of maxima."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -118,6 +119,36 @@ def test_spectra_that_cannot_be_are_named(tmp_path, text, words):
     (tmp_path / "s.csv").write_text(text, encoding="utf-8")
     with pytest.raises(FileError, match=words):
         read_density(tmp_path / "s.csv")
+
+
+@pytest.mark.parametrize(
+    ("heading", "hertz", "square"),
+    [
+        ("f,S", 1.0, 1.0),
+        ("f [kHz];S [kN^2/Hz]", 1e3, 1e6),
+        ("f (Hz),S (g2/Hz)", 1.0, 9.80665**2),
+        ("w (rad/s),S ((m/s^2)^2/(rad/s))", 0.5 / np.pi, 2 * np.pi),
+    ],
+)
+def test_units_in_the_heading_of_a_spectrum_are_read(tmp_path, heading, hertz, square):
+    (tmp_path / "s.csv").write_text(f"{heading}\n1,2\n2,3\n", encoding="utf-8")
+    frequency, density = read_density(tmp_path / "s.csv")
+    assert frequency == pytest.approx(hertz * np.array([1.0, 2.0]))
+    assert density == pytest.approx(square * np.array([2.0, 3.0]))
+
+
+@pytest.mark.parametrize(
+    ("heading", "words"),
+    [
+        ("f (Hz),S (N/Hz)", "line 1: cannot read 'N/Hz' as the unit of a spectral density"),
+        ("f (parsec),S", "line 1: cannot read 'parsec' as the unit of a frequency"),
+        ("f (Hz),S (g^2/Hz)", "line 1: the density must be of a force, got 'g^2/Hz', of acceleration"),
+    ],
+)
+def test_units_of_a_spectrum_that_cannot_be_are_named(tmp_path, heading, words):
+    (tmp_path / "s.csv").write_text(f"{heading}\n1,2\n2,3\n", encoding="utf-8")
+    with pytest.raises(FileError, match=re.escape(words)):
+        read_density(tmp_path / "s.csv", is_support=False)
 
 
 def test_loads_and_extremes_that_cannot_be_are_named():

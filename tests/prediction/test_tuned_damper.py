@@ -81,6 +81,8 @@ def test_dampers_that_cannot_be_are_named():
         sid.tune_damper(make_mass(0.1), "1RZ", 1.0)
     with pytest.raises(InputError, match="`mass` must be greater than 0"):
         sid.tune_damper(make_mass(0.1), "1X", 0.0)
+    with pytest.raises(sid.InputError, match=r"must be at most .* kg, what the mode at"):
+        sid.tune_damper(make_mass(0.1), "1X", 1e9)
     with pytest.raises(InputError, match="`quantile` must be at least"):
         sid.tune_damper(make_mass(0.1), "1X", 1.0, quantile=1.0)
     with pytest.raises(InputError, match="9X"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from structid import FrfRecord, InputError
-from structid.records import from_repeats, with_coherence_noise
+from structid.records import from_repeats, with_coherence_noise, with_declared_noise
 
 FREQUENCY = np.arange(1.0, 61.0, 0.1)
 
@@ -84,3 +84,15 @@ def test_coherence_of_one_average_says_nothing():
     record = FrfRecord(FREQUENCY, truth(), ["1X"], ["1X"], "receptance", coherence=coherence, averages=1)
     with pytest.raises(InputError, match=r"from 2 averages on, got `averages` = 1.*declare the noise instead"):
         with_coherence_noise(record)
+
+
+def test_noise_in_words_and_magnitudes_without_phase_are_refused():
+    values = np.linspace(1.0, 4.0, 12).reshape(12, 1, 1)
+    with pytest.raises(InputError, match="magnitudes without their phase"):
+        FrfRecord(np.arange(1.0, 13), values, ["3X"], ["1X"], "receptance")
+    record = FrfRecord(np.arange(1.0, 13), values - 2, ["3X"], ["1X"], "receptance")  # undamped: both signs
+    assert np.array_equal(
+        record.values, FrfRecord(record.frequency, values + 0j, ["3X"], ["1X"], "receptance").values - 2
+    )
+    with pytest.raises(InputError, match="`relative` must be a finite number, got '1 %'"):
+        with_declared_noise(record, relative="1 %")  # type: ignore[arg-type]

@@ -59,7 +59,7 @@ def test_groups_supports_and_points_make_the_structure(tmp_path):
     point = next(tie for tie in structure.ties if tie.label == 9002)
     assert (point.node, point.distance) == (62, 0.0)
     checked = check_study(study)
-    assert checked.channels[0].seen == "+1 44Z (nearest node, 0.00152 m away)"
+    assert checked.channels[0].seen == "+44Z (nearest node, 0.00152 m away)"
     area = 0.4 * 0.3
     assert structure.mass_of(direction="Z") == pytest.approx(2700 * area * (0.003 + 0.25 * 0.001), rel=0.02)
 

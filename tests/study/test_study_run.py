@@ -92,7 +92,7 @@ def test_check_tells_sensors_lines_and_modes(tmp_path):
     text = replaced("band = [0.5, 12.0]", "band = [2.0, 12.0]")
     result = check_study(load_study(write_chain(tmp_path, text, chain_record(outputs=("1X-", "3X")))))
     assert [(c.channel, c.role, c.seen) for c in result.channels] == [
-        ("1X-", "output", "-1 1X"), ("3X+", "output", "+1 3X"), ("3X+", "input", "+1 3X")
+        ("1X-", "output", "-1X"), ("3X+", "output", "+3X"), ("3X+", "input", "+3X")
     ]  # fmt: skip
     (words,) = result.records
     assert words == "accelerance in (m/s^2)/N, 200 of 230 lines from 2 to 11.95 Hz, noise: declared"
@@ -110,7 +110,7 @@ def test_a_sensor_tied_by_a_constraint_is_seen_through_it(tmp_path):
         '[[structure.constraint]]\nname = "lever"\ndependent = "3X"\ndepends_on = [["2X", 0.5]]\n[[unknown]]',
     )
     seen = {c.channel: c.seen for c in check_study(load_study(write_chain(tmp_path, text))).channels}
-    assert seen == {"1X+": "+1 1X", "3X+": "+0.5 2X"}
+    assert seen == {"1X+": "+1X", "3X+": "+0.5 2X"}
 
 
 def test_masses_on_one_rigid_body_are_told_only_as_a_sum(tmp_path):

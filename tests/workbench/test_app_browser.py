@@ -840,3 +840,25 @@ def test_a_click_that_begins_while_a_field_is_saved_counts(page, tmp_path):
         assert tomllib.loads(study.read_text("utf-8"))["unknown"] == [
             entry | ({"bounds": [0.1, 9]} if entry["property"] == "mass" else {}) for entry in entries[1:]
         ]
+
+
+@pytest.mark.long
+def test_a_choice_stays_when_the_study_changes_outside(page, tmp_path):
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    text = study.read_text("utf-8").replace(
+        "[[unknown]]", '[[structure.point_mass]]\nname = "tip"\nnodes = [5]\nmass = 0.1\n\n[[unknown]]', 1
+    )
+    study.write_text(text, encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#unknowns/beam.toml")
+        chosen, sets = page.locator("#property"), page.locator("#set")
+        chosen.select_option("bending_stiffness")
+        sets.select_option("tip")
+        assert chosen.input_value() == "mass"
+        sets.select_option("beam")
+        assert chosen.input_value() == "mass"  # which both sets have
+        write_by_hand(page, study, text.replace("Beam clamped", "Shelf clamped"))
+        assert (sets.input_value(), chosen.input_value()) == ("beam", "mass")
+        chosen.select_option("bending_stiffness")
+        write_by_hand(page, study, text)
+        assert chosen.input_value() == "bending_stiffness"

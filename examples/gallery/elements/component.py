@@ -51,6 +51,6 @@ for name, structure in (("whole", whole), ("reduced", reduced)):
 # ----------------------
 # `identify` solves a few lines with nothing reduced at the answer, and says how far off they are.
 unknown = sid.parameters(reduced, sought)
-found = sid.identify(reduced, unknown.started_at(1.2 * exact.start), record, sid.IdentifyOptions(restarts=0))
-print(found.truncations[0].words)
-figure = found.plot_frf("405Z")
+identified = sid.identify(reduced, unknown.started_at(1.2 * exact.start), record, sid.IdentifyOptions(restarts=0))
+print(identified.truncations[0].words)
+figure = identified.plot_frf("405Z")

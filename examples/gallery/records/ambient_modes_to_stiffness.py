@@ -25,7 +25,7 @@ figure = found.plot_structure()
 # -----------------------
 unknown = [sid.Unknown("mass", "floor", each=True), sid.Unknown("stiffness", "storey", each=True)]
 both = sid.parameters(study.structure, unknown)
-free = sid.identify_together([sid.ModalSetup(study.structure, both, found.problems[0].record)])
+free = sid.identify_together([sid.ModalSetup(study.structure, both, found.setups[0].record)])
 print("status:", free.estimate.status.value)
 ratios = free.mass.ratios
 print(ratios.words)

@@ -114,6 +114,8 @@ def constraint_violation(annotation: object, value: object) -> str:
             choices += get_args(inner)
         elif isinstance(inner, type):
             others.append(Real if inner in (int, float) else inner)
+    if isinstance(value, str) and not choices and others and all(kind is Real for kind in others):
+        return f"must be a number, got {value!r}"
     if choices and value not in choices and not isinstance(value, tuple(others)):
         named = [*map(str, choices), *("a number" if one is Real else one.__name__ for one in others)]
         return f"must be one of {', '.join(named)}, got {value!r}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, partial
+from numbers import Real
 
 import numpy as np
 
@@ -60,9 +61,13 @@ def explain(identification: Identification, seconds: float | None = None) -> Dia
     InputError
         If `seconds` is not greater than 0, or the identification does not know its set-ups.
     """
-    if seconds is not None and not seconds > 0:
+    if seconds is not None and not (isinstance(seconds, Real) and seconds > 0):
         raise InputError(
-            f"`seconds` must be greater than 0, got {seconds:g}; leave it out for a search without a limit"
+            f"`seconds` must be greater than 0, got {seconds!r}; leave it out for a search without a limit"
+        )
+    if not isinstance(identification, Identification):
+        raise InputError(
+            f"`identification` must be what `identify` or `identify_together` gives, got {type(identification).__name__}"
         )
     if not identification.setups or identification.options is None:
         raise InputError("`identification` must be one of `identify` or `identify_together`, which keeps its set-ups")

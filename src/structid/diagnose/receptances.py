@@ -234,15 +234,15 @@ class Receptances:
 
     def reached(self, codes: IntArray) -> FloatArray:
         """Weights (n_codes, n_dofs) by which degrees of freedom, by code, follow the free ones; zero where held."""
-        place, is_known = self._found(codes)
+        place, is_known = self._rows_of_codes(codes)
         return np.where(is_known[:, None], self._follow[place], 0.0)
 
     def moves(self, codes: IntArray) -> bool:
         """True where any of these degrees of freedom, by code, can move."""
-        place, is_known = self._found(codes)
+        place, is_known = self._rows_of_codes(codes)
         return bool(self._can_move[place[is_known]].any())
 
-    def _found(self, codes: IntArray) -> tuple[IntArray, np.ndarray]:
+    def _rows_of_codes(self, codes: IntArray) -> tuple[IntArray, np.ndarray]:
         """Rows (n_codes,) of degrees of freedom in `_follow`, and whether the model has them; rows of others mean nothing."""
         known = self.structure.numbering.codes
         place: IntArray = np.minimum(np.searchsorted(known, codes), len(known) - 1)

@@ -133,7 +133,7 @@ class Fitted:
         if test is None:
             return None
         if test.theta is None:
-            return fixed_values.refit(names, self.theta, self.chi_square)
+            return fixed_values.refit(names, self.theta, self.chi_square - self.left_out)
         return fixed_values.fit_at(test.theta, names)
 
     @property
@@ -155,13 +155,14 @@ class Fitted:
 def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, left_out: float = 0.0) -> Fitted:
     """The fit at given free variables; where its misfit is beyond noise, with its tolerance test.
 
-    `chi_square` is its sum of squares, `left_out` the misfit of data that it leaves out.
+    `chi_square` is its sum of squares, in which `left_out`, the misfit of data that it leaves out, is included.
     """
     fitted = Fitted(modified, theta, chi_square, left_out)
     fixed_values = modified.fixed_values
     if modified.is_large or fixed_values is None or not is_beyond_noise(fitted):
         return fitted
-    within = fixed_values.refit(modified.target.names, theta, chi_square, count_effort(fixed_values.problem))
+    effort = count_effort(fixed_values.problem)
+    within = fixed_values.refit(modified.target.names, theta, chi_square - left_out, effort)
     test = ToleranceTest(within.chi_square + left_out, within.misfits(MISFIT), within.theta)
     return replace(fitted, tolerance_test=test)
 
@@ -302,7 +303,10 @@ def _stored(fitted: Fitted) -> StoredFit:
 
 def restore_fit(base: Fitted, candidate: Candidate, stored: StoredFit) -> Fitted:
     """The fit of a candidate with its model, from what `fit_fully` gave."""
-    modified = base.modified.changed(replace(candidate, where=tuple(stored["where"])), float(stored["strength"]))
+    where = tuple(stored["where"])
+    if where != candidate.where:  # the candidate itself has its model in the cache
+        candidate = replace(candidate, where=where)
+    modified = base.modified.changed(candidate, float(stored["strength"]))
     test = None
     if "chi_square_within" in stored:
         theta = np.asarray(stored["theta_within"]) if "theta_within" in stored else None
@@ -354,7 +358,7 @@ def _values_in_study(modified: ModifiedModel, theta: FloatArray, base: Fitted) -
 def _with_other_lines(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> ModifiedModel | None:
     """The modified model with the outlying lines or tones found after its fit.
 
-    None where the model has them already.
+    None where the model has them already, for every other kind of candidate, and for several records.
     """
     candidate, strength, _ = modified.changes[-1]
     if not isinstance(candidate, OutlyingLines | Tone) or len(base.modified.problems) > 1:

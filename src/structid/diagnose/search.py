@@ -355,8 +355,8 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
 def _finalists(order: Sequence[int], several: Sequence[Candidate]) -> list[int]:
     """Positions of the candidates to refit, from the `order` of their near fits, the best first.
 
-    Those that smoothed data do not show have places among them and come last: where the time ends early, the best near fits
-    are those that were fitted to the end.
+    Those that smoothed data do not show have places among them and come last, so that the best near fits are refitted before
+    the time ends.
     """
     reserved = [k for k in order if several[k].has_reserved_place][:RESERVED_PLACES]
     others = [k for k in order if not several[k].has_reserved_place]

@@ -150,7 +150,8 @@ OTHER_STATE_MISFIT = 2.0
 #: Part of a misfit below which a difference is one of rounding.
 SAME_MISFIT = 1e-9
 
-#: Changed models of a small model that are kept: screen, near fit and refit of a change ask for the same one.
+#: Changed models of a small model that the process which made them keeps: its screen, near fit and refit of a change ask for
+#: the same one. A worker process gets a copy of the candidate with each task, and makes its model anew.
 MOST_CACHED = 64
 
 # fixed values

@@ -170,6 +170,22 @@ def _large_modes(
     return omega, shapes, np.minimum(rounding, _root_rounding(stiffness, omega, shapes))
 
 
+def frequencies_between(
+    known: Modes, mass: sparse.csc_array, stiffness: sparse.csc_array, lowest: float, highest: float
+) -> tuple[FloatArray, bool]:
+    """Natural frequencies above `lowest`, up to `highest` (Hz), rising, and True if these are all that there are.
+
+    Of a large model, of which `known` are the lowest modes, it may be the first such frequency alone.
+    """
+    frequency = known.frequency
+    is_all = mass.shape[0] <= _DENSE_UP_TO or bool(frequency[-1] > highest)
+    if not is_all and frequency[-1] <= lowest:
+        start, shift = np.random.default_rng(0).standard_normal(mass.shape[0]), (2 * np.pi * lowest) ** 2
+        eigenvalues = eigsh(stiffness, 1, mass, sigma=shift, which="LA", v0=start, return_eigenvectors=False)
+        frequency = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
+    return frequency[(frequency > lowest) & (frequency <= highest)], is_all
+
+
 def _energy_of(stiffness: sparse.csc_array) -> _Energy:
     return lambda space: space.T @ (stiffness @ space)
 

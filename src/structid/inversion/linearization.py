@@ -74,11 +74,13 @@ def solve_upper(triangle: FloatArray, right: FloatArray, transposed: bool = Fals
     LinAlgError
         If R is singular.
     """
+    if not right.size:  # LAPACK takes no empty system
+        return np.zeros_like(right)
     if triangle.flags.f_contiguous:
         solution, info = lapack.dtrtrs(triangle, right, trans=int(transposed))
     else:  # a row-major R is the column-major R' of its memory
         solution, info = lapack.dtrtrs(triangle.T, right, lower=1, trans=int(not transposed))
-    if info:
+    if info > 0:
         raise np.linalg.LinAlgError(f"the triangle is singular at its diagonal entry {info}")
     return np.asarray(solution)
 

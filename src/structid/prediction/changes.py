@@ -18,6 +18,8 @@ from structid.core.errors import InputError
 from structid.fem import Dashpot, PointMass, Spring, Structure
 from structid.unknowns import Parameters
 
+#: Added mass at most, in masses of the structure, and damping ratio of a damper at most: beyond them a place is held.
+_MOST_ADDED, _MOST_DAMPED = 1e3, 10.0
 _LABEL = re.compile(r"^(?P<property>\w+)\[(?P<set>[^:\]]+)(?::(?P<number>\d+))?\]$")
 
 
@@ -45,6 +47,7 @@ class AddMass:
         """The structure with the point mass added, and its parameters."""
         _require_node(structure, self.node)
         _require_positive("mass", self.mass)
+        _require_mass_at_most("mass", self.mass, _MOST_ADDED, structure, parameters, "to hold the node, add supports")
         name = _free_name(structure, f"added mass {self.node}")
         added = PointMass(name, [self.node], mass=self.mass)
         return _carried_over(parameters, structure, replace(structure, elements=(*structure.elements, added)))
@@ -145,6 +148,12 @@ class AddTunedMassDamper:
         structure.selection([at])
         for name in ("mass", "frequency", "damping_ratio"):
             _require_positive(name, getattr(self, name))
+        if self.damping_ratio > _MOST_DAMPED:
+            raise InputError(
+                f"`damping_ratio` must be at most {_MOST_DAMPED:g}, above which a damper does not move against its place, got"
+                f" {self.damping_ratio:g}; add its mass alone"
+            )
+        _require_mass_at_most("mass", self.mass, 1.0, structure, parameters, "a tuned mass damper is lighter than that")
         node = max(structure.nodes) + 1
         rate = 2 * np.pi * self.frequency
         moving = Dof(node, at.direction)
@@ -218,6 +227,18 @@ def _carried_over(parameters: Parameters, before: Structure, after: Structure) -
 def _require_node(structure: Structure, node: int) -> None:
     if node not in structure.nodes:
         raise InputError(f"the structure has no node {node}")
+
+
+def _require_mass_at_most(
+    name: str, mass: float, most: float, structure: Structure, parameters: Parameters, remedy: str
+) -> None:
+    """Raise `InputError` if `mass`, kg, is more than `most` times that of the structure; `name` is the argument."""
+    whole = structure.mass_of(parameters.values(parameters.start))
+    if mass > most * whole > 0:
+        times = "" if most == 1 else f"{most:g} times "
+        raise InputError(
+            f"`{name}` must be at most {times}the mass of the structure, {whole:.4g} kg, got {mass:g} kg; {remedy}"
+        )
 
 
 def _require_positive(name: str, value: float) -> None:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from structid.core.arrays import FloatArray, require_shape
 from structid.core.errors import FileError, InputError
+from structid.core.units import parse_frequency_unit, parse_unit
 from structid.files import require_readable
 
+#: A unit at the end of a heading, and the unit of a density: a square per frequency.
+_IN_BRACKETS = re.compile(r"[(\[](.+)[)\]]\s*$")
+_DENSITY_UNIT = re.compile(r"\s*(?P<unit>\(.+\)|[^()]+?)(?:\^?2|²|\*\*2)\s*/\s*(?P<per>[^()]+|\([^()]+\))\s*")
 #: Most samples of a history: with its bands it takes some hundred bytes a sample and output.
 _MOST_SAMPLES = 1e7
 
@@ -54,15 +61,25 @@ def coloured_noise(
     return np.asarray(np.fft.irfft(np.sqrt(power) * phase, n))
 
 
-def read_density(path: Path) -> tuple[FloatArray, FloatArray]:
+def read_density(path: Path, is_support: bool | None = None) -> tuple[FloatArray, FloatArray]:
     """Frequencies, Hz, and one-sided spectral densities of a load from a table with these two columns.
+
+    Densities are in N^2/Hz, of a support's motion in (m/s^2)^2/Hz, where the heading states no units, as ``f (Hz), S (kN^2/Hz)``.
+
+    Parameters
+    ----------
+    path : Path
+    is_support : bool, optional
+        Whether the density is of the acceleration of a support, not of a force; not compared with the heading by default.
 
     Raises
     ------
     FileError
-        If the file cannot be read, a line does not hold two numbers, frequencies do not rise, or a density is negative.
+        If the file cannot be read, a line does not hold two numbers, frequencies do not rise, a density is negative, or units of
+        the heading are none of a density or of another quantity.
     """
     rows: list[tuple[float, float]] = []
+    hertz, square = 1.0, 1.0
     for number, line in enumerate(require_readable(path).read_text(encoding="utf-8", errors="replace").splitlines(), 1):
         cells = [cell for cell in line.replace(";", ",").replace("\t", ",").split(",") if cell.strip()]
         if not cells or line.lstrip().startswith("#"):
@@ -71,7 +88,10 @@ def read_density(path: Path) -> tuple[FloatArray, FloatArray]:
             first, second = (float(cell) for cell in cells)
         except ValueError as error:
             if not rows and not cells[0].strip()[:1].isdigit():
-                continue  # names of the columns
+                if len(cells) == 2:
+                    with _located(path, number):
+                        hertz, square = _heading_factors(cells[0], cells[1], is_support)
+                continue
             raise FileError(
                 f"{path}, line {number}: a spectrum has two numbers a line, Hz and density, got {line.strip()!r}"
             ) from error
@@ -83,7 +103,36 @@ def read_density(path: Path) -> tuple[FloatArray, FloatArray]:
     if len(rows) < 2:
         raise FileError(f"{path}: a spectrum needs at least two lines of frequency (Hz) and density, got {len(rows)}")
     table = np.array(rows)
-    return table[:, 0], table[:, 1]
+    return hertz * table[:, 0], square * table[:, 1]
+
+
+@contextmanager
+def _located(path: Path, number: int) -> Iterator[None]:
+    """Context manager that turns an `InputError` into a `FileError` with the line `number` of the file at `path`."""
+    try:
+        yield
+    except InputError as error:
+        raise FileError(f"{path}, line {number}: {error}") from error
+
+
+def _heading_factors(frequency: str, density: str, is_support: bool | None) -> tuple[float, float]:
+    """Factors of the columns with these headings to Hz and to N^2/Hz or (m/s^2)^2/Hz; 1 where they state no unit in brackets."""
+    axis, unit = (match[1] if (match := _IN_BRACKETS.search(text)) else "" for text in (frequency, density))
+    hertz = parse_frequency_unit(axis) if axis else 1.0
+    if not unit:
+        return hertz, 1.0
+    parts = _DENSITY_UNIT.fullmatch(unit)
+    if parts is None:
+        raise InputError(
+            f"cannot read {unit!r} as the unit of a spectral density; write N^2/Hz, (m/s^2)^2/Hz or g^2/Hz"
+        )
+    squared = parse_unit(parts["unit"])
+    if squared.quantity not in ("force", "acceleration") or (
+        is_support is not None and is_support != (squared.quantity == "acceleration")
+    ):
+        wanted = {True: "an acceleration of the support", False: "a force", None: "a force or acceleration"}[is_support]
+        raise InputError(f"the density must be of {wanted}, got {unit!r}, of {squared.quantity}; correct unit or place")
+    return hertz, squared.factor**2 / parse_frequency_unit(parts["per"])
 
 
 def _require_samples(duration: float, sampling_rate: float) -> None:

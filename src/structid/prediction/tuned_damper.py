@@ -114,7 +114,8 @@ def tune_damper(
     Raises
     ------
     InputError
-        If `dof` is no translation of the structure, a number is out of its limits, or no mode in the band moves at `dof`.
+        If `dof` is no translation of the structure, a number is out of its limits, `mass` is more than the mode moves as seen at
+        `dof`, or no mode in the band moves at `dof`.
     NoAnswerError
         If the data do not determine the model.
 
@@ -133,6 +134,11 @@ def tune_damper(
     if band is not None and not 0 < band[0] < band[1]:
         raise InputError(f"`band` must run from more than 0 Hz to a higher frequency, got {band}")
     tuned, effective = _dominant_mode(model, at_dof, band)
+    if mass > effective:
+        raise InputError(
+            f"`mass` must be at most {effective:.4g} kg, what the mode at {tuned:.4g} Hz moves there, got {mass:g} kg;"
+            " a damper is some per cent of that"
+        )
     low, high = band or ((1 - _AROUND) * tuned, (1 + _AROUND) * tuned)
     read, pushed = parse_dofs(outputs) or (at_dof,), parse_dofs(inputs) or (at_dof,)
     sensors = tuple(dict.fromkeys((at_dof, *read)))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from structid.core.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
+from structid.core.arrays import AnyArray, ComplexArray, FloatArray, locked, require_finite, require_shape
 from structid.core.display import Overview, Shown, data_array, format_number, join_words, plural
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoLinesError
@@ -25,6 +26,8 @@ DERIVATIVES: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2,
 MOTION_DERIVATIVES: dict[str, int] = {"displacement": 0, "velocity": 1, "acceleration": 2}
 #: What has an entry for every value of an FRF.
 _BESIDE_VALUES = ("variance", "coherence", "relative", "sizes")
+#: Real values from which on, all positive, they are taken for magnitudes.
+_SEVERAL = 8
 #: Largest coherence that is let pass: what rounding adds to 1.
 COHERENCE_MOST = 1 + 1e-9
 #: SI unit of an FRF with translations and forces only.
@@ -148,6 +151,11 @@ class FrfRecord(Shown):
     def __post_init__(self) -> None:
         """Convert, lock and check the fields."""
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
+        if _is_magnitude(np.asarray(self.values)):
+            raise InputError(
+                "`values` must be complex, got real numbers none of which is negative: magnitudes without their phase; give real"
+                " and imaginary parts, with a complex type where all imaginary parts are 0"
+            )
         object.__setattr__(self, "values", locked(self.values, np.complex128))
         object.__setattr__(self, "outputs", parse_dofs(self.outputs))
         object.__setattr__(self, "inputs", parse_dofs(self.inputs))
@@ -278,6 +286,13 @@ class FrfRecord(Shown):
         return replace(self, kind=kind, values=self.values * factor[:, None, None], variance=variance, sizes=sizes)
 
 
+def _is_magnitude(values: AnyArray) -> bool:
+    """True for several different real numbers none of which is negative; equal ones are blanks, for channels and lines alone."""
+    if values.dtype.kind not in "fiu" or values.size < _SEVERAL:
+        return False
+    return bool((values >= 0).all() and (values != values.flat[0]).any())
+
+
 def _require_within(record: FrfRecord, name: str, array: FloatArray) -> None:
     """Raise `InputError` if a coherence is outside of 0 to 1, or another array below 0, and say where."""
     most, words = (COHERENCE_MOST, "from 0 to 1") if name == "coherence" else (np.inf, "at least 0")
@@ -361,7 +376,15 @@ def with_declared_noise(record: FrfRecord, relative: float = 0.0, absolute: floa
         Noise as a part of each value's magnitude.
     absolute : float
         Noise in the unit of the record.
+
+    Raises
+    ------
+    InputError
+        If one of them is no number or negative, or neither is greater than 0.
     """
+    for name, size in (("relative", relative), ("absolute", absolute)):
+        if not isinstance(size, Real) or not np.isfinite(float(size)):
+            raise InputError(f"`{name}` must be a finite number, got {size!r}; 0.01 is 1 %")
     if relative < 0 or absolute < 0 or relative + absolute == 0:
         raise InputError("declared noise needs `relative` or `absolute` greater than 0, and none negative")
     variance = (relative * np.abs(record.values)) ** 2 + absolute**2

@@ -7,7 +7,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.core.display import plural
-from structid.core.quantities import NOTHING, number, percent, unit_text, value_words
+from structid.core.quantities import NOTHING, number, percent, span_text, unit_text, value_words
 from structid.prediction.predict import PredictedChange, Prediction
 from structid.prediction.quantities import Frf
 from structid.prediction.tuned_damper import TunedDamper
@@ -77,7 +77,7 @@ def _interval(part: Prediction, index: tuple[int, ...], factor: float = 1.0) -> 
     low, high = factor * float(part.low[index]), factor * float(part.high[index])
     if not np.isfinite([low, high]).all():
         return NOTHING
-    return f"{number(low)} to {number(high)}{' %' if factor == 100 else ''}"
+    return span_text(low, high, "%" if factor == 100 else "")
 
 
 def heading(prediction: StudyPrediction) -> str:

@@ -1,4 +1,4 @@
-"""A property that the model fixes is not what the model says."""
+"""A fixed property whose true value differs from the model's."""
 
 from __future__ import annotations
 

@@ -65,19 +65,31 @@ class SensorGain(Candidate):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LoadGain(Candidate):
-    """A load whose measurement reads too much or too little; the strength is minus the logarithm of its gain."""
+    """A load, or the motion of a support, that reads too much or too little; the strength is minus the logarithm of its gain.
+
+    `is_motion` of a support that drives the structure, and `is_alone` where nothing else drives it.
+    """
 
     kind: ClassVar[str] = "load_gain"
     begins_at_start: ClassVar[bool] = True
     record: int | None = 0
+    is_motion: bool = False
+    is_alone: bool = False
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate gains of each load: calibrations and mistaken units of the force."""
-        units = np.log([factor for factor, _, _ in MISTAKEN_FORCES])
-        for _, channel in channels(records, 2):
-            logs = np.concatenate([FACTORS, -FACTORS, units, -units])
-            yield cls(where=(channel.dof.place,), record=channel.record, strengths=logs)
+        """Candidate gains of each load: calibrations and mistaken units of the force, or of the motion of a support."""
+        for receptances, channel in channels(records, 2):
+            is_motion = receptances.problem.record.is_per_motion
+            table = mistaken_motions(channel.dof.is_rotation) if is_motion else MISTAKEN_FORCES
+            units = np.log([factor for factor, _, _ in table])
+            yield cls(
+                where=(channel.dof.place,),
+                record=channel.record,
+                strengths=np.concatenate([FACTORS, -FACTORS, units, -units]),
+                is_motion=is_motion,
+                is_alone=channel.n_alike == 1,
+            )
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
         index = index_of(receptances, 2, self.where[0])
@@ -88,14 +100,21 @@ class LoadGain(Candidate):
         return [AddChannelError(self.record or 0, {"property": "gain", "inputs": list(self.where), "start": start})]
 
     def mistaken_unit(self, gain: float | None) -> str:
-        """The unit, in words, that a force of this gain was read in by mistake; "" where no unit fits."""
-        return "" if gain is None or gain <= 0 else mistaken_unit(-math.log(gain), MISTAKEN_FORCES, _UNIT)
+        """The unit, in words, that a load of this gain was read in by mistake; "" where no unit fits."""
+        if gain is None or gain <= 0:
+            return ""
+        if self.is_motion:
+            return mistaken_unit(math.log(gain), mistaken_motions(parse_dof(self.where[0]).is_rotation), _UNIT)
+        return mistaken_unit(-math.log(gain), MISTAKEN_FORCES, _UNIT)
 
     def named_kind(self, value: float | None) -> str:
         return "unit" if self.mistaken_unit(value) else self.kind
 
     def sentence(self, value: float | None) -> str:
-        return gain_sentence(f"the force at {self.where[0]}", self.mistaken_unit(value), value)
+        if not self.is_motion:
+            return gain_sentence(f"the force at {self.where[0]}", self.mistaken_unit(value), value)
+        sentence = gain_sentence(f"the motion of support {self.where[0]}", self.mistaken_unit(value), value)
+        return sentence + (", or all sensors are off the other way round" if self.is_alone else "")
 
 
 def gain_sentence(channel: str, unit: str, gain: float | None) -> str:

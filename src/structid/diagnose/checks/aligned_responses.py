@@ -14,7 +14,7 @@ from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.similarity import mac
 
-#: What a resonance without a like costs, and what a shape without likeness does; both in the logarithm of frequency.
+#: Cost of a resonance without a partner, and of a pair whose shapes differ wholly; both in the logarithm of frequency.
 _ALONE, _UNLIKE = 0.25, 0.3
 #: Common factors of all frequencies that are tried, as logarithms, and what they cost.
 _SHIFTS, _COMMON = sorted(np.linspace(-0.7, 0.7, 15).tolist(), key=abs), 0.5
@@ -210,7 +210,7 @@ def in_order(
     unpaired_cost : float
         Cost of each item that is left without a partner.
     initial_cost : float
-        Added to the total of a sequence with unpaired items at its start.
+        Added to the total cost where unpaired items stand at the start of either sequence.
 
     References
     ----------

@@ -469,6 +469,8 @@ def property_values(
 
     With `positive`, zero is refused too.
     """
+    if np.asarray(values).dtype.kind in "USO" and any(isinstance(item, str | bytes) for item in np.ravel(values)):
+        raise InputError(f"`{name}` of {element!r} must be one number or {n_elements}, got text: {values!r}")
     try:
         array = np.broadcast_to(np.asarray(values, dtype=np.float64), (n_elements,))
     except ValueError as error:

@@ -84,7 +84,7 @@ def matrix_market(path: Path) -> sparse.csc_array:
     if layout == "coordinate":
         if len(words.line) != sizes[2]:
             raise FileError(f"{path}: says {sizes[2]} entries and has {len(words.line)} lines of them; {_REMEDY}")
-        row, column = words.whole(0) - 1, words.whole(1) - 1
+        row, column = (_indices(words, k, side, sizes[k]) for k, side in enumerate(("row", "column")))
     else:
         row, column = _array_positions(path, n_rows, n_columns, symmetry, len(words.line))
     values = words.real(per_line - 1)
@@ -97,6 +97,19 @@ def matrix_market(path: Path) -> sparse.csc_array:
         row, column = np.concatenate([row, column[off]]), np.concatenate([column, row[off]])
         values = np.concatenate([values, mirrored])
     return coordinates((n_rows, n_columns), row, column, values)
+
+
+def _indices(words: _WordTable, word: int, side: str, count: int) -> IntArray:
+    """Indices from 0 of the entries' rows or columns (`side`), which the file counts from 1 to `count`."""
+    numbers = words.whole(word)
+    outside = (numbers < 1) | (numbers > count)
+    if outside.any():
+        first = int(np.argmax(outside))
+        raise FileError(
+            f"{words.path}, line {words.line[first]}: {side} must be from 1 to {count}, got {numbers[first]}; MatrixMarket counts"
+            " from 1"
+        )
+    return numbers - 1
 
 
 def _read_banner(path: Path, line: bytes) -> tuple[str, str, str]:

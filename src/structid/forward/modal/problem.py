@@ -159,11 +159,6 @@ class ModalProblem(RecordProblem):
         each with the other: pairing by order of frequency, with shapes hardly counting, leads past that, if no mode was missed.
         Under noise on the shapes the dynamic residual alone is smallest where all stiffnesses vanish, so that it may end farther
         off than it began. Its matrices are dense: large models do without it, and so do those with unknown channel errors.
-
-        Where the straight way misses the noise, the others are tried too. Shapes pair a mode with its neighbour where the two have
-        yet to cross: frequencies in their order, shapes hardly counting, lead past that, if no mode was missed. Under noise on the
-        shapes the dynamic residual alone is smallest where all stiffnesses vanish, so that it may end farther off than it began.
-        Its matrices are dense: a large model does without it, and so does one whose sensors may read wrongly.
         """
         near = replace(self, parameters=self.parameters.kept_near_start(_START_ERROR))
         frequency, shape = _ORDER_ERRORS

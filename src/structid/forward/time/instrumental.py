@@ -267,7 +267,7 @@ def identified_by_instruments(
         message = "the samples do not determine the parameters"
     rows, known, fixed = end.rows or _plain_rows(fit), fit.noise is not None, None
     if end.values is not None and end.rows is not None:
-        fixed = fixed_rows(structure, unknown, options.tolerances, end.at, fit.rows_with)
+        fixed = fixed_rows(structure, unknown, options.tolerances, end.linearized_at, fit.rows_with)
     return linear_estimate(
         rows, end.values, end.history, end.converged, message, known, options.misfit_probability, len(ends), fixed
     )
@@ -275,12 +275,12 @@ def identified_by_instruments(
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """End of the iteration from one start; `rows`, made at the values `at`, is None where motion cannot be simulated there."""
+    """End of the iteration from one start; `rows`, made at `linearized_at`, is None where motion cannot be simulated there."""
 
     values: FloatArray | None
     converged: bool
     rows: WhitenedRows | None
-    at: FloatArray
+    linearized_at: FloatArray
     history: list[FloatArray]
 
     @property

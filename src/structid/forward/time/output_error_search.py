@@ -275,7 +275,7 @@ def _confirmed(
 ) -> tuple[FloatArray, int]:
     """The better of `theta` and an answer found near it by posterior linearization, and the iterations.
 
-    It finds a minimum beside the answer that misses the noise less. `sizes` are the numbers of samples of the stages.
+    It looks for a minimum beside the answer that misses the noise less. `sizes` are the numbers of samples of the stages.
     """
     first = _first_far(problem, sizes)
     short, task = problem.first(sizes[first]), (theta, _NEAR_SPREAD, options.seed + _MOST_FAR)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, stack_real
-from structid.dynamics.normal_modes import Modes, modes
+from structid.dynamics.normal_modes import Modes, frequencies_between, modes
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.channels import read as readings_of
@@ -236,9 +236,21 @@ class SpectraModel:
 
     @cached_property
     def start_modes(self) -> Modes:
-        """All modes of the structure at the start."""
+        """Modes of the structure at the start: all of a small one, the lowest of a large one."""
+        return modes(*self._start_matrices)
+
+    @property
+    def _start_matrices(self) -> tuple[sparse.csc_array, sparse.csc_array]:
+        """Mass and stiffness of the structure at the start, (n_dofs, n_dofs)."""
         values = self.parameters.values(self.parameters.start)
-        return modes(self.structure.matrix("mass", values), self.structure.matrix("stiffness", values))
+        return self.structure.matrix("mass", values), self.structure.matrix("stiffness", values)
+
+    def start_frequencies(self, lowest: float, highest: float) -> tuple[FloatArray, bool]:
+        """Natural frequencies (Hz) at the start above `lowest`, up to `highest`, rising, and whether they are all.
+
+        Of a large structure it may be the first of them alone.
+        """
+        return frequencies_between(self.start_modes, *self._start_matrices, lowest, highest)
 
     @cached_property
     def transient(self) -> Transient:

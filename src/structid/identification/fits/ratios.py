@@ -21,7 +21,7 @@ _SCALED = (*_INERTIAS, "stiffness", "axial_force", "viscous_damping")
 #: What that the scale is the force's means.
 ON_FORCE = (
     "no known mass, stiffness or prior fixes the scale of the values: an error of 1 % in the calibration of the force is one of"
-    " 1 % in every mass, stiffness and damping, which their intervals do not include"
+    " 1 % in every mass, stiffness and damping"
 )
 
 

@@ -49,6 +49,8 @@ TimeHold = Literal["band_limited", Hold]
 
 #: Error of each value by which these FRFs are weighed.
 _SHOWN_ERROR = 0.1
+#: Multiple of half the sampling rate up to which modes behind the samples count.
+_FOLDED = 2.0
 _SUPPORT: Quantity = "support_acceleration"
 #: Noise of a channel that is declared exact, in parts of its rms, where its weight must be finite.
 _LEAST_NOISE = 1e-6
@@ -243,22 +245,27 @@ class TimeSetup(RecordSetup[RecordProblem]):
 
 
 def _modes_behind_the_samples(problem: RecordProblem) -> tuple[str, ...]:
-    """A warning where forces that run straight between samples excite modes above half the sampling rate; () elsewhere.
+    """A warning where inputs that run straight between samples excite modes just above half the sampling rate; () elsewhere.
 
-    Sampled motions show their responses folded into the band, where the model has their mass alone.
+    Sampled motions show their responses folded into the band, where the model has their mass alone. Modes above twice half
+    the rate hardly respond otherwise than as a mass or a spring, and do not count.
     """
     if not isinstance(problem, SpectraProblem) or not problem.spectra.straight:
         return ()
     half_rate = 0.5 / problem.spectra.straight
-    frequency = problem.model.start_modes.frequency
-    beyond = frequency[frequency > half_rate]
+    highest = _FOLDED * half_rate
+    beyond, is_all = problem.model.start_frequencies(half_rate, highest)
     if not len(beyond):
         return ()
+    driven = problem.spectra.driven
+    inputs = "motions of supports" if driven.all() else "forces and motions of supports" if driven.any() else "forces"
+    count = plural(len(beyond), "such mode")
     return (
-        f"forces that run straight between samples (hold = 'first') excite modes above half the sampling rate, {half_rate:g} Hz:"
-        f" the model has {plural(len(beyond), 'such mode')}, the lowest at {beyond.min():.4g} Hz. The samples fold their responses"
-        " into the band, so that a right model may look wrong; simulate in finer steps, or filter forces and motions below"
-        " half the sampling rate, state hold = 'band_limited', and a `band` below the filter",
+        f"{inputs} that run straight between samples (hold = 'first') excite modes above half the sampling rate, {half_rate:g} Hz:"
+        f" the model has {count if is_all else f'at least {count}'} up to {highest:g} Hz, the lowest at {beyond.min():.4g} Hz. The"
+        f" samples fold their responses into the band, so that a right model may look wrong; simulate in finer steps, or filter"
+        f" {inputs} and the sensors' motions below half the sampling rate, state hold = 'band_limited', and a `band` below the"
+        " filter",
     )
 
 

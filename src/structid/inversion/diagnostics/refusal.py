@@ -56,10 +56,10 @@ class Bound:
         )
 
 
-def bound_at(problem: Problem, theta: FloatArray, words: str) -> Bound:
+def bound_at(problem: Problem, theta: FloatArray, point_name: str) -> Bound:
     """Cramer-Rao bound of the parameter standard deviations if the truth were `theta`; NaN if the model cannot be evaluated.
 
-    `words` name the point, such as "at the start".
+    `point_name` is how sentences call the point, such as "the initial values".
     """
     values, slope = problem.physical(theta), problem.slope(theta)
     try:
@@ -67,7 +67,7 @@ def bound_at(problem: Problem, theta: FloatArray, words: str) -> Bound:
             covariance = inverse_information(problem.linearize(theta).jacobian)
     except (SingularModelError, np.linalg.LinAlgError):
         covariance = np.full((len(values), len(values)), np.nan)
-    return Bound(locked(np.sqrt(np.diag(covariance)) * np.abs(slope)), problem.unknowns.sizes(values), words)
+    return Bound(locked(np.sqrt(np.diag(covariance)) * np.abs(slope)), problem.unknowns.sizes(values), point_name)
 
 
 def carried(initial: Bound, sizes: FloatArray, std: FloatArray, fits: bool) -> np.ndarray:

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 IntervalKind = Literal["laplace", "profile", "bootstrap", "sampling"]
 INTERVAL_KINDS: tuple[str, ...] = get_args(IntervalKind)
 
+#: Remedy where ArviZ or a sampler is missing.
+WITH_EXTRA = "install it with `pip install structid[sampling]`"
+
 
 @dataclass(frozen=True, eq=False)
 class Intervals:
@@ -150,8 +153,6 @@ def to_arviz(found: Drawn, n_draws: int = 4000, seed: int = 0) -> InferenceData:
     try:
         import arviz
     except ImportError as error:
-        raise InputError(
-            f"`arviz` must be installed to export draws, got {error}; install it with `pip install structid[sampling]`"
-        ) from error
+        raise InputError(f"`arviz` must be installed to export draws, got {error}; {WITH_EXTRA}") from error
     draws = found.drawn(n_draws, np.random.default_rng(seed))
     return arviz.from_dict(posterior={name: draws[:, :, j] for j, name in enumerate(found.names)})

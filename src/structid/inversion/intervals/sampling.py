@@ -14,6 +14,7 @@ from structid.core.errors import InputError, SingularModelError
 from structid.inversion.averaging import few_averages
 from structid.inversion.covariance import fit_covariance
 from structid.inversion.estimate import Estimate, require_level
+from structid.inversion.intervals.intervals import WITH_EXTRA
 from structid.inversion.intervals.nuts import begun, continued, restored
 from structid.inversion.problem import Problem
 from structid.inversion.search.minimum import Stored
@@ -319,9 +320,7 @@ def _by_emcee(target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: 
     try:
         import emcee
     except ImportError as error:
-        raise InputError(
-            f"`emcee` must be installed for this sampler, got {error}; install it with `pip install structid[sampling]`"
-        ) from error
+        raise InputError(f"`emcee` must be installed for this sampler, got {error}; {WITH_EXTRA}") from error
     n_walkers = max(n_chains, 2 * n_params + 2)
     moves = emcee.EnsembleSampler(n_walkers, n_params, lambda x: target(x)[0])
     seed = np.random.RandomState(int(rng.integers(2**31))).get_state()

@@ -301,7 +301,11 @@ def _is_determined_somewhere(problem: Problem, minimum: Minimum, start: FloatArr
     """
     if _is_determined(problem, minimum.theta, cast(Linearization, minimum.linearization)):
         return True
-    return _is_determined(problem, start, problem.linearize(start))
+    try:
+        at_start = problem.linearize(start)
+    except (SingularModelError, np.linalg.LinAlgError):  # searches may begin beside a start that cannot be evaluated
+        return False
+    return _is_determined(problem, start, at_start)
 
 
 def _is_determined(problem: Problem, theta: FloatArray, at: Linearization) -> bool:

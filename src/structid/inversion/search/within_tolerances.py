@@ -68,12 +68,16 @@ class FixedValues:
     ) -> FitWithinTolerances:
         """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta`.
 
-        `chi_square` is the sum of squares there; it says how far the steps may be trusted.
+        `chi_square` is the sum of squares of its data there; it says how far the steps may be trusted.
         """
-        method: Method = _MATRIX_FREE_REFIT
-        if not self.is_matrix_free:
-            method = _FAR_REFIT if chi_square > _FAR * self.problem.n_data else _REFIT
-        minimum = minimize(self.problem, method, self._whole(names, theta), progress)
+        start, far = self._whole(names, theta), _FAR * self.problem.n_data
+        if not self.is_matrix_free and chi_square > far:
+            minimum = minimize(self.problem, _FAR_REFIT, start, progress)
+            if minimum.costs[-1] > far:
+                return self._fit(minimum.theta, minimum.linearization, names)
+            start = minimum.theta
+        method: Method = _MATRIX_FREE_REFIT if self.is_matrix_free else _REFIT
+        minimum = minimize(self.problem, method, start, progress)
         return self._fit(minimum.theta, minimum.linearization, names)
 
     def fit_at(self, theta: FloatArray, names: tuple[str, ...]) -> FitWithinTolerances:

@@ -32,20 +32,11 @@ const N_FRAMES = 24,
   redrawn = []; // functions that draw figures of equal scales anew in the present width
 const hasEqualScales = (panel) => Boolean(panel.layout.yaxis?.scaleanchor);
 
-// The same for all drawings of one panel, so that a drawing that is made anew keeps its zoom.
-const REVISIONS = new Map();
-function revisionOf(panel) {
-  if (!REVISIONS.has(panel)) {
-    REVISIONS.set(panel, REVISIONS.size + 1);
-  }
-  return REVISIONS.get(panel);
-}
-
 // Draw in `plot` by the part of the library that can. The library writes the domains of equal scales into its layout and begins
 // with them when it resizes: such a drawing would shrink each time, so it gets a layout of its own and is drawn anew instead.
 function react(plot, panel, data, layout, config) {
   plot.library = LIBRARIES[panel.layout.scene ? "library-space" : "library-plane"];
-  const own = {...structuredClone(layout), template: TEMPLATE, uirevision: revisionOf(panel)};
+  const own = {...structuredClone(layout), template: TEMPLATE};
   plot.library.react(plot, data, own, {...config, responsive: !hasEqualScales(panel)});
 }
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.core.dof import Dof
 from structid.diagnose.checks.loose_parts import PlacedFinding, coarse_elements, structure_findings
 from structid.diagnose.checks.mesh import MeshErrors
 from structid.dynamics import Modes
@@ -345,10 +346,16 @@ def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
         for j, dof in enumerate(dofs):
             part = columns[:, [j]].tocoo()
             pairs = zip(part.coords[0], part.data, strict=True)
-            terms = [f"{value:+.3g} {free[int(row)].unsigned}"[:-1] for row, value in pairs]
+            terms = [_term(value, free[int(row)]) for row, value in pairs]
             terms += [f"(nearest node, {nearest[dof.node]:.3g} m away)"] if dof.node in nearest else []
             checks.append(ChannelCheck(f"{name}{dof}", role, " ".join(terms)))
     return checks
+
+
+def _term(factor: float, dof: Dof) -> str:
+    """A degree of freedom times a factor, which is left out where it is 1: ``+2Y``, ``-0.5 3X``."""
+    text = f"{factor:+.3g}"
+    return (text[0] if text[1:] == "1" else f"{text} ") + dof.place
 
 
 def _mode_checks(modes: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:

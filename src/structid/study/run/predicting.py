@@ -17,6 +17,7 @@ from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.isolation import absolute_paths
 from structid.core.json_types import Entry
+from structid.core.quantities import span_text
 from structid.core.units import FrfKind
 from structid.fem import Base, Structure
 from structid.files import csv_text
@@ -320,7 +321,7 @@ def _spectrum(
     It includes the noise named in the options.
     """
     path, loaded = _noise_parts(structure, options)
-    frequency, density = read_density(path)
+    frequency, density = read_density(path, isinstance(loaded, Base))
     kind = "transmissibility" if isinstance(loaded, Base) else options.kind
     within = np.interp(lines, frequency, density, left=0.0, right=0.0)
     if not within.any():
@@ -340,7 +341,7 @@ def _noise_history(
     """
     path, loaded = _noise_parts(structure, options)
     rng = np.random.default_rng(options.seed)
-    noise = coloured_noise(*read_density(path), duration, sampling_rate, rng)
+    noise = coloured_noise(*read_density(path, isinstance(loaded, Base)), duration, sampling_rate, rng)
     return History(outputs, (loaded,), noise[:, None], sampling_rate, options.motion, options.relative)
 
 
@@ -447,8 +448,13 @@ def parts_of(prediction: Prediction | PredictedChange) -> dict[str, Prediction]:
 
 
 def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, Entry]:
-    ends = [float(part.low[index]), float(part.high[index])]
-    return {"value": float(np.real(part.values[index])), "std": float(part.std[index]), "interval_95": ends}
+    low, high = float(part.low[index]), float(part.high[index])
+    return {
+        "value": float(np.real(part.values[index])),
+        "std": float(part.std[index]),
+        "interval_95": [low, high],
+        "interval_text": span_text(low, high),
+    }
 
 
 def prediction_csv(prediction: Prediction | PredictedChange) -> str:

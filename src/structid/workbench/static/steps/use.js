@@ -68,7 +68,7 @@ export async function show(box, app) {
   await draw();
 }
 
-const unsigned = (dof) => dof.replace(/[+-]$/, "");
+const unsigned = (dof) => dof.replace(/[+-]$/, "").toUpperCase();
 let lists = 0;
 
 // A text field that offers names, since a mesh has thousands.
@@ -255,8 +255,6 @@ function newChange(app, facts, add) {
   return h("div", {class: "row end"}, field("A change", kind), place, button);
 }
 
-const ends = (one, digits = 5) => `${number(one.interval_95[0], digits)} to ${number(one.interval_95[1], digits)}`;
-
 function shownModes(told) {
   const isChange = told.changes.length > 0,
     rows = told.modes.map(({frequency_hz: hertz, damping_ratio: ratio}, k) =>
@@ -266,16 +264,16 @@ function shownModes(told) {
             number(hertz.before.value, 5),
             number(hertz.after.value, 5),
             `${hertz.difference.value > 0 ? "+" : ""}${number(hertz.difference.value, 3)}`,
-            ends(hertz.difference, 3),
+            hertz.difference.interval_text,
             number(ratio.before.value, 3),
             number(ratio.after.value, 3),
           ]
         : [
             `${k + 1}`,
             number(hertz.value.value, 5),
-            ends(hertz.value),
+            hertz.value.interval_text,
             number(ratio.value.value, 3),
-            ends(ratio.value, 3),
+            ratio.value.interval_text,
           ],
     );
   const header = isChange
