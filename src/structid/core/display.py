@@ -101,7 +101,7 @@ def file_names(paths: Sequence[str | Path]) -> list[str]:
 
 
 def first_warnings(warnings: Iterable[str], most: int = MOST_WARNINGS) -> list[str]:
-    """The first `most` warnings as lines for a terminal, and a line with the number of the others."""
+    """The first `most` warnings as plain lines ``warning: ...``, and a line with the number of the others."""
     texts = list(warnings)
     more = len(texts) - most
     note = [f"{plural(more, 'more warning')}: in the results"] if more > 0 else []

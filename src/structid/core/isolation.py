@@ -58,7 +58,7 @@ def paths_as_called(text: str) -> str:
 
 
 def import_paths(entries: list[str], folder: Path) -> list[str]:
-    """Absolute import paths from `entries`, without `folder` unless structid itself lies there."""
+    """`entries` of an import path made absolute from `folder`, each once; without `folder` itself unless structid lies there."""
     absolute = [os.path.abspath(folder / entry) for entry in entries]  # noqa: PTH100 - zip archives are no folders
     refused = {str(folder), str(folder.resolve())} - {str(_PACKAGE_ROOT)}
     return [entry for entry in dict.fromkeys(absolute) if entry not in refused]

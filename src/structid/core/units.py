@@ -90,8 +90,6 @@ _PER_TIME = re.compile(
 _VOLTAGE = re.compile(
     r"(?P<read>[mu]?V) ?(?:at|@) ?(?P<number>\d+\.?\d*(?:e[+-]?\d+)?) ?(?P<sensed>[mu]?V)/(?P<unit>.+)", re.IGNORECASE
 )
-#: Letters of the longest unit: what is longer is none, and is not looked at.
-_LONGEST = 80
 _ACCEPTED = (
     "lengths m mm um cm km in mil ft and angles rad deg, alone or per s or s^2 (as in mm/s^2 or deg/s), g or gal as an"
     " acceleration, forces N kN mN lbf kip kgf, moments such as N m, or a voltage with a sensitivity as in V at 100 mV/g"
@@ -156,7 +154,7 @@ def _unit_name(text: str, among: Mapping[str, float]) -> str | None:
 
 
 def _without_brackets(text: str) -> str:
-    """`text` without brackets that enclose the whole of it."""
+    """`text` without round brackets that enclose the whole of it, however many; a very long text as it is."""
     while text.startswith("(") and text.endswith(")") and len(text) <= 2 * _LONGEST:
         depths = np.cumsum([(letter == "(") - (letter == ")") for letter in text])
         if (depths[:-1] == 0).any():

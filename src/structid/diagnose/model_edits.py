@@ -392,7 +392,13 @@ class AverageSegments:
     """The FRFs of all records are averages of segments under a Hann window."""
 
     def apply(self, draft: ModelDraft) -> None:
-        """Make the FRFs of all records of a model draft averages of segments under a Hann window."""
+        """Make the FRFs of all records of a model draft averages of Hann segments, each one over the line spacing long.
+
+        Raises
+        ------
+        InputError
+            If a record is not of FRFs, or its lines are uneven.
+        """
         for record in draft.records:
             frfs = record.get("record")
             if not isinstance(frfs, FrfRecord):

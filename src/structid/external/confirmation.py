@@ -63,7 +63,10 @@ def confirmation_of(command: str, study: Path, inputs: Sequence[Path]) -> str:
 
 @contextmanager
 def commands_told(tell: Callable[[str, Path], None]) -> Iterator[None]:
-    """Context manager: `tell` is called with each command and its study folder before the command first runs in the block."""
+    """Context manager: `tell` is called with a command and its study folder before the command first runs in the block.
+
+    A command whose files have changed since counts as another one.
+    """
     token = _teller.set((tell, set()))
     try:
         yield

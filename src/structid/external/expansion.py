@@ -82,12 +82,14 @@ class _Axis:
 
 
 def axis(parameter: DeckParameter, nominal: float, usual: float) -> _Axis:
-    """The range over which a parameter is varied about its nominal value, reduced near bounds; `usual` is the relative default.
+    """The range over which a parameter is varied about its nominal value, reduced near bounds.
+
+    Its size is the parameter's step, in parts of the nominal value (as it is where that is 0), or `usual` of the nominal value.
 
     Raises
     ------
     InputError
-        If the nominal value is 0 and no step is given.
+        If the nominal value is 0 and no step is given, or it lies at a bound.
     """
     low, high = parameter.limits
     if not nominal and parameter.step is None:

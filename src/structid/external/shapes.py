@@ -51,7 +51,7 @@ class Shapes:
 
 
 def read_shapes(path: Path) -> Shapes:
-    """Frequencies and mode shapes in the file at `path` that a solver wrote.
+    """Frequencies and real mode shapes in the file at `path` that a solver wrote, a row for each node and component.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def read_shapes(path: Path) -> Shapes:
     Raises
     ------
     FileError
-        If the file is missing, cut short, or holds no modes.
+        If the file is missing, cut short, holds no modes or complex ones.
     """
     suffix = path.suffix.lower()
     if suffix not in (*FRD, *NASTRAN):

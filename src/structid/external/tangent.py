@@ -149,6 +149,11 @@ def _count_common_modes(centre: Shapes, runs: Sequence[Shapes], n_moved: int) ->
     """Number of lowest modes that span the same motions in all runs; higher ones may differ between the lists.
 
     `n_moved` is the number of degrees of freedom that move in the runs.
+
+    Raises
+    ------
+    InputError
+        If a run has more modes than `n_moved`, or no lowest modes are alike in all runs.
     """
     n_common = min([len(centre.frequency), *(len(run.frequency) for run in runs)])
     if n_moved < n_common:

@@ -52,7 +52,7 @@ class Numbering:
 def numbering(
     codes: Sequence[int], constrained: frozenset[int], equations: Equations, following: Sequence[Following] = ()
 ) -> Numbering:
-    """The numbering of free degrees of freedom, and the sparse map from them to all others.
+    """The numbering of free degrees of freedom, and the sparse map u = T q (n_all, n_free) from them to all.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def numbering(
     equations : mapping
         Dependent codes with what they depend on; a dependent may depend on another dependent.
     following : sequence of Following
-        Further dependent codes, on which none of those depends that they depend on.
+        Groups of dependent codes that follow common masters by a matrix; no master may depend on its group.
 
     Raises
     ------

@@ -25,7 +25,9 @@ _HDF5_START = b"\x89HDF\r\n\x1a\n"
 
 
 def matlab_variables(path: Path) -> dict[str, Variable]:
-    """Every variable of numbers or texts of the MAT file at `path`, by name; fields of a struct as ``name.field``.
+    """Every array, sparse matrix, text or tuple of texts in the MAT file at `path`, by name; fields of a struct as ``name.field``.
+
+    Variables of other kinds are passed over.
 
     Raises
     ------

@@ -162,7 +162,7 @@ class RowNoise:
     factor: FloatArray | None = None
 
     def score_covariance(self, jacobian: FloatArray) -> FloatArray | None:
-        """Covariance of J'e (n_params, n_params) for noise e in whitened rows; None if rows are independent."""
+        """Covariance of J'e (n_params, n_params) for noise e in whitened rows; None where it is J'J."""
         if self.factor is None:
             few = few_averages(self.averages)
             return None if few is None else jacobian.T @ (score_factor(few)[:, None] * jacobian)

@@ -236,7 +236,13 @@ def _from_baseline(study: Study, baseline: State, names: Sequence[str]) -> Study
 
 
 def _restart_problem(state: State, fallback: State | None = None) -> Problem:
-    """The joint problem of a state that was run, started at its answer, or at that of `fallback` if it did not converge."""
+    """The joint problem of a state that was run, started at its answer, or at that of a `fallback` where it did not converge.
+
+    Raises
+    ------
+    InputError
+        If the state was fitted in time.
+    """
     assert state.result is not None
     source = state if fallback is None or state.estimate.status is Status.CONVERGED else fallback
     values = dict(zip(source.estimate.names, source.estimate.values, strict=True))

@@ -68,9 +68,9 @@ class MassOffset(Candidate):
                     )  # fmt: skip
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF by levers q (m): with them the mass moves by u + q lever theta instead of u.
+        """Exact changes of the FRF by levers q (m): with them the mass moves by u + q lever theta instead of u.
 
-        `strengths` (n_strengths,) are the levers.
+        `strengths` (n_strengths,) are the levers; the shape is (n_strengths, n_lines, n_outputs, n_inputs).
         """
         codes = np.array([dof_code(self.node, direction) for direction in DIRECTIONS])
         first, second = np.zeros((6, 6)), np.zeros((6, 6))

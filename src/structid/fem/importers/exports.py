@@ -74,7 +74,7 @@ def require_total_mass(total: float, declared: float, left_aside: str = "") -> N
 
     Parameters
     ----------
-    found, declared : float
+    total, declared : float
         kg; a tenth apart they pass, as a model is rarely right to the percent, and units are wrong by a factor.
     left_aside : str
         Parts of the model without an element, which the message names as the cause.

@@ -278,7 +278,13 @@ class Assembly:
         return int(label) + self.shift(self.scope(owner) if dot else scope)
 
     def nodes(self, scope: Scope, word: str) -> list[int]:
-        """Labels in the mesh of the node or node set called `word` in a scope, in order."""
+        """Labels in the mesh, sorted, of the node or node set called `word` (``12``, ``TOP``, ``PART-1.TOP``) in a scope.
+
+        Raises
+        ------
+        ValueError
+            If there is none of that name.
+        """
         if _NUMBER.fullmatch(word.strip('"').rpartition(".")[2]):
             return [self.node(scope, word)]
         key = word.strip('"').upper()

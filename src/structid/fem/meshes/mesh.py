@@ -159,7 +159,9 @@ class Mesh:
         return self.labels[is_inside]
 
     def nearest(self, position: ArrayLike, among: Iterable[int] | None = None) -> tuple[int, float, float]:
-        """Label of the node nearest to `position` (3,), its distance, and the size of the cells there, all in m.
+        """Label of the node nearest to `position` (3,), its distance, and the longest side of the cells there (0 if none), in m.
+
+        Nodes at the ends of offsets are left out; in `among` they stand for the nodes that carry them.
 
         Parameters
         ----------

@@ -161,9 +161,9 @@ def _rows_of_block(cards: Cards, block: CellBlock) -> IntArray:
 
 
 def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]]:
-    """Height of the middle of each laminate with Z0 over its reference plane, in the deck's unit.
+    """Height of the middle of each laminate (PCOMP, PCOMPG) with Z0 over its reference plane, in the deck's unit, by its number.
 
-    The reason as text where it is unknown.
+    Beside it stands "", or why the height is unknown (and 0).
     """
     middles: dict[int, tuple[float, str]] = {}
     for name, (head, width, thickness) in _LAMINATES.items():

@@ -184,7 +184,8 @@ class Transient:
         """Whitened regressors of all linear unknowns: changes of state at both ends, then each output's polynomial and tones.
 
         `whitening` (n_frequencies, n_outputs, n_outputs) is the factor on the outputs' spectra, `reach` (n_frequencies, n_outputs,
-        n_modes) the whitened motion by each modal force. Shape (n_unknowns, n_frequencies * n_outputs): each unknown is a row.
+        n_forces) the whitened motion by each force of the transient. Shape (n_unknowns, n_frequencies * n_outputs), a row for each
+        unknown: a constant for each force, a slope over s for each, then the shapes of each output in turn.
         """
         n_lines, n_out = self.spectra.motion.shape
         jumps, shapes, s = np.moveaxis(reach, 2, 0), self._own_shapes.T, self.relative_laplace[:, None]

@@ -243,7 +243,9 @@ def _wide_minima(
     progress: StageProgress | None,
     work: Work,
 ) -> tuple[list[tuple[Minimum, int]], bool]:
-    """Minima from distant random starts and along the weakest directions, each with its iterations; True if no more are expected.
+    """All ends of searches from distant random starts and along the weakest directions, each with its number of iterations.
+
+    The flag is True if no further minimum is expected, False if `wide_starts` ran out first.
 
     `path` is the continuation path of each search, `start` the centre of the starts, and `grouped` takes the new minima.
     """

@@ -407,7 +407,11 @@ def _normal(where: str, frequency: float, mass: float, viscous: float, hystereti
 
 
 def _complex(reals: Sequence[float]) -> _Stated:
-    """Eigenvalue, damping ratio and modal A over 2 i omega_d of a complex mode."""
+    """Eigenvalue, damping ratio and modal A over 2 i omega_d of a complex mode.
+
+    `reals` are real and imaginary part of the eigenvalue, then of modal A. The ratio is NaN without damping, the last 0 without
+    modal A.
+    """
     s, modal_a = complex(reals[0], reals[1]), complex(*reals[2:4]) if len(reals) >= 4 else 0j
     ratio = -s.real / abs(s) if s.real else np.nan
     return s, ratio, modal_a / (2j * s.imag) if s.imag else 0j

@@ -147,7 +147,11 @@ def clusters(
 
 
 def likely_modes(every: Sequence[Cluster]) -> tuple[Cluster, ...]:
-    """Clusters that are large, by two means of the sizes of `every` one, unless `UNLIKELY`; or likely to be a mode."""
+    """Clusters that are probably modes.
+
+    Those with many poles, in the larger of two groups by their number (two means), whose probability is not below `UNLIKELY`; and
+    all whose probability is `LIKELY` or more.
+    """
     sizes = np.array([c.size for c in every], dtype=float)
     large = sizes > _two_means_boundary(np.append(sizes, 0.0))
     return tuple(

@@ -70,7 +70,7 @@ def _time_fields(record: TimeRecord) -> dict[str, Field]:
 
 
 def _frf_fields(record: FrfRecord) -> dict[str, Field]:
-    """The fields of an FRF record in structid's layout."""
+    """The arrays and texts of an FRF record by their names in structid's layout; absent ones are left out."""
     fields: dict[str, Field] = {
         MARK: _FRF_MARK,
         "frequency": record.frequency,

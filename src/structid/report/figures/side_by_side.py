@@ -157,7 +157,7 @@ def _spans(nodes: IntArray) -> list[tuple[int, int]]:
 
 
 def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[plot.Panel, ...]:
-    """Plot panels of mode pairs, measured shape beside model shape, all with the same axes.
+    """One plot panel for each mode pair, measured and model shape in it, all with the same axes.
 
     `chosen` are the indices of the measured modes.
     """

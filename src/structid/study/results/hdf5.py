@@ -84,7 +84,7 @@ def _texts(group: h5py.Group, name: str, values: Iterable[object]) -> None:
 
 
 def _write_parameters(group: h5py.Group, estimate: Estimate) -> None:
-    """Write names, values, covariances and identifiability of the parameters."""
+    """Write start, values, deviations, covariances (or draws), identifiability and search history of the parameters to `group`."""
     _texts(group, "names", estimate.names)
     _texts(group, "kinds", estimate.kinds)
     _texts(group, "units", estimate.units)

@@ -177,7 +177,10 @@ def _check(opened: OpenFolder, study: str) -> Entry:
 
 
 def _modelled(opened: OpenFolder, study: str, number: int = 0) -> Entry:
-    """FRF magnitudes of a study's model at its start values, at the used lines of record `number`."""
+    """FRF magnitudes of a study's model at its start values as JSON: ``frequency``, and ``channels`` with name and magnitude.
+
+    At the used lines of record `number` (from 0), thinned for a picture; no channels of records that are no FRFs.
+    """
     from structid.study.run.start import prepare_study
     from structid.study.schema.study import load_study
     from structid.workbench.work.fits import initial_responses

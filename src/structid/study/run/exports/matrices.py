@@ -99,7 +99,7 @@ def export_matrices(model: IdentifiedModel, path: Path) -> list[str]:
 
 
 def matrix_files(path: Path) -> list[Path]:
-    """The files that `export_matrices` may write."""
+    """Every file that `export_matrices` may write for `path`: the file, or one for each matrix, and that of the numbering."""
     files = [path, path.with_suffix(".dofs.txt")]
     if path.suffix.lower() in _ONE_EACH:
         files[:1] = [_file_of(path, name) for name in _MATRICES]

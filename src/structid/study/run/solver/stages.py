@@ -79,9 +79,9 @@ def _property_values(problem: RecordProblem, names: Sequence[str], values: Float
 
 
 def limit_to_bounds(solved: Solved, name: str, value: float) -> float:
-    """`value` of the deck parameter `name`, limited to its bounds.
+    """`value` of the deck parameter `name`, limited to its bounds and to half of its value in `solved` around that.
 
-    It is also limited to the largest change in one round of finite differences.
+    Differences were taken about the value in `solved`; they say little of what is farther away.
     """
     at = solved.at[name]
     low, high = next(parameter.limits for parameter in solved.solver.deck.parameters if parameter.name == name)
