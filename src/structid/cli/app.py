@@ -64,7 +64,7 @@ class _OnCall(TyperGroup):
         self._loaded: set[str] = set()
 
     def get_command(self, ctx: Context, cmd_name: str) -> Command | None:
-        """Command called `name`, imported at its first use; None for an unknown name."""
+        """Command called `cmd_name`, imported at its first use; None if there is none of this name."""
         if cmd_name in self.commands and cmd_name not in self._loaded:
             alone = _typer(add_completion=False)
             alone.command(cmd_name)(command(vars(import_module(_module(cmd_name)))[cmd_name]))
@@ -78,7 +78,10 @@ class _OnCall(TyperGroup):
                 formatter.write_dl([(f"{name:<{_WIDEST}}", _summary(name)) for name in names])
 
     def shell_complete(self, ctx: Context, incomplete: str) -> list[CompletionItem]:
-        """Command names that begin with `incomplete`, with their summaries, for a shell; no command is imported."""
+        """Completions for a shell: command names that begin with `incomplete`, with their summaries.
+
+        No command is imported. Text that begins with "-" is completed as an option.
+        """
         if incomplete.startswith("-"):
             return super().shell_complete(ctx, incomplete)
         return [CompletionItem(name, help=_summary(name)) for name in COMMANDS if name.startswith(incomplete)]
@@ -89,7 +92,7 @@ def _module(name: str) -> str:
 
 
 def _summary(name: str) -> str:
-    """First line of the docstring of a command, read from its source without importing it."""
+    """First line of the docstring of the command `name`, read from its source without importing it."""
     spec = find_spec(_module(name))
     source: str = spec.loader.get_source(spec.name)  # type: ignore[union-attr]
     body = ast.parse(source).body

@@ -40,7 +40,7 @@ Png = Annotated[bool, typer.Option("--png", help="Write the figures of the page 
 
 
 def results_folder(default: str) -> OptionInfo:
-    """Declaration of the option --out with its default folder."""
+    """Declaration of the option ``--out``, whose help names the folder `default`; the path must not be a file."""
     found: OptionInfo = typer.Option(
         "--out", metavar="FOLDER", help=f"Results folder [default: {default}].", callback=_no_file
     )
@@ -48,7 +48,7 @@ def results_folder(default: str) -> OptionInfo:
 
 
 def _no_file(folder: Path | None) -> Path | None:
-    """`folder` unchanged; the command fails if that path is a file."""
+    """Path `folder` unchanged, None included; the command fails if it is a file."""
     if folder is not None:
         from structid.files import require_no_file  # the help needs none of it
 
@@ -59,9 +59,9 @@ def _no_file(folder: Path | None) -> Path | None:
 
 @contextmanager
 def reported(reword: Callable[[str], str] = str) -> Iterator[None]:
-    """A context that turns errors of a user's input into one message on stderr and an exit code.
+    """Context that turns errors into one message on stderr and an exit code.
 
-    `reword` changes the text of the message.
+    Exit codes: 1 for no answer, 2 for unusable input or a system error, 130 for an interruption. `reword` changes the message.
     """
     try:
         with _terminable():
@@ -82,7 +82,7 @@ def reported(reword: Callable[[str], str] = str) -> Iterator[None]:
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """A context in which the signal SIGTERM, as batch systems send it, ends the run like Ctrl-C."""
+    """Context in which SIGTERM ends the run like Ctrl-C; without effect outside the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -98,15 +98,15 @@ def _terminable() -> Iterator[None]:
 
 
 def fail(message: str, code: int) -> None:
-    """Exit with `code`, the message on stderr; what would steer a terminal in it is shown by its number."""
+    """Print an error message on stderr and exit with `code`; control characters in it are shown as numbers."""
     say(f"error: {message}", err=True)
     raise typer.Exit(code) from None
 
 
 def say(text: object, err: bool = False, is_exact: bool = False) -> None:
-    """Print a line, with paths as the user gave them unless `is_exact`; control characters are shown as numbers.
+    """Print a line on stdout, or on stderr if `err`; control characters are shown as numbers.
 
-    With `err` it goes to stderr.
+    Paths are shortened to how the user typed them, unless `is_exact`.
     """
     from structid.core.isolation import paths_as_called  # the help needs none of it
 
@@ -123,6 +123,6 @@ def beside_call(name: str) -> Path:
 
 
 def check_png(report: bool, png: bool) -> None:
-    """Refuses figures of a page that is not wanted."""
+    """Exit with an error if figures of the page are wanted (`png`) but not the page (`report`)."""
     if png and not report:
         fail("--png writes the figures of the page; leave out --no-report", UNUSABLE_INPUT)

@@ -18,7 +18,11 @@ _MOST_WARNINGS = 5
 
 
 def check_summary(result: CheckResult) -> list[RenderableType]:
-    """The printed parts of `structid check`: record, sensors, modes, rank and predicted accuracy of a study."""
+    """Texts and tables that `structid check` prints: record, sensors, modes, rank and predicted standard deviations.
+
+    The first five warnings come after the title, the others last. Without a full covariance matrix, one sentence replaces the
+    table of parameters.
+    """
     study = result.study
     facts = [
         *(f"record: {words}" for words in result.records),
@@ -64,13 +68,13 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
 
 
 def _apart(result: CheckResult) -> str:
-    """Between which data errors are taken as independent."""
+    """Data between which errors are taken as independent, in words: "line to line" or "mode to mode"."""
     has_lines = not result.modes or any(math.isfinite(mode.lines_per_bandwidth) for mode in result.modes)
     return "line to line" if has_lines else "mode to mode"
 
 
 def _modes(result: CheckResult) -> RenderableType:
-    """A table of the modes of the initial model, with the errors of their frequencies by the mesh."""
+    """Table of the modes of the initial model, with their frequency errors due to the mesh (%) if these are known."""
     by_mesh = {} if isinstance(result.mesh, str) else dict(zip(result.mesh.number, result.mesh.error, strict=True))
     has_lines = any(math.isfinite(mode.lines_per_bandwidth) for mode in result.modes)
     of_lines = ("in band", "lines per half-power bandwidth") if has_lines else ()
@@ -85,7 +89,7 @@ def _modes(result: CheckResult) -> RenderableType:
 
 
 def _resonances(result: CheckResult) -> list[RenderableType]:
-    """Tables of measured resonances beside those of the initial model, one for each record."""
+    """Tables of measured resonances beside those of the initial model, one for each record that has any."""
     found: list[RenderableType] = []
     for one in result.beside:
         if not one.resonances:
@@ -105,7 +109,7 @@ def _resonances(result: CheckResult) -> list[RenderableType]:
 
 
 def _prediction(result: CheckResult) -> str:
-    """A sentence on the predicted standard deviations of very many parameters: median, largest and unseen ones."""
+    """Sentence on the predicted standard deviations of very many parameters: median, largest, and number without any."""
     relative = (result.std / result.sizes).tolist()
     known = sorted(value for value in relative if math.isfinite(value))
     lost = len(relative) - len(known)

@@ -24,9 +24,9 @@ _STYLES = {"sound": "bold green", "approximate": "bold yellow"}
 
 
 def identification_summary(result: StudyResult, is_verbose: bool = False, folder: str = "") -> list[RenderableType]:
-    """The printed parts of `structid identify`: verdict, values and next step, with `is_verbose` statistics too.
+    """Texts and tables that `structid identify` prints: verdict, values and next step, with `is_verbose` statistics too.
 
-    Studies that were written into `folder`, that of the results, are named by their path from here.
+    `folder` is the results folder, put before the paths of suggested studies; "" leaves these as they are.
     """
     view = result.view
     shown: list[RenderableType] = [
@@ -49,7 +49,7 @@ def _from_here(words: str, folder: str) -> str:
 
 
 def _values(view: ResultsView) -> list[RenderableType]:
-    """The table of identified values; where it is cut, undetermined ones come first."""
+    """Table of at most 24 identified values, and a note on the others; if it is cut, undetermined parameters come first."""
     if not view.identification.estimate.uncertainty.has_matrix:
         return _changes(view)
     rows = view.listed
@@ -65,7 +65,7 @@ def _values(view: ResultsView) -> list[RenderableType]:
 
 
 def _changes(view: ResultsView) -> list[RenderableType]:
-    """The table of the parameters that moved most, where there are very many."""
+    """Table of the ten parameters that changed most, and a note that names the file with all; for very many parameters."""
     table = new_table("parameter that moved most", "initial", "value", "unit")
     for parameter in view.parameters[:_MOST_CHANGES]:
         initial = number(parameter.scaled(parameter.initial))
@@ -75,7 +75,7 @@ def _changes(view: ResultsView) -> list[RenderableType]:
 
 
 def _details(view: ResultsView) -> list[RenderableType]:
-    """The parts printed with --verbose: warnings, statistics, causes, standard deviations and modes."""
+    """Texts and tables printed with ``--verbose``: warnings, statistics, causes, standard deviations and modes."""
     found = view.identification
     shown: list[RenderableType] = [Text(""), *map(Text, first_warnings(found.warnings, len(found.warnings)))]
     shown += [Text(f"{label}: {text}") for label, text in view.statistics]
@@ -97,7 +97,10 @@ def _details(view: ResultsView) -> list[RenderableType]:
 
 
 def _alternatives(sets: Alternatives | None) -> list[RenderableType]:
-    """The table of sets of values that fit the data equally well, one set a column; empty without such sets."""
+    """Table of up to eight sets of values that fit the data equally well, one column each; [] if `sets` is None.
+
+    If a further test could decide between the sets, its predictions are the last row.
+    """
     if sets is None:
         return []
     count = min(len(sets), _MOST_SETS)
@@ -112,7 +115,7 @@ def _alternatives(sets: Alternatives | None) -> list[RenderableType]:
 
 
 def _causes(view: ResultsView) -> list[RenderableType]:
-    """The table of changes of model or record that lower the misfit; empty where there are none."""
+    """Table of up to five changes of model or record that lower the misfit; [] if there are none."""
     causes = view.diagnosis.named
     if not causes:
         return []
@@ -125,7 +128,7 @@ def _causes(view: ResultsView) -> list[RenderableType]:
 
 
 def _spreads(view: ResultsView) -> list[RenderableType]:
-    """The table of initial values and standard deviations, with those from noise alone."""
+    """Table of initial values and standard deviations, also from noise alone; [] without a covariance matrix."""
     if not view.identification.estimate.uncertainty.has_matrix:
         return []
     table = new_table("parameter", "unit", "initial", "std", "std from noise alone")
@@ -137,7 +140,7 @@ def _spreads(view: ResultsView) -> list[RenderableType]:
 
 
 def _modes(identification: Identification) -> list[RenderableType]:
-    """Tables of the modes of the identified model and of the resonances of the first record."""
+    """Tables of the identified model's modes and of its resonances beside the measured ones; none for empty data."""
     shown: list[RenderableType] = []
     if len(identification.modes.frequency):
         table = new_table("mode", "frequency Hz", "damping ratio")
@@ -154,7 +157,10 @@ def _modes(identification: Identification) -> list[RenderableType]:
 
 
 def _mode_and_ratio_tables(identification: Identification) -> list[RenderableType]:
-    """Tables of measured modes beside those of the model, and of the ratios where the scale is free."""
+    """Tables of measured modes beside those of fitted and initial model, one for each modal record, and of parameter ratios.
+
+    Ratios are shown if the data leave the scale of the parameters free.
+    """
     shown: list[RenderableType] = []
     for fit in identification.modal_fits:
         table = new_table("measured mode", "Hz", "fitted model Hz", "MAC", "initial model Hz", "initial MAC")

@@ -8,7 +8,7 @@ from structid.study.run.resources import Duration, Needs, gigabytes
 
 
 def installed_lines(installation: Installation) -> list[str]:
-    """Lines on versions, packages, factorizers, threads and memory of the installation."""
+    """Lines to print on the installation: versions, packages, factorizers, threads and free memory."""
     required = ", ".join(f"{name} {version}" for name, version in installation.required.items())
     has = ", ".join(f"{name} {version}" for name, version in installation.optional.items() if version)
     lacks = [f"{name}: {OPTIONAL[name]}" for name, version in installation.optional.items() if not version]
@@ -25,7 +25,10 @@ def installed_lines(installation: Installation) -> list[str]:
 
 
 def needed_lines(needs: Needs, duration: Duration, free: int, workers: int) -> list[str]:
-    """Lines on size, memory and time that a study needs, with `free` bytes of memory and so many workers."""
+    """Lines to print on the size of a study, and the memory and time that it needs on `workers` processes.
+
+    `free` is the free memory in bytes; `duration` is already that for so many workers.
+    """
     size = needs.sizes
     records = f"{size.n_records} records, the largest with " if size.n_records > 1 else ""
     starts = f", {needs.starts} starts" if needs.starts > 1 else ""
@@ -46,7 +49,7 @@ def needed_lines(needs: Needs, duration: Duration, free: int, workers: int) -> l
 
 
 def _duration_words(duration: Duration) -> str:
-    """A phrase on the duration of a run, and whether its search was tried."""
+    """Words on the duration of a run, the time to search for causes of a misfit, and whether the search was tried."""
     if duration.is_tried and duration.causes:
         return (
             f"{clock(duration.least)}, of which {clock(duration.causes)} to look for causes: the search was tried, and its fit"

@@ -38,7 +38,10 @@ _IN_STUDY = re.compile(r"[^`]*\.toml\b[^`]*\bline \d+")
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """The function as typer takes it, with flags for its options and errors as one message and an exit code."""
+    """Function for typer: each parameter that is a dataclass of options becomes one flag for each field.
+
+    Errors of the user's input end it with one message on stderr and an exit code, see `reported`.
+    """
     signature = inspect.signature(function, eval_str=True)
     options: dict[str, type] = {
         p.name: p.annotation
@@ -49,7 +52,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     spellings = flag_spellings(function)
 
     def run(**given: object) -> None:
-        """Call the function with its dataclasses of options made from the flags."""
+        """Call the function, with its dataclasses of options made from the flags; paths become absolute."""
         from structid.core.isolation import absolute_paths, isolated  # the help needs none of it
         from structid.external.confirmation import commands_told
         from structid.records.formats.options import options_given_as_flags
@@ -78,7 +81,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def flag_spellings(function: Callable[..., None]) -> dict[str, str]:
-    """The flag of each option of a command, under the name that the option has in Python."""
+    """Flag of each option of a command, such as ``--sampling-rate``, by the option's name in Python."""
     spellings: dict[str, str] = {}
     for parameter in inspect.signature(function, eval_str=True).parameters.values():
         kind = parameter.annotation
@@ -93,7 +96,10 @@ def flag_spellings(function: Callable[..., None]) -> dict[str, str]:
 
 
 def _spellings(options: type, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Pairs of a field's name and its flag, of a dataclass of options and of those inside it."""
+    """Yield name and flag of each field of a dataclass of options; fields of dataclasses inside it are included.
+
+    `prefix` begins the flags of an inner dataclass.
+    """
     kinds = get_type_hints(options)
     for field in fields(options):
         inner = _inner(kinds[field.name])
@@ -121,7 +127,7 @@ def name_flags(message: str, flags: Mapping[str, str]) -> str:
 
 
 def _flag_value(text: re.Match[str], flags: Mapping[str, str]) -> str:
-    """The value behind the name of an option, as it follows a flag; none where the option is no flag."""
+    """Value in the matched text, with a space before it, to follow the flag; "" if there is none or the option has no flag."""
     return f" {text['value']}" if text["value"] and text["name"] in flags else ""
 
 
@@ -130,14 +136,17 @@ def _tell_command(command: str, study: Path) -> None:
 
 
 def _inner(kind: object) -> type | None:
-    """The dataclass that a field holds, or None."""
+    """Dataclass that a field of the type `kind` holds, also as one of several types; None if it holds none."""
     from structid.core.constraints import alternatives  # not needed until a command is loaded
 
     return next((part for part in alternatives(kind) if isinstance(part, type) and is_dataclass(part)), None)
 
 
 def _made(options: type[T], values: Mapping[str, object]) -> T:
-    """A dataclass of options from its flags; flags that begin with a field's name make the dataclass of that field."""
+    """Instance of the dataclass `options` from flag values by name; missing fields keep their defaults.
+
+    Values whose names begin with ``<field>_`` make the dataclass that this field holds.
+    """
     kinds, own = get_type_hints(options), dict(values)
     for field in inspect.signature(options).parameters:
         inner, prefix = _inner(kinds[field]), f"{field}_"
@@ -149,9 +158,9 @@ def _made(options: type[T], values: Mapping[str, object]) -> T:
 
 
 def _flags(options: type, prefix: str = "") -> Iterator[inspect.Parameter]:
-    """Parameters of a command line function, one for each field of a dataclass of options and of the ones inside it.
+    """Yield the parameters of a command line function, one for each field of a dataclass of options.
 
-    `prefix` begins the flags of an inner dataclass.
+    Fields of an inner dataclass follow in its place, with flags that begin with `prefix`; lists become text.
     """
     from structid.core.constraints import parameter_descriptions
 
@@ -174,5 +183,5 @@ def _flags(options: type, prefix: str = "") -> Iterator[inspect.Parameter]:
 
 
 def _flag_names(name: str) -> tuple[str, ...]:
-    """Flags of an option by its name with the names of the dataclasses around it, the usual one first."""
+    """Flags of the option `name`, the preferred flag first; `name` includes those of the dataclasses around it."""
     return _NAMES.get(name, (f"--{name.replace('_', '-')}",))

@@ -43,9 +43,10 @@ class ProgressFile:
         path.touch()
 
     def write(self, name: str, done: int, total: int | None, words: str, cost: float | None = None) -> None:
-        """Add a line on a task, with sum of squares and values for a search; lines that come too fast are left out.
+        """Append a JSON line on the task `name`; with a finite `cost` it also holds sum of squares and parameters.
 
-        `done` of `total` steps are finished, `words` name the values, and `cost` is the sum of squares.
+        `done` of `total` steps are finished (`total` None if unknown), `words` describe the state. After 200 lines, lines less
+        than 0.2 s apart are left out. Above 400 parameters the list is empty.
         """
         now = time.time()
         if self._lines >= _ALL_LINES and now - self._written < _FILE_SECONDS and done not in (1, total):
@@ -69,7 +70,7 @@ class RunProgress:
     """
 
     def __init__(self, most_iterations: int, show: Show) -> None:
-        """Progress for searches of at most so many iterations, given to `show`."""
+        """Progress of a run whose searches have at most `most_iterations` iterations; `show` brings it to the reader."""
         self.most_iterations = most_iterations
         self.show = show
         self.file: ProgressFile | None = None
@@ -77,22 +78,22 @@ class RunProgress:
         self._ends: dict[str, float] = {}
 
     def search(self, stage: str, iteration: int, cost: float) -> None:
-        """Report a finished iteration of a search stage and its sum of squares."""
+        """Report iteration number `iteration` of the search stage `stage`, and its sum of squares `cost`."""
         each = self._each(stage, iteration)
         pace = f", {clock(each)} each" if each >= 1 else ""
         total = self.most_iterations if iteration <= self.most_iterations else None
         self._tell(stage, iteration, total, f"{stage}: iteration {iteration}{pace}, misfit {cost:.4g}", cost)
 
     def tasks(self, name: str, done: int, total: int) -> None:
-        """Tell how many of the tasks of this name are done, and the time left."""
+        """Report that `done` of `total` tasks called `name` are finished, with an estimate of the time left."""
         left = self._left(name, done, total)
         words = f", about {clock(left)} left" if left >= 1 and done < total else ""
         self._tell(name, done, total, f"{name}: {done} of {total}{words}")
 
     def _left(self, name: str, done: int, total: int) -> float:
-        """Time until the last task of this name ends, s; 0 while it is not known.
+        """Estimated time (s) until all `total` tasks called `name` are finished, `done` of which are; 0 if unknown.
 
-        `done` of `total` tasks are finished.
+        The estimated end is kept until the pace moves it by more than a quarter of the time left, or 2.5 s if that is more.
         """
         each, now = self._each(name, done), time.monotonic()
         if each == 0:
@@ -109,9 +110,9 @@ class RunProgress:
             self.file.write(name, done, total, words, cost)
 
     def _each(self, name: str, done: int) -> float:
-        """Mean time of one task or iteration since the first call of this name, s; 0 while it is not known.
+        """Mean time (s) of a task or iteration called `name` since its first report; 0 if unknown.
 
-        `done` tasks are finished.
+        `done` is the number of finished ones.
         """
         now = time.monotonic()
         if name not in self._begun or done < self._begun[name][1]:
@@ -122,7 +123,10 @@ class RunProgress:
 
 @contextmanager
 def run_progress(most_iterations: int) -> Iterator[RunProgress]:
-    """A context with the progress of a run: bars where stderr is a terminal, otherwise one line a minute."""
+    """Context that yields the progress of a run: a bar if stderr is a terminal, else at most one line a minute.
+
+    `most_iterations` is the limit of iterations of a search.
+    """
     console = Console(stderr=True)
     if not console.is_terminal:
         yield RunProgress(most_iterations, _lines())
@@ -133,13 +137,13 @@ def run_progress(most_iterations: int) -> Iterator[RunProgress]:
 
 
 def _bars(bar: Progress) -> Show:
-    """A function that shows progress as one bar, that of the current task."""
+    """Function that shows progress as one bar on a terminal, that of the current task."""
     tasks: dict[str, TaskID] = {"": bar.add_task("reading and checking", total=None)}
 
     def show(name: str, done: int, total: int | None, words: str) -> None:
-        """Show the bar of this task, and hide those of others.
+        """Show the bar of the task `name` and hide those of other tasks.
 
-        `done` of `total` steps are finished; `words` stand behind the bar.
+        `done` of `total` steps are finished (`total` None if unknown); `words` are the text of the bar.
         """
         if name not in tasks:
             for task in tasks.values():
@@ -151,11 +155,11 @@ def _bars(bar: Progress) -> Show:
 
 
 def _lines() -> Show:
-    """A function that prints progress on stderr, one line a minute at most."""
+    """Function that prints progress on stderr, at most one line a minute."""
     shown = time.monotonic()
 
     def show(_name: str, _done: int, _total: int | None, words: str) -> None:
-        """Print the words where the last line is a minute old."""
+        """Print `words` on stderr if the last line is at least 60 s old."""
         nonlocal shown
         if time.monotonic() - shown >= _LINE_SECONDS:
             typer.echo(words, err=True)
@@ -165,7 +169,7 @@ def _lines() -> Show:
 
 
 def clock(seconds: float) -> str:
-    """A duration given in seconds, in words with a unit of its own: 0.35 s, 12 s, 3:05 min, 2:10 h."""
+    """Duration `seconds` as text in a suitable unit: 0.35 s, 12 s, 3:05 min, 2:10 h."""
     if seconds < 60:
         return f"{seconds:.2g} s"
     if seconds < 3600:

@@ -16,7 +16,7 @@ _MOST_GROUPS = 3
 
 
 def show(parts: Iterable[RenderableType]) -> None:
-    """Print the parts on standard output, as wide as the terminal; elsewhere so wide that no line is broken."""
+    """Print `parts` on standard output, as wide as the terminal; 1000 characters wide if it is not a terminal."""
     console = Console(highlight=False, markup=False, emoji=False)
     if not console.is_terminal:
         console = Console(highlight=False, markup=False, emoji=False, width=_WIDTH_OF_FILES)
@@ -25,12 +25,12 @@ def show(parts: Iterable[RenderableType]) -> None:
 
 
 def heading(title: str, warnings: Iterable[str], most: int = MOST_WARNINGS) -> list[RenderableType]:
-    """Title and the first warnings."""
+    """Title and the first `most` warnings as styled texts."""
     return [Text(title, style="bold"), *(Text(words, style="yellow") for words in first_warnings(warnings, most))]
 
 
 def new_table(*columns: str) -> Table:
-    """A table without lines; its first column is never cut."""
+    """Table without lines, with these column headings; its first column is wrapped, the others may be cut."""
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
     for i, column in enumerate(columns):
         table.add_column(column, overflow="fold" if i == 0 else "ellipsis")

@@ -33,7 +33,7 @@ def locked(values: ArrayLike, dtype: DTypeLike | None = None) -> AnyArray:
 def require_shape(name: str, array: AnyArray, shape: Sequence[int | None], hint: str = "") -> None:
     """Raise `InputError` unless `array.shape` matches `shape`, where None stands for any length.
 
-    `hint` ends the message.
+    `name` is that of the argument in the message, which `hint` ends.
     """
     same_rank = array.ndim == len(shape)
     if same_rank and all(want is None or want == got for want, got in zip(shape, array.shape, strict=True)):
@@ -43,9 +43,9 @@ def require_shape(name: str, array: AnyArray, shape: Sequence[int | None], hint:
 
 
 def require_finite(name: str, array: AnyArray, hint: str = "remove or repair these entries") -> None:
-    """Raise `InputError` that names the first NaN or infinite entry of `array`.
+    """Raise `InputError` if `array` has a NaN or infinite entry; the message names the first.
 
-    `hint` ends the message with a remedy.
+    `name` is that of the argument in the message, which `hint` ends with a remedy.
     """
     bad = ~np.isfinite(array)
     if not bad.any():
@@ -67,7 +67,10 @@ def stack_real(values: NumberArray) -> FloatArray:
 
 
 def square_root(covariance: FloatArray) -> FloatArray:
-    """A factor F (n, rank) with F F' = the positive part of `covariance` (n, n), which is symmetric and may be singular."""
+    """A factor F (n, rank) with F F' = `covariance` (n, n), a symmetric matrix that may be singular.
+
+    Negative eigenvalues, and those below rounding, of the matrix scaled to a unit diagonal are left out.
+    """
     size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale = np.where(size > 0, size, 1.0)
     values, vectors = np.linalg.eigh((covariance + covariance.T) / (2 * np.outer(scale, scale)))

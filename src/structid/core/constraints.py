@@ -66,7 +66,10 @@ declared_types: Callable[[Callable[..., object]], Mapping[str, object]] = cache(
 
 
 def parameter_descriptions(owner: Callable[..., object]) -> dict[str, str]:
-    """Description of each parameter or attribute, by name, from numpydoc docstrings of a function, or of a class and its bases."""
+    """Description of each parameter or attribute, by name, in the numpydoc docstring of `owner`, a function or class.
+
+    Those of a class come after, and replace, those of its bases; "" for names without description.
+    """
     descriptions: dict[str, str] = {}
     for part in reversed(owner.__mro__) if isinstance(owner, type) else (owner,):
         text = inspect.cleandoc(part.__doc__ or "")
@@ -89,7 +92,10 @@ def alternatives(annotation: object) -> tuple[object, ...]:
 
 
 def describe_type(annotation: object) -> str:
-    """An annotation in the words of a docstring: ``float``, ``int or str``, ``{"a", "b"}``."""
+    """An annotation in the words of a docstring: ``float``, ``int or str``, ``{"a", "b"}``.
+
+    A text in an `Annotated` stands for its type; None is left out.
+    """
     if get_origin(annotation) is Annotated:
         inner, *marks = get_args(annotation)
         return next((mark for mark in marks if isinstance(mark, str)), describe_type(inner))
@@ -100,7 +106,10 @@ def describe_type(annotation: object) -> str:
 
 
 def constraint_violation(annotation: object, value: object) -> str:
-    """The choice or limit in `annotation` that `value` breaks, as ``must be ..., got ...``; "" if it breaks none or is None."""
+    """The choice, limit or type in `annotation` that `value` breaks, as ``must be ..., got ...``.
+
+    "" if it breaks none, or is None.
+    """
     if value is None:
         return ""
     choices: list[object] = []
@@ -136,7 +145,7 @@ def split_commas(text: str) -> tuple[str, ...]:
 
 
 def part_of_one(value: float | str) -> float:
-    """A fraction from a number or a text such as ``1 %``; NaN where it is no number."""
+    """A fraction from a number or a text: 0.01 of ``0.01`` and of ``1 %``; NaN if it is no number."""
     text = str(value).strip()
     try:
         return float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)

@@ -88,7 +88,7 @@ def join_words(items: Sequence[object], most: int = 6) -> str:
 
 
 def as_sentence(words: str) -> str:
-    """A clause as a sentence: a capital where it begins with a word, a full stop where it has none."""
+    """A clause as a sentence: first letter in capitals if the first word is of letters only, and a full stop if it has none."""
     first = words.split(" ", 1)[0]
     start = words[0].upper() + words[1:] if first.isalpha() else words
     return start if start.endswith((".", "?", "!")) else f"{start}."

@@ -103,7 +103,7 @@ def parse_dof(text: str | Dof) -> Dof:
 
 
 def as_dof(text: str) -> Dof | None:
-    """The degree of freedom that `text` names, or None if it names none."""
+    """The degree of freedom that `text` names, see `parse_dof`; None if it names none."""
     try:
         return parse_dof(text)
     except InputError:
@@ -116,9 +116,12 @@ def parse_dofs(texts: Iterable[str | Dof]) -> tuple[Dof, ...]:
 
 
 def dofs_of_text(text: str) -> list[Dof]:
-    """Degrees of freedom that a text names.
+    """Degrees of freedom that a text names: ``1X-`` is one, ``1 X RZ`` two of node 1, and ``1`` all six of node 1.
 
-    ``1X`` or ``1X-`` is one, ``1 X RZ`` two of node 1, ``1`` all six of node 1.
+    Raises
+    ------
+    InputError
+        If it is none of these forms.
     """
     several = _SEVERAL.match(text)
     words = [several[1] + direction for direction in several[2].split()] if several else [text]
@@ -167,7 +170,11 @@ def renamed(
 
 
 def _renamed(dofs: Sequence[Dof], names: Mapping[Dof, Dof]) -> tuple[Dof, ...]:
-    """`dofs` with new names, in order and with combined signs; raises `InputError` if two different ones get one name."""
+    """Copy of `dofs` in order with new names and combined signs.
+
+    `names` maps unsigned degrees of freedom to new ones; others keep theirs. Raises `InputError` if two would have the same
+    name.
+    """
     before: dict[Dof, Dof] = {}
     for dof in dict.fromkeys(dof.unsigned for dof in dofs):
         new = names.get(dof, dof).unsigned

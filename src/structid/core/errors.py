@@ -50,7 +50,7 @@ class UnnamedChannelsError(InputError):
 
 @contextmanager
 def about(option: str) -> Iterator[None]:
-    """Context manager: an `InputError` raised in the block gets `option` as the option at fault, unless it names one already."""
+    """Context manager that gives an `InputError` raised in its block the `option` at fault, unless it names one already."""
     try:
         yield
     except InputError as error:

@@ -35,7 +35,10 @@ def calling_folder() -> Path:
 
 
 def absolute_paths(value: Any) -> Any:
-    """`value`, a path or a list of them, made absolute from the folder in which the command was called; other values unchanged."""
+    """Absolute paths of `value`, a path or a list of them, from the folder in which the command was called.
+
+    Other values are unchanged.
+    """
     if isinstance(value, Path):
         if value.is_absolute():
             _given_absolute.add(str(value.parent if value.suffix else value))
@@ -44,7 +47,10 @@ def absolute_paths(value: Any) -> Any:
 
 
 def paths_as_called(text: str) -> str:
-    """`text`, a message, with absolute paths inside the calling folder shortened to relative ones, as the user wrote them."""
+    """The message `text` with absolute paths inside the calling folder shortened to relative ones.
+
+    Paths that the user wrote as absolute ones stay.
+    """
     folder = calling_folder()
     if str(folder) == folder.anchor:
         return text
@@ -58,14 +64,20 @@ def paths_as_called(text: str) -> str:
 
 
 def import_paths(entries: list[str], folder: Path) -> list[str]:
-    """`entries` of an import path made absolute from `folder`, each once; without `folder` itself unless structid lies there."""
+    """Entries of an import path made absolute from `folder`, each once.
+
+    `folder` itself is left out, unless structid lies there.
+    """
     absolute = [os.path.abspath(folder / entry) for entry in entries]  # noqa: PTH100 - zip archives are no folders
     refused = {str(folder), str(folder.resolve())} - {str(_PACKAGE_ROOT)}
     return [entry for entry in dict.fromkeys(absolute) if entry not in refused]
 
 
 def child_environment(changes: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Environment variables of a child process: `changes` applied, Python's safe path on, no working directory to import from."""
+    """Environment variables of a child process: those of this one with `changes`, and Python's safe path on.
+
+    The working directory is taken out of ``PYTHONPATH``.
+    """
     environment = {**os.environ, **(changes or {}), "PYTHONSAFEPATH": "1"}
     listed = environment.get("PYTHONPATH", "")
     kept = import_paths(listed.split(os.pathsep), Path.cwd()) if listed else []
@@ -116,7 +128,10 @@ def kill_child(process: subprocess.Popen[bytes]) -> None:
 
 @contextmanager
 def safe_child_environment() -> Iterator[None]:
-    """Context manager: this process has the `child_environment`, for children to which no environment can be passed."""
+    """Context manager that gives this process the `child_environment` while the block runs.
+
+    It is for children to which no environment can be passed; threads wait for each other.
+    """
     with _changing_environment:
         before = dict(os.environ)
         changed = child_environment()
@@ -129,7 +144,10 @@ def safe_child_environment() -> Iterator[None]:
 
 @contextmanager
 def isolated() -> Iterator[None]:
-    """Context manager: the block runs in `NEUTRAL_FOLDER`, and nothing is imported from the folder of the call."""
+    """Context manager whose block runs in `NEUTRAL_FOLDER` and imports nothing from the folder of the call.
+
+    Folder, import path and environment are restored at its end.
+    """
     folder, modules, environment = Path.cwd(), list(sys.path), dict(os.environ)
     _calling.append(folder)
     _given_absolute.clear()

@@ -38,7 +38,7 @@ def json_text(value: Entry) -> str:
 
 
 def plain(value: Entry) -> Plain:
-    """`value` in types of JSON: arrays as lists, NumPy numbers as Python's, numbers that are not finite as None."""
+    """`value` in types of JSON: arrays as lists, NumPy numbers as Python's, NaN and infinite numbers as None."""
     if isinstance(value, str):
         return value
     if isinstance(value, Mapping):

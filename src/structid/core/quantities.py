@@ -106,7 +106,10 @@ def percent(ratio: float, digits: int = 3, signed: bool = True, most_decimals: i
 
 
 def span_digits(low: float, high: float) -> tuple[int, int]:
-    """Significant digits that show each end of an interval to a hundredth of its width, ten at most."""
+    """Significant digits, for each end, that show an interval to a hundredth of its width: 1 to 10.
+
+    4 and 4 if an end is not finite, or the width is not above 0.
+    """
     largest = max(abs(low), abs(high))
     if not (math.isfinite(largest) and high > low):
         return 4, 4
@@ -118,7 +121,7 @@ def span_digits(low: float, high: float) -> tuple[int, int]:
 def span_text(low: float, high: float, unit: str = "") -> str:
     """An interval as text with its unit, its ends to a hundredth of its width, such as ``1.2 to 1.4 kg``.
 
-    Open ends are given in words.
+    An infinite end is put in words, as in ``below 3 kg, no lower limit``; a dash if an end is NaN.
     """
     if math.isnan(low) or math.isnan(high):
         return NOTHING

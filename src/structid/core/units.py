@@ -106,7 +106,10 @@ def mistaken_motions(is_rotation: bool, is_acceleration: bool = True) -> tuple[t
 
 
 def mistaken_unit(size: float, units: Sequence[tuple[float, str, str]], near: float) -> str:
-    """The confused units that explain a factor exp(`size`), as ``in g and read as m/s^2``; "" if none is within `near` (log)."""
+    """The confused units that explain a factor exp(`size`), as ``in g and read as m/s^2``; "" if none does.
+
+    `units` are (factor, true unit, unit assumed), as in `mistaken_motions`; the logarithm may differ by `near`.
+    """
     distance, (_, smaller, larger) = min((abs(abs(size) - math.log(unit[0])), unit) for unit in units)
     if distance > near:
         return ""
@@ -146,7 +149,7 @@ def _normalize_unit(text: str) -> str:
 
 
 def _unit_name(text: str, among: Mapping[str, float]) -> str | None:
-    """The key of the table `among` that `text` spells, or None; `among` maps unit names to SI factors."""
+    """The key of the table `among` (unit: SI factor) that `text` spells, in any common spelling; None if there is none."""
     if text in among:
         return text
     unit = _NAMES.get(text.lower())
@@ -164,7 +167,7 @@ def _without_brackets(text: str) -> str:
 
 
 def _read_unit(text: str) -> Unit | None:
-    """The `Unit` (quantity, factor to SI, rotation) of a normalized text, or None if it names none."""
+    """The `Unit` (quantity, factor to SI, rotation) that a normalized text names; None if it names none."""
     if len(text) > _LONGEST:
         return None
     text = _without_brackets(text)
@@ -187,7 +190,7 @@ def _read_unit(text: str) -> Unit | None:
 
 
 def _read_moment_unit(text: str) -> Unit | None:
-    """The unit of a moment, a force times a length in either order (N m, kN*mm, ft-lbf), or None."""
+    """The unit of a moment, a force times a length in either order (N m, kN*mm, ft-lbf); None if `text` is no such unit."""
     for match in _factor_pairs(text):
         for force, length in (match, match[::-1]):
             force_name, length_name = _unit_name(force, FORCES), _unit_name(length, LENGTHS)
@@ -197,7 +200,7 @@ def _read_moment_unit(text: str) -> Unit | None:
 
 
 def _factor_pairs(text: str) -> list[tuple[str, str]]:
-    """Ways to split `text` into two factors: at a sign or blank, or for a single word at each place that leaves two known units."""
+    """Ways to split `text` into two factors: at its only sign or blank, or within one word between two known units."""
     words = re.split(r"[*\- .]", text)
     if len(words) == 2:
         return [(words[0], words[1])]
@@ -207,7 +210,10 @@ def _factor_pairs(text: str) -> list[tuple[str, str]]:
 
 
 def _read_voltage_unit(text: str) -> Unit | None:
-    """The unit of a voltage with the sensitivity of its sensor (V at 100 mV/g), or None."""
+    """The unit of a voltage with the sensitivity of its sensor (V at 100 mV/g); None if `text` is no such unit.
+
+    Its factor turns volts into SI units of the motion or force.
+    """
     match = _VOLTAGE.fullmatch(text)
     unit = _read_unit(match["unit"]) if match else None
     if match is None or unit is None or float(match["number"]) == 0:
@@ -312,7 +318,10 @@ def _last_division(text: str) -> int:
 
 
 def frf_unit_sides(text: str) -> tuple[Unit | None, Unit | None]:
-    """The units before and after the last division in `text` (output, input); None for a side that is no unit."""
+    """The units before and after the last division in `text` (output, input); None for a side that is no unit.
+
+    Both are None if there is no division outside of brackets.
+    """
     whole = _without_brackets(_normalize_unit(text))
     cut = _last_division(whole)
     return (_read_unit(whole[:cut]), _read_unit(whole[cut + 1 :])) if cut > 0 else (None, None)

@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 
 
 def scaled_misfit(squares: float, n_rows: int) -> float:
-    """Misfit, -2 ln likelihood, of rows with this sum of squares, their errors larger by the likeliest factor.
+    """Misfit, -2 ln likelihood, of `n_rows` rows with the sum of squares `squares`, errors scaled by the likeliest factor.
 
-    Rows as stated have `squares` instead; one parameter is the price of the factor.
+    The factor is never below 1: with `squares` up to `n_rows` the misfit is `squares`.
     """
     return float(n_rows * (1 + np.log(squares / n_rows))) if squares > n_rows > 0 else squares
 
 
 def rows_of(problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[tuple[RecordProblem, FloatArray]]:
-    """Pairs of a problem and its part of the whitened data rows (n_rows,) of all problems."""
+    """Pairs (problem, its part of `residual`) of all problems; `residual` (n_rows,) has their whitened data rows in order."""
     first = 0
     for problem in problems:
         yield problem, residual[first : first + problem.n_data]
@@ -40,16 +40,20 @@ def rows_of(problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator
 
 
 def misfit_of_lines(problem: RecordProblem, residual: FloatArray) -> FloatArray:
-    """Mean square of the whitened data rows (n_data,) on each frequency line, (n_lines,)."""
+    """Mean square of the whitened data rows `residual` (n_data,) on each frequency line, (n_lines,).
+
+    0 on lines without rows.
+    """
     count = np.bincount(problem.rows.lines, minlength=len(problem.frequency))
     found: FloatArray = np.bincount(problem.rows.lines, residual**2, len(problem.frequency)) / np.maximum(count, 1)
     return found
 
 
 def outlying_spans(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]:
-    """Spans of lines whose misfit stands out from those about them, as ``49.8 to 50.2 Hz``; none if many.
+    """Spans of lines whose misfit stands out from those about them, as ``49.8 to 50.2 Hz``; empty if more than a tenth do.
 
-    `residual` (n_data,) is the whitened residual of the problem.
+    `residual` (n_data,) is the whitened residual of the problem. Runs of more than three lines are left out: they are
+    resonances that the model misses.
     """
     frequency = problem.frequency
     size = misfit_of_lines(problem, residual)
@@ -66,10 +70,10 @@ def outlying_spans(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]
 
 
 def tones(problem: SpectraProblem, residual: FloatArray) -> tuple[str, ...]:
-    """Steady tones in the misfit of a record, as ``50.003 Hz``: their lines fall off from a peak as 1 / (f - f0)^2.
+    """Steady tones in the misfit of a record, as ``50.003 Hz``, sorted by frequency; at most `MOST_TONES`.
 
-    The two lines about a tone have amplitudes in inverse proportion to their distances from it. `residual` (n_data,) is
-    the whitened residual of the problem.
+    Their lines fall off from a peak as 1 / (f - f0)^2. The two lines about a tone have amplitudes in inverse proportion to
+    their distances from it. `residual` (n_data,) is the whitened residual of the problem.
     """
     frequency, size = problem.frequency, misfit_of_lines(problem, residual)
     level = np.maximum(ndimage.median_filter(size, LINES_ABOUT, mode="nearest"), 1.0)

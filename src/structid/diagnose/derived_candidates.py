@@ -25,10 +25,10 @@ from structid.fem import Structure
 
 
 def derived_candidates(base: Fitted, shortlist: Shortlist) -> list[Screened]:
-    """Further changes that are worth a fit, which follow from the most promising screened ones.
+    """Further changes worth a fit, without a linear look, that follow from the most promising screened ones.
 
-    Sensors that are late together, masses off their nodes otherwise, sensors of the wrong sense and at other nodes where they
-    are better left out, loads at other nodes, and feet that let go of all rotations.
+    In this order: sensors that are late together, other offsets of masses, sensors of opposite sense and at other nodes where
+    they are better left out, loads at other nodes, and supports that become flexible in several rotations.
     """
     rows = shortlist.rows
     lost = shortlist.lost
@@ -38,7 +38,7 @@ def derived_candidates(base: Fitted, shortlist: Shortlist) -> list[Screened]:
 def _of_one_card(screened_rows: Sequence[Screened]) -> list[Screened]:
     """Candidate delays common to sensors of one record that are late by about the same time (of one acquisition card).
 
-    There is one for the two most telling sensors, one for the first three, and so on.
+    There is one for the two most telling sensors, one for the first three, and so on; empty for fewer than two.
     """
     late = [row for row in screened_rows if isinstance(row.candidate, SensorDelay)]
     alike = [
@@ -57,7 +57,7 @@ def _of_one_card(screened_rows: Sequence[Screened]) -> list[Screened]:
 
 
 def _turned(rows: Sequence[Screened], lost: Sequence[Screened]) -> list[Screened]:
-    """Sensors of the wrong sense among those that are better left out (`lost`), where that was not tried yet."""
+    """Candidates that sensors which are better left out (`lost`) have the opposite sense, where `rows` do not have these."""
     known = {row.candidate.where for row in rows if isinstance(row.candidate, SensorPolarity)}
     return [
         Screened(SensorPolarity(where=row.candidate.where, record=row.candidate.record), 1.0, row.left)
@@ -67,9 +67,9 @@ def _turned(rows: Sequence[Screened], lost: Sequence[Screened]) -> list[Screened
 
 
 def _misplaced(base: Fitted, left_out: Sequence[Screened]) -> list[Screened]:
-    """Candidate positions of loads, and of the sensors of `left_out`, at the nodes nearest to their own.
+    """Candidate positions, at up to four of the nearest nodes, of all loads and of the sensors of `left_out`.
 
-    `left_out` are screened changes that leave out a sensor.
+    `left_out` are screened changes that leave out a sensor. Motions of driven supports have no candidates.
     """
     screened = []
     better_out = {(row.candidate.record, row.candidate.where[0]) for row in left_out}
@@ -88,7 +88,7 @@ def _misplaced(base: Fitted, left_out: Sequence[Screened]) -> list[Screened]:
 
 
 def _about(structure: Structure, dof: Dof) -> list[Dof]:
-    """Degrees of freedom in the direction of `dof` at up to four of the nearest nodes that can move in it."""
+    """Degrees of freedom in the direction of `dof` at up to four of the nearest other nodes that can move in it."""
     nodes = {label: np.asarray(position) for label, position in structure.nodes.items()}
     distance = {label: float(np.linalg.norm(x - nodes[dof.node])) for label, x in nodes.items() if label != dof.node}
     neighbours = []
@@ -101,6 +101,9 @@ def _about(structure: Structure, dof: Dof) -> list[Dof]:
 
 
 def _off_otherwise(rows: Sequence[Screened]) -> list[Screened]:
-    """Masses off their nodes to the other side, and by less: the misfit goes with the lever and its square."""
+    """Masses off their nodes with other levers: each of the first three in `rows` with its strength times `OTHER_LEVERS`.
+
+    Needed since the misfit depends on the lever and its square: it has minima to the other side, and at less.
+    """
     off = [row for row in rows if isinstance(row.candidate, MassOffset)][:3]
     return [replace(row, strength=factor * row.strength) for row in off for factor in OTHER_LEVERS]

@@ -42,13 +42,19 @@ def without_causes(
     find_disagreements: Parts,
     sensitivities: tuple[FixedValueSensitivity, ...] = (),
 ) -> DiagnosedIdentification:
-    """Diagnosis without a search for causes; the verdict says why none was made."""
+    """Diagnosis without a search for causes; `why` says in words why there was none, for the verdict.
+
+    `find_disagreements` returns the parts of the data that do not agree, where they decide.
+    """
     judgement = judged(identification, untried=why, held=sensitivities, find_disagreements=find_disagreements)
     return DiagnosedIdentification(identification, Diagnosis(judgement, sensitivities=sensitivities))
 
 
 def noise_level(chi_square: float, ratio: float) -> Cause:
-    """The cause that the noise is `ratio` times the stated one, for a chi-square per degree of freedom."""
+    """The cause that the noise has `ratio` times the standard deviation that was stated or assumed.
+
+    `chi_square` is that per degree of freedom with the stated noise.
+    """
     words = f"the noise is {ratio:.3g} times what was stated or assumed"
     share = 1.0 - 1 / chi_square if chi_square > 1 else 0.0
     return Cause("noise_level", ("all records",), words, share, 1.0, has_fit=False)

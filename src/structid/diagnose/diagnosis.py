@@ -35,7 +35,7 @@ _NO_PLACES = "causes were not looked for: frequencies without any shape show no 
 
 
 def budget_for_causes(identification: Identification) -> SearchBudget:
-    """The default budget of a search for causes: in proportion to the effort of the identification, and some besides."""
+    """The default budget of a search for causes: three times the effort of the identification, and 8 s of effort besides."""
     search, effort = identification.estimate.search, 0.0
     if identification.target is not None:
         effort = STAGE_PART * search.n_starts * search.n_iterations * iteration_effort(identification.target)
@@ -48,8 +48,9 @@ def explain(identification: Identification, seconds: float | None = None) -> Dia
     Parameters
     ----------
     identification : Identification
+        Result of `identify` or `identify_together`.
     seconds : float, optional
-        Processor time of the search for causes; without a limit by default.
+        Processor time in seconds after which the search for causes ends; without a limit by default.
 
     Returns
     -------
@@ -89,16 +90,21 @@ def diagnose_identification(
     Parameters
     ----------
     model : TestedModel
+        Set-ups and options of the identification.
     identification : Identification
-        Its answer.
     explain : bool, optional
-        Whether causes are looked for; by default where the answer is not sound.
+        True to look for causes in any case, False for never; by default they are looked for where the answer is not sound.
     work : Work
-        Where candidates are looked at and refitted.
+        Runs the screening and the fits of candidates.
     budget : SearchBudget
-        What the search for causes may take from its beginning on; all is tried by default.
+        Effort of the search for causes from its beginning on; unlimited by default.
     before_search : callable, optional
-        Takes the diagnosis as it is before causes are looked for, which may take long.
+        Called with the diagnosis without causes, just before they are looked for, which may take long.
+
+    Returns
+    -------
+    DiagnosedIdentification
+        The identification, with wider intervals where other models are likely, and its diagnosis.
     """
     estimate = identification.estimate
     find_disagreements = cache(
@@ -134,9 +140,9 @@ def diagnose_identification(
 
 
 def _why_not_searched(model: TestedModel, identification: Identification, explain: bool | None) -> str:
-    """The reason why causes cannot be looked for, in words; "" where they can.
+    """The reason why causes are not looked for, as a clause; "" where they can be.
 
-    `explain` is False where the user asks for no search, and None where the verdict decides.
+    `explain` is False where the user asks for no search, True or None otherwise.
     """
     if explain is False:
         return NOT_TRIED

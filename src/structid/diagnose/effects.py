@@ -21,7 +21,7 @@ _STEPS = np.array([0.005, 0.02, 0.08, 0.25, 0.6, 1.0, 1.8, 4.0, 12.0, 60.0])
 
 
 def strengths_about(scale: float, signs: tuple[int, ...] = (1,)) -> FloatArray:
-    """Strengths from 0.005 to 60 times `scale`, for each of the `signs`."""
+    """Strengths from 0.005 to 60 times `scale`, ten for each of the `signs`, (10 n_signs,)."""
     return np.concatenate([sign * scale * _STEPS for sign in signs])
 
 
@@ -37,25 +37,28 @@ class Directions:
         return receptances.along(self.codes, self.weights)
 
     def projected(self, receptances: Receptances) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """D'x, (n_lines, m, n_inputs), D'y, (n_lines, m, n_outputs), and G = D' Z^-1 D, (n_lines, m, m)."""
+        """D'x, (n_lines, m, n_inputs), D'y, (n_lines, m, n_outputs), and G = D' Z^-1 D, (n_lines, m, m), as a tuple.
+
+        x is the motion under the loads of the record, y that under unit forces at its sensors.
+        """
         rows, d = self.rows(receptances)
         flexibility: ComplexArray = d.T @ receptances.flexibility(rows) @ d
         return d.T @ receptances.under_loads[:, rows], d.T @ receptances.under_sensors[:, rows], flexibility
 
 
 def direction_of(*ends: tuple[Dof, float]) -> Directions:
-    """One direction: the weighted sum of some degrees of freedom."""
+    """One direction as a `Directions` with m = 1: the weighted sum of the degrees of freedom in `ends` (dof, weight)."""
     codes = [dof_code(dof.node, dof.direction) for dof, _ in ends]
     return Directions(np.array(codes), np.array([[weight] for _, weight in ends]))
 
 
 def all_directions(several: Sequence[Directions]) -> Directions:
-    """The directions of several as the columns of one set."""
+    """The directions of all `several`, in order, as the columns of a single `Directions`."""
     return Directions(np.concatenate([one.codes for one in several]), block_diag(*(one.weights for one in several)))
 
 
 def stiffness_scale(receptances: Receptances, directions: Directions, law: ComplexArray) -> float:
-    """Strength at which an added part with the law a(s), (n_lines,), is about as stiff as the structure."""
+    """Strength at which an added part with the law a(s), (n_lines,), is about as stiff as the structure (median over lines)."""
     rows, weights = directions.rows(receptances)
     d = weights[:, 0]
     return float(1 / np.median(np.abs(law * (d @ receptances.flexibility(rows) @ d))))
@@ -75,6 +78,10 @@ def effect_of_addition(
         a, one for all directions or, as the diagonal of a matrix, one for each.
     strengths : (n_strengths,) float array
         q.
+
+    Returns
+    -------
+    (n_strengths, n_lines, n_outputs, n_inputs) complex array
     """
     m = directions.weights.shape[1]
     each = strengths[:, None, None] * law.reshape(len(law), -1)  # (n_strengths, n_lines, 1 or m)
@@ -94,9 +101,13 @@ def effect_of_coupling(receptances: Receptances, directions: Directions, k: Comp
     ----------
     receptances : Receptances
     directions : Directions
-        D.
+        D, of m directions.
     k : (n_strengths, n_lines, m, m) complex array
         K.
+
+    Returns
+    -------
+    (n_strengths, n_lines, n_outputs, n_inputs) complex array
     """
     x, y, g = directions.projected(receptances)
     inner = k @ np.linalg.solve(np.eye(g.shape[-1]) + g @ k, np.broadcast_to(x, (len(k), *x.shape)))
@@ -108,7 +119,8 @@ def effect_of_friction(receptances: Receptances, directions: Directions, strengt
     """Change of the FRF by dry friction r (force per unit load) in one direction, as a stiffness i r / |x|.
 
     |x| is the sliding amplitude with friction: |x|^2 - 2 r |x| Im g + r^2 |g|^2 = |x0|^2, where x0 is the motion
-    without it and g = d' Z^-1 d. For one load, by harmonic balance. `strengths` (n_strengths,) are the values of r.
+    without it and g = d' Z^-1 d. For the first load alone, by harmonic balance. `strengths` (n_strengths,) are the values of r;
+    the result is (n_strengths, n_lines, n_outputs, 1).
     """
     x, y, g = directions.projected(receptances)
     x, y, g = x[:, 0, 0], y[:, 0], g[:, 0, 0]
@@ -134,6 +146,11 @@ def effect_of_release(
     own : (n_lines,) complex array
         Z_cc, of the part alone.
     strengths : (n_strengths,) float array
+        q, the reciprocals of stiffnesses.
+
+    Returns
+    -------
+    (n_strengths, n_lines, n_outputs, n_inputs) complex array
     """
     rows = np.flatnonzero(coupling.any(axis=0))
     r = coupling[:, None, rows]
@@ -145,9 +162,9 @@ def effect_of_release(
 
 
 def channel_reading(receptances: Receptances, axis: int, i: int, ways: FloatArray) -> ComplexArray:
-    """FRFs of one channel that reads the motion in other `ways` (n, n_dofs): (n, n_lines, channels of the other side).
+    """FRFs of one channel that reads the motions `ways` (n, n_dofs) instead, (n, n_lines, n_others).
 
-    The channel is the i-th output for axis 1, the i-th input for axis 2.
+    The channel is the i-th output for axis 1, the i-th input for axis 2; n_others counts the channels of the other side.
     """
     under = receptances.under_loads if axis == 1 else receptances.under_sensors
     factor = np.broadcast_to(receptances.factor, receptances.frf.shape).take(i, axis)
@@ -156,12 +173,18 @@ def channel_reading(receptances: Receptances, axis: int, i: int, ways: FloatArra
 
 
 def channel_change(receptances: Receptances, axis: int, i: int, change: ComplexArray) -> ComplexArray:
-    """Changes of all FRFs by those of the i-th sensor (axis 1) or load (axis 2); see `channel_reading`."""
+    """Changes of all FRFs, (n, n_lines, n_outputs, n_inputs), by the `change` of the i-th sensor (axis 1) or load (axis 2).
+
+    `change` is (n, n_lines, n_others), as `channel_reading` returns it; all other channels change by 0.
+    """
     of_all = np.zeros((len(change), *receptances.frf.shape), dtype=np.complex128)
     np.moveaxis(of_all, axis + 1, 0)[i] = change
     return of_all
 
 
 def scaled_channel(receptances: Receptances, axis: int, i: int, factors: ComplexArray) -> ComplexArray:
-    """Changes of all FRFs where one channel is multiplied by `factors` (n_strengths, n_lines or 1)."""
+    """Changes of all FRFs where the i-th sensor (axis 1) or load (axis 2) is multiplied by `factors`.
+
+    `factors` is (n_strengths, n_lines or 1), the result (n_strengths, n_lines, n_outputs, n_inputs).
+    """
     return channel_change(receptances, axis, i, (factors - 1)[:, :, None] * receptances.frf.take(i, axis))

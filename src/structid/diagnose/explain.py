@@ -55,8 +55,8 @@ def diagnose_by_search(
 ) -> DiagnosedIdentification:
     """The diagnosis of an answer after a search for the causes of its misfit within a budget of effort.
 
-    `sensitivities` are those of the answer to fixed values, `work` maps tasks, and `find_disagreements` gives parts of the
-    data whose fits disagree, where they are asked for.
+    `sensitivities` are those of the answer to fixed values, `work` runs the fits, and `find_disagreements` returns parts of the
+    data whose fits disagree. Where the search fails, the diagnosis says so and has no causes.
     """
     estimate = identification.estimate
     try:
@@ -77,7 +77,7 @@ def diagnose_by_search(
 
 
 def _base(model: TestedModel, identification: Identification) -> Fitted:
-    """The answer as a fitted model without changes, with which a search for causes begins."""
+    """The answer as a `Fitted` without changes, from which a search for causes starts; no fit is made for it."""
     theta = identification.estimate.theta
     estimate = identification.estimate
     within = estimate.goodness.least_chi_square
@@ -96,8 +96,9 @@ def diagnose_sound(
 ) -> DiagnosedIdentification:
     """The diagnosis of a sound answer; fixed values or one change are fitted where the record asks for them.
 
-    `sensitivities` are those of the answer to fixed values, `work` maps tasks, `find_disagreements` gives parts of the data
-    whose fits disagree, and only with `is_asked` are small changes tested.
+    `sensitivities` are those of the answer to fixed values, `work` runs the fits, `find_disagreements` returns parts of the
+    data whose fits disagree. At most three doubted fixed values are freed; small changes are tested only with `is_asked`, and
+    only where no fixed value is doubted.
     """
     doubts = doubted(sensitivities)[:MOST_FREED]
     if doubts:
@@ -126,7 +127,7 @@ def diagnose_sound(
 
 
 def _can_be_asked(model: TestedModel, identification: Identification) -> bool:
-    """True where a first-order test of all single changes is quick: small models, FRFs, and a known Jacobian."""
+    """True where a first-order test of all single changes is quick: small models, FRFs only, and a known Jacobian."""
     are_frfs = all(isinstance(problem, FrfProblem) for problem in identification.problems)
     is_whole = identification.target is not None and identification.estimate.uncertainty.has_matrix
     return are_small(model.setups) and are_frfs and is_whole and model.setups[0].structure.has_matrices
@@ -140,10 +141,10 @@ def _diagnose_explained(
     find_disagreements: Parts,
     is_search: bool = True,
 ) -> DiagnosedIdentification:
-    """The diagnosis of an answer from the fitted changes of an `explanation`; without `is_search` these count as no causes.
+    """The diagnosis of an answer from the fitted changes of an `explanation`, with intervals that cover the likely ones.
 
-    `sensitivities` are those of the answer to fixed values, and `find_disagreements` gives parts of the data whose fits
-    disagree.
+    With `is_search` False the changes count as suggestions, never as causes. `sensitivities` are those of the answer to fixed
+    values, and `find_disagreements` returns parts of the data whose fits disagree.
     """
     estimate = identification.estimate
     is_doubted = bool(doubted(sensitivities))
@@ -181,7 +182,10 @@ def _diagnose_explained(
 
 
 def unfinished_words(explanation: Explanation) -> tuple[str, ...]:
-    """Sentences that name the causes that were not tried for lack of time, and how to continue."""
+    """Sentences that say which causes were not tried for lack of time, and how to continue; empty if all were.
+
+    Of a large model they say instead that only a few changes are fitted, or only those of the records.
+    """
     modified = explanation.base.modified
     if modified.is_large:
         return (_FEW_FITTED if modified.has_places else _OF_RECORDS,)
@@ -195,7 +199,7 @@ def unfinished_words(explanation: Explanation) -> tuple[str, ...]:
 
 
 def _friction_like(cause: Cause) -> tuple[Cause, ...]:
-    """Friction at the place of a damper to the ground, which the record cannot distinguish; none for other causes."""
+    """Friction in place of a damper to the ground, which the record cannot distinguish; empty for other causes."""
     if cause.kind != "dashpot" or len(cause.where) > 1:
         return ()
     words = f"something rubs at {cause.where[0]}: one level of the force cannot distinguish it from a damper"
@@ -203,7 +207,11 @@ def _friction_like(cause: Cause) -> tuple[Cause, ...]:
 
 
 def _ranked(explanation: Explanation) -> list[tuple[Fitted, bool]]:
-    """Fitted changes in the order of the report, each with whether it cannot be distinguished from the likeliest."""
+    """Fitted changes in the order of the report, each with True if it cannot be distinguished from the likeliest.
+
+    First the two likeliest, then two second causes, the rest of those alike (up to four of them), and others. The list is cut
+    at four entries, or after those alike and two second causes if these are more.
+    """
     marked = [
         (one, criterion - explanation.criteria[0] < ALIKE)
         for one, criterion in zip(explanation.causes, explanation.criteria, strict=True)
@@ -216,9 +224,10 @@ def _ranked(explanation: Explanation) -> list[tuple[Fitted, bool]]:
 
 
 def _cause(identification: Identification, explanation: Explanation, fit: Fitted, is_alike: bool) -> Cause:
-    """A fitted change as a cause for the report, with the fraction of the misfit that it removes and the values that it moves.
+    """A fitted change as a cause for the report, with the part of the misfit that it removes and the values that it moves.
 
-    `is_alike` says that the data cannot distinguish it from the likeliest cause.
+    `is_alike` says that the data cannot distinguish it from the likeliest cause. The part of a second change is that of the
+    misfit which the first leaves.
     """
     base, before, after, target = explanation.base, explanation.base.values, fit.values, fit.modified.target
     candidate = fit.cause
@@ -249,7 +258,7 @@ def _cause(identification: Identification, explanation: Explanation, fit: Fitted
 
 
 def _shifts(identification: Identification, base: Fitted, fit: Fitted) -> tuple[ParameterShift, ...]:
-    """Parameters of the answer with their values before and after a change, the farthest moved first."""
+    """Parameters of the answer with their values before and after a change, in order of distance, the largest first."""
     estimate, target = identification.estimate, fit.modified.target
     before, after, ends = base.values, fit.values, intervals_of(fit, identification.intervals.level)
     std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))

@@ -60,7 +60,7 @@ class FixedValueSensitivity:
 
     @property
     def moved_by_pull(self) -> int | None:
-        """Position of the parameter that the pull moves farthest, where that is beyond its interval and 1 %."""
+        """Position of the parameter that the pull moves farthest; None unless beyond its 95 % interval and by 1 %."""
         moves = 100 * np.abs(self.distance * self.pull)
         matters = (moves > MATTERS) & (np.abs(self.influence * self.pull) > SHIFTS)
         return int(np.argmax(np.where(matters, moves, 0.0))) if matters.any() else None
@@ -74,7 +74,7 @@ class FixedValueSensitivity:
 
     @property
     def words(self) -> str:
-        """A clause on the value that the record would prefer, and the parameter that would move with it."""
+        """A clause on the value that the record would prefer, and the parameter that would move with it, if any matters."""
         more = f"{_percent(self.pull)} (standard deviation {abs(100 * self.pull_std):.2g} %)"
         words = f"the record prefers {self.name}, fixed in the model, {more}"
         at = self.moved_by_pull
@@ -83,7 +83,10 @@ class FixedValueSensitivity:
         return f"{words}, and then {self.parameters[at]} {_percent(self.influence[at] * self.pull)}"
 
     def is_doubted(self, among: int, risk: float = DOUBT_RISK) -> bool:
-        """True where the record prefers another value, beyond chance `among` so many, and it matters."""
+        """True where the record prefers another value beyond chance and three tolerances, and a parameter would move with it.
+
+        `risk` is the chance that any of `among` fixed values of a right model is doubted.
+        """
         if not self.pull_std > 0 or self.moved_by_pull is None or abs(self.pull) <= DOUBTED_TOLERANCES * self.tolerance:
             return False
         return abs(self.pull) > float(special.ndtri(1 - risk / (2 * among))) * self.pull_std
@@ -94,18 +97,21 @@ def _percent(part: float) -> str:
 
 
 def doubted(held: Sequence[FixedValueSensitivity]) -> tuple[FixedValueSensitivity, ...]:
-    """The fixed values that the record would rather have otherwise, the clearest first."""
+    """The fixed values for which the record prefers other values (`is_doubted`), the clearest first."""
     found = [one for one in held if one.is_doubted(len(held))]
     return tuple(sorted(found, key=lambda one: -abs(one.pull / one.pull_std)))
 
 
 def resting(held: Sequence[FixedValueSensitivity]) -> list[FixedValueSensitivity]:
-    """Fixed values sorted by influence: the one that moves a parameter most first."""
+    """Fixed values in order of influence, the largest first: the change of a parameter per 1 %, in its standard deviations."""
     return sorted(held, key=lambda one: -abs(one.distance[one.most_moved]))
 
 
 def resting_words(held: Sequence[FixedValueSensitivity]) -> str:
-    """A sentence on the fixed value that the intervals depend on most; "" where none matters."""
+    """A clause on the fixed value that the intervals depend on most; "" where none matters.
+
+    A fixed value matters if 1 % of it moves a parameter by half a standard deviation or more.
+    """
     most = [one for one in resting(held) if abs(one.distance[one.most_moved]) >= TOLD_SENSITIVITY]
     if not most:
         return ""
@@ -118,7 +124,7 @@ def resting_words(held: Sequence[FixedValueSensitivity]) -> str:
 
 
 def is_clear(held: Sequence[FixedValueSensitivity]) -> bool:
-    """True if a fixed value is doubted so much that all that may be wrong is to be looked through."""
+    """True if a fixed value is doubted at a risk of 0.001, so clearly that a full search for causes is due."""
     return any(one.is_doubted(len(held), CLEAR_DOUBT_RISK) for one in held)
 
 
@@ -140,8 +146,9 @@ def influences(
     jacobian : (n_rows, n_params + n_held) float array
         Whitened, by relative changes, the parameters first.
     residual : (n_rows,) float array
+        Whitened.
     parameters, names : sequence of str
-        Of the parameters, and of the fixed values.
+        Names of the parameters, and of the fixed values.
     std : (n_params,) float array
         Standard deviations of the parameters, in parts of them.
     scale : float

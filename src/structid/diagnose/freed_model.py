@@ -22,13 +22,19 @@ from structid.inversion.uncertainty import relative_steps
 
 
 def fixed_value_sensitivities(model: TestedModel, identification: Identification) -> tuple[FixedValueSensitivity, ...]:
-    """Sensitivity of an answer to every fixed mass and stiffness; empty for models or searches that are too large.
+    """Sensitivity of an answer to every fixed mass and stiffness, by linearization with all of them free.
 
     Parameters
     ----------
     model : TestedModel
+        Set-ups and options of the identification.
     identification : Identification
-        Its answer.
+
+    Returns
+    -------
+    tuple of FixedValueSensitivity
+        Empty for models of more than `MOST_DOFS` degrees of freedom, for searches without a Jacobian, and if nothing is fixed.
+        Values that cannot be freed are left out.
     """
     setup, estimate = model.setups[0], identification.estimate
     is_small = setup.structure.n_dofs <= MOST_DOFS and identification.target is not None
@@ -61,7 +67,10 @@ def fixed_value_sensitivities(model: TestedModel, identification: Identification
 def _freed(
     model: TestedModel, identification: Identification, fixed: Sequence[FixedValue], known: dict[str, float]
 ) -> Problem | None:
-    """The problem with fixed values among its unknowns, started at the answer; None where there is no such problem."""
+    """The joint problem with the fixed values `fixed` among its unknowns, started at the answer; None where that fails.
+
+    `known` has the identified values by parameter name.
+    """
     draft = ModelDraft(model)
     try:
         for value in fixed:

@@ -56,14 +56,14 @@ class View:
 
     @cached_property
     def near(self) -> FloatArray:
-        """Frequencies, Hz, of up to 300 evenly chosen lines of the record, on which quick fits of changes are made."""
+        """Frequencies in Hz, (n,), of the lines on which quick fits of changes are made: up to 300, evenly chosen."""
         if self.chosen is not None:
             return self.chosen
         frequency = self.problem.frequency
         return frequency[evenly_spaced_indices(len(frequency), NEAR_LINES)]
 
     def of(self, problem: RecordProblem) -> View:
-        """The view with the same data, and with the structure, parameters and channel errors of another problem."""
+        """The view with the same data and quick-fit lines, and the structure, parameters and channel errors of `problem`."""
         channels = None if problem.channels is None else problem.channels.seen_by(self.problem.record)
         own = replace(self.problem, structure=problem.structure, parameters=problem.parameters, channels=channels)
         return View(own, self.smooth, self.near)
@@ -72,14 +72,14 @@ class View:
 def views(
     setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: Sequence[FloatArray], options: IdentifyOptions
 ) -> tuple[View, ...]:
-    """Records of a study as FRFs: as measured, averaged from histories, or synthesized from modes.
+    """Records of a study as FRFs, one view for each: as measured, averaged from histories, or synthesized from modes.
 
     Parameters
     ----------
     setups, problems : sequences
-        Of the study.
+        Set-up and problem of each record.
     theta : sequence of (n_own,) float arrays
-        Free variables of each problem, at which measured modes are given a scale.
+        Free variables of each problem, at which measured modes are scaled.
     options : IdentifyOptions
     """
     found = []
@@ -94,14 +94,11 @@ def views(
 
 
 def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
-    """FRFs of measured modes with their stated errors, scaled to unit modal mass by the model's shapes.
+    """A view of measured modes as FRFs with their stated errors, scaled to unit modal mass by the model's shapes.
 
-    Modes and shape entries that were not measured are the model's.
-    Damping that is not fitted is the model's, with errors as large as all that it does; a model that has none is held
-    against none.
-
-    Lines lie off the axis, where damping hardly counts; smoothed data are those of the same modes farther off. The loads are
-    the channels that move most.
+    Modes and shape entries that were not measured are the model's. Damping that is not fitted is the model's, with errors as
+    large as all that it does. Lines lie off the axis, where damping hardly counts; smoothed data are those of the same modes
+    farther off. The loads are the channels that move most. `theta` (n_params,) are the free variables of the model.
     """
     state, pairs = problem.model.state(problem.physical(theta)), paired_modes(problem, theta)
     seen, gains = state.sensors.T @ state.modes.mode_shapes, problem.model.readings(problem.physical(theta))[0][:, None]
@@ -135,7 +132,7 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
     output_std, omega_std = shape_std[:, kept], 2 * np.pi * frequency_std[kept]
 
     def record(level: float) -> FrfRecord:
-        """The FRFs on lines with the decay `level` times their angular frequency, and their variances."""
+        """The FRFs of the modes, with variances, on lines whose decay is `level` times their angular frequency."""
         decay = level * 2 * np.pi * lines
         s = (decay + 2j * np.pi * lines)[:, None]
         of_mode, undamped = (1 / (s**2 + 2 * s * one[kept] * omega + omega**2) for one in (likely, damping))

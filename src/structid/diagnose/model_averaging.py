@@ -19,7 +19,7 @@ Ends = dict[str, tuple[float, float]]
 
 
 def intervals_of(fitted: Fitted, level: float) -> Ends:
-    """Normal intervals at `level` of the parameters of a fitted study, (low, high) in physical units by name."""
+    """Normal intervals of the parameters of a fitted study at the probability `level`: (low, high) in SI units, by name."""
     std = np.sqrt(np.diag(fitted.covariance))
     ends = normal_intervals(fitted.parameters, std, fitted.identified, level)
     return dict(zip(fitted.parameters.names, ((low, high) for low, high in ends.tolist()), strict=True))
@@ -37,9 +37,9 @@ def widened(identification: Identification, likely: Sequence[Fitted], direction:
     ----------
     identification : Identification
     likely : sequence of Fitted
-        Fits of the likely changed models.
+        Fits of the likely changed models; without any the identification is returned as it is.
     direction : str, optional
-        Direction of the translation for which the total mass is computed.
+        Direction of the translation for which the total mass is computed, such as ``X``.
 
     References
     ----------

@@ -65,7 +65,7 @@ Edits: TypeAlias = Sequence[Edit]
 
 
 def rounded(value: float) -> float:
-    """A value with the digits that a study shows."""
+    """The value rounded to six significant digits, as it is written into a study."""
     return float(f"{value:.{_DIGITS}g}")
 
 
@@ -87,7 +87,7 @@ class AddPart:
     record: int | None = None
 
     def apply(self, draft: ModelDraft) -> None:
-        """Add the element set or tie to the structures of a model draft."""
+        """Add the element set or tie to the structure of its record, or of all records where `record` is None."""
         structures = draft.structures if self.record is None else [draft.structure_of(self.record)]
         for structure in structures:
             if self.table in _TIES:
@@ -107,7 +107,7 @@ class AddUnknown:
     entry: Mapping[str, Any]
 
     def apply(self, draft: ModelDraft) -> None:
-        """Declare the unknown in every record of a model draft whose structure has the elements."""
+        """Declare the unknown in every record of a model draft whose structure has some of its elements, for those alone."""
         names = as_list(self.entry["elements"])
         for record in draft.records:
             there = {element.name for element in record.structure.get("elements")}
@@ -175,7 +175,11 @@ class AddNode:
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def _position(self, nodes: Mapping[Any, Any], key: Callable[[int], Any]) -> list[float]:
-        """Coordinates, m, of the new node from those of `nodes`, whose keys `key` makes of labels."""
+        """Coordinates, m, of the new node, as many as `nodes` has for each node.
+
+        `nodes` maps keys to coordinates, and `key` makes such a key of a node label. They are rounded if the node lies towards
+        another.
+        """
         first = np.atleast_1d(np.asarray(nodes[key(self.beside)], dtype=float))
         moved = first + np.array(self.offset[: len(first)])
         if self.towards is not None:
@@ -189,7 +193,13 @@ class AddNode:
             structure.set("nodes", {**nodes, self.label: self._position(nodes, int)})
 
     def write(self, study: Tables) -> None:
-        """Write the new node into [structure.nodes] of a study."""
+        """Write the new node into [structure.nodes] of a study.
+
+        Raises
+        ------
+        NoStudyTextError
+            If the study does not list the node beside it there.
+        """
         nodes = study["structure"].get("nodes")
         if nodes is None or str(self.beside) not in nodes:
             raise NoStudyTextError(
@@ -221,7 +231,7 @@ class MoveBaseSupport:
     label: int
 
     def apply(self, draft: ModelDraft) -> None:
-        """Move the driving support of a model draft to the new node."""
+        """Move the driving support of the bases in a model draft to the node `label`, in the same direction."""
         for structure in draft.structures:
             bases = [
                 Base(base.name, [self._moved(support) for support in base.supports]) for base in structure.get("bases")
@@ -232,7 +242,7 @@ class MoveBaseSupport:
         return Dof(self.label, support.direction, support.sign) if support.unsigned == self.dof else support
 
     def write(self, study: Tables) -> None:
-        """Write the new node in place of the driving support into the tables of a study."""
+        """Replace the driving support by that of the new node in each [[structure.base]] of a study that has it."""
         for base in study["structure"].get("base", []):
             supports = [one for text in as_list(base["supports"]) for one in dofs_of_text(str(text))]
             if all(one.unsigned != self.dof for one in supports):
@@ -252,7 +262,13 @@ class RenameChannels:
         draft.records[self.record].rename_channels(dict(self.names))
 
     def write(self, study: Tables) -> None:
-        """Write the new names of channels into the table of the record."""
+        """Write the new names of channels into the ``relabel`` table of the record.
+
+        Raises
+        ------
+        NoStudyTextError
+            If a channel is listed in [record.sensors], where it must be renamed.
+        """
         record = record_tables(study)[self.record]
         if any(name.removeprefix("load ") in record.get("sensors", {}) for name in self.names):
             raise NoStudyTextError("a channel of [record.sensors] is renamed there")
@@ -269,7 +285,11 @@ class AimSensor:
     label: int
 
     def apply(self, draft: ModelDraft) -> None:
-        """Add a node and a tie to the record's structure by which the sensor reads along its direction."""
+        """Make the sensor read along `direction`: it becomes the channel of a new node that is tied to the node of the sensor.
+
+        The new node has the label `label` and the same position; the channel is renamed to its first translation that the model
+        has.
+        """
         structure = draft.structure_of(self.record)
         moves = [d for d in DIRECTIONS[:3] if d in (structure.original.active or ())]
         seen = moves[0]
@@ -282,7 +302,13 @@ class AimSensor:
         draft.records[self.record].rename_channels({self.dof.place: f"{self.label}{seen}"})
 
     def write(self, study: Tables) -> None:
-        """Write the direction of the sensor into the table of the record."""
+        """Write the direction of the sensor into [record.sensors] of its record.
+
+        Raises
+        ------
+        NoStudyTextError
+            If the study has an entry for this sensor there.
+        """
         sensors = record_tables(study)[self.record].setdefault("sensors", {})
         if self.dof.place in sensors:
             raise NoStudyTextError(f"the direction of {self.dof.place} is given in the study already")
@@ -297,7 +323,13 @@ class AddChannelError:
     entry: Mapping[str, Any]
 
     def apply(self, draft: ModelDraft) -> None:
-        """Declare the channel error as an unknown of the record in a model draft."""
+        """Declare the channel error as an unknown of its record in a model draft.
+
+        Raises
+        ------
+        InputError
+            If the record is of modes and the error is no sensor gain, or if it is of histories that are not fitted as spectra.
+        """
         record, entry = draft.records[self.record], self.entry
         is_sensor_gain = "outputs" in entry and entry["property"] == "gain"
         if isinstance(record.setup, ModalSetup) and not is_sensor_gain:
@@ -392,7 +424,7 @@ class AverageSegments:
     """The FRFs of all records are averages of segments under a Hann window."""
 
     def apply(self, draft: ModelDraft) -> None:
-        """Make the FRFs of all records of a model draft averages of Hann segments, each one over the line spacing long.
+        """Declare the FRFs of all records averages of Hann segments, each as long (s) as the inverse of the line spacing (Hz).
 
         Raises
         ------
@@ -417,7 +449,7 @@ class ScaleAxis:
     factor: float
 
     def apply(self, draft: ModelDraft) -> None:
-        """Multiply frequencies, sampling rates, tones, bands and exclusions of a model draft by the factor."""
+        """Multiply frequencies, sampling rates, tones, bands and excluded spans of a model draft by the factor."""
         for record in draft.records:
             record.set("record", self._scaled(record.get("record")))
             if isinstance(record.setup, TimeSetup):
@@ -432,7 +464,10 @@ class ScaleAxis:
         return None if span is None else (self.factor * span[0], self.factor * span[1])
 
     def _scaled(self, record: FrfRecord | TimeRecord | ModalRecord) -> FrfRecord | TimeRecord | ModalRecord:
-        """A record with its frequency or time axis scaled by the factor."""
+        """The record with its frequencies or sampling rate multiplied by the factor, and segment lengths divided by it.
+
+        The covariance of modal frequencies and damping ratios is scaled too.
+        """
         if isinstance(record, TimeRecord):
             return replace(record, sampling_rate=self.factor * record.sampling_rate)
         if isinstance(record, FrfRecord):
@@ -443,7 +478,13 @@ class ScaleAxis:
         return replace(record, frequency=self.factor * record.frequency, covariance=covariance)
 
     def write(self, study: Tables) -> None:
-        """Write the scaled sampling rates, bands and exclusions into the tables of a study."""
+        """Write the scaled sampling rates, bands and exclusions into the tables of a study.
+
+        Raises
+        ------
+        NoStudyTextError
+            If a record has no ``sampling_rate`` in the study.
+        """
         for record in record_tables(study):
             if "sampling_rate" not in record:
                 raise NoStudyTextError("the record file says its axis; correct it there")
@@ -504,7 +545,7 @@ class MoveMass:
             structure.set("elements", tuple(self._moved(element) for element in structure.get("elements")))
 
     def _moved(self, element: Any) -> Any:
-        """The element set with one of its masses at the new node; other sets as they are."""
+        """The element set with its mass `number` (from 1) at the new node if it has the name of this edit; else as it is."""
         if element.name != self.name:
             return element
         nodes = element.nodes.ravel().copy()
@@ -512,7 +553,13 @@ class MoveMass:
         return replace(element, nodes=nodes, directions=element.directions or self.directions)
 
     def write(self, study: Tables) -> None:
-        """Write the new node of the mass into the table of its set."""
+        """Write the new node of the mass into the table of its element set.
+
+        Raises
+        ------
+        NoStudyTextError
+            If the table of the set lists no nodes.
+        """
         entry = element_table(study, self.name)
         if "nodes" not in entry:
             raise NoStudyTextError(f"{self.name}:{self.number} is at no node that the study lists")
@@ -549,7 +596,13 @@ class SeparateElement:
     follows: str | None = None
 
     def _take_out(self, entries: Sequence[Tables]) -> None:
-        """Take the element or set out of the unknowns (tables) that declare its property."""
+        """Take the element or set out of those unknowns in `entries` (tables, changed in place) that declare its property.
+
+        Raises
+        ------
+        InputError
+            If it has a parameter already, or if it is a whole set and an unknown has no other set beside it.
+        """
         name, _, number = self.where.rpartition(":")
         name = name or self.where
         own = [entry for entry in entries if is_declaration_of(entry, name, self.property_name)]
@@ -567,11 +620,17 @@ class SeparateElement:
             keep_elements(entry, kept, len(values) > 1)
 
     def _of_span(self, text: str) -> tuple[float, ...]:
-        """Nominal values of the set of ``girder:2-3``."""
+        """Nominal values of the elements of the set in a text such as ``girder:2-3``; empty if the set is not known."""
         return self.nominal.get(text.rpartition(":")[0], ())
 
     def apply(self, draft: ModelDraft) -> None:
-        """Give the element or set a parameter of its own in every record of a model draft."""
+        """Declare a separate factor for the element or set in every record of a model draft.
+
+        Raises
+        ------
+        InputError
+            If it has a separate parameter already, or is no whole set of a group with one value.
+        """
         for record in draft.records:
             entries = _as_tables(record.unknowns)
             self._take_out(entries)
@@ -595,7 +654,7 @@ class LetVary:
     name: str
 
     def _mark(self, entries: Sequence[Tables]) -> bool:
-        """Mark the unknown of this name as varying from record to record; true where it was found."""
+        """Mark the unknown of this name in `entries` as varying from record to record, in place; True if there is any."""
         for entry in entries:
             if label_of(entry) == self.name and not entry.get("each"):
                 entry["varies"] = True
@@ -603,7 +662,13 @@ class LetVary:
         return False
 
     def apply(self, draft: ModelDraft) -> None:
-        """Let the parameter vary from record to record in a model draft."""
+        """Let the parameter vary from record to record in a model draft.
+
+        Raises
+        ------
+        InputError
+            If no unknown declares this parameter alone.
+        """
         marked = False
         for record in draft.records:
             entries = _as_tables(record.unknowns)
@@ -620,12 +685,12 @@ class LetVary:
 
 
 def _as_tables(unknowns: Sequence[Unknown]) -> list[dict[str, Any]]:
-    """Declarations as the tables of a study have them."""
+    """The unknowns as tables of a study, one dict of field names and values for each."""
     return [{item.name: getattr(one, item.name) for item in fields(Unknown)} for one in unknowns]
 
 
 def _plain_copy(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """A table in the types of TOML."""
+    """A copy of a table in which tuples, and tuples in lists, are lists, as TOML needs them."""
     return {
         key: [list(x) if isinstance(x, tuple) else x for x in value] if isinstance(value, tuple | list) else value
         for key, value in entry.items()

@@ -109,7 +109,7 @@ class ModifiedModel:
 
     @cached_property
     def target(self) -> Problem:
-        """All problems as one."""
+        """The joint problem of all records."""
         return joint_problem(self.problems)
 
     @cached_property
@@ -119,6 +119,8 @@ class ModifiedModel:
 
     def changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
         """The model with one more change: a candidate with its strength; of small models the last ones are cached.
+
+        The effort of a change is counted in any case.
 
         Raises
         ------
@@ -135,7 +137,13 @@ class ModifiedModel:
         return ChangedModels()
 
     def _changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
-        """The model with one more change, made anew."""
+        """The model with one more change, made anew; its data have the weights of this model's, its starts are the set-ups'.
+
+        Raises
+        ------
+        StructidError
+            If the model has no place for the change.
+        """
         edits = candidate.edits(self.model, strength)
         draft = ModelDraft(self.model)
         for edit in edits:
@@ -154,16 +162,16 @@ class ModifiedModel:
         return ModifiedModel(model, problems, shown, (*self.changes, change), self.fit_limits)
 
     def values(self, theta: FloatArray) -> dict[str, float]:
-        """Physical values of free variables, by name."""
+        """Physical values in SI units of free variables (n_params,), by parameter name."""
         return dict(zip(self.target.names, self.target.physical(theta).tolist(), strict=True))
 
     def theta_of(self, known: Mapping[str, float]) -> FloatArray:
-        """Free variables with physical values by name, the set-ups' starts for those not known."""
+        """Free variables (n_params,) from physical values by name; parameters not in `known` start as the set-ups say."""
         return joint_problem([started_at(problem, known) for problem in self.problems]).theta_start
 
     @property
     def is_large(self) -> bool:
-        """True where a fit takes so long that only a few changes are fitted."""
+        """True where a record's model has more than `MOST_DOFS` degrees of freedom, so that only a few changes are fitted."""
         return any(setup.structure.n_dofs > MOST_DOFS for setup in self.setups)
 
     @property
@@ -182,7 +190,10 @@ class ModifiedModel:
         return all(isinstance(problem, ModalProblem) for problem in self.problems)
 
     def smoothed(self, levels: Sequence[float] = LEVELS) -> list[tuple[float, JointProblem]]:
-        """Problems on smoothed data with their decays, from far to near, as the lines of every record allow."""
+        """Pairs (decay, problem on data smoothed with it), in the order of `levels`, which are parts of the frequency.
+
+        Levels that the lines of any record do not allow are left out; empty if all records are of modes.
+        """
         if self.is_of_modes:
             return []
         stages = []
@@ -198,13 +209,14 @@ class ModifiedModel:
         return stages
 
     def anchored(self) -> JointProblem:
-        """All of `anchored_problems` as one."""
+        """The joint problem of all `anchored_problems`."""
         return JointProblem(self.anchored_problems(), first_prior_counts=True)
 
     def anchored_problems(self) -> tuple[RecordProblem, ...]:
-        """Problems of the quick fit: log-FRFs on some lines with 10 % of model error; modes as they are.
+        """Problems of the quick fit, one for each record, with every parameter held near its start.
 
-        Every parameter is held near its start.
+        FRFs, also those that stand for histories, are fitted in logarithms on at most 300 lines with 10 % of model error; modes
+        as they are.
         """
         held: list[RecordProblem] = []
         for of, view in zip(self._fitted_near(), self.views, strict=True):
@@ -228,16 +240,20 @@ class ModifiedModel:
         return tuple(replace(one, form="log", model_error=NEAR_MODEL_ERROR) for one in self.shown_problems)
 
     def point_at(self, problems: Sequence[FrfProblem], theta: FloatArray, most_lines: int = MOST_LINES) -> Point:
-        """FRF problems of the records linearized at free variables (n_params,), on at most `most_lines` lines."""
+        """FRF problems, one for each record, linearized at free variables (n_params,), on at most `most_lines` lines each.
+
+        Modes that are fitted without damping say nothing of it, and fixed values may move within their tolerances.
+        """
         silent = [
             k for k, one in enumerate(self.problems) if isinstance(one, ModalProblem) and not one.settings.use_damping
         ]
         return point_at(problems, theta, silent, most_lines, self._free_fixed_values)
 
     def _free_fixed_values(self, problems: Sequence[FrfProblem]) -> tuple[RecordProblem, ...]:
-        """Views of all records with the fixed values of their models among the unknowns; none of large models.
+        """FRF problems of all records with the fixed values of their models among the unknowns; empty for large models.
 
-        A view has the common gain of its record only where the record itself has one: modes have none.
+        `problems` has one FRF problem for each record. The common gain of a record is kept only where it is one of FRFs or
+        histories.
         """
         if self.is_large:
             return ()
@@ -245,7 +261,13 @@ class ModifiedModel:
         return freed_problems(self.setups, problems, self.model.options.tolerances, has_gain)
 
     def minimize(self, problem: Problem, method: LevenbergMarquardt, theta: FloatArray) -> Minimum:
-        """The minimum of one of its problems from free variables (n_params,), its effort counted and limited."""
+        """The minimum of `problem` from free variables (n_params,), with its effort counted.
+
+        Raises
+        ------
+        SearchEndedError
+            If it takes more than `fit_limits`.
+        """
         return minimize(problem, method, theta, count_effort(problem, self.fit_limits))
 
     def fit_near(self, limits: Sequence[float] = (), path: Sequence[Mapping[str, float]] = ()) -> NearFit:
@@ -254,8 +276,9 @@ class ModifiedModel:
         Parameters
         ----------
         limits : sequence of float
-            Sums of squares, one for each stage; none by default. A stage on smoothed data that ends above its limit is the last;
-            the search on the lines themselves ends early where it would stay above its own.
+            Sums of squares, one for each stage; no limits by default. The fit fails where a stage on smoothed data ends above
+            its limit; the search on the lines themselves ends early where it would stay above the last. Limits for another
+            number of stages count only for the lines.
         path : sequence of mappings of str to float
             Physical values where each stage of the quick fit without the last change ended. A stage begins there where that
             is nearer: a change that explains nothing then ends where it begins.
@@ -263,7 +286,7 @@ class ModifiedModel:
         Raises
         ------
         SearchEndedError
-            If a stage on smoothed data ends above its limit.
+            If a stage on smoothed data ends above its limit, or the fit takes more than `fit_limits`.
         """
         problems = [*(stage for _, stage in self.smoothed(NEAR_LEVELS)), self.anchored()]
         *far, above = limits or [np.inf]
@@ -283,12 +306,14 @@ class ModifiedModel:
         return NearFit(tuple(step.theta for step in steps), tuple(float(step.costs[-1]) for step in steps))
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:
-        """The best of the full fits, made with the options of the identification from each of `starts`, (n_params,) arrays.
+        """The minimum of lowest cost among full fits from each of `starts`, (n_params,) arrays of free variables.
+
+        Later fits are left where they will not get below the best so far. Starts that cannot be evaluated are passed over.
 
         Raises
         ------
         StructidError
-            If the model can be evaluated at none of them.
+            If the model can be evaluated at none of them, or each fit takes more than `fit_limits`.
         """
         minima: list[Minimum] = []
         last: Exception | None = None
@@ -316,7 +341,10 @@ class ChangedModels:
     def get_or_make(
         self, candidate: Candidate, strength: float, make: Callable[[Candidate, float], ModifiedModel]
     ) -> ModifiedModel:
-        """The model changed by this very candidate with this strength, from the cache or made and kept there."""
+        """The model changed by this very candidate object with this strength, from the cache or from `make`.
+
+        The cache keeps the last 64 models; `make` takes the candidate and the strength.
+        """
         key = id(candidate), strength  # the candidate is kept too, so that its identity stands
         cached = self._models.pop(key, None) or (candidate, make(candidate, strength))
         self._models[key] = cached
@@ -326,7 +354,7 @@ class ChangedModels:
 
 
 def started_at(problem: RecordProblem, known: Mapping[str, float]) -> RecordProblem:
-    """The problem with its start at physical values by name, its own start for those not known."""
+    """The problem with its start at the physical values `known`, by parameter name; others keep the start that they have."""
     common = {own: name for one in problem.parameters.scatters for own, name in zip(one.own, one.common, strict=True)}
     known = {**{own: known[name] for own, name in common.items() if name in known}, **known}
     return problem.with_parts([begun_at(part, known) for part in problem.parts])
@@ -346,15 +374,21 @@ def are_small(setups: Sequence[AnySetup]) -> bool:
 def prepared_problems(
     model: TestedModel, before: Sequence[tuple[AnySetup, RecordProblem]], options: IdentifyOptions
 ) -> tuple[RecordProblem, ...]:
-    """The problems of a changed model; histories that are as before are not transformed again.
+    """The problems of a changed model, one for each record; histories that are as before are not transformed again.
 
     Parameters
     ----------
     model : TestedModel
+        The changed model.
     before : sequence of (RecordSetup, RecordProblem)
-        Each record before the change.
+        Each record of `model` before the change.
     options : IdentifyOptions
         Those before the change.
+
+    Raises
+    ------
+    StructidError
+        If a record cannot be prepared with the changed model.
     """
     problems = [
         _prepared(setup, known, problem, model.options, model.options is options)
@@ -371,9 +405,9 @@ def _prepared(
     options: IdentifyOptions,
     is_same_record: bool,
 ) -> RecordProblem:
-    """The problem of a changed set-up; transformed histories of the earlier problem are reused where the record is the same.
+    """The problem of a changed set-up; transformed histories of the earlier problem are reused where the record is unchanged.
 
-    `earlier_setup` and `earlier_problem` are those before the change.
+    `earlier_setup` and `earlier_problem` are those before the change. `is_same_record` is True if the options are unchanged.
     """
     if (
         is_same_record
@@ -388,7 +422,10 @@ def _prepared(
 
 
 def _on_lines(problem: FrfProblem, frequency: FloatArray) -> FrfProblem:
-    """The problem of log-FRFs at those of its lines that are in `frequency`, which weigh as all of its lines do."""
+    """The problem in logarithms of FRFs, on those of its lines that are in `frequency` (Hz).
+
+    The model error, 10 % on all lines, is smaller on fewer lines, so that they weigh as much as all.
+    """
     keep = np.flatnonzero(np.isin(problem.frequency, frequency))
     error = NEAR_MODEL_ERROR * float(np.sqrt(len(keep) / len(problem.frequency)))
     return replace(problem.with_lines(keep), form="log", model_error=error)
@@ -397,7 +434,7 @@ def _on_lines(problem: FrfProblem, frequency: FloatArray) -> FrfProblem:
 def _same_view(
     problem: RecordProblem, setup: AnySetup, earlier_setup: AnySetup, earlier_view: View, options: IdentifyOptions
 ) -> View:
-    """FRF view of a changed problem; FRFs of the earlier view are reused where the record is the same.
+    """FRF view of a changed problem; data and quick-fit lines of the earlier view are reused where the record is the same.
 
     `setup` is that of the changed problem, `earlier_setup` and `earlier_view` those before the change.
     """
@@ -416,7 +453,11 @@ def _same_view(
 def weighed_like(
     problems: Sequence[RecordProblem], before: Sequence[RecordProblem], scatters: Sequence[ScatterProblem]
 ) -> tuple[RecordProblem, ...]:
-    """Changed problems with the weights of those that they are compared with, where both have the same data."""
+    """The changed `problems` with the weights of those before the change, where both have the same data.
+
+    `before` has one problem for each of `problems`; `scatters` are the problems of scatter between records, whose deviations
+    are taken over by name.
+    """
     weighed = tuple(_of_weights(one, other) for one, other in zip(problems, before, strict=True))
     return with_scatters(weighed, {one.name: one.std for one in scatters})
 

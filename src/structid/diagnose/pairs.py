@@ -22,10 +22,10 @@ from structid.inversion.search.work import Tools, Work
 def promising(
     base: Fitted, items_begun: Sequence[Item], work: Work, name: str, budget: SearchBudget = UNLIMITED
 ) -> list[Item]:
-    """Changes after which the best second change leaves little misfit, sorted by that misfit.
+    """First changes beside which a second one leaves at most 30 % of the misfit, sorted by what the best second leaves.
 
     Second changes are screened at quick fits of log-FRFs that stay near the start values: a full fit of one of two
-    faults is bent towards the other.
+    faults is bent towards the other. At most twelve first changes are tried, two of a kind.
 
     Parameters
     ----------
@@ -34,9 +34,11 @@ def promising(
     items_begun : sequence of Item
         Changes with their quick fits (candidate, strength, free variables), the likeliest first.
     work : Work
+        Runs the screening.
     name : str
         Name of the stage in progress messages and checkpoints.
     budget : SearchBudget
+        Changes for which there is no time are left out.
     """
     of_kind, items = Counter[str](), list[Item]()
     for item in items_begun:
@@ -53,7 +55,7 @@ def promising(
 
 
 def _looked_beside(base: Fitted, item: Item, tools: Tools) -> dict[str, float]:
-    """The misfit under ``"left"`` after a change and the best second change, by a linear step; infinite without a model.
+    """The misfit, under ``left``, after a change and the best second change, by a linear step; infinite where that fails.
 
     `item` is the first change, its strength and the free variables of its quick fit.
     """

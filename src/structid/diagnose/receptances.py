@@ -81,13 +81,13 @@ class Receptances:
 
     @cached_property
     def undriven(self) -> IntArray:
-        """The degrees of freedom whose motion is not given."""
+        """Positions of the degrees of freedom whose motion no support prescribes, (n_undriven,)."""
         given = self.structure.selection([base.supports[0].unsigned for base in self._bases])
         return np.setdiff1d(np.arange(self.structure.n_dofs), given.indices)
 
     @cached_property
     def laplace(self) -> ComplexArray:
-        """(n_lines,), 1/s."""
+        """Laplace variable s of each line, (n_lines,), in 1/s."""
         return self.problem.record.laplace
 
     def stiffness_of(self, structure: Structure) -> ComplexArray:
@@ -95,7 +95,7 @@ class Receptances:
         return self._stiffness_columns(structure, np.arange(structure.n_dofs))
 
     def flexibility(self, rows: IntArray) -> ComplexArray:
-        """G = Z^-1 among some degrees of freedom, (n_lines, n_rows, n_rows); zero at driven ones."""
+        """Receptances G = Z^-1 in m/N among the degrees of freedom `rows`, (n_lines, n_rows, n_rows); zero at driven ones."""
         block = self._alone.block(rows)
         if self._ends is None:
             return block
@@ -105,7 +105,10 @@ class Receptances:
 
     @cached_property
     def _alone(self) -> Flexibility:
-        """G = Z^-1 without measured components; zero at driven degrees of freedom."""
+        """Receptances G = Z^-1 of the model without measured components, in m/N; zero at driven degrees of freedom.
+
+        By modes for more than 600 degrees of freedom without driving supports, else by an inverse at each line.
+        """
         if self.structure.n_dofs > MOST_DENSE_DOFS and not self._bases:
             return modal_flexibility(self.structure, self.values, self.laplace)
         whole = self.stiffness_of(self.structure)
@@ -122,14 +125,18 @@ class Receptances:
 
     @cached_property
     def _joints(self) -> tuple[ComplexArray, ComplexArray]:
-        """Motion (n_lines, n_dofs, n_ends) under unit forces at the joints, and the receptance of both sides there."""
+        """Motion under unit forces at the joints, and the receptance of both sides there.
+
+        Shapes are (n_lines, n_dofs, n_ends) and (n_lines, n_ends, n_ends). Joints are the degrees of freedom where measured
+        components meet the model; there must be some.
+        """
         assert self._ends is not None
         pushed = self._alone.motion(self._ends)
         own = joined_receptance(self.structure.measured, self.problem.frequency)
         return pushed, own + self._ends.T @ pushed
 
     def _joined(self, motion: ComplexArray) -> ComplexArray:
-        """Motion (n_lines, n_dofs, n) of the model with its measured components, from that without them."""
+        """Motion (n_lines, n_dofs, n) of the model with its measured components, from `motion` without them."""
         if self._ends is None:
             return motion
         pushed, receptance = self._joints
@@ -138,7 +145,10 @@ class Receptances:
 
     @cached_property
     def under_loads(self) -> ComplexArray:
-        """Motion x = G f under unit forces f, or x = b - G Z b under support motions b, (n_lines, n_dofs, n_inputs)."""
+        """Motion of all free degrees of freedom under each load of the record, (n_lines, n_dofs, n_inputs).
+
+        It is x = G f under unit forces f, or x = b - G Z b under unit support motions b.
+        """
         loads = self.structure.selection(self.problem.record.inputs).toarray()
         if not self._bases:
             return self._joined(self._alone.motion(loads))
@@ -146,12 +156,12 @@ class Receptances:
 
     @cached_property
     def under_sensors(self) -> ComplexArray:
-        """y = G s, (n_lines, n_dofs, n_outputs)."""
+        """Motion y = G s under unit forces s at each sensor of the record, (n_lines, n_dofs, n_outputs)."""
         return self._joined(self._alone.motion(self.structure.selection(self.problem.record.outputs).toarray()))
 
     @cached_property
     def factor(self) -> ComplexArray:
-        """The factor that makes an FRF of the record of a receptance, channel errors included; broadcasts to `frf`."""
+        """Factor by which receptances become FRFs of the record's kind, channel errors included; it broadcasts to `frf`."""
         kind = (self.laplace ** DERIVATIVES[self.problem.record.kind])[:, None, None]
         channels = self.problem.channels
         found: ComplexArray = kind if channels is None else kind * channels.factor(self.channel_values, self.laplace)
@@ -159,17 +169,20 @@ class Receptances:
 
     @cached_property
     def columns(self) -> dict[Dof, FloatArray]:
-        """Free directions of nodes with the weights (n_dofs,) by which they follow free degrees of freedom."""
+        """For each free direction of a node, the weights (n_dofs,) by which it follows the free degrees of freedom.
+
+        Keys are unsigned; directions that follow only driven supports, or nothing, are left out.
+        """
         moves = self._follow[:, self.undriven].any(axis=1)
         pairs = zip(self.structure.numbering.codes[moves].tolist(), self._follow[moves], strict=True)
         return {dof_of_code(code).unsigned: follow for code, follow in pairs}
 
     @cached_property
     def loose(self) -> tuple[tuple[Dof, ...], ComplexArray, ComplexArray]:
-        """Supports that can give way, Z between them and the free degrees of freedom, and Z of each support alone.
+        """Supports that can give way, Z between the free degrees of freedom and them, and Z of each support with itself.
 
-        Those that drive give way against what moves them. Shapes (n_supports), (n_lines, n_dofs, n_supports),
-        (n_lines, n_supports).
+        Shapes: (n_supports) tuple, (n_lines, n_dofs, n_supports), (n_lines, n_supports). Supports that drive give way against
+        what moves them. There are none where the structure has reduced components.
         """
         structure = self.structure
         n_lines, n_dofs = len(self.laplace), structure.n_dofs
@@ -189,7 +202,7 @@ class Receptances:
         return tuple(held), follow.T @ columns, columns[:, ends, np.arange(len(ends))]
 
     def _stiffness_columns(self, structure: Structure, columns: IntArray) -> ComplexArray:
-        """Some columns of the dynamic stiffness Z of `structure`, (n_lines, n_dofs, n_columns)."""
+        """Columns at some positions of the dynamic stiffness Z of `structure`, (n_lines, n_dofs, n_columns)."""
         inertia, viscous, elastic, structural = (
             structure.matrix(kind, self.values)[:, columns].toarray()
             for kind in ("mass", "damping", "stiffness", "structural_damping")
@@ -199,7 +212,10 @@ class Receptances:
         return stiffness
 
     def elements(self, kinds: tuple[str, ...]) -> Iterator[ElementMatrix]:
-        """Element matrices of all properties of the given kinds, each multiplied by the property's value."""
+        """Element matrices of all properties of the given kinds, such as ``mass``, each multiplied by the property's value.
+
+        Properties whose matrix is given as a whole are left out. `loss` is 0 where the element set has no loss factor.
+        """
         losses = {p.element: self.values[p.values] for p in self.structure.properties if p.term.kind == "loss_factor"}
         for item in self.structure.properties:
             if item.term.kind not in kinds:
@@ -215,9 +231,9 @@ class Receptances:
                     yield ElementMatrix(item.element, e, item.term.property, item.term.kind, codes, matrix, lost, row)
 
     def along(self, codes: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Indices (n_rows,) of the free degrees of freedom that take part in directions, and the directions on them, (n_rows, m).
+        """Positions (n_rows,) of the free degrees of freedom that take part in directions, and their weights, (n_rows, m).
 
-        The directions are `weights` (n_codes, m) of the degrees of freedom `codes`.
+        The directions are `weights` (n_codes, m) on the degrees of freedom `codes` (n_codes,). Results are cached.
         """
         key = codes.tobytes(), weights.tobytes()
         known = self._directions.get(key)
@@ -233,17 +249,20 @@ class Receptances:
         return {}
 
     def reached(self, codes: IntArray) -> FloatArray:
-        """Weights (n_codes, n_dofs) by which degrees of freedom, by code, follow the free ones; zero where held."""
+        """Weights (n_codes, n_dofs) by which degrees of freedom, given by codes, follow the free ones; zero where held."""
         place, is_known = self._rows_of_codes(codes)
         return np.where(is_known[:, None], self._follow[place], 0.0)
 
     def moves(self, codes: IntArray) -> bool:
-        """True where any of these degrees of freedom, by code, can move."""
+        """True where any of the degrees of freedom `codes` can move; unknown codes do not count."""
         place, is_known = self._rows_of_codes(codes)
         return bool(self._can_move[place[is_known]].any())
 
     def _rows_of_codes(self, codes: IntArray) -> tuple[IntArray, np.ndarray]:
-        """Rows (n_codes,) of degrees of freedom in `_follow`, and whether the model has them; rows of others mean nothing."""
+        """Rows (n_codes,) of degrees of freedom in `_follow`, and a mask (n_codes,) of those that the model has.
+
+        Rows of the others mean nothing.
+        """
         known = self.structure.numbering.codes
         place: IntArray = np.minimum(np.searchsorted(known, codes), len(known) - 1)
         return place, known[place] == codes
@@ -260,15 +279,15 @@ class Receptances:
 
 
 def receptances_at(problem: FrfProblem, theta: FloatArray, most_lines: int = MOST_LINES) -> Receptances:
-    """The receptances of a problem at free variables, on as many of its lines as memory allows.
+    """The receptances of an FRF problem at free variables, on as many of its lines as time and memory allow, evenly chosen.
 
     Parameters
     ----------
     problem : FrfProblem
     theta : (n_params,) float array
-        Of this problem.
+        Free variables of this problem, those of channels last.
     most_lines : int
-        No more than these, for the time that they take.
+        Upper limit of the number of lines, for the time that they take.
     """
     n_lines = len(problem.frequency)
     n_dofs = min(problem.structure.n_dofs, MOST_DENSE_DOFS)

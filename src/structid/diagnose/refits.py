@@ -78,7 +78,7 @@ class Fitted:
 
     @property
     def misfit(self) -> float:
-        """The sum of squares by which fits are compared: with fixed values free within tolerances where noise misses it."""
+        """The sum of squares by which fits are compared: `chi_square`, or that of the tolerance test where there is one."""
         return self.chi_square if self.tolerance_test is None else self.tolerance_test.chi_square
 
     @property
@@ -88,7 +88,7 @@ class Fitted:
 
     @property
     def cause(self) -> Candidate:
-        """The last change."""
+        """The candidate of the last change; there must be a change."""
         return self.modified.changes[-1].candidate
 
     @property
@@ -98,7 +98,7 @@ class Fitted:
 
     @cached_property
     def near(self) -> NearFit | None:
-        """The quick fit of the same model; None where it fails."""
+        """The quick fit of the same model, all its stages, computed at the first call; None where it fails."""
         try:
             return self.modified.fit_near()
         except (StructidError, np.linalg.LinAlgError):
@@ -121,14 +121,14 @@ class Fitted:
 
     @cached_property
     def _uncertainty(self) -> Uncertainty:
-        """Uncertainty of the fitted parameters with model error, tolerances of fixed values included."""
+        """Uncertainty of the fitted parameters: from noise or model error, and from tolerances of fixed values."""
         target, fixed_values, columns = self.modified.target, self.modified.fixed_values, None
         if fixed_values is not None:
             columns = fixed_values.sensitivities_at(target.names, self.theta, self._within_tolerances(fixed_values))
         return dense_uncertainty(target, self.theta, target.linearize(self.theta), True, MISFIT, columns)
 
     def _within_tolerances(self, fixed_values: FixedValues) -> FitWithinTolerances | None:
-        """The fit behind the tolerance test, made again from its free variables where they are known."""
+        """The fit with fixed values free that the tolerance test rests on, computed again; None without a test."""
         names, test = self.modified.target.names, self.tolerance_test
         if test is None:
             return None
@@ -138,12 +138,12 @@ class Fitted:
 
     @property
     def covariance_of_data(self) -> FloatArray:
-        """Covariance of the physical values, (n_params, n_params), from noise, or where that is missed from model error."""
+        """Covariance of the physical values, (n_params, n_params), from noise, or from model error where noise is exceeded."""
         return self._uncertainty.spread.covariance_of_data
 
     @property
     def identified(self) -> np.ndarray:
-        """Which parameters the data determine, (n_params,) bool."""
+        """Mask (n_params,) of the parameters that the data determine."""
         return self._uncertainty.spread.identified
 
     @property
@@ -153,9 +153,10 @@ class Fitted:
 
 
 def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, left_out: float = 0.0) -> Fitted:
-    """The fit at given free variables; where its misfit is beyond noise, with its tolerance test.
+    """A `Fitted` at free variables `theta` (n_params,); with a tolerance test where its misfit is beyond noise.
 
-    `chi_square` is its sum of squares, in which `left_out`, the misfit of data that it leaves out, is included.
+    `chi_square` is its sum of squares, in which `left_out`, the misfit of data that it leaves out, is included. Large models,
+    and those without fixed values, have no tolerance test.
     """
     fitted = Fitted(modified, theta, chi_square, left_out)
     fixed_values = modified.fixed_values
@@ -168,9 +169,9 @@ def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, lef
 
 
 def is_beyond_noise(fitted: Fitted, counts_left_out: bool = False) -> bool:
-    """True where a fit leaves more misfit than chance makes of noise, with fixed values as they are.
+    """True where noise leaves so much misfit with a probability below 0.001, with fixed values as they are.
 
-    Data that the fit leaves out count only where `counts_left_out`.
+    Data that the fit leaves out count only where `counts_left_out`. False without degrees of freedom.
     """
     target = fitted.modified.target
     dof = target.n_data - n_parameters(fitted.modified)
@@ -179,7 +180,7 @@ def is_beyond_noise(fitted: Fitted, counts_left_out: bool = False) -> bool:
 
 
 def n_parameters(modified: ModifiedModel) -> int:
-    """Parameters of a modified model, and those that its changes have besides."""
+    """Number of parameters of a modified model, those included that its changes have beside the unknowns."""
     return len(modified.target.names) + sum(change.candidate.n_own for change in modified.changes)
 
 
@@ -212,10 +213,11 @@ Item = tuple[Candidate, float, FloatArray]
 
 
 def fit_near(base: Fitted, change: NearItem, tools: Tools) -> StoredFit:
-    """The quick fit of a change, parameters kept near their start; empty where no model has the change.
+    """The quick fit of a change, parameters kept near their start; an empty dict where no model has the change.
 
-    A fit that would not get below its last limit ends early; its sum of squares is then only known to be above that. It is
-    empty too where an earlier stage ends above its limit.
+    `change` is the candidate, its strength, and the limit of the sum of squares for each stage (no limits if empty). A fit that
+    would not get below its last limit ends early, and its sum of squares is then only known to be above that; it is empty too
+    where an earlier stage ends above its limit.
     """
     candidate, strength, limits = change
     try:
@@ -228,7 +230,11 @@ def fit_near(base: Fitted, change: NearItem, tools: Tools) -> StoredFit:
 
 
 def fit_fully(base: Fitted, item: Item, tools: Tools) -> StoredFit:
-    """The fit of a change as the options ask for, started at its quick fit; empty where no model has the change."""
+    """The full fit of a change, as the options of the identification ask for; an empty dict where it fails.
+
+    `item` is the candidate, its strength and the free variables of its quick fit, where the fit starts. Gains that only leave a
+    channel out, and records of another state that the model does not fit alone, are dropped as well.
+    """
     candidate, strength, theta = item
     try:
         if isinstance(candidate, OtherState) and not _fits_alone(base, candidate):
@@ -240,7 +246,7 @@ def fit_fully(base: Fitted, item: Item, tools: Tools) -> StoredFit:
 
 
 def _is_no_gain(base: Fitted, fitted: Fitted) -> bool:
-    """True where the fitted gain is so far from 1 that it only leaves the channel out, and is that of no unit."""
+    """True where a fitted channel gain is beyond `MOST_GAIN` or its inverse, and is not the factor of a mistaken unit."""
     candidate = fitted.cause
     assert isinstance(candidate, SensorGain | LoadGain)
     added = [value for name, value in fitted.values.items() if name not in base.values and value > 0]
@@ -248,10 +254,9 @@ def _is_no_gain(base: Fitted, fitted: Fitted) -> bool:
 
 
 def fit_mirrored(base: Fitted, item: tuple[Task, NearItem | Item, StoredFit], tools: Tools) -> StoredFit:
-    """The fit of a change that may be the mirror image of another: that one's where the misfit is the same there.
+    """The fit of a change that may mirror another: the other's fit where the misfit there is equal, else a fit by `task`.
 
-    Changes at mirrored positions of a symmetric structure have the same fit; one residual shows it. Otherwise the change
-    has a fit of its own.
+    Changes at mirrored positions of a symmetric structure have equal fits, which one residual shows.
 
     Parameters
     ----------
@@ -259,6 +264,7 @@ def fit_mirrored(base: Fitted, item: tuple[Task, NearItem | Item, StoredFit], to
     item : (task, item, StoredFit)
         `fit_near` or `fit_fully`, its argument, and the fit of the other change.
     tools : Tools
+        Passed on to the task.
     """
     task, (candidate, strength, *_), other = item
     try:
@@ -277,9 +283,9 @@ def fit_mirrored(base: Fitted, item: tuple[Task, NearItem | Item, StoredFit], to
 
 
 def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
-    """True where the model fits the candidate's record by itself, with values of its own, as another state.
+    """True where the model fits the candidate's record by itself to a chi-square per degree of freedom below 2.
 
-    Without one of two records little is left to misfit, whatever is wrong with the model.
+    The record then has values different from those of the other records, as of another state of the structure.
     """
     assert candidate.record is not None
     problem = base.modified.problems[candidate.record]
@@ -289,7 +295,10 @@ def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
 
 
 def _stored(fitted: Fitted) -> StoredFit:
-    """Numbers and texts of a fit and its last change, for a checkpoint."""
+    """Numbers and texts of a fit and its last change, for a checkpoint.
+
+    Those of its tolerance test are there only if the free variables of that test are known.
+    """
     candidate, strength, _ = fitted.modified.changes[-1]
     stored: StoredFit = {
         "where": list(candidate.where), "strength": float(strength), "theta": fitted.theta,
@@ -302,7 +311,7 @@ def _stored(fitted: Fitted) -> StoredFit:
 
 
 def restore_fit(base: Fitted, candidate: Candidate, stored: StoredFit) -> Fitted:
-    """The fit of a candidate with its model, from what `fit_fully` gave."""
+    """The `Fitted` of a candidate, its changed model included, from what `fit_fully` returned; `stored` must not be empty."""
     where = tuple(stored["where"])
     if where != candidate.where:  # the candidate itself has its model in the cache
         candidate = replace(candidate, where=where)
@@ -315,7 +324,11 @@ def restore_fit(base: Fitted, candidate: Candidate, stored: StoredFit) -> Fitted
 
 
 def _fit_to_the_end(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> Fitted:
-    """The fit of a changed model as the options ask for, from some starts; outlying lines and tones are found again."""
+    """The full fit of a changed model: the best of those from `theta` (n_params,) and from the values of `base`.
+
+    Other strengths are tried where the kind of change asks for it, and outlying lines and tones are looked for again after the
+    fit, up to four times.
+    """
     starts = [theta, modified.theta_of(base.values)]
     if modified.changes[-1].candidate.begins_at_start:
         starts.append(np.asarray(modified.target.theta_start))
@@ -331,7 +344,10 @@ def _fit_to_the_end(base: Fitted, modified: ModifiedModel, theta: FloatArray) ->
 
 
 def _try_other_strengths(base: Fitted, modified: ModifiedModel, minimum: Minimum) -> tuple[ModifiedModel, Minimum]:
-    """The best fit over several strengths, for candidates whose strength is no parameter or has far minima."""
+    """The best fit over several strengths of the last change, as the model with that strength and its minimum.
+
+    `modified` and `minimum` themselves where none is better, and for candidates without `other_strengths`.
+    """
     candidate, strength, _ = modified.changes[-1]
     for step in candidate.other_strengths:
         for factor in (step, 1 / step):
@@ -356,9 +372,9 @@ def _values_in_study(modified: ModifiedModel, theta: FloatArray, base: Fitted) -
 
 
 def _with_other_lines(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> ModifiedModel | None:
-    """The modified model with the outlying lines or tones found after its fit.
+    """The model with the last change replaced by one for the outlying lines or tones that show after its fit at `theta`.
 
-    None where the model has them already, for every other kind of candidate, and for several records.
+    None where these are the same as before or there are none, for every other kind of candidate, and for several records.
     """
     candidate, strength, _ = modified.changes[-1]
     if not isinstance(candidate, OutlyingLines | Tone) or len(base.modified.problems) > 1:
@@ -377,14 +393,14 @@ def _with_other_lines(base: Fitted, modified: ModifiedModel, theta: FloatArray) 
 
 
 def _residual_of_all_data(base: Fitted, modified: ModifiedModel, theta: FloatArray, problem: Problem) -> FloatArray:
-    """The residual of `problem`, which has all data of `base`, at the values of a changed model."""
+    """The residual (n_rows,) of `problem`, which has all data of `base`, at the values of a changed model's `theta`."""
     return problem.residual(base.modified.theta_of({**base.values, **modified.values(theta)}))
 
 
 def _misfit_left_out(base: Fitted, modified: ModifiedModel, theta: FloatArray, is_near: bool = False) -> float:
-    """Misfit of the data that the last change leaves out; with `is_near` in the form of the quick fit.
+    """Misfit of the data that the last change leaves out, their errors larger by the likeliest factor; 0 if it leaves none out.
 
-    Their errors are larger by the likeliest factor.
+    `theta` holds the free variables of the changed model. With `is_near` the misfit is that of the quick fit's problems.
     """
     candidate = modified.changes[-1].candidate
     if not candidate.leaves_data_out:

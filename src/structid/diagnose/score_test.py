@@ -88,7 +88,7 @@ class Point:
         return float(self._base @ self._base)
 
     def candidates(self, record_names: Sequence[str]) -> list[Candidate]:
-        """All candidates whose effects follow from the receptances, made once; `record_names` are those of the records."""
+        """All candidates whose effects follow from the receptances; `record_names` has the name of each record, in order."""
         key = tuple(record_names)
         if key not in self._candidates:
             self._candidates[key] = candidates(self.records, record_names)
@@ -99,9 +99,9 @@ class Point:
         return {}
 
     def without(self, mask: np.ndarray) -> float:
-        """Misfit after a linear step where the errors of the masked data rows are larger.
+        """Misfit after a linear step where the errors of the masked data rows are larger by the likeliest factor.
 
-        Their errors are multiplied by the likeliest factor; `mask` is (n_data,).
+        `mask` (n_data,) is True for these rows of all records.
         """
         keep = np.ones(len(self.residual), dtype=bool)
         keep[: len(mask)] = ~mask
@@ -115,9 +115,10 @@ class Point:
         )
 
     def screened(self, candidates: Sequence[Candidate]) -> list[Screened]:
-        """Screening result of every candidate, in the given order.
+        """Screening result of every candidate, in the same order: its best strength and the misfit that this leaves.
 
-        It has the candidate's best strength, and the misfit after a linear step of the parameters.
+        Parameters follow by a linear step. The 16 most promising of each kind are looked at with all their strengths and some
+        more, the others with every second strength.
         """
         keys = [self._key(candidate) for candidate in candidates]
         known: dict[_Key, _Look] = {}
@@ -138,10 +139,11 @@ class Point:
         ]
 
     def requested(self, candidates: Sequence[Candidate]) -> list[RequestedChange]:
-        """Strengths of small candidates by a score test, each alone, all parameters following linearly.
+        """Small changes that the residual asks for by a score test, each alone, with all parameters following linearly.
 
-        With w the slope of a candidate off the basis its strength is -w'r / w'w, and its score |w'r| / |w|, the size of a standard
-        normal variable where model and noise are right. Candidates whose strength would be out of bounds are left out.
+        With w the slope of a candidate off the basis its strength is -w'r / w'w, and its score |w'r| / |w|, the size of a
+        standard normal variable where model and noise are right. Candidates with one fixed strength, and those whose strength
+        would be out of bounds, are left out; the order is that of `candidates`.
 
         References
         ----------
@@ -157,13 +159,16 @@ class Point:
         return found
 
     def _linear(self, off: FloatArray, small: float) -> tuple[float, float]:
-        """The strength of least misfit by a candidate's slope, and the squared length of that slope."""
+        """The strength of least misfit by a candidate's slope (0 without a finite slope), and the squared length of the slope.
+
+        `off` (n_rows,) is the residual with the candidate at strength `small`, projected off the basis.
+        """
         slope = (off - self._base) / small
         size = float(slope @ slope)
         return (float(-(slope @ self._base) / size) if 0 < size < np.inf else 0.0), size
 
     def _key(self, candidate: Candidate) -> _Key:
-        """A key that is equal for candidates with equal effects, such as masses at nodes of one rigid part."""
+        """A hashable key that is equal for candidates with equal effects, such as masses at nodes of one rigid part."""
         alike = candidate.alike_by()
         if alike is None:
             return (id(candidate),)
@@ -172,10 +177,7 @@ class Point:
         return *values, *moves
 
     def _look(self, candidate: Candidate) -> _Look:
-        """A first screening of a candidate.
-
-        It has the misfit at every second strength after a linear step, and the linear estimate.
-        """
+        """A first screening of a candidate: misfit at every second strength after a linear step, and linear estimate."""
         strengths = candidate.strengths[::2]
         if len(candidate.strengths) == 1:
             left = self._left_by(candidate, strengths)
@@ -188,9 +190,9 @@ class Point:
         return _Look(strengths, left, step, float(min(left.min(), linear)))
 
     def _closer(self, candidate: Candidate, look: _Look) -> _Look:
-        """A closer screening of a candidate, from the first one `look`.
+        """The first screening `look` of a candidate, extended by the other strengths and by some near the best of them.
 
-        It has all strengths, and more about the best of them and the linear estimate.
+        Unchanged for candidates with one strength.
         """
         if len(candidate.strengths) == 1:
             return look
@@ -207,7 +209,7 @@ class Point:
         return self._off_basis(self.residual)
 
     def _off_basis(self, rows: FloatArray) -> FloatArray:
-        """Rows (n_rows, ...) without what parameters, and fixed values within their tolerances, can follow."""
+        """Rows (n_rows, ...) less what parameters, and fixed values within their tolerances, can follow of each column."""
         followed = self.basis.T @ rows
         return rows - (self.basis * self.weights) @ followed
 
@@ -215,7 +217,7 @@ class Point:
         return _squares(self._residuals_off_parameters(candidate, strengths))
 
     def _residuals_off_parameters(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
-        """Residuals with a candidate at each strength, projected off the span of the parameters, (n_rows, n_strengths)."""
+        """Whitened residuals with a candidate at each strength, less what the parameters can follow, (n_rows, n_strengths)."""
         rows = np.empty((len(self.residual), len(strengths)))
         METER.add(screening_effort(*rows.shape))
         rows[:] = self.residual[:, None]
@@ -233,12 +235,12 @@ class Point:
 
 
 def _with_strengths(look: _Look, strengths: FloatArray, left: FloatArray) -> _Look:
-    """A screening result with further strengths and what they leave."""
+    """A screening result with further `strengths` (n,) appended, and the misfits (n,) that they leave."""
     return look._replace(strengths=np.append(look.strengths, strengths), left=np.append(look.left, left))
 
 
 def _squares(off: FloatArray) -> FloatArray:
-    """Sum of squares of each column; infinite where there is none."""
+    """Sum of squares of each column, (n_columns,); infinite where it is not finite."""
     left = np.einsum("ij,ij->j", off, off)
     return np.where(np.isfinite(left), left, np.inf)
 
@@ -250,18 +252,19 @@ def point_at(
     most_lines: int = MOST_LINES,
     free_fixed_values: Callable[[Sequence[FrfProblem]], Sequence[RecordProblem]] = lambda problems: (),
 ) -> Point:
-    """FRF problems linearized at free variables (n_params,) of all of them, on at most `most_lines` lines.
+    """FRF problems linearized at free variables (n_params,) of all of them, on at most `most_lines` lines each.
 
     Parameters
     ----------
     problems : sequence of FrfProblem
+        One for each record.
     theta : (n_params,) float array
     undamped : collection of int
         Positions of the records that say nothing of damping.
     most_lines : int
     free_fixed_values : callable
-        Gives the problems with the fixed values of their models among the unknowns; none by default, and the fixed
-        values are exact.
+        Takes the problems on the chosen lines and returns them with the fixed values of their models among the unknowns.
+        By default it returns none, and the fixed values are exact.
     """
     own = JointProblem(tuple(problems), first_prior_counts=True).unknowns.split(theta)
     records = tuple(receptances_at(problem, at, most_lines) for problem, at in zip(problems, own, strict=True))

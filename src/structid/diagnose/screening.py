@@ -58,7 +58,11 @@ _Promises = dict[Hashable, tuple[float, Screened]]
 
 
 def screening_points(base: Fitted) -> list[Point]:
-    """Linearized problems to screen candidates at: on smoothed data, at the quick fit, and at the fit."""
+    """Linearized problems at which candidates are screened: on smoothed data, at the quick fit, and last at the fit.
+
+    Of a large model only two, without further fits: at the start of the parameters, and at the fit. Smoothed levels after which
+    a search ends at its limit are left out.
+    """
     modified, points = base.modified, []
     if modified.is_large:  # every fit costs
         start = np.asarray(modified.target.theta_start)
@@ -106,11 +110,13 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
     Parameters
     ----------
     base : Fitted
+        Fit of the study before the change.
     work : Work
+        Runs the screening of each point.
     name : str
-        What the points are called in progress and checkpoints.
+        Name of the stage in progress messages and checkpoints.
     budget : SearchBudget
-        Looks at the fit and at the anchored fit come first, those at smoothed data as long as there is time.
+        Points at the fit and at the anchored fit come first, those at smoothed data as long as there is time.
     """
     points = screening_points(base)
     names = titles(base.modified.setups)
@@ -172,10 +178,10 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
 
 
 def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:
-    """Candidates that several fixed rotations become flexible together: all of a node, and all of a direction.
+    """Candidates that several fixed rotations become flexible together: all of a direction, all, and all of a node.
 
-    `left` is the misfit without them. Feet modelled as clamped that rotate are the commonest fault, and one foot of two
-    explains half of it.
+    `candidates` are all changes, `left` is the misfit without them. Feet modelled as clamped that rotate are the commonest
+    fault, and one foot of two explains half of it. At most eight nodes are taken.
     """
     of_node: dict[int, list[Support]] = {}
     of_direction: dict[str, list[Support]] = {}
@@ -200,10 +206,10 @@ def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:
 
 
 def _rollers(base: Fitted, candidates: Iterable[Candidate], held_nodes: Collection[int]) -> list[Screened]:
-    """Candidates that a free translation of a supported node is almost rigidly fixed: bearings that are stuck.
+    """Candidates that a free translation of a supported node is almost rigidly fixed: bearings that are stuck, at most eight.
 
-    They are made for measured modes alone, where no linear step from a biased fit finds them. `held_nodes` are the
-    supported nodes.
+    They are made for measured modes alone, where no linear step from a biased fit finds them; empty for other records.
+    `held_nodes` are the supported nodes.
     """
     if not base.modified.is_of_modes:
         return []
@@ -220,7 +226,8 @@ def _rollers(base: Fitted, candidates: Iterable[Candidate], held_nodes: Collecti
 def _exchanged(base: Fitted, points: Sequence[Point]) -> set[Hashable]:
     """Keys of candidates by which the initial model shows channels to be exchanged, turned or of another gain.
 
-    `points` are the linearized problems of the screening.
+    These leave less than half of the misfit of the initial model. `points` are the linearized problems of the screening; empty
+    for modes.
     """
     modified = base.modified
     if modified.is_of_modes:
@@ -236,7 +243,7 @@ def _exchanged(base: Fitted, points: Sequence[Point]) -> set[Hashable]:
 
 
 def _faulty(base: Fitted) -> set[Hashable]:
-    """Keys of channels whose histories, or the fit's misfit, show that they did not measure their motion."""
+    """Keys of candidate channels whose histories, or the fit's misfit, show that they did not measure the motion there."""
     shown = {
         FaultyChannel(where=(parse_dof(fault.channel.split()[0]).place,), record=number).key
         for number, setup in enumerate(base.modified.setups)
@@ -247,7 +254,7 @@ def _faulty(base: Fitted) -> set[Hashable]:
 
 
 def _outstanding(base: Fitted) -> set[Hashable]:
-    """Keys of candidate channels of histories that cause a large part of the misfit."""
+    """Keys of candidate channels of histories that cause more than 30 % of the misfit; empty for FRFs and modes."""
     problems, keys = base.modified.problems, set[Hashable]()
     residual = base.modified.target.residual(base.theta)
     of_records = zip(rows_of(problems, residual), base.modified.views, strict=True)
@@ -263,22 +270,21 @@ def _outstanding(base: Fitted) -> set[Hashable]:
 
 
 def _family(candidate: Candidate, held_nodes: Collection[int]) -> str:
-    """The family of a candidate; "clamp" for a spring that holds one more direction of a node that is held."""
+    """The family of a candidate, such as its kind; "clamp" for a spring that holds a further direction of a supported node."""
     is_clamp = isinstance(candidate, SpringToGround) and candidate.is_clamp(held_nodes)
     return "clamp" if is_clamp else candidate.family
 
 
 def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:
-    """True if a change is fitted whatever a linear look at a fit says."""
+    """True if a change is fitted whatever a linear look promises: exchanged loads, and those with a key in `certain`."""
     return isinstance(candidate, SwappedLoads) or candidate.key in certain
 
 
 def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, budget: SearchBudget) -> list[Screened]:
-    """Screened candidates sorted by the misfit of measured modes after one linear step; the first few keep their rank.
+    """Screened candidates sorted by the misfit of measured modes after one linear step; the first six keep their rank.
 
-    Needed since a change that removes four fifths of the misfit of the modes may remove only a tenth of that of the FRFs that are
-    computed from them.
-    `name` is the stage's in progress messages.
+    A change that removes four fifths of the misfit of the modes may remove only a tenth of that of the FRFs that are computed
+    from them. `name` is that of the stage in progress messages.
     """
     left = np.array(
         screen_changes(
@@ -291,9 +297,9 @@ def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, bud
 
 
 def _looked(looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: Tools) -> dict[str, FloatArray]:
-    """Best strength of every candidate and the misfit that it leaves, (n_candidates,) each, at one linearized problem.
+    """Arrays ``strength`` (the best) and ``left`` (misfit with it), (n_candidates,) each, of all candidates at one point.
 
-    `looks` are all linearized problems and the names of the records, `number` the position of the problem.
+    `looks` are all linearized problems and the names of the records, `number` is the position of the problem.
     """
     points, names = looks
     point = points[number]
@@ -302,9 +308,9 @@ def _looked(looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: To
 
 
 def _with_friction(best: _Promises, can_rub: bool) -> None:
-    """Add candidates of dry friction to `best` where the best dampers are: smoothed data do not distinguish the two.
+    """Add candidates of dry friction to `best`, in place, where the two best dampers to the ground are.
 
-    `can_rub` is False where friction cannot be modelled; nothing is added then.
+    Smoothed data do not distinguish the two. `can_rub` is False where friction cannot be modelled; nothing is added then.
     """
     dampers = [
         pair

@@ -123,15 +123,23 @@ class Explanation:
 
 
 def search_causes(base: Fitted, work: Work = ALONE, budget: SearchBudget = UNLIMITED) -> Explanation:
-    """The changes that explain the misfit of a fitted study; where the first leaves some, also a second.
+    """Search for the changes that explain the misfit of a fitted study; where the first leaves some, also for a second.
 
     Parameters
     ----------
     base : Fitted
+        Fit of the study as it is.
     work : Work
+        Runs the fits, in this process or in others.
     budget : SearchBudget
-        Effort of the search, most of it for the first causes, what these leave for second ones. Other pairs are
+        Effort of the search, three quarters of it for the first causes and the rest for second ones. Other pairs are
         looked for as long as it suffices for one more.
+
+    Returns
+    -------
+    Explanation
+        Without causes, and with `better`, where another start of the unchanged study leaves only noise. Of large models only a
+        few changes are fitted, and no second ones.
     """
     base = replace(base, modified=replace(base.modified, fit_limits=budget.fit_limits))
     if base.modified.is_large:
@@ -147,19 +155,20 @@ def search_causes(base: Fitted, work: Work = ALONE, budget: SearchBudget = UNLIM
 
 
 def _is_clear(explanation: Explanation) -> bool:
-    """True if one change removes much of the misfit."""
+    """True if the first cause leaves less than half of the misfit; False without causes."""
     return bool(explanation.causes) and explanation.causes[0].misfit < CLEAR * explanation.base.misfit
 
 
 def _is_far(fitted: Fitted) -> bool:
-    """True if the misfit is beyond what intervals may carry."""
+    """True if chi-square per degree of freedom is above 9, more than intervals from the misfit may carry."""
     return fitted.misfit > FAR_BEYOND * max(fitted.modified.target.n_data - n_parameters(fitted.modified), 1)
 
 
 def _of_two(explanation: Explanation, work: Work, budget: SearchBudget, tried: Sequence[Fitted] = ()) -> Explanation:
-    """The explanation by a pair of changes that leaves only noise, where each alone brings little; else as it was.
+    """The explanation by a pair of changes that leaves only noise, where each alone brings little; else `explanation` itself.
 
-    The fit of one of two faults to all data is bent towards the other. First changes in `tried` are passed over.
+    Candidates for the first change are those in `explanation.begun`, except those at the places of `tried`: a fit of one of two
+    faults to all data is bent towards the other. Where the model is not small or the budget is used up, `is_single` is set.
     """
     if not budget.allows(explanation.spent) or not explanation.base.modified.is_small:
         return replace(explanation, is_single=True)
@@ -179,7 +188,10 @@ def _of_two(explanation: Explanation, work: Work, budget: SearchBudget, tried: S
 
 
 def _first(explanation: Explanation, item: Item, work: Work) -> Fitted | None:
-    """The full fit of a change that had a quick fit (its free variables are in `item`); None where it fails."""
+    """The full fit of a change, taken from the causes if it is there, else from the quick fit in `item`; None where it fails.
+
+    `item` is the candidate, its strength and its free variables at the end of the quick fit.
+    """
     known = [one for one in explanation.causes if one.cause.place == item[0].place]
     fits = known or _refits(explanation.base, [item], work, "a first of two causes")
     return fits[0] if fits else None
@@ -188,8 +200,9 @@ def _first(explanation: Explanation, item: Item, work: Work) -> Fitted | None:
 def _paired(explanation: Explanation, work: Work, budget: SearchBudget) -> Explanation:
     """The explanation with a second change beside the first; where both leave more than noise, with the best of other pairs.
 
-    Beside the second, another first is looked for: a change that only resembles the first of two faults loses its effect once
-    the second is known. Where that brings nothing, a second is looked for beside another of the first causes.
+    Other pairs are at most `MORE_PAIRS`. Beside the second, another first is looked for: a change that only resembles the first
+    of two faults loses its effect once the second is known. Where that brings nothing, a second is looked for beside the next
+    of the first causes. If the second explains as much alone, it is returned as the only cause.
     """
     if not budget.allows(explanation.spent, 0.5):
         return replace(explanation, is_single=True)
@@ -220,7 +233,7 @@ def _paired(explanation: Explanation, work: Work, budget: SearchBudget) -> Expla
 
 
 def _second_alone(explanation: Explanation, pair: Explanation, work: Work) -> Explanation | None:
-    """The second cause as the only one, where it explains as much without the first; None otherwise."""
+    """The explanation by the second cause of `pair` alone, first in it, where that alone leaves only noise; None otherwise."""
     if pair.further is None or not pair.further.causes or pair.further.causes[0].is_misfit:
         return None
     alone = _alone(explanation, pair.further.causes[0], work)
@@ -232,7 +245,11 @@ def _second_alone(explanation: Explanation, pair: Explanation, work: Work) -> Ex
 
 
 def _from_second(explanation: Explanation, second: Explanation, work: Work, budget: SearchBudget) -> Explanation | None:
-    """A pair of the second cause with another first one, where it explains clearly more; None otherwise."""
+    """A pair with another first cause, where it explains clearly more than the pair with `second`; None otherwise.
+
+    The first cause is looked for beside the likeliest cause of `second`, which is then fitted alone; both are fitted again with
+    the new first cause first.
+    """
     alone = _alone(explanation, second.causes[0], work)
     again = None if alone is None else _beside(alone, work, "beside the second, first ", budget)
     if again is None or not _is_better(again, second):
@@ -250,13 +267,16 @@ def _from_second(explanation: Explanation, second: Explanation, work: Work, budg
 def _from_next(
     explanation: Explanation, second: Explanation, first: Fitted, work: Work, budget: SearchBudget
 ) -> Explanation | None:
-    """A pair with the given first cause, where it explains clearly more than the `second` there is; None otherwise."""
+    """The pair of `first` with its best second cause, where it explains clearly more than `second`; None otherwise."""
     further = _beside(first, work, "second changes after the next, ", budget)
     return _led_by(explanation, first, further) if _is_better(further, second) else None
 
 
 def _is_better(explanation: Explanation, other: Explanation) -> bool:
-    """True where the first cause of `explanation` has a clearly better criterion than that of `other`."""
+    """True where the criterion of the first cause of `explanation` is lower than that of `other` by more than `ALIKE`.
+
+    False where `explanation` has no causes; `other` must have some.
+    """
     if not explanation.causes:
         return False
     mine, theirs = explanation.causes[0], other.causes[0]
@@ -265,9 +285,9 @@ def _is_better(explanation: Explanation, other: Explanation) -> bool:
 
 
 def _led_by(explanation: Explanation, first: Fitted, further: Explanation) -> Explanation | None:
-    """The explanation with `first` as its only first cause, and the second causes of `further`.
+    """The explanation with `first` as its only first cause, and `further` as its second causes.
 
-    None where the first change removes little alone and the pair leaves more than noise.
+    None where `further` has no causes, and where `first` leaves more than half of the misfit and the pair more than noise.
     """
     if not further.causes or (first.misfit > CLEAR * explanation.base.misfit and further.causes[0].is_misfit):
         return None
@@ -281,7 +301,10 @@ def _last_change(fitted: Fitted) -> Sized:
 
 
 def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | None:
-    """The fit of the original model with only the last change of `fitted`; None where it does not lower the misfit."""
+    """The fit of the original model with only the last change of `fitted`; None where it does not lower the misfit.
+
+    It is taken from the causes of `explanation` where a cause has the same place, and else fitted from the values of `fitted`.
+    """
     change = _last_change(fitted)
     for one in explanation.causes:
         if one.cause.place == change[0].place:
@@ -293,7 +316,7 @@ def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | Non
 
 
 def _from_elsewhere(base: Fitted) -> Fitted | None:
-    """The unchanged study fitted anew from its quick fit; None where there is none, or it is not clearly better than `base`."""
+    """The unchanged study fitted anew from its quick fit; None if that fails, or leaves 90 % of the chi-square or more."""
     if not base.near_path:
         return None
     try:
@@ -305,9 +328,10 @@ def _from_elsewhere(base: Fitted) -> Fitted | None:
 
 
 def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> Explanation:
-    """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fully.
+    """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fitted fully.
 
-    `which` begins the names of its stages in progress messages.
+    `which` is the prefix of stage names in progress messages, such as "second ". `further` of the result is None; it counts the
+    changes for which there was no time in `left_out`.
     """
     clock, looks = SearchBudget(), budget.portion(SCREENING_TIME)
     shortlist = shortlist_candidates(base, work, f"{which}causes on a linear look", looks)
@@ -353,10 +377,10 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
 
 
 def _finalists(order: Sequence[int], several: Sequence[Candidate]) -> list[int]:
-    """Positions of the candidates to refit, from the `order` of their near fits, the best first.
+    """Positions of the candidates to refit, at most `FINALISTS`: the best near fits first, reserved places last.
 
-    Those that smoothed data do not show have places among them and come last, so that the best near fits are refitted before
-    the time ends.
+    `order` holds positions in `several`, sorted by near fit. Up to `RESERVED_PLACES` are kept for candidates that smoothed data
+    do not show; these come last, so that the best near fits are refitted before the time ends.
     """
     reserved = [k for k in order if several[k].has_reserved_place][:RESERVED_PLACES]
     others = [k for k in order if not several[k].has_reserved_place]
@@ -364,14 +388,15 @@ def _finalists(order: Sequence[int], several: Sequence[Candidate]) -> list[int]:
 
 
 def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
-    """Ranks for quick fits of changes that have no first-order test: supports that turn together come first, where promising.
+    """Ranks for the quick fits of `derived` changes, which have no first-order test, one each; low ranks are fitted first.
 
-    `derived` are these changes; `rows` are all screened ones, in which single supports show whether turning is promising.
+    Supports that turn together have rank 0 if one of them is in `rows`, the screened changes, and they are at several nodes or
+    at the node of the first support there; all others rank after the finalists.
     """
     turning = [row.candidate.where[0] for row in rows if isinstance(row.candidate, Support)]
 
     def is_first(candidate: Candidate) -> bool:
-        """True of supports that turn together at several nodes, or at the node of the most promising support."""
+        """True of supports that turn together at several nodes, or at the node of the first support in `rows`."""
         if not isinstance(candidate, Support) or not set(turning).intersection(candidate.where):
             return False
         nodes = {parse_dof(place).node for place in candidate.where}
@@ -381,7 +406,10 @@ def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> 
 
 
 def _beside(first: Fitted, work: Work, which: str, budget: SearchBudget) -> Explanation:
-    """An explanation of what a changed study leaves; empty where its records cannot be linearized."""
+    """An explanation of what the study changed by `first` leaves; without causes where it cannot be evaluated or linearized.
+
+    `which` is the prefix of stage names in progress messages.
+    """
     try:
         return _search_once(first, work, which, budget)
     except (StructidError, np.linalg.LinAlgError):
@@ -389,7 +417,7 @@ def _beside(first: Fitted, work: Work, which: str, budget: SearchBudget) -> Expl
 
 
 def _first_alike(rows: Sequence[Screened]) -> list[int]:
-    """Index, for each change, of the first change with the same screening result, mostly its own."""
+    """For each screened change, the position of the first with the same kind, strength and misfit; mostly that of itself."""
     seen = [(one.candidate.place[0], f"{one.strength:.9e}", f"{one.left:.9e}") for one in rows]
     return [seen.index(key) for key in seen]
 
@@ -404,11 +432,11 @@ def _fit_near_all(
     name: str,
     budget: SearchBudget,
 ) -> list[StoredFit | None]:
-    """Quick fits (`fit_near`) of every change, of low `rank` first; None of those that there is no time for.
+    """Quick fits (`fit_near`) of all `changes`, in their order; None where there is no time, empty where a fit fails.
 
-    Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is
-    `kept` whatever comes of it. `alike` gives, for each change, the position of the first one that may have the same
-    fit (its own position if none).
+    Changes of low `rank` are fitted first. A fit ends early where it can no longer be among the finalists, except for the
+    positions in `kept`. `alike` gives, for each change, the position of the first one that may have the same fit (its own if
+    none); `name` is the stage in progress messages.
     """
     time = budget.portion(1.0, kept=1 - NEAR_FIT_TIME)
     originals = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
@@ -432,7 +460,8 @@ def _fit_near_all(
 def _near_limits(base: Fitted, fits: Sequence[tuple[Candidate, StoredFit]]) -> tuple[float, ...]:
     """Sums of squares, one for each stage of a quick fit, above which a change cannot be among the finalists.
 
-    `fits` are the quick fits so far. Data that `base` leaves out do not count.
+    `fits` are the candidates fitted so far with their quick fits. Data that `base` leaves out do not count. Empty where the
+    quick fit of `base` failed: then there is no limit.
     """
     if base.near is None:
         return ()
@@ -453,7 +482,10 @@ def _refits(
     alike: Sequence[int] | None = None,
     budget: SearchBudget = UNLIMITED,
 ) -> list[Fitted]:
-    """The changes fitted to the end, those that a model can be made of; see `_refits_in_time`."""
+    """Full fits of changes as far as they succeed, in the order of `items`; see `_refits_in_time`.
+
+    An item is a candidate, its strength and the free variables at which its fit starts.
+    """
     return _refits_in_time(base, items, work, name, alike, budget)[0]
 
 
@@ -466,9 +498,10 @@ def _refits_in_time(
     budget: SearchBudget,
     least: int = LEAST_REFITS,
 ) -> tuple[list[Fitted], int]:
-    """Full fits of changes in the time there is, without those that no model can have; and how many were tried.
+    """Full fits of changes in the time there is, without those that fail; and the number of items that were tried.
 
-    Those that may be `alike` an earlier one take its answer where they can.
+    At least `least` items are fitted, whatever the budget. `alike` holds, for each item, the position of the first one that may
+    have the same fit, whose fit it takes if one residual confirms it; None if all differ. `name` is the stage in messages.
     """
     alike = range(len(items)) if alike is None else alike
     originals = [k for k, other in enumerate(alike) if other == k]
@@ -482,7 +515,10 @@ def _refits_in_time(
 
 
 def _simpler(base: Fitted, fitted: Fitted) -> list[Item]:
-    """The mass or spring to refit instead of a local resonance whose frequency is above or below all lines."""
+    """The mass or spring to refit in place of a local resonance whose frequency is above or below all lines; empty otherwise.
+
+    A list of one item: candidate, strength and free variables at which its fit starts.
+    """
     limit = _limit_of(base, fitted, ratio=1.0)
     if limit is None:
         return []
@@ -490,10 +526,10 @@ def _simpler(base: Fitted, fitted: Fitted) -> list[Item]:
 
 
 def _limit_of(base: Fitted, fitted: Fitted, ratio: float = RIGID_RATIO) -> Candidate | None:
-    """The mass that a local resonance is far above all lines, or the spring that it is far below them; None between.
+    """The mass (or rotary inertia) or spring to ground that a fitted local resonance has as its limit; None if there is none.
 
-    It is far where its frequency is `ratio` times beyond the lines. A spring with a loss factor of hundreds moves its mass
-    as rigidly as a stiff one. A mass of more than the whole structure rests like the ground, and its spring is the limit.
+    It is a mass where its frequency is above `ratio` times the highest line, a spring where it is below the lowest line over
+    `ratio`, or where its mass is more than that of the structure. None too for changes that are no local resonance.
     """
     if not isinstance(fitted.cause, Appendage):
         return None
@@ -514,12 +550,12 @@ def _limit_of(base: Fitted, fitted: Fitted, ratio: float = RIGID_RATIO) -> Candi
 
 
 def _added_values(base: Fitted, one: Fitted) -> dict[str, float]:
-    """Values of the parameters that a change adds, by property."""
+    """Values in SI units of the parameters that a change adds to those of `base`, by property name, such as ``stiffness``."""
     return {name.partition("[")[0]: value for name, value in one.values.items() if name not in base.values}
 
 
 def _is_heavier(base: Fitted, fitted: Fitted) -> bool:
-    """True of a local resonance whose mass is more than that of the whole structure: nothing of that size is overlooked."""
+    """True of a fitted local resonance whose mass is more than that of the whole structure; always False of rotations."""
     dof = parse_dof(fitted.cause.where[0])
     if dof.is_rotation:
         return False
@@ -529,7 +565,11 @@ def _is_heavier(base: Fitted, fitted: Fitted) -> bool:
 
 
 def _lossy(base: Fitted, fitted: Fitted) -> list[Item]:
-    """The fitted spring, support or joint with damping of its own, to be refitted; none where it is no major cause."""
+    """The last change, if a spring, support or joint, with a loss factor of 0.02 to start with; a list of one item, or empty.
+
+    It is empty for other changes, for modes, where the change leaves more than half of the misfit, and where it leaves only
+    noise.
+    """
     candidate, strength = _last_change(fitted)
     if not isinstance(candidate, SpringToGround | Support | FlexibleJoint) or base.modified.is_of_modes:
         return []
@@ -540,9 +580,9 @@ def _lossy(base: Fitted, fitted: Fitted) -> list[Item]:
 
 
 def _begun(modified: ModifiedModel, changes: Sequence[Sized], known: Mapping[str, float]) -> list[Item]:
-    """The changes that the model allows, each with the free variables from which its fit starts.
+    """Items (candidate, strength, free variables at the start) of the changes that the model allows; the others are left out.
 
-    `known` are physical values by parameter name.
+    `known` holds physical values by parameter name; parameters that are not in it start as the set-ups say.
     """
     items: list[Item] = []
     for candidate, strength in changes:
@@ -552,9 +592,10 @@ def _begun(modified: ModifiedModel, changes: Sequence[Sized], known: Mapping[str
 
 
 def _of_large_model(base: Fitted, work: Work, budget: SearchBudget) -> Explanation:
-    """The likeliest changes of a large model, of which only a few are refitted: the best at the start and at the fit in turn.
+    """The explanation of the misfit of a large model by at most four refitted changes, without second causes.
 
-    Where a fit bends all values to a fault, linear looks at it see what it was bent to; those at the start see the fault.
+    They are outlying lines, then the best screened changes at the start and at the fit in turn: where a fit bends all values to
+    a fault, linear looks at it see what it was bent to, and those at the start see the fault.
     """
     clock = SearchBudget()
     shortlist = shortlist_candidates(base, work, "causes on a linear look", budget.portion(SCREENING_TIME))
@@ -570,16 +611,23 @@ def _of_large_model(base: Fitted, work: Work, budget: SearchBudget) -> Explanati
 
 
 def with_freed(base: Fitted, names: Sequence[str], tried: int, work: Work = ALONE) -> Explanation:
-    """An explanation from fits with each of some fixed properties made a parameter; each may be the truth.
+    """An explanation from fits in each of which one fixed property is made a parameter; each fit may be the truth.
 
     Parameters
     ----------
     base : Fitted
+        Fit with all properties fixed.
     names : sequence of str
         Fixed properties such as ``mass[deck]``.
     tried : int
         Number of fixed properties from which these were selected.
     work : Work
+        Runs the fits.
+
+    Returns
+    -------
+    Explanation
+        Its causes are the fits that lower the misfit, the lowest criterion first, without a test against chance.
     """
     changes = [(FixedValue(where=(name,)), 1.0) for name in names]
     fits = _refits(base, _begun(base.modified, changes, base.values), work, "values that the model holds")
@@ -589,15 +637,17 @@ def with_freed(base: Fitted, names: Sequence[str], tried: int, work: Work = ALON
 
 
 def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
-    """Small changes, fitted, that the record of an answer within its noise asks for beyond chance.
+    """Small changes, fitted, that the record of an answer within its noise asks for beyond chance, as an `Explanation`.
 
-    Many more lines count than in the screens of a misfit: what is looked for is far below the noise of any of them.
+    A score test, with a chance of 1 % for all candidates together, selects at most six changes for a fit. Up to 2000 lines
+    count, many more than in the screens of a misfit: what is looked for is far below the noise of any of them.
 
     Parameters
     ----------
     base : Fitted
-        Of FRFs.
+        Fit to FRFs, without changes.
     work : Work
+        Runs the fits.
     """
     point = base.modified.point_at(base.modified.shown_problems, base.theta, REQUEST_LINES)
     several = point.candidates(titles(base.modified.setups))
@@ -615,9 +665,10 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
 
 
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
-    """The explanation from refitted changes: the causes among them, and those that may be the truth.
+    """An `Explanation` from the full fits of changes: the causes among them, the lowest criterion first, and the likely ones.
 
-    `tried` is the number of changes that were tried.
+    Of fits at one place only the best counts. Causes lower the misfit beyond chance among the `tried` changes; the likely ones
+    are within `ALIKE` of the lowest criterion, that of `base` included.
     """
     scale = _scale(base, fits)
     fits = [one for one in fits if not _is_no_cause_of_its_own(base, one, fits, scale)]
@@ -633,12 +684,11 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
 
 
 def _is_no_cause_of_its_own(base: Fitted, fitted: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
-    """True where a local resonance is the mass or spring that it has as a limit, or fits no better than it.
+    """True where a local resonance is near a limit (a mass or spring), fits no better than this, or outweighs the structure.
 
-    One that is heavier than the structure is never a cause: it stands for something that no change which was tried is.
-
-    Where the residual of the simpler change is correlated over lines, a likelihood ratio that counts every line is too
-    large: each stretch of lines as long as the correlation counts as one.
+    Always False of other changes. The limits are compared among the `fits`: a resonance fits no better where a likelihood ratio
+    test at 1 % does not reject the simpler change, with `scale` as the variance of whitened residuals and lines within one
+    correlation length of its residual counted as one.
     """
     if not isinstance(fitted.cause, Appendage):
         return False
@@ -658,14 +708,14 @@ def _is_no_cause_of_its_own(base: Fitted, fitted: Fitted, fits: Sequence[Fitted]
 
 
 def _lines_that_count_as_one(fitted: Fitted) -> float:
-    """Correlation length of the residual of a fit, in lines; 1 at least."""
+    """Correlation length of the residual of a fit, in lines, at least 1: so many lines count as one."""
     target = fitted.modified.target
     residual = target.residual(fitted.theta)[: target.n_data]
     return max(1.0, correlation_length(residual, target.rows.lines, target.rows.series))
 
 
 def _scale(base: Fitted, fits: Sequence[Fitted]) -> float:
-    """Misfit that the best model leaves, per degree of freedom, one at least."""
+    """The lowest misfit per degree of freedom among `base` and `fits`, at least 1."""
     n_data = base.modified.target.n_data
     return max(1.0, min(one.misfit / max(n_data - len(one.modified.target.names), 1) for one in (base, *fits)))
 
@@ -677,7 +727,8 @@ def _criterion(base: Fitted, one: Fitted, scale: float) -> float:
 def _is_worth(base: Fitted, fitted: Fitted, scale: float, tried: int) -> bool:
     """True where a change lowers the misfit by more than chance among all `tried`, and by a part that matters.
 
-    `scale` is the variance of a whitened residual that counts as noise.
+    That part is 10 % of what goes beyond the noise, and the chance 1 %. `scale` is the variance of a whitened residual that
+    counts as noise. Data that it leaves out must also stand out (`_stands_out`).
     """
     more = max(n_parameters(fitted.modified) - len(base.modified.target.names), 1)
     drop = base.misfit - fitted.misfit
@@ -689,9 +740,9 @@ def _is_worth(base: Fitted, fitted: Fitted, scale: float, tried: int) -> bool:
 
 
 def _stands_out(base: Fitted, fitted: Fitted, tried: int) -> bool:
-    """True where data that a change leaves out miss more than the others, by an F test, or none are left out.
+    """True where the data that a change leaves out have at least twice the misfit of the rest, beyond chance (F test).
 
-    `tried` is the number of changes that were tried.
+    True as well where it leaves none out. `tried` is the number of changes that were tried, which share the risk of 1 %.
     """
     left = fitted.modified.target.n_data
     out = base.modified.target.n_data - left

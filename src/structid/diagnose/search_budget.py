@@ -39,7 +39,7 @@ class SearchEndedError(StructidError):
 
 
 def iteration_effort(problem: Problem) -> float:
-    """Effort, s, of one iteration of a search on a problem: a linearization and a trial step, from sizes alone."""
+    """Effort in s of one iteration of a search on a problem, a linearization and a trial step, from sizes alone."""
     if isinstance(problem, JointProblem):
         return sum(iteration_effort(one) for one in problem.problems)
     jacobian = ENTRY_EFFORT * problem.n_data * len(problem.names)
@@ -81,7 +81,7 @@ _CHILD_SECONDS: dict[int, float] = {}
 
 
 def processor_seconds() -> float:
-    """Processor time of this process and of all workers that it started, in seconds; it never falls."""
+    """Processor time of this process and of all workers that it started, ended ones included, in seconds; it never falls."""
     for child in psutil.Process().children(recursive=True):
         with suppress(psutil.Error):  # it has ended meanwhile
             times = child.cpu_times()
@@ -135,11 +135,11 @@ class SearchBudget:
 
     @property
     def spent(self) -> Expense:
-        """Effort and processor time since its beginning."""
+        """Effort and processor time, s, that were spent since the budget began."""
         return Expense(METER.reading - self.effort_begun, processor_seconds() - self.seconds_begun)
 
     def allows(self, needed: Expense, fraction: float = 1.0) -> bool:
-        """True if more is left than `fraction` of an expense; of what is not limited there is always enough."""
+        """True if more effort and processor time are left than `fraction` times `needed`, where they are limited."""
         if np.isfinite(self.effort):
             effort_left = self.effort - (METER.reading - self.effort_begun)
             if not effort_left > fraction * needed.effort:
@@ -155,7 +155,10 @@ class SearchBudget:
         return self.allows(NOTHING)
 
     def portion(self, fraction: float, kept: float = 0.0) -> SearchBudget:
-        """A budget that begins now: `fraction` of what is left beyond the part `kept` of this whole budget."""
+        """A budget that begins now: `fraction` of what is left once the part `kept` of this whole budget is set aside.
+
+        Infinite limits stay infinite.
+        """
         left = [
             limit - spent - kept * limit if np.isfinite(limit) else np.inf
             for limit, spent in zip((self.effort, self.seconds), self.spent, strict=True)
@@ -164,7 +167,7 @@ class SearchBudget:
 
     @property
     def fit_limits(self) -> FitLimits:
-        """Limits of the fit of one changed study: a part of the whole budget, but a least in any case."""
+        """Limits of the fit of one changed study: 20 % of the whole budget each, but at least 0.5 s."""
         return FitLimits(max(PART_OF_ONE_FIT * self.effort, LEAST_FIT), max(PART_OF_ONE_FIT * self.seconds, LEAST_FIT))
 
 
@@ -181,10 +184,10 @@ def map_within_budget(
     items: Sequence[Item],
     least: int = 0,
 ) -> list[Result | None]:
-    """Results of `task` for the items in order, until the budget is used up; None for items not reached.
+    """Results of `task` for the items, in their order, until the budget is used up; None for items not reached.
 
-    The first `least` items run in any case. Results are taken in the order of the items, each with its effort, and those of a
-    batch that come after the budget is used up are dropped: what is tried does not depend on the number of workers.
+    The first `least` items run in any case. `task` takes `shared`, an item and tools; `name` is the stage in progress messages.
+    Results that arrive after the budget is used up are dropped, so that what is tried does not depend on the number of workers.
     """
     measured = TaskWithEffort(task)
     results: list[Result | None] = []
@@ -209,7 +212,7 @@ class TaskWithEffort:
     task: Callable
 
     def __call__(self, shared: object, item: object, tools: object) -> dict:
-        """The `result` of the task and its `effort`."""
+        """A dict with the ``result`` of the task and its ``effort`` in s; the meter of the process is left as it was."""
         before, METER.reading = METER.reading, 0.0  # the digits of a sum do not depend on what came before
         try:
             return {"result": self.task(shared, item, tools), "effort": METER.reading}
@@ -218,7 +221,10 @@ class TaskWithEffort:
 
 
 def count_effort(problem: Problem, limits: FitLimits = NO_LIMITS) -> Progress:
-    """A `progress` callback of a search that counts its effort, and raises `SearchEndedError` beyond the limits."""
+    """A `progress` callback for a search on `problem`, which adds the effort of each iteration to `METER`.
+
+    It raises `SearchEndedError` once more effort, or processor time of this process, than the limits is spent from now on.
+    """
     effort = iteration_effort(problem)
     most = METER.reading + limits.effort
     end = time.process_time() + limits.seconds

@@ -50,15 +50,15 @@ class LinearizedFit(NamedTuple):
         return self._misfit_with(np.zeros((len(self.triangle), 0)))
 
     def misfit_with_freed(self, names: Sequence[str]) -> float:
-        """The misfit after one linear step that also changes these fixed values by one factor, without a prior."""
+        """The misfit after one linear step that also multiplies these fixed values by one common factor, without a prior."""
         first = self.triangle.shape[1] - len(self.names) - 1
         chosen = [first + self.names.index(name) for name in names]
         return self._misfit_with(self.triangle[:, chosen].sum(axis=1, keepdims=True))
 
     def _misfit_with(self, freed: FloatArray) -> float:
-        """The misfit after one linear step with further unknowns.
+        """The misfit after one linear step with further unknowns, which have no prior.
 
-        `freed` are their Jacobian columns, with the rows of `triangle`.
+        `freed` (n, n_freed) are their Jacobian columns, with the rows of `triangle`.
         """
         n_directions = self.directions.shape[1]
         n_params = self.triangle.shape[1] - len(self.names) - n_directions - 1
@@ -72,9 +72,10 @@ def misfit_after_step(augmented: FloatArray, n_params: int, n_directions: int) -
     Parameters
     ----------
     augmented : (n_rows, n_columns) float array
-        Jacobian by parameters, changes by one tolerance each, columns of further unknowns without a prior, and the residual.
+        In this order: the Jacobian of the parameters, changes by one tolerance each, columns of further unknowns without a
+        prior, and the residual.
     n_params, n_directions : int
-        How many columns are of parameters, and how many of tolerances: each of these has a standard normal prior.
+        Numbers of columns of parameters and of tolerances; each of the latter has a standard normal prior.
     """
     priors = np.zeros((n_directions, augmented.shape[1]))
     priors[:, n_params : n_params + n_directions] = np.eye(n_directions)
@@ -83,7 +84,7 @@ def misfit_after_step(augmented: FloatArray, n_params: int, n_directions: int) -
 
 
 def linearize_fit(fitted: Fitted) -> LinearizedFit:
-    """A fit linearized once for all changes that are held against it; for large models tolerances are left out."""
+    """A fit linearized once for all changes that are compared with it; for large models fixed values are exact."""
     modified, target = fitted.modified, fitted.modified.target
     METER.add(iteration_effort(target))
     at = target.linearize(fitted.theta)
@@ -95,9 +96,10 @@ def linearize_fit(fitted: Fitted) -> LinearizedFit:
 
 
 def screen_sets(base: Fitted, work: Work, name: str, budget: SearchBudget = UNLIMITED) -> list[Screened]:
-    """Changes with which a linear step leaves less than without, with their best strengths.
+    """Changes of sets, records and mesh that lower the misfit by one linear step, each with its best strength, unsorted.
 
-    Mesh, shear, window and clock need not lower the misfit by `LEAST_DROP`, as all others must. `name` is that of the stage.
+    The drop must be 2 % at least, except for mesh, shear, window and clock, which are kept whenever their model exists. `name`
+    is that of the stage in progress messages.
     """
     several = set_candidates(base.modified.model, base.modified.problems)
     sized = [(candidate, float(strength)) for candidate in several for strength in candidate.strengths]
@@ -115,7 +117,10 @@ def screen_sets(base: Fitted, work: Work, name: str, budget: SearchBudget = UNLI
 def screen_changes(
     linearized: LinearizedFit, sized: Sequence[Sized], work: Work, name: str, budget: SearchBudget
 ) -> list[float]:
-    """The misfit of each changed model after a linear step; infinite where there is no such model, or no time for it."""
+    """The misfit of each changed model after a linear step, in the order of `sized` (candidate, strength).
+
+    Infinite where there is no such model, or no time for it. `name` is that of the stage in progress messages.
+    """
     known = {
         k: linearized.misfit_with_freed(one.where) for k, (one, _) in enumerate(sized) if _has_columns(linearized, one)
     }
@@ -125,15 +130,15 @@ def screen_changes(
 
 
 def _has_columns(linearized: LinearizedFit, candidate: Candidate) -> bool:
-    """True of fixed values whose effect is a column of the linearized fit."""
+    """True of fixed values whose effects are columns of the linearized fit, so that no changed model is needed."""
     return isinstance(candidate, FixedValue) and set(candidate.where) <= set(linearized.names)
 
 
 def _screen_change(linearized: LinearizedFit, change: Sized, tools: Tools) -> dict[str, float]:
-    """The misfit after one linear step of a model with the change; infinite where there is none, or the change does too little.
+    """The misfit under ``left`` after one linear step of the changed model; infinite if it fails or changes too little.
 
-    A change without a parameter of its own that changes the residual by d lowers the misfit W after a step by no more than
-    2 sqrt(W) |d| to first order.
+    `change` is the candidate and its strength. A change without a parameter that changes the residual by d lowers the misfit W
+    after a step by no more than 2 sqrt(W) |d| to first order.
     """
     base = linearized.fitted
     try:

@@ -75,7 +75,10 @@ def disagreements(
     work: Work = ALONE,
     freed: Sequence[RecordProblem] = (),
 ) -> tuple[Disagreement, ...]:
-    """Pairs of parts of the data (halves of the band and of the channels) whose fits give different values.
+    """Pairs of parts of the data whose fits give different values, compared beyond chance and by more than 3 %.
+
+    The parts are the lower and the upper half of the band, and, for FRFs of more than three sensors without channel errors,
+    every other sensor. The result has at most one entry for each pair.
 
     Parameters
     ----------
@@ -83,9 +86,10 @@ def disagreements(
     theta : (n_params,) float array
         Free variables of all parameters together, from which each part is fitted.
     work : Work
-        Where the parts are fitted.
+        Runs the fits of the parts.
     freed : sequence of RecordProblem
-        The problems with what their models hold among the unknowns: what all parts owe to it alike is no difference.
+        The problems with the fixed values of their models among the unknowns: errors of these change all parts alike, and do
+        not count as a difference. Without them fixed values are exact.
     """
     place = {name: i for i, name in enumerate(joint_problem(problems).names)}
     by_sensors = all(isinstance(p, FrfProblem) and len(p.record.outputs) > 3 and p.channels is None for p in problems)
@@ -132,9 +136,10 @@ class _Parts(NamedTuple):
 
 
 def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: Tools) -> _Fit:
-    """Values, deviations and changes by fixed values of the fit of one part; empty where it cannot be fitted.
+    """The fit of one part: ``values``, ``std`` and ``changes`` by fixed values; an empty dict where it cannot be fitted.
 
-    `item` is the number of the part and the free variables at which its fit starts.
+    `values` and `std` are (n_params,), `changes` (n_params, n_fixed). `item` is the number of the part and the free variables
+    at which its fit starts.
     """
     number, start = item
     search = Search(restarts=0, start=start)
@@ -147,7 +152,7 @@ def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: Tools) -> _Fit:
 
 
 def is_damping(name: str) -> bool:
-    """True if a parameter is one of damping, which small errors of a model carry off first."""
+    """True if the parameter `name`, such as ``loss_factor[deck]``, is of damping, which small model errors distort first."""
     prop = name.partition("[")[0]
     return "damping" in prop or prop in ("loss_factor", "friction_force", "window_decay")
 
@@ -156,7 +161,10 @@ Part = tuple[str, Problem]
 
 
 def _pairs(problems: Sequence[RecordProblem], by_sensors: bool) -> Iterator[tuple[Part, Part]]:
-    """Pairs of parts of the data with their names: low and high lines, and with `by_sensors` every other sensor."""
+    """Pairs of parts of the data, each part a name and a problem: lines below and above the median, and two sets of sensors.
+
+    The latter are every other sensor of the FRFs, with `by_sensors` only. Pairs of lines need 16 in each half of every record.
+    """
     if not problems:
         return
     frequency = np.sort(np.concatenate([problem.frequency for problem in problems]))
@@ -174,7 +182,7 @@ def _pairs(problems: Sequence[RecordProblem], by_sensors: bool) -> Iterator[tupl
 
 
 def _sensors(problem: FrfProblem, outputs: tuple[Dof, ...]) -> FrfProblem:
-    """The problem of some of its sensors."""
+    """The problem of the FRFs of the sensors `outputs` alone."""
     record = problem.record.channels(outputs)
     return replace(
         problem, record=record, channels=None if problem.channels is None else problem.channels.seen_by(record)
@@ -186,7 +194,7 @@ def _whole(parts: Sequence[RecordProblem | None]) -> Problem:
 
 
 def _lines(problem: RecordProblem, keep: np.ndarray) -> RecordProblem | None:
-    """The problem on the lines of a mask (n_lines,); None where it cannot be cut, or too few are left."""
+    """The problem on the lines where `keep` (n_lines,) is True; None if it cannot be cut, or has fewer than 16."""
     if keep.sum() < FEWEST_PART_LINES:
         return None
     cut = problem.with_lines(np.flatnonzero(keep))

@@ -17,7 +17,7 @@ class NoStudyTextError(InputError):
 
 
 def element_tables(study: Tables) -> Iterator[tuple[str, Tables]]:
-    """Type and table of every element set and tie of a study."""
+    """Pairs (type, table) of every element set and tie of a study, such as ``spring`` and its entries."""
     for kind, entries in study["structure"].items():
         for entry in entries if isinstance(entries, list) else ():
             if isinstance(entry, dict):
@@ -25,7 +25,13 @@ def element_tables(study: Tables) -> Iterator[tuple[str, Tables]]:
 
 
 def element_table(study: Tables, name: str) -> Tables:
-    """The table of the element set with this name; a tie may have the same name."""
+    """The table of the element set with the name `name`; a tie of this name does not count.
+
+    Raises
+    ------
+    NoStudyTextError
+        If the study has no such table.
+    """
     for kind, entry in element_tables(study):
         if entry.get("name") == name and kind not in _TIES:
             return entry
@@ -33,7 +39,7 @@ def element_table(study: Tables, name: str) -> Tables:
 
 
 def append(table: Tables, key: str, entry: Tables) -> None:
-    """Append an entry to the array of tables `key` of a table, made where it is missing."""
+    """Append `entry` to the array of tables under `key` in `table`, which is made if it is missing."""
     if key in table:
         table[key].append(entry)
     else:
@@ -41,17 +47,17 @@ def append(table: Tables, key: str, entry: Tables) -> None:
 
 
 def record_tables(study: Tables) -> list[Tables]:
-    """The table of every record."""
+    """The table of every record in the study, in order."""
     return list(as_list(study["record"]))
 
 
 def support_tables(study: Tables) -> list[Tables]:
-    """The tables with a ``fixed`` of their own: that of the structure, and those of records."""
+    """The tables that may hold supports by ``fixed``: that of the structure, then those of records that have the key."""
     return [study["structure"], *(r["structure"] for r in record_tables(study) if "fixed" in r.get("structure", {}))]
 
 
 def release(table: Tables, dof: Dof) -> bool:
-    """Take one degree of freedom out of the ``fixed`` of a table; true where it was there."""
+    """Take one degree of freedom out of the ``fixed`` of a table, in place; True if it was held there."""
     kept: list[str] = []
     is_there = False
     for text in as_list(table.get("fixed", [])):
@@ -68,9 +74,9 @@ def release(table: Tables, dof: Dof) -> bool:
 
 
 def rename_channels(record: Tables, changes: dict[str, str]) -> None:
-    """Give channels of a record other names in its ``relabel``, which may have names for them already.
+    """Give channels of a record other names in its ``relabel`` table, which may rename them already; changed in place.
 
-    `changes` maps present names to new ones.
+    `changes` maps present names, such as ``3X`` or ``load 3X``, to new ones.
     """
     given = record.setdefault("relabel", {})
     called = {(key.partition(" ")[0] if " " in key else "", parse_dof(name).place): key for key, name in given.items()}
@@ -85,21 +91,24 @@ def rename_channels(record: Tables, changes: dict[str, str]) -> None:
 
 
 def is_declaration_of(entry: Tables, name: str, prop: str) -> bool:
-    """True if an unknown is this property of elements of a set; ``stiffness`` stands for that of springs and others."""
+    """True if the unknown `entry` declares the property `prop` of the set `name` or of elements of it.
+
+    An unknown ``stiffness`` stands for every property with that word in its name.
+    """
     is_property = entry["property"] in (prop, "stiffness") if "stiffness" in prop else entry["property"] == prop
     return is_property and any(text == name or text.rpartition(":")[0] == name for text in as_list(entry["elements"]))
 
 
 def label_of(entry: Tables) -> str:
-    """The name of the parameter that an unknown of one value declares."""
+    """Name of the parameter that an unknown with a single value declares, such as ``stiffness[spring]``."""
     label = entry.get("name") or ", ".join(str(text) for text in as_list(entry["elements"]))
     return f"{entry['property']}[{label}]"
 
 
 def take_out_element(entry: Tables, name: str, number: int, count: int, is_factor: bool) -> None:
-    """Take element `number` of a set of `count` elements out of an unknown, which keeps its name.
+    """Take element `number` (from 1) of the set `name` out of the unknown `entry`, changed in place; its name stays.
 
-    `is_factor` says that the unknown is a factor on nominal values.
+    `count` is the number of elements of the set; `is_factor` makes the unknown a factor on nominal values.
     """
     texts = [str(text) for text in as_list(entry["elements"])]
     kept: list[str] = []
@@ -116,7 +125,10 @@ def take_out_element(entry: Tables, name: str, number: int, count: int, is_facto
 
 
 def keep_elements(entry: Tables, kept: list[str], is_factor: bool) -> None:
-    """Leave an unknown only the elements `kept`, with its name; `is_factor` makes it a factor on their values."""
+    """Leave the unknown `entry` only the elements `kept`, in place; without a name it is named after all it had.
+
+    `is_factor` makes it a factor on nominal values, unless it says otherwise.
+    """
     if entry.get("factor") is None and is_factor:
         entry["factor"] = True
     name = ", ".join(str(text) for text in as_list(entry["elements"]))
@@ -126,7 +138,7 @@ def keep_elements(entry: Tables, kept: list[str], is_factor: bool) -> None:
 
 
 def _spans(name: str, numbers: list[int]) -> list[str]:
-    """Element names such as ``set:2-4``, one for each run of consecutive numbers."""
+    """Element names such as ``set:2-4`` or ``set:6``, one for each run of consecutive `numbers`, which ascend."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:

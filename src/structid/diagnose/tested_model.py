@@ -35,13 +35,13 @@ class TestedModel:
     options: IdentifyOptions
 
     def unique_name(self, words: str) -> str:
-        """`words`, with a number behind where a part of a structure has this name."""
+        """`words` as a name for a new part, with a number behind (from 2) where an element set or tie has this name already."""
         taken = {element.name for setup in self.setups for element in setup.structure.elements}
         taken |= {tie.name for setup in self.setups for tie in setup.structure.ties}
         return next(name for name in (words, *(f"{words} {k}" for k in range(2, 1000))) if name not in taken)
 
     def new_node(self) -> int:
-        """A node label above those of all structures, channels and aimed sensors."""
+        """An unused node label: one more than the largest of all structures, channels and aimed sensors."""
         labels = [max(setup.structure.nodes) for setup in self.setups]
         labels += [dof.node for setup in self.setups for _, dofs in setup.channels for dof in dofs]
         labels += [tie.label for setup in self.setups for tie in setup.structure.ties if isinstance(tie, AimedSensor)]
@@ -70,7 +70,7 @@ class StructureDraft:
         return self._built
 
     def copy(self) -> StructureDraft:
-        """A draft of its own for one record, with all edits so far."""
+        """A separate draft of the same structure with all edits so far, for records that are edited alone."""
         twin = StructureDraft(self.original)
         twin._changes = dict(self._changes)
         return twin
@@ -80,7 +80,10 @@ class RecordDraft:
     """One record and its model while they are edited."""
 
     def __init__(self, setup: AnySetup, structure: StructureDraft) -> None:
-        """A draft of a set-up begins with its unknowns and channel unknowns, on the draft of its structure."""
+        """A draft with the unknowns and channel unknowns of a set-up, on the draft of its structure.
+
+        Records with the same structure may share that draft.
+        """
         self.setup = setup
         self.structure = structure
         self.unknowns: list[Unknown] = list(setup.parameters.unknowns)
@@ -95,7 +98,10 @@ class RecordDraft:
         self._changes[argument] = value
 
     def rename_channels(self, names: dict[str, str]) -> None:
-        """Give channels other names, old to new, such as ``3X`` to ``4X-``; ``load 3X`` is a load."""
+        """Rename channels of the record by a mapping from old names to new ones, such as ``3X`` to ``4X-``.
+
+        A name such as ``load 3X`` stands for a load; a minus at the end of a new name reverses the sign.
+        """
         record = self.get("record")
         if self.setup.kind == "modes":
             self.set("record", replace(record, channels=renamed(record.channels, (), names)[0]))
@@ -106,7 +112,7 @@ class RecordDraft:
             self.set("shown", None if shown is None else _renamed_where_there(shown, names))
 
     def use_channels(self, outputs: Sequence[str]) -> None:
-        """Keep only the sensors at these places, such as ``3X``; loads stay."""
+        """Keep only the sensors at the places `outputs`, such as ``3X``; loads and support motions stay."""
         record = self.get("record")
         if isinstance(record, FrfRecord):
             self.set("record", record.channels(tuple(dof for dof in record.outputs if dof.place in outputs)))
@@ -131,7 +137,13 @@ class RecordDraft:
             )
 
     def build(self) -> AnySetup:
-        """The edited set-up; the original where nothing was edited."""
+        """The edited set-up; the original object where nothing was edited.
+
+        Raises
+        ------
+        InputError
+            If the unknowns must be declared again, and the parameters were not made from declarations.
+        """
         setup, structure = self.setup, self.structure.build()
         is_declared_anew = self.unknowns != list(setup.parameters.unknowns)
         if is_declared_anew or structure is not setup.structure:
@@ -152,7 +164,7 @@ class ModelDraft:
     """A tested model while edits are made."""
 
     def __init__(self, model: TestedModel) -> None:
-        """Drafts of all records; those with the same structure share its draft."""
+        """Drafts of all records of `model`; records with the same structure share its draft."""
         self.model = model
         self.options = model.options
         drafts: dict[int, StructureDraft] = {}
@@ -171,7 +183,7 @@ class ModelDraft:
         return list({id(record.structure): record.structure for record in self.records}.values())
 
     def structure_of(self, number: int) -> StructureDraft:
-        """The draft of one record's structure, which other records do not share any more.
+        """The draft of one record's structure, split off from those of other records so that edits change this record alone.
 
         `number` is the position of the record.
         """
@@ -192,7 +204,7 @@ class ModelDraft:
 
 
 def _renamed_where_there(record: FrfRecord, names: dict[str, str]) -> FrfRecord:
-    """FRFs with new names for the channels that they have; other names are passed over."""
+    """FRFs with new names for those channels that they have; names of other channels in `names`, old to new, are ignored."""
     places = {dof.place for dof in record.outputs} | {f"load {dof.place}" for dof in record.inputs}
     places |= {dof.place for dof in record.inputs}
     return rename_channels(record, {name: other for name, other in names.items() if name in places})

@@ -14,7 +14,7 @@ from structid.inversion.search.within_tolerances import FixedValues
 def fixed_columns(
     fixed_values: FixedValues | None, names: tuple[str, ...], theta: FloatArray, n_rows: int
 ) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Names of fixed values, changes of all rows by their logarithms, (n_rows, n_fixed), and their relative tolerances.
+    """Names of fixed values, changes of all rows by their logarithms, (n_rows, n_fixed), and relative tolerances, (n_fixed,).
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def fixed_columns(
     theta : (n_params,) float array
         Free variables at which the changes are evaluated.
     n_rows : int
-        Data rows, then rows of priors, which fixed values do not change.
+        Number of data rows and, behind them, rows of priors, which fixed values do not change.
     """
     if fixed_values is None:
         return (), np.zeros((n_rows, 0)), np.zeros(0)
@@ -39,13 +39,15 @@ def tolerance_directions(jacobian: FloatArray, columns: FloatArray) -> FloatArra
     """Changes of data rows by one tolerance each, independent in what parameters cannot follow, (n_rows, n_directions).
 
     Columns T of one tolerance each are turned to T V, with V the right singular vectors of the part of T that is off the
-    Jacobian; the coefficients of T V are standard normal as those of T are. Columns of less than `LEAST_TOLERANCE_EFFECT`, in
-    standard deviations of the data altogether, are left out: the noise hides them.
+    Jacobian; the coefficients of T V are standard normal as those of T are. Columns whose part off the Jacobian has a norm up
+    to 0.3 standard deviations of the data are left out: noise hides them.
 
     Parameters
     ----------
     jacobian : (n_rows, n_params) float array
+        Whitened Jacobian of the parameters.
     columns : (n_rows, n_fixed) float array
+        Changes of the whitened rows by one tolerance of each fixed value.
     """
     n_params = jacobian.shape[1]
     if not columns.shape[1]:
@@ -56,15 +58,16 @@ def tolerance_directions(jacobian: FloatArray, columns: FloatArray) -> FloatArra
 
 
 def damped_basis(basis: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """An orthonormal basis of what parameters and tolerances can follow, and the part of each direction that they take.
+    """An orthonormal basis B of what parameters and tolerances can follow, and the part W of each direction that they take.
 
     With Q = `basis` and the singular values s of the part of `directions` off it, least squares with standard normal priors
-    on the directions leave |(I - B W B') r|^2 of a residual r: W is 1 for Q and 1 - 1 / sqrt(1 + s^2) for the rest.
+    on the directions leave |(I - B W B') r|^2 of a residual r: W is 1 for Q and 1 - 1 / sqrt(1 + s^2) for the rest. Shapes are
+    (n_rows, n_params + n_directions) and (n_params + n_directions,).
 
     Parameters
     ----------
     basis : (n_rows, n_params) float array
-        Orthonormal.
+        Orthonormal basis of what the parameters can follow.
     directions : (n_rows, n_directions) float array
         Changes by one tolerance each.
     """

@@ -156,7 +156,7 @@ class Cause:
 
     @property
     def share_text(self) -> str:
-        """The part that it removes, in per cent of the misfit, or of what the first leaves."""
+        """The removed part of the misfit, or of what the first cause leaves, as a text in per cent."""
         return percent(self.share, 3, signed=False) + (" of what is left" if self.is_second else "")
 
     @property
@@ -189,7 +189,7 @@ class Diagnosis(Shown):
     sensitivities: tuple[FixedValueSensitivity, ...] = ()
 
     def overview(self) -> Overview:
-        """The verdict and a table with one row for each cause."""
+        """The verdict, and a table with one row for each cause, or else for each change that lowers the misfit."""
         rows = [
             (
                 cause.line,
@@ -208,7 +208,10 @@ class Diagnosis(Shown):
 
 
 def noise_ratio(identification: Identification) -> float | None:
-    """Ratio of the true noise to the one assumed, where only its size is wrong; 1 where that fits, None otherwise."""
+    """True standard deviation of the noise over the assumed one: 1.0 if that fits, None if the residual is not just noise.
+
+    A ratio other than 1 needs a white, normal residual of at least 300 data with fixed values within their tolerances.
+    """
     tests = identification.estimate.goodness.residual_tests
     is_normal = tests is not None and tests.normality_probability >= DOUBT
     if tests is None or tests.not_white or tests.one_sided:
@@ -225,9 +228,10 @@ def noise_ratio(identification: Identification) -> float | None:
 
 
 def _is_beyond_noise(identification: Identification, ratio: float) -> bool:
-    """True where fixed values or the calibration are farther off than their tolerances and `ratio` times the noise make them.
+    """True where fixed values or the calibration are farther off than tolerances and `ratio` times the noise explain.
 
-    What the data ask of a fixed value, in its tolerances, scatters by the larger of 1 and `ratio` at most.
+    What the data ask of a fixed value, in its tolerances, scatters by the larger of 1 and `ratio` at most. False if no values
+    are fixed.
     """
     fixed = identification.estimate.fixed
     return fixed is not None and bool(
@@ -236,7 +240,11 @@ def _is_beyond_noise(identification: Identification, ratio: float) -> bool:
 
 
 def fits_noise(identification: Identification) -> bool:
-    """True where the residual is what the noise leaves: of the right size, in whole and in parts, and without order."""
+    """True where the residual is what the noise leaves: of the right size, in whole and in parts, and without order.
+
+    False where a record is missed or a fixed value is beyond its tolerance. Without residual tests the covariance basis
+    decides.
+    """
     fixed = identification.estimate.fixed
     if identification.missed or (fixed is not None and fixed.beyond):
         return False
@@ -247,14 +255,17 @@ def fits_noise(identification: Identification) -> bool:
 
 
 def _is_within_tolerances(identification: Identification) -> bool:
-    """True where fixed values within their tolerances leave no more misfit than noise does, so that no resonance is missed."""
+    """True where fixed values, free within their tolerances, leave no more misfit than noise; False if unknown."""
     estimate = identification.estimate
     is_beyond = estimate.fixed is not None and bool(estimate.fixed.beyond)
     return np.isfinite(estimate.goodness.least_chi_square) and estimate.covariance_basis == "noise" and not is_beyond
 
 
 def is_untested(identification: Identification) -> bool:
-    """True where the data have no more values than they determine parameters by, so that any model fits."""
+    """True where the misfit fits the noise, but no degree of freedom is left beyond the parameters, so that any model fits.
+
+    False for a search without a Jacobian (`target` is None).
+    """
     goodness = identification.estimate.goodness
     is_without_freedom = not goodness.degrees_of_freedom > 0 or goodness.test_freedom < LEAST_FREEDOM
     is_fitting = identification.estimate.covariance_basis == "noise"
@@ -272,30 +283,30 @@ def _is_quiet(identification: Identification) -> bool:
 
 
 def _is_unforced(identification: Identification) -> bool:
-    """True where the search converged, and no parameter ran away or is at a bound that the data push at."""
+    """True where the search converged, no parameter ran away, and none is at a bound that the data push it against."""
     forced = identification.ran_away or any(one.is_pushed for one in identification.estimate.spread.at_bound)
     return identification.estimate.status is Status.CONVERGED and not forced
 
 
 def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is_hidden: bool = False) -> bool:
-    """True where changes are the causes of the misfit, and do not only lower it.
+    """True where changes are the causes of the misfit, and do not only lower it; False without changes.
 
-    The first is where it leaves no more than noise and tolerances do, and removes most of the misfit or moves a value by more
-    than its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which matters. A change
-    that explains most but leaves more is no cause: what it adds takes the part of what is missing. A pair that leaves noise alone
-    is one. Data that are left out are no cause where the rest misses the noise as well: beside a wrong model any sensor looks
-    wrong. One element that differs from its group by no more than elements do is not.
+    The first is a cause where it leaves no more than noise and tolerances do, and removes at least half of the misfit or moves
+    a value by more than its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which
+    matters. A change that leaves more is no cause, but a pair that leaves noise alone is, if the misfit is above four times the
+    expected one. Data that are left out are no cause where the rest misses the noise as well: beside a wrong model any sensor
+    looks wrong. Nor is an element that differs from its group by less than 2 % and moves no value.
 
     Parameters
     ----------
     causes : sequence of Cause
-        The likeliest first.
+        Changes, the likeliest first.
     misfit : float
-        Chi-square per degree of freedom without it.
+        Chi-square per degree of freedom without a change.
     expected : float
-        The same where all is right.
+        Its expected value where model and noise are right.
     is_hidden : bool
-        Whether the answer misses a record that the whole misfit hardly shows: then nothing need move.
+        True if the answer misses a record that the whole misfit hardly shows: then no value needs to move.
     """
     if not causes or _is_scatter(causes[0]):
         return False
@@ -307,8 +318,9 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
 def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> bool:
     """True where a cause leaves no more than noise, and removes most of the misfit or moves a value that matters.
 
-    `misfit` and `expected` are chi-square per degree of freedom, of the answer and of noise; `is_hidden` says that
-    parts of the data are missed although the whole is not.
+    `misfit` and `expected` are chi-square per degree of freedom, of the answer and of noise. With `is_hidden`, parts of the
+    data are missed although the whole is not, and no value needs to move. Up to four times the noise may be left of a misfit of
+    which 95 % is removed.
     """
     left = cause.rest_per_dof if cause.leaves_data_out else cause.chi_square_per_dof
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
@@ -320,9 +332,9 @@ def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> 
 
 
 def _completing(causes: Sequence[Cause], expected: float) -> Cause | None:
-    """The second cause that, beside the first, leaves nothing but noise; None where there is none.
+    """The first second cause, if it leaves nothing but noise beside the first cause; None otherwise.
 
-    `expected` is the chi-square per degree of freedom of noise.
+    `expected` is the chi-square per degree of freedom of noise; up to 1.25 times this counts as noise.
     """
     second = next((one for one in causes if one.is_second), None)
     if second is None or not (second.leaves_noise or second.chi_square_per_dof <= NOISE_TOLERANCE * expected):
@@ -331,7 +343,7 @@ def _completing(causes: Sequence[Cause], expected: float) -> Cause | None:
 
 
 def _is_scatter(cause: Cause) -> bool:
-    """True where one element differs from its group no more than manufacture makes it, and no value moves."""
+    """True where a single element differs from its group by less than 2 % and no value moves: usual in manufacture."""
     is_small = all(unit == "1" and abs(ratio - 1) < ELEMENT_SCATTER for _, ratio, unit in cause.found)
     return cause.kind == "untied" and is_small and not any(map(_matters, cause.moved))
 
@@ -350,7 +362,7 @@ def judged(
     is_asked: bool = False,
     find_disagreements: Callable[[], tuple[Disagreement, ...]] | None = None,
 ) -> Judgement:
-    """The verdict on an identification, with its reasons; faults of records and records that stand out are among them.
+    """The verdict on an identification, with its reasons, among them faults of channels and records that stand out.
 
     Parameters
     ----------
@@ -358,17 +370,18 @@ def judged(
     causes : sequence of Cause
         Accepted ones, the likeliest first.
     n_tried : int
-        How many changes were tried; 0 where none were.
+        Number of changes that were tried; 0 where none were.
     suggestions : sequence of Cause
-        What lowers the misfit most, where there is no cause.
+        Where there is no cause: the changes that lower the misfit most.
     untried : str
-        Why no changes were tried, where they might tell more.
+        Reason why no changes were tried, added to the words where the misfit is beyond noise; "" for none.
     held : sequence of FixedValueSensitivity
         Fixed values with the sensitivity of the answer to them.
     is_asked : bool
-        Whether the record of an answer within its noise asks for the `suggestions` beyond chance.
+        True if the record of an answer within its noise asks for the `suggestions` beyond chance.
     find_disagreements : callable, optional
-        Gives the parts of the data that do not agree, where it is asked; `data_disagreements` by default.
+        Returns the parts of the data that do not agree, and is called without arguments, only where they decide;
+        `data_disagreements` by default.
     """
     find_disagreements = find_disagreements or partial(data_disagreements, identification)
     if is_asked and is_sound(identification):
@@ -390,7 +403,7 @@ def judged(
 
 
 def data_disagreements(identification: Identification, work: Work = ALONE) -> tuple[Disagreement, ...]:
-    """Parts of the data of an identification whose fits do not agree; none of a search without a Jacobian."""
+    """Pairs of parts of the data of an identification whose fits do not agree; empty for a search without a Jacobian."""
     if identification.target is None:
         return ()
     theta = identification.estimate.theta
@@ -398,7 +411,7 @@ def data_disagreements(identification: Identification, work: Work = ALONE) -> tu
 
 
 def record_faults(identification: Identification) -> tuple[str, ...]:
-    """Faults of single channels that the histories show by themselves (dead, clipped, spikes), sensors after loads."""
+    """Sentences on faults of single channels that the histories show (dead, clipped, spikes): first loads, then sensors."""
     faults: list[tuple[bool, str]] = []
     for setup in identification.setups:
         loads = {str(dof) for role, dofs in setup.channels if role == "input" for dof in dofs}
@@ -407,7 +420,10 @@ def record_faults(identification: Identification) -> tuple[str, ...]:
 
 
 def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
-    """The verdict on an answer within its noise whose record asks for changes beyond chance."""
+    """The verdict "approximate" for an answer within its noise whose record asks for `suggestions` beyond chance.
+
+    There must be at least one of these, and the one that moves a value most must have shifts.
+    """
     told = tuple(one.words for one in suggestions)
     most = max(suggestions, key=lambda one: one.moves)
     first = most.moved[0]
@@ -427,7 +443,10 @@ def _judged(
     doubts: Sequence[FixedValueSensitivity],
     find_disagreements: Callable[[], tuple[Disagreement, ...]],
 ) -> Judgement:
-    """The verdict by misfit, noise, priors, bounds, causes and doubted fixed values; the first that applies."""
+    """The verdict by misfit, noise, priors, bounds, causes and doubted fixed values; the first rule that applies decides.
+
+    Arguments are those of `judged`; `doubts` are the fixed values that are doubted. Faults of records are not looked at.
+    """
     estimate = identification.estimate
     if identification.alternatives is not None:
         return _several(identification.alternatives)
@@ -586,9 +605,10 @@ def _judged(
 
 
 def find_moving_change(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:
-    """The first of the likeliest changes that removes most of the misfit and moves a value beyond its interval, and that value.
+    """The first likely change that removes at least half of the misfit and moves a value that matters, and that value's shift.
 
-    A change that removes less is carried by the intervals, which include it.
+    None if there is none. Likely are the first change and those that the data do not distinguish from it. A value matters if it
+    moves beyond its 95 % interval and by more than 1 %. A change that removes less is covered by the intervals.
     """
     likely = [change for k, change in enumerate(changes) if k == 0 or change.is_alike]
     for change in (one for one in likely if one.share >= MOST_OF_MISFIT):
@@ -599,14 +619,14 @@ def find_moving_change(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift]
 
 
 def _several(sets: Alternatives) -> Judgement:
-    """The verdict where several sets of values fit the data equally well."""
+    """The verdict where several sets of values fit equally well: "untested" if priors choose one, else "undetermined"."""
     if sets.chosen_by_priors:
         return Judgement("untested", f"Untested: {sets.words}.", (sets.words, sets.search_words))
     return Judgement("undetermined", f"Undetermined: {sets.words}.", (sets.words, sets.search_words))
 
 
 def _untested(identification: Identification) -> Judgement:
-    """The verdict where there are no more data than parameters, so that any model fits."""
+    """The verdict "untested": there are no more data than parameters, so that any model fits."""
     estimate, goodness = identification.estimate, identification.estimate.goodness
     parameters = plural(len(estimate.names), "parameter")
     size = f"{plural(goodness.n_values, 'value')} for" if goodness.n_values else "no more values than"
@@ -626,12 +646,15 @@ def _open_combinations(identification: Identification) -> str:
 
 
 def _by_priors(identification: Identification) -> list[str]:
-    """Parameters of which their own priors know more than the data."""
+    """Names of the parameters that priors determine more than the data do."""
     return [identification.estimate.names[index] for index in identification.by_prior]
 
 
 def _is_large(identification: Identification) -> bool:
-    """True where the misfit is large beside the measured responses or modes, not only beside a small noise."""
+    """True where the model misses a record by more than 2 % of its responses, whatever the noise.
+
+    For modes the limits are 2 % of a shape, sqrt(1 - MAC), and 0.2 % of a frequency.
+    """
     measured = [(fit.judged.record.values, fit.judged.final) for fit in identification.fits]
     of_frfs = [bool(np.linalg.norm(of_model - own) > LARGE_ERROR * np.linalg.norm(own)) for own, of_model in measured]
     of_modes = [
@@ -643,7 +666,10 @@ def _is_large(identification: Identification) -> bool:
 
 
 def not_found(identification: Identification, reached: float) -> Judgement:
-    """The verdict where the model explains the record with other values: `reached` is chi-square per degree of freedom there."""
+    """The verdict "undetermined" where another start explains the record with other values.
+
+    `reached` is the chi-square per degree of freedom at those values.
+    """
     words = (
         f"Undetermined: the search ended in a wrong place (chi-square per degree of freedom"
         f" {identification.estimate.chi_square_per_dof:.3g}), and another start reaches {reached:.3g}: do not use the values;"
@@ -653,7 +679,7 @@ def not_found(identification: Identification, reached: float) -> Judgement:
 
 
 def _misfit_words(identification: Identification) -> str:
-    """A clause on the misfit: the missed resonance, the fixed value that is off, or its ratio to the noise."""
+    """A clause on the misfit: the missed resonance, the fixed value that is off, or the ratio of the misfit to the noise."""
     if identification.missed and (identification.missed[0].is_far or noise_ratio(identification) == 1.0):
         return identification.missed[0].words
     size = float(np.sqrt(identification.estimate.goodness.least_per_dof))
@@ -695,20 +721,23 @@ def _apart(one: Disagreement) -> str:
 
 
 def _with_second(identification: Identification, causes: Sequence[Cause]) -> str:
-    """The second cause, where noise explains what both leave."""
+    """A sentence on the second cause, with a leading blank, where both leave no more than noise; "" otherwise."""
     second = _completing(causes, identification.estimate.goodness.expected_per_dof)
     return "" if second is None else f" With a second change, noise explains the rest: {second.words}."
 
 
 def _off(identification: Identification) -> list[str]:
-    """Sentences on resonances that the model misses, the farthest first."""
+    """Clauses on the resonances that the model misses: records of FRFs, then of modes, in each the farthest first."""
     of_modes = [_off_modes(fit) for fit in identification.modal_fits]
     far = [*(_off_resonances(fit) for fit in identification.fits), *of_modes]
     return [words for own in far for _, words in sorted(own, key=lambda pair: -pair[0])]
 
 
 def _off_modes(fit: ModalFit) -> list[tuple[float, str]]:
-    """Measured modes that the model misses by more than their half-width and errors: distance and words."""
+    """Pairs (distance in half-power half-widths, clause) of the measured modes that the model misses.
+
+    A mode is missed where its frequency is off by more than its half-width and by more than five standard deviations.
+    """
     data, pairs = fit.problem.data, fit.fitted
     damping = np.maximum(np.nan_to_num(fit.measured.damping_ratio[data.measured]), LEAST_DAMPING)
     off = pairs.frequency - data.frequency
@@ -724,7 +753,11 @@ def _missed(measured: float, predicted: float, distance: float) -> tuple[float, 
 
 
 def _off_resonances(fit: RecordFit) -> list[tuple[float, str]]:
-    """Resonances of FRFs that the model misses by more than half their width: distance in such halves, and words."""
+    """Pairs (distance in half-power half-widths, clause) of the FRF resonances that the model misses by more than 1.0.
+
+    The distance is infinite where the model has no resonance near. Only those count about which the mean square of the whitened
+    residual is 4 or more.
+    """
     missed, frequency = [], fit.problem.frequency
     of_line = misfit_of_lines(fit.problem, fit.problem.data_rows(fit.predicted))
     spacing = float(np.median(np.diff(np.unique(frequency)))) if len(frequency) > 1 else 0.0

@@ -49,15 +49,16 @@ class DenseFields:
     def solve_in_chunks(
         self, coefficients: ComplexArray, loads: IntArray, reader: FloatArray | None = None
     ) -> Iterator[tuple[slice, ComplexArray]]:
-        """Chunks of lines, each with the fields (n, n_dofs, n_chosen) under the chosen loads, as (slice of lines, fields).
+        """Chunks of lines, each as (slice of lines, fields) with fields (n, n_dofs, n_chosen) under the chosen loads.
 
         Parameters
         ----------
         coefficients : (n_lines, n_matrices) complex array
             Weight of each matrix at each line: s^2, s, 1, i, and that of friction, which may differ from line to line.
         loads : (n_chosen,) int array
+            Columns of the attribute `loads`.
         reader : (n_read, n_dofs) float array, optional
-            If given, ``reader @ fields`` is returned in place of the fields.
+            If given, ``reader @ fields``, (n, n_read, n_chosen), is returned in place of the fields.
 
         Raises
         ------
@@ -88,7 +89,10 @@ class DenseFields:
 
     @cached_property
     def modal(self) -> ModalFields | None:
-        """Fields under the loads and under unit forces at the contacts, without friction, by modes; None if that is slower."""
+        """Fields under the loads, then under unit forces at the contacts, without friction, by modes; None if that is slower.
+
+        None also if the sum over modes is not exact enough.
+        """
         is_damped = bool(self.matrices[1].any())
         if not worthwhile(len(self.laplace), self.matrices.shape[1], is_damped):
             return None
@@ -121,9 +125,10 @@ class DenseFields:
     def _solve_lines(
         self, lines: IntArray, coefficients: ComplexArray, loads: IntArray, reader: FloatArray | None
     ) -> ComplexArray:
-        """Fields (or `reader` times fields) under the chosen loads at some lines, one factorization each, (n, n_dofs, n_loads).
+        """Fields (n, n_dofs, n_chosen) at `lines` (indices) under the chosen loads, one factorization for each line.
 
-        `coefficients` (n_lines, n_matrices) weigh the matrices at each line.
+        With a `reader` (n_read, n_dofs), reader @ fields. `coefficients` (n_lines, n_matrices) weigh the matrices at each line,
+        `loads` are columns. `SingularModelError` if a line cannot be solved.
         """
         n_dofs = self.matrices.shape[1]
         stiffness = coefficients[lines] @ self.matrices.reshape(-1, n_dofs**2)
@@ -136,7 +141,7 @@ class DenseFields:
 
 
 def solve_small_systems(systems: NumberArray, right: NumberArray) -> NumberArray:
-    """Solution X of systems X = right for many small systems, (n_lines, n, n) and (n_lines, n, n_right).
+    """Solution X (n_lines, n, n_right) of systems X = right, one system (n, n) for each line.
 
     Systems of one or two unknowns are solved by Cramer's rule, all lines together: LAPACK takes line after line.
 

@@ -52,7 +52,7 @@ def exact_step(
     rate_change: FloatArray,
     coupling_change: FloatArray,
 ) -> Step:
-    """The step of dz/dt = rate z + coupling u, du/dt = generator u, exact to rounding.
+    """Discrete step of dz/dt = rate z + coupling u, du/dt = generator u, over `step` seconds, exact to rounding.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def exact_step(
 
 
 def exponential_derivative(matrix: FloatArray, change: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """exp(A) and its Frechet derivatives in the directions E, by Taylor series, scaling and squaring.
+    """Matrix exponential exp(A) and its Frechet derivatives in the directions E, by Taylor series, scaling and squaring.
 
     Parameters
     ----------
@@ -99,6 +99,7 @@ def exponential_derivative(matrix: FloatArray, change: FloatArray) -> tuple[Floa
     Returns
     -------
     (n, n) and (n, n_params, n) float arrays
+        The second has the derivative in direction j at [:, j, :].
     """
     n, n_params = len(matrix), change.shape[1]
     norm = float(np.abs(matrix).sum(axis=0).max(initial=0.0))
@@ -122,7 +123,7 @@ def exponential_derivative(matrix: FloatArray, change: FloatArray) -> tuple[Floa
 
 
 def stepped(transition: FloatArray, drive: FloatArray, start: FloatArray) -> FloatArray:
-    """x_{k+1} = transition x_k + drive_k from x_0 = `start`, (n_steps + 1, n_states, ...).
+    """States x_{k+1} = transition x_k + drive_k from x_0 = `start`, (n_steps + 1, n_states, ...), `start` first.
 
     Parameters
     ----------
@@ -141,9 +142,9 @@ def stepped(transition: FloatArray, drive: FloatArray, start: FloatArray) -> Flo
 
 
 def _step_in_blocks(transition: FloatArray, drive: FloatArray, start: FloatArray) -> FloatArray:
-    """x_{k+1} = transition x_k + drive_k from x_0 = `start`, for blocks of steps side by side, (n_steps + 1, n_states, ...).
+    """States as `stepped` gives them, (n_steps + 1, n_states, ...), with blocks of steps computed side by side.
 
-    Each block runs from rest first; its final state tells where the next block begins.
+    Each block first runs from rest; its final state shows where the next block begins.
     """
     n_steps, n = drive.shape[:2]
     length = int(np.sqrt(n_steps / 2))

@@ -53,7 +53,10 @@ class ModalFields:
 
 
 def worthwhile(n_lines: int, n_dofs: int, damped: bool) -> bool:
-    """True if so many lines are worth an eigenvalue problem of the structure, which viscous damping makes twice as large."""
+    """True if `n_lines` lines are worth an eigenvalue problem of the structure, twice as large with viscous damping (`damped`).
+
+    They are from 60 + `n_dofs` lines on, or from 60 + 5 `n_dofs` with viscous damping.
+    """
     return n_lines >= _LEAST + (_EACH_DAMPED if damped else _EACH) * n_dofs
 
 
@@ -113,7 +116,7 @@ def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray)
 def _matches_direct_solution(fields: ComplexArray, dynamic: ComplexArray, loads: FloatArray) -> bool:
     """True if `fields` (n_lines, n_dofs, n_loads) differ from Z^-1 loads, solved directly, by rounding only.
 
-    `dynamic` has the dynamic stiffness Z at each line, (n_lines, n_dofs, n_dofs).
+    `dynamic` has the dynamic stiffness Z at each line, (n_lines, n_dofs, n_dofs). False too if Z is singular.
     """
     right = loads.astype(np.complex128)
     try:
@@ -129,16 +132,16 @@ def _matches_direct_solution(fields: ComplexArray, dynamic: ComplexArray, loads:
 
 
 def _difference(fields: ComplexArray, exact: ComplexArray) -> float:
-    """Largest difference in parts of the largest entry of each field."""
+    """Largest difference between two fields (n_lines, n_dofs, n_loads), relative to the largest entry of each exact field."""
     largest = np.abs(exact).max(axis=1)
     off = np.abs(fields - exact).max(axis=1)
     return float((off / np.where(largest > 0, largest, 1.0)).max())
 
 
 def _check_lines(poles: FloatArray, lines: FloatArray) -> IntArray:
-    """Indices of the lines nearest to each pole within the band, and of a few spread over it.
+    """Indices of the lines nearest to each pole within the band, and of eight spread over it, increasing.
 
-    `poles` and `lines` are in one unit of frequency.
+    `poles` and `lines` are frequencies in one unit; they need not be sorted.
     """
     order = np.argsort(lines)
     in_band = poles[(poles >= lines.min()) & (poles <= lines.max())]

@@ -75,19 +75,19 @@ def modes(
     n_modes: int | None = None,
     strains: Strains | None = None,
 ) -> Modes:
-    """The lowest modes of K phi = omega^2 M phi.
+    """Lowest normal modes of K phi = omega^2 M phi, by rising frequency, with damping by first-order perturbation.
 
     Parameters
     ----------
     mass, stiffness : (n_dofs, n_dofs) sparse arrays
         Symmetric; degrees of freedom, or combinations of them, without mass follow the others statically.
-    damping, structural : the same, optional
+    damping, structural : (n_dofs, n_dofs) sparse arrays, optional
         Viscous damping, and imaginary part of the complex stiffness.
     n_modes : int, optional
         How many; all by default (up to 20 for more than 600 degrees of freedom).
     strains : function without arguments, optional
         Gives B with K = B'B, or None. It is called where rounding of the stiffness matrix shows in frequencies: modes are
-        then found from B, whose rounding they have the square root of.
+        then computed from B, whose relative rounding errors are much smaller.
 
     Raises
     ------
@@ -122,7 +122,10 @@ def modes(
 def _small_modes(
     mass: sparse.csc_array, stiffness: sparse.csc_array, n_modes: int | None, strains: Strains | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Circular frequencies, shapes and rounding of a model that is solved densely."""
+    """Circular frequencies (rad/s), mass-normalized shapes and relative rounding errors of a model solved densely.
+
+    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency; `n_modes` None gives all modes.
+    """
     eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
     error = _DENSE_ROUNDINGS * np.finfo(np.float64).eps * float(eigenvalues[-1])
     eigenvalues, shapes = eigenvalues[:n_modes], shapes[:, :n_modes]
@@ -144,7 +147,11 @@ def _small_modes(
 def _large_modes(
     mass: sparse.csc_array, stiffness: sparse.csc_array, n_modes: int, strains: Strains | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Circular frequencies, shapes and rounding of a model that is too large to be solved densely."""
+    """Circular frequencies (rad/s), mass-normalized shapes and relative rounding errors of a large sparse model.
+
+    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency. If many of all modes are wanted, the model is
+    solved densely after all.
+    """
     n_heavy = int((mass.diagonal() > 0).sum())
     if _MOST_BY_LANCZOS * n_modes >= n_heavy:
         eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
@@ -173,9 +180,10 @@ def _large_modes(
 def frequencies_between(
     known: Modes, mass: sparse.csc_array, stiffness: sparse.csc_array, lowest: float, highest: float
 ) -> tuple[FloatArray, bool]:
-    """Natural frequencies above `lowest`, up to `highest` (Hz), rising, and True if these are all that there are.
+    """Natural frequencies (Hz) above `lowest` and up to `highest` (Hz), rising, and True if the list is complete.
 
-    Of a large model, of which `known` are the lowest modes, it may be the first such frequency alone.
+    `known` are the lowest modes of the model. If the list is not complete, as in a large model, it may hold only the first such
+    frequency.
     """
     frequency = known.frequency
     is_all = mass.shape[0] <= _DENSE_UP_TO or bool(frequency[-1] > highest)
@@ -198,7 +206,10 @@ def _lanczos_modes(
     inverse: LinearOperator | None,
     energy: _Energy,
 ) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues nearest above `shift`, ascending, and mass-normalized vectors."""
+    """Eigenvalues omega^2 nearest to `shift`, ascending, and mass-normalized vectors (n_dofs, n_modes).
+
+    `inverse` is that of the shifted stiffness, with which missed modes are added; with None they are not, and SciPy factorizes.
+    """
     start = np.random.default_rng(0).standard_normal(mass.shape[0])
     eigenvalues, shapes = eigsh(stiffness, n_modes, mass, sigma=shift, which="LM", v0=start, OPinv=inverse)
     order = np.argsort(eigenvalues)
@@ -211,7 +222,10 @@ def _lanczos_modes(
 
 
 def _strain_inverse(operator: sparse.csr_array, mass: sparse.csc_array, shift: float, scale: float) -> LinearOperator:
-    """The inverse of B'B + `shift` M from B itself, with `scale` about the least singular value of B of unit columns."""
+    """Inverse of B'B + `shift` M as a linear operator, from B itself (`operator`, (n_strains, n_dofs)).
+
+    `scale` is about the least singular value of B with its columns scaled to norm 1.
+    """
     n_strains, n = operator.shape
     size = 1 / np.sqrt(np.asarray(operator.multiply(operator).sum(axis=0)).ravel())
     scaling = sparse.diags_array(size)
@@ -231,7 +245,10 @@ def _strain_inverse(operator: sparse.csr_array, mass: sparse.csc_array, shift: f
 def _root(
     mass: FloatArray, stiffness: FloatArray, operator: sparse.csr_array | None, shift: float
 ) -> tuple[FloatArray, FloatArray, NDArray[np.intp]] | None:
-    """R with R'R = K + `shift` M, L with L L' = M, and the order of the degrees of freedom in both; None without an R."""
+    """R with R'R = K + `shift` M, L with L L' = M, and the order of the degrees of freedom in both; None without an R.
+
+    R comes from a QR decomposition with B (`operator`), or from Cholesky's of the shifted stiffness if that is None.
+    """
     heavy = np.diag(mass) > 0
     size = np.sqrt(np.where(heavy, np.diag(mass), 1.0))
     principal, turn = linalg.eigh(mass / size[:, None] / size)
@@ -255,7 +272,7 @@ def _root(
 def _modes_of_root(
     triangle: FloatArray, mass_root: FloatArray, order: NDArray[np.intp], shift: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Circular frequencies, ascending, and mass-normalized shapes of a stiffness R'R - `shift` M.
+    """Circular frequencies (rad/s), ascending, and mass-normalized shapes of a stiffness R'R - `shift` M.
 
     `triangle` is R, `mass_root` is L with L L' = M, and `order` that of the degrees of freedom in both.
     """
@@ -266,7 +283,10 @@ def _modes_of_root(
 
 
 def _root_rounding(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray) -> FloatArray:
-    """Relative errors of frequencies that come from strains."""
+    """Relative rounding errors, (n_modes,), of frequencies `omega` (rad/s) that come from strains.
+
+    `shapes` (n_dofs, n_modes) are mass-normalized.
+    """
     size = np.abs(shapes)
     strained = np.sqrt(np.einsum("ij,ij->j", size, abs(stiffness) @ size))
     errors = _ROOT_ROUNDINGS * np.finfo(np.float64).eps * strained
@@ -275,7 +295,10 @@ def _root_rounding(stiffness: sparse.csc_array, omega: FloatArray, shapes: Float
 
 
 def _rounding_errors(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray, error: float) -> FloatArray:
-    """Relative errors of frequencies by rounding of the stiffness matrix and by `error`, that of the eigenvalues."""
+    """Relative errors, (n_modes,), of frequencies `omega` (rad/s) by rounding of the stiffness matrix and of eigenvalues.
+
+    `shapes` (n_dofs, n_modes) are mass-normalized; `error` is that of all eigenvalues omega^2, (rad/s)^2.
+    """
     size = np.abs(shapes)
     errors = error + np.finfo(np.float64).eps * np.einsum("ij,ij->j", size, abs(stiffness) @ size)
     clear = omega[omega**2 > errors]
@@ -283,11 +306,11 @@ def _rounding_errors(stiffness: sparse.csc_array, omega: FloatArray, shapes: Flo
 
 
 def _shift_below(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[float, LinearOperator | None]:
-    """A shift just below the lowest eigenvalues, and the inverse of the stiffness so shifted.
+    """Negative shift, (rad/s)^2, just below the lowest eigenvalues, and the inverse of the stiffness so shifted.
 
-    A mean of all eigenvalues is a safe shift, also for a structure that can move freely, but on a fine mesh it lies
-    millions of times above the lowest, which Lanczos then cannot tell apart. A few inverse iterations of a small block
-    show how far below they lie, and the shift follows until it is near them.
+    The inverse is None if a diagonal entry is 0. A mean of all eigenvalues is a safe shift, also for a structure that can move
+    freely, but on a fine mesh it lies millions of times above the lowest, which Lanczos then cannot tell apart. Inverse
+    iterations of a small block show how far below they lie, and the shift follows until it is near them.
     """
     shift = -1e-3 * abs(stiffness.diagonal()).sum() / max(mass.diagonal().sum(), np.finfo(float).tiny)
     least = _LEAST * shift
@@ -312,11 +335,11 @@ def _add_missed_modes(
     eigenvalues: FloatArray,
     shapes: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """The lowest modes, with those among them that Lanczos has passed over.
+    """Lowest modes (eigenvalues omega^2, ascending, and vectors), with those that Lanczos has missed.
 
-    From one vector it sees one of several modes with the same frequency, as of equal parts of a structure, and the
-    others by rounding alone. What a block of vectors finds beside `shapes` is put among them until nothing changes.
-    `eigenvalues` and `shapes` are those that Lanczos found about `shift`, `inverse` that of the shifted stiffness.
+    From one vector it sees one of several modes with the same frequency, as of equal parts of a structure, and the others by
+    rounding alone. A block of random vectors searches beside `shapes` until nothing changes. `eigenvalues` and `shapes` are
+    those that Lanczos found about `shift`, `inverse` that of the shifted stiffness; `energy` gives V'KV of a space V.
     """
     count, rng = len(eigenvalues), np.random.default_rng(1)
     for _ in range(_MOST_ROUNDS):
@@ -344,7 +367,7 @@ def _ritz(energy: _Energy, mass: sparse.csc_array, space: FloatArray) -> tuple[F
 
 
 def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
-    """The inverse of the shifted stiffness by the factorizer in use; None where its diagonal is not complete."""
+    """Inverse of the shifted stiffness as a linear operator, by the factorizer in use; None if a diagonal entry is 0."""
     shifted.sort_indices()
     if not shifted.diagonal().all():
         return None
@@ -358,7 +381,10 @@ def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
 
 
 def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Modes after motions without mass have been condensed statically: degrees of freedom, or combinations of them."""
+    """Eigenvalues omega^2, ascending, and mass-normalized shapes (n_dofs, n_heavy), massless motions condensed statically.
+
+    Massless are degrees of freedom, or combinations of them, without mass.
+    """
     heavy = np.diag(mass) > 0
     if _is_definite(mass[np.ix_(heavy, heavy)]):
         return _condensed_modes(mass, stiffness, heavy)
@@ -370,7 +396,7 @@ def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, F
 
 
 def _is_definite(mass: FloatArray) -> bool:
-    """True if no combination of degrees of freedom is without mass, rounding apart."""
+    """True if the mass matrix (n, n) is positive definite beyond rounding, so that no motion is massless."""
     try:
         pivots = np.diag(linalg.cholesky(mass, lower=True)) ** 2
     except linalg.LinAlgError:
@@ -381,7 +407,10 @@ def _is_definite(mass: FloatArray) -> bool:
 def _condensed_modes(
     mass: FloatArray, stiffness: FloatArray, heavy: NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray]:
-    """Modes whose other degrees of freedom follow those that are `heavy`."""
+    """Eigenvalues omega^2 and shapes (n_dofs, n_heavy); degrees of freedom that are not `heavy` (mask) follow statically.
+
+    `SingularModelError` if those have no stiffness.
+    """
     if heavy.all():
         return linalg.eigh(stiffness, mass)
     light = ~heavy

@@ -67,7 +67,10 @@ class DynamicStiffness:
         return tuple(rows)
 
     def entries(self, line: int, is_damped: bool = True) -> NumberArray:
-        """Entries of Z at one line, (n_entries,): real without damping, or the real part alone if not `is_damped`."""
+        """Entries of Z, (n_entries,), at the line with index `line`: complex, or real if there is no damping.
+
+        Without `is_damped`, the real part alone.
+        """
         real = self._weighted_sum([float(factor[line].real) for _, factor in self.merged])
         imaginary = [float(factor[line].imag) for _, factor in self.merged]
         if not is_damped or not any(imaginary):
@@ -78,10 +81,7 @@ class DynamicStiffness:
         return total
 
     def _weighted_sum(self, factors: list[float]) -> FloatArray:
-        """Weighted sum of the merged rows, (n_entries,).
-
-        There is one of `factors` for each merged row.
-        """
+        """Sum of the merged rows, (n_entries,), each times its entry of `factors`."""
         total = np.zeros(self.data.shape[1])
         for (row, _), factor in zip(self.merged, factors, strict=True):
             if factor:

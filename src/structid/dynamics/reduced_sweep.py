@@ -81,12 +81,15 @@ class FieldSweep:
         return self.basis.size
 
     def verified(self, error_of: ErrorOf) -> float | None:
-        """Grow the basis until the fields at the line with the largest residual have an error below a third of the tolerance.
+        """Error of the fields at the line with the largest residual, after the basis has grown until it is small enough.
+
+        `error_of` returns the error of the basis at a line in parts of what is allowed; small enough is 0.3 of that.
 
         Returns
         -------
         float or None
-            The error there; None where the lines are few, or it takes more than a third of them: solve for each then.
+            The error there, in parts of what is allowed; None where there are fewer than 20 lines, or it takes more than a
+            third of them, or too large a basis: solve for each line then.
 
         Raises
         ------
@@ -111,9 +114,9 @@ class FieldSweep:
         return self._error
 
     def in_full(self) -> Iterator[NumberArray]:
-        """Fields at each line in turn, (n_dofs, n_columns), solved until their residual is negligible.
+        """Fields at each line in turn, (n_dofs, n_columns), with a relative residual of at most 1e-10.
 
-        One factorization serves all lines, in rounds; lines that do not converge get one of their own.
+        A single factorization serves all lines, in rounds; lines that do not converge get a separate factorization.
         """
         self._begin()
         for _ in range(_MOST_ROUNDS):
@@ -126,7 +129,10 @@ class FieldSweep:
             yield self.fields(line) if self.basis.left(line) <= _IN_FULL else self._factorize_line()
 
     def _converged_fields(self) -> NumberArray:
-        """Fields at the current line to full accuracy, by corrections from the last factorization or by a new one."""
+        """Fields (n_dofs, n_columns) at the current line, solved by corrections from the last factorization or by a new one.
+
+        Corrections end when they leave 5 % of the residual of the basis; where they are slow, the line is factorized.
+        """
         if self._last is not None:
             first = last = self.basis.left(self._line)
             for _ in range(_ROUNDS):
@@ -147,9 +153,9 @@ class FieldSweep:
             self._factorize_line()
 
     def _factorize_line(self, is_damped: bool = True) -> NumberArray:
-        """Factorize Z at the current line, solve for the fields, and add them with their Krylov vectors to the basis.
+        """Fields (n_dofs, n_columns) at the current line by factorization of Z; they join the basis with their Krylov vectors.
 
-        Without `is_damped`, the real part of Z is factorized.
+        Without `is_damped`, the real part of Z is factorized, and the fields are of that.
         """
         self._last = None
         self.n_factorizations += 1
@@ -271,7 +277,10 @@ class FieldBasis:
         self._extend(np.concatenate(krylov_vectors, axis=1))
 
     def improve(self, solver: LineFactor, lines: Sequence[int]) -> None:
-        """Add corrections to the basis: the factorization `solver` of some line applied to the residuals of other `lines`."""
+        """Add corrections to the basis: the factorization `solver` of some line applied to residuals of other `lines`.
+
+        `lines` are indices. Nothing is added if all residuals are 0.
+        """
         residuals = np.concatenate([self.residual(line) for line in lines], axis=1)
         size = np.linalg.norm(residuals, axis=0)
         if not size.any():
@@ -292,13 +301,16 @@ class FieldBasis:
         return residual - 1j * parts[1] if parts[1].any() else residual
 
     def left(self, line: int) -> float:
-        """Largest |b - Z x| / |b| of the right-hand sides b of a line."""
+        """Largest relative residual |b - Z x| / |b| over the right-hand sides b at the line with index `line`."""
         size: FloatArray = np.linalg.norm(self.residual(line), axis=0) / np.linalg.norm(self.right, axis=0)
         return float(size.max(initial=0.0))
 
     @property
     def residuals(self) -> FloatArray:
-        """Relative residual at every line, (n_lines,); for large models accurate to about a tenth, from a random sketch."""
+        """Largest relative residual over the right-hand sides at every line, (n_lines,).
+
+        For more than 2000 degrees of freedom it is estimated from a random sketch, to about a tenth.
+        """
         n_columns = self.right.shape[1]
         triangle = np.linalg.qr(
             np.concatenate([self._sketching_matrix @ self.right, *self._sketched], axis=1), mode="r"
@@ -354,9 +366,9 @@ class FieldBasis:
 
 
 def _sketching_matrix(n: int) -> sparse.csr_array:
-    """Random sparse matrix, (n_sums, n), that adds n equations with random signs: norms are kept to about a tenth.
+    """Random sparse matrix, (n_sums, n), that adds n equations with random signs; it keeps norms to about a tenth.
 
-    Woodruff (2014), Foundations and Trends in Theoretical Computer Science 10(1-2), 1-157, section 2.1.
+    n_sums is 2000; up to that n it is the identity.
 
     References
     ----------
@@ -370,7 +382,10 @@ def _sketching_matrix(n: int) -> sparse.csr_array:
 
 
 def _orthonormal_part(basis: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Orthonormal columns that span the part of `vectors` (n, n_vectors) outside the span of the orthonormal `basis`."""
+    """Orthonormal columns (n, n_new) that span the part of `vectors` (n, n_vectors) outside the orthonormal `basis`.
+
+    Directions that are new by less than 1e-9 are left out.
+    """
     size = np.linalg.norm(vectors, axis=0)
     residual = vectors[:, size > 0] / size[size > 0]
     for _ in range(2):

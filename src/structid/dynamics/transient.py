@@ -97,6 +97,13 @@ def sampled_transient(
     sampling_rate : float
         Samples per second.
 
+    Raises
+    ------
+    InputError
+        If shapes do not fit, a value is not finite, or the sampling rate is not positive.
+    SingularModelError
+        If the mass matrix is not positive definite.
+
     References
     ----------
     Van Loan (1978), IEEE Trans. Automatic Control 23, 395-404: integrals of the matrix exponential.
@@ -138,9 +145,10 @@ class _ModalSystem:
     shapes: FloatArray
 
     def motion(self, time: FloatArray, q: FloatArray, dq: FloatArray, force: FloatArray) -> Transient:
-        """Motion of the structure from modal displacement `q` and velocity `dq`, (n_times, n_modes), and forces (n_times, n_dofs).
+        """Motion of the structure at `time` (s) from modal displacement `q` and velocity `dq`, (n_times, n_modes).
 
-        The acceleration follows from the equations of motion, so that they hold to rounding.
+        `force` (n_times, n_dofs) are the loads. The acceleration follows from the equations of motion, so that they hold to
+        rounding.
         """
         displacement, velocity = q @ self.shapes.T, dq @ self.shapes.T
         inertia = force - displacement @ self.stiffness
@@ -164,7 +172,10 @@ class _ModalSystem:
 
 
 def _modal_system(mass: Matrix, stiffness: Matrix, damping: Matrix | None) -> _ModalSystem:
-    """Checked dense matrices with their undamped modes; raises `SingularModelError` if the mass is not positive definite."""
+    """Dense matrices with their undamped modes, after checks of shape and values.
+
+    `InputError` if shapes do not fit or a value is not finite, `SingularModelError` if the mass is not positive definite.
+    """
     m, k, c = _dense(mass), _dense(stiffness), None if damping is None else _dense(damping)
     for name, matrix in (("mass", m), ("stiffness", k), ("damping", c)):
         if matrix is not None:
@@ -199,7 +210,8 @@ def _driven(
 ) -> tuple[FloatArray, FloatArray]:
     """Modal displacement and velocity from rest under load cos(omega t), with damping, (n_times, n_modes) each.
 
-    The cosine and sine of the load are two additional states of one matrix exponential.
+    `modal_load` is (n_modes,), `omega` in rad/s, `time` in s. The cosine and sine of the load are two additional states of one
+    matrix exponential.
     """
     n = len(system.natural)
     state_matrix, scale = system.state_matrix()

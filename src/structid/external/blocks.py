@@ -41,7 +41,7 @@ _KEYWORD = re.compile(r"^[ \t]*\*(?!\*).*(?:\n(?![ \t]*\*(?!\*)).*)*", re.MULTIL
 
 
 def _matching_blocks(pattern: re.Pattern[str], text: str) -> Iterator[list[tuple[int, int, str]]]:
-    """Lines of each match of `pattern` in `text`, as (line number, index of the first character, text)."""
+    """Lines of each match of `pattern` in `text`, as (line number from 1, index of its first character in `text`, line)."""
     number, n_before = 1, 0
     for match in pattern.finditer(text):
         number, n_before = number + text.count("\n", n_before, match.start()), match.start()
@@ -73,7 +73,11 @@ class Card:
 
 
 def cards_in(file: str, text: str, name: str) -> Iterator[Card]:
-    """The bulk data cards called `name` in `text`, with their fields; `InputError` if tabs move columns. `file` is for errors."""
+    """The bulk data cards called `name` in the Nastran deck `text`, with their fields by number.
+
+    Fields are numbered as in the manual, 2 to 9 on the first line, 12 to 19 on the next. `file` is named in errors.
+    `InputError` if tabs move the columns of a card.
+    """
     pattern = re.compile(rf"^{re.escape(name)}\b.*(?:\n(?![A-Z]).*)*", re.MULTILINE | re.IGNORECASE)
     for lines in _matching_blocks(pattern, text):
         fields: dict[int, Field] = {}
@@ -97,9 +101,9 @@ def cards_in(file: str, text: str, name: str) -> Iterator[Card]:
 
 
 def _split_fields(line: str, is_free: bool, width: int) -> list[tuple[int, str]]:
-    """Offset in the line and text of each field of a card behind its name; `width` is that of a fixed field.
+    """Offset in the line and text of each field of a card after its name.
 
-    `is_free` says that the card is in free format.
+    `is_free` says that the card has commas between fields; else fields are `width` characters wide (8 or 16).
     """
     if not is_free:
         return [(at, line[at : at + width]) for at in range(_SMALL, min(len(line), ROW * _SMALL - _SMALL), width)]
@@ -119,7 +123,10 @@ class Keyword:
     data: list[tuple[int, int, str]]
 
     def is_called(self, words: str, with_options: bool = True) -> bool:
-        """True if the block has the given keyword and options."""
+        """True if the keyword has the name and all options in `words`, such as "*MATERIAL, NAME=STEEL".
+
+        Without `with_options` the name alone counts; case does not matter.
+        """
         name, options = parse_keyword_line(words)
         known = {key: value.upper() for key, value in self.options.items()}
         return self.name == name and (
@@ -128,13 +135,16 @@ class Keyword:
 
 
 def parse_keyword_line(words: str) -> tuple[str, dict[str, str]]:
-    """Name and options of a keyword line."""
+    """Name in capitals and options by name of a keyword line, such as "*MATERIAL, NAME=STEEL"."""
     name, *options = words.split(",")
     return " ".join(name.replace("*", " ").upper().split()), keyword_options(options)
 
 
 def keywords_in(file: str, text: str) -> Iterator[Keyword]:
-    """All keywords in the `text` of an input file of Abaqus or CalculiX, with continued lines joined and comments left out."""
+    """All keywords in the Abaqus or CalculiX input `text`, with options and data lines; comments are left out.
+
+    Continued keyword lines are joined. `file` is the file's name, which each keyword keeps for messages.
+    """
     for lines in _matching_blocks(_KEYWORD, text):
         lines_of_keyword = [line for line in lines if line[2].strip() and not line[2].lstrip().startswith("**")]
         words, data_lines = lines_of_keyword[0][2].strip(), lines_of_keyword[1:]

@@ -21,12 +21,14 @@ _teller: ContextVar[tuple[Callable[[str, Path], None] | None, set[str]]] = Conte
 
 
 def command_words(command: str, deck: str, study: Path) -> list[str]:
-    """The words of `command` with ``{deck}``, ``{stem}`` and ``{study}`` filled in; `study` is the folder of the study.
+    """Arguments of `command` with ``{deck}``, ``{stem}`` and ``{study}`` filled in.
+
+    `deck` is the deck's file name, whose stem is ``{stem}``; `study` is the folder of the study.
 
     Raises
     ------
     InputError
-        If it cannot be taken apart, or names something else in braces.
+        If quotes are unbalanced, or another name stands in braces.
     """
     values = {"deck": deck, "stem": Path(deck).stem, "study": str(study.resolve())}
     try:
@@ -39,15 +41,18 @@ def command_words(command: str, deck: str, study: Path) -> list[str]:
 
 
 def confirmation_of(command: str, study: Path, inputs: Sequence[Path]) -> str:
-    """SHA-256 that a user confirms before a command runs: of the command, the study folder, its decks and the files it names.
+    """SHA-256 digest, in hexadecimal, that a user confirms before the command runs.
+
+    It covers the command, the study folder, the contents of the decks and those of files in the folder that the command names.
 
     Parameters
     ----------
     command : str
+        Command with ``{deck}``, ``{stem}`` and ``{study}``.
     study : Path
         Folder of the study file.
     inputs : sequence of Path
-        The deck, further decks and files that a run gets.
+        The deck, which must come first, further decks and files that a run gets.
 
     Raises
     ------
@@ -63,9 +68,9 @@ def confirmation_of(command: str, study: Path, inputs: Sequence[Path]) -> str:
 
 @contextmanager
 def commands_told(tell: Callable[[str, Path], None]) -> Iterator[None]:
-    """Context manager: `tell` is called with a command and its study folder before the command first runs in the block.
+    """Context manager that calls `tell` with a command and its study folder before the command first runs in the block.
 
-    A command whose files have changed since counts as another one.
+    A command whose files have changed in between is reported again.
     """
     token = _teller.set((tell, set()))
     try:
@@ -75,9 +80,9 @@ def commands_told(tell: Callable[[str, Path], None]) -> Iterator[None]:
 
 
 def tell_command(command: str, study: Path, confirmation: str) -> None:
-    """Report that `command` is about to run, if somebody listens (`commands_told`) and has not heard of it.
+    """Report that `command` is about to run, unless nobody listens (`commands_told`) or it was reported before.
 
-    `confirmation` is the digest that the user confirms.
+    `study` is the folder of the study, `confirmation` the digest of `confirmation_of`.
     """
     tell, reported = _teller.get()
     if tell is not None and confirmation not in reported:
@@ -86,7 +91,7 @@ def tell_command(command: str, study: Path, confirmation: str) -> None:
 
 
 def require_confirmed(command: str, confirmation: str) -> None:
-    """Refuse a command where another one, or none, was confirmed for this process and its children."""
+    """Raise `InputError` if this process is bound to a confirmed command and `confirmation` is not its digest."""
     if os.environ.get(CONFIRMED, confirmation) != confirmation:
         raise InputError(
             f"[structure.solver] runs `{command}`, which was not confirmed as it is now: command, deck or files have"

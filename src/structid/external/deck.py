@@ -95,7 +95,10 @@ class Deck:
     parameters: tuple[DeckParameter, ...]
 
     def __init__(self, texts: Mapping[str, str], parameters: Sequence[DeckParameter]) -> None:
-        """Check that every mark in the texts has a parameter and every parameter a mark; `texts` maps file names to contents."""
+        """Keep the deck's texts, by file name, and its parameters, after checks that marks and parameters match.
+
+        `InputError` if a mark has no parameter, a parameter no mark, or two parameters have the same name.
+        """
         object.__setattr__(self, "texts", dict(texts))
         object.__setattr__(self, "parameters", tuple(parameters))
         names = [parameter.name for parameter in self.parameters]
@@ -115,7 +118,7 @@ class Deck:
 
     @property
     def main(self) -> str:
-        """Name of the file that the solver is given."""
+        """Name of the file that is passed to the solver, the first of the deck."""
         return next(iter(self.texts))
 
     @property
@@ -128,7 +131,7 @@ class Deck:
         return self.shown({one.name: one.value for one in self.parameters})
 
     def shown(self, values: Mapping[str, float]) -> dict[str, float]:
-        """`values` (by name) rounded to the digits that the narrowest mark of each can hold, which is what the solver sees."""
+        """`values` by parameter name, rounded as the solver sees them: to the digits that fit in the narrowest mark of each."""
         width = dict.fromkeys(self.names, WIDTH)
         for text in self.texts.values():
             for mark in _MARK.finditer(text):
@@ -136,10 +139,9 @@ class Deck:
         return {name: float(number_text(float(values[name]), width[name])) for name in self.names}
 
     def written(self, values: Mapping[str, float]) -> dict[str, str]:
-        """Text of each file with `values` (by name) in place of the marks.
+        """Text of each file, by file name, with `values` (by parameter name) in place of the marks.
 
-        A field keeps its width, so that columns stay where they are: numbers are written to the left, blanks after
-        them.
+        A mark with a width keeps it, so that columns stay in place: the number comes first, blanks after it.
         """
 
         def number(mark: re.Match[str]) -> str:
@@ -152,9 +154,10 @@ class Deck:
 
 
 def with_frequencies(texts: Mapping[str, str], frequency: Sequence[float]) -> dict[str, str]:
-    """`texts` of a deck with the frequencies (Hz) to compute: in a file `FREQUENCIES`, and at each mark ``{{frequency}}``.
+    """Texts of the deck with the frequencies that the solver is to compute, and a file `FREQUENCIES` that lists them.
 
-    A line of the deck that holds the mark is written once for each frequency.
+    A line with the mark ``{{frequency}}`` is repeated for each of `frequency` in Hz. `InputError` if the deck has a file of
+    that name already.
     """
 
     def number(mark: re.Match[str], value: float) -> str:
@@ -202,12 +205,12 @@ def number_text(value: float, width: int = WIDTH) -> str:
 
 
 def deck_texts(paths: Sequence[Path]) -> dict[str, str]:
-    """Text of each file of a deck, by file name.
+    """Text of each file of a deck, by file name; files that are not UTF-8 are read as Latin-1.
 
     Raises
     ------
     FileError
-        If a file is no text, or two have one name.
+        If a file is binary, or two have the same name.
     """
     texts: dict[str, str] = {}
     for path in paths:
@@ -224,7 +227,10 @@ def deck_texts(paths: Sequence[Path]) -> dict[str, str]:
 
 
 def _parameter_of_mark(file: str, text: str, mark: re.Match[str], names: Sequence[str]) -> str:
-    """The parameter name in a mark such as ``{{name:8}}``; `InputError` if the mark is malformed, too narrow or unknown."""
+    """Name of the parameter in the match `mark`, such as ``{{name:8}}``, among the known `names`.
+
+    `file` and `text` locate it in errors. `InputError` if the mark is malformed, too narrow or its parameter unknown.
+    """
     line = text.count("\n", 0, mark.start()) + 1
     parts = _MARK.fullmatch(mark[0])
     if parts is None:

@@ -43,7 +43,10 @@ class SolvedModes(Solved):
         return False
 
     def checked(self, values: Point, work: Work) -> Checked:
-        """The largest relative error of the model's frequencies against a run of the solver at `values`."""
+        """Largest relative difference between the model's frequencies and a solver run at `values` (by name), with a sentence.
+
+        Rigid-body modes are left out. The solver runs unless this run is kept already.
+        """
         [folder], _ = needed_runs(self.solver, [values], work)
         of_solver = self.out.read(folder).frequency[: self.n_modes]
         squared = eigh(*(self.model.matrix(key, values).toarray() for key in ("stiffness", "mass")), eigvals_only=True)
@@ -58,10 +61,22 @@ class SolvedModes(Solved):
 def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: Work) -> SolvedModes:
     """A model with the modes of a solver, linearized by finite differences about the centre of each parameter.
 
+    Parameters
+    ----------
+    name : str
+        Name of the model in its structure.
+    solver : Solver
+    out : ModesOut
+        Reads frequencies and shapes in the folder of a run.
+    units : Units
+        Units of the deck.
+    work : Work
+        Executor of the runs.
+
     Raises
     ------
     InputError
-        If a run fails, gives other nodes than the first, or a parameter changes no frequency.
+        If a run fails, has other nodes than the first, or a parameter changes no frequency.
     """
     steps = take_differences(solver, out.read, _frequency_change, _RULES, work)
     shapes, centre = steps.centre, steps.at
@@ -83,7 +98,10 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: W
 
 
 def _frequency_change(centre: Shapes, run: Shapes, point: Point) -> float:
-    """Largest relative change of a frequency from the run `centre` to `run`, rigid-body modes left out."""
+    """Largest relative change of a frequency from the run `centre` to `run`; rigid-body modes are left out.
+
+    `point` are the parameter values of `run`, for the error if both have different degrees of freedom.
+    """
     require_same_dofs(centre, run, point_words(point))
     n = min(len(run.frequency), len(centre.frequency))
     first = centre.frequency[:n]
@@ -92,7 +110,7 @@ def _frequency_change(centre: Shapes, run: Shapes, point: Point) -> float:
 
 
 def _shapes_in_si(shapes: Shapes, units: Units) -> Shapes:
-    """Mass-normalized shapes in kg^-1/2 (translations)."""
+    """Shapes of unit modal mass, converted from the deck's units to kg^-1/2, for rotations rad/m kg^-1/2."""
     rotation = shapes.dofs[:, 1] > 3
     scale = np.where(rotation, 1.0 / LENGTHS[units.length], 1.0) / np.sqrt(units.mass)
     return replace(shapes, values=shapes.values * scale[:, None])

@@ -58,7 +58,7 @@ class Expansion:
     n_points: int
 
     def at(self, values: Mapping[str, float]) -> FloatArray:
-        """The numbers for parameter `values` (by name), (n_numbers,)."""
+        """Values of the polynomials for parameter `values` (by name), (n_numbers,)."""
         total = np.zeros(len(next(iter(self.coefficients.values()))))
         for powers, coefficient in self.coefficients.items():
             total = total + coefficient * np.prod([(values[n] / self.references[n]) ** p for n, p in powers])
@@ -82,14 +82,15 @@ class _Axis:
 
 
 def axis(parameter: DeckParameter, nominal: float, usual: float) -> _Axis:
-    """The range over which a parameter is varied about its nominal value, reduced near bounds.
+    """The range over which a parameter is varied about its nominal value, made smaller near bounds.
 
-    Its size is the parameter's step, in parts of the nominal value (as it is where that is 0), or `usual` of the nominal value.
+    It extends by `parameter.step` or, without a step, by `usual`, both relative to the nominal value; for a nominal value of 0
+    the step is absolute.
 
     Raises
     ------
     InputError
-        If the nominal value is 0 and no step is given, or it lies at a bound.
+        If the nominal value is 0 and the parameter has no step, or the nominal value lies at a bound.
     """
     low, high = parameter.limits
     if not nominal and parameter.step is None:
@@ -105,16 +106,22 @@ def axis(parameter: DeckParameter, nominal: float, usual: float) -> _Axis:
 
 
 def expansion(evaluate: Evaluate, deck: Deck) -> Expansion:
-    """Polynomials of low order for the numbers that `evaluate` returns, in the parameters of `deck`, verified at further points.
+    """Polynomials of low order in the deck's parameters, for the numbers that `evaluate` returns, verified at further points.
 
-    Each parameter changes alone, to a straight line that a third point verifies; where it does not, to a polynomial of
-    up to the fourth order that a further point verifies. One point at which all change then verifies the sum; where
-    that fails, products of pairs of parameters are added and verified.
+    Each parameter is varied alone first: a straight line is verified at a third point, and if it fails, the order is raised up
+    to the fourth, each verified at a further point. A point at which all parameters change verifies the sum; if that fails,
+    products of pairs of parameters are added and verified.
+
+    Parameters
+    ----------
+    evaluate : callable
+        Returns the numbers at a sequence of parameter values, (n_points, n_numbers), and the size of each, (n_numbers,).
+    deck : Deck
 
     Raises
     ------
     InputError
-        If a parameter changes nothing, or no polynomial verifies.
+        If a parameter changes nothing, or no polynomial is verified.
     """
     axes = [axis(one, deck.nominal[one.name], RANGE) for one in deck.parameters]
     table = _Table(evaluate, deck, {one.name: one for one in axes})
@@ -156,14 +163,18 @@ class _Table:
     """Numbers at points that are given by parts of each parameter's range; each evaluated once."""
 
     def __init__(self, evaluate: Evaluate, deck: Deck, axes: Mapping[str, _Axis]) -> None:
-        """A table that is still empty; `evaluate` turns parameter values into numbers, `axes` has the range of each parameter."""
+        """An empty table; `evaluate` returns the numbers at parameter values, `axes` has the range of each by name."""
         self.evaluate, self.deck, self.axes = evaluate, deck, axes
         self.rows: FloatArray = np.zeros((0, 0))
         self.size: FloatArray = np.zeros(0)
         self.points: list[dict[str, float]] = []
 
     def evaluate_at(self, points: Sequence[dict[str, float]]) -> None:
-        """Evaluate the numbers at those of `points` that are new; known points are asked for again, since numbers may be added."""
+        """Evaluate the numbers at all known points and at those of `points` that are new; nothing happens without a new one.
+
+        Points give each changed parameter as a part of its range, by name. Known points are evaluated again, since numbers may
+        be added to them.
+        """
         new = [one for one in points if one not in self.points]
         if new:
             self.points += new
@@ -181,7 +192,11 @@ class _Table:
         return own
 
     def relative_errors(self, polynomial: Mapping[Powers, FloatArray], point: dict[str, float]) -> tuple[float, float]:
-        """Largest relative error of a polynomial at `point`, and largest relative change of the numbers from the nominal."""
+        """Largest error of a polynomial at `point`, and largest change of a number from the nominal point to `point`.
+
+        Both are relative to each number's size. `polynomial` maps powers to coefficients (n_numbers,); `point` is an evaluated
+        point.
+        """
         predicted = np.zeros(self.rows.shape[1])
         for powers, row in polynomial.items():
             predicted[: len(row)] += row * np.prod([self.u(point, name) ** k for name, k in powers])
@@ -194,7 +209,10 @@ class _Table:
 
 
 def _lowest_order(table: _Table, axis: _Axis) -> int:
-    """Lowest order at which a polynomial in one parameter predicts the next point; raises `InputError` if none does."""
+    """Lowest order at which a polynomial in one parameter predicts the next point; `InputError` if none up to the fourth does.
+
+    The points needed are evaluated in `table`.
+    """
     for order in range(1, MOST_ORDER + 1):
         table.evaluate_at([{axis.name: part} for part in _PARTS[: order + 1]])
         polynomial = {(): table.row({})} | _along(axis, _fit_powers(table, axis, order))
@@ -214,7 +232,10 @@ def _along(axis: _Axis, rows: Sequence[FloatArray]) -> dict[Powers, FloatArray]:
 
 
 def _fit_powers(table: _Table, axis: _Axis, order: int) -> list[FloatArray]:
-    """Coefficients of u, u^2, ..., u^order of one parameter, each (n_numbers,); zero where no point changes a number."""
+    """Coefficients of u, u^2, ..., u^order of one parameter, (n_numbers,) each, through as many points of `table`.
+
+    Those of numbers that change by no more than rounding are 0.
+    """
     points = [{axis.name: part} for part in _PARTS[:order]]
     u = np.array([table.u(point, axis.name) for point in points])
     changes = np.array([table.row(point) - table.row({}) for point in points])
@@ -242,9 +263,9 @@ def _both(a: _Axis, b: _Axis, p: float, q: float) -> dict[str, float]:
 def _fit_products(
     table: _Table, polynomial: Mapping[Powers, FloatArray], a: _Axis, b: _Axis, orders: Mapping[str, int]
 ) -> dict[Powers, FloatArray]:
-    """Coefficients of products of powers of two parameters, fitted to what the polynomial lacks; empty if nothing is left.
+    """Coefficients (n_numbers,) of the products of powers of two parameters; empty if there is no remainder to fit.
 
-    `orders` are the polynomial orders by parameter.
+    They are fitted to what `polynomial` lacks where both change. `orders` are the orders by parameter name.
     """
     points = [_both(a, b, p, q) for p, q in _grid(orders, a, b)]
     powers = list(product(range(1, orders[a.name] + 1), range(1, orders[b.name] + 1)))
@@ -266,7 +287,10 @@ def _fit_products(
 
 
 def _in_powers_of_values(polynomial: Mapping[Powers, FloatArray], table: _Table) -> dict[Powers, FloatArray]:
-    """The polynomial rewritten in powers of value / reference instead of u; coefficients at rounding level are left out."""
+    """Coefficients (n_numbers,) of the polynomial by powers of value / reference instead of u.
+
+    Coefficients at rounding level are set to 0, and powers without any other are left out.
+    """
     total: dict[Powers, FloatArray] = {}
     centre = {name: one.origin for name, one in table.axes.items()}
     for powers, row in polynomial.items():
@@ -280,7 +304,10 @@ def _in_powers_of_values(polynomial: Mapping[Powers, FloatArray], table: _Table)
 def expand_about_centre(
     powers: Powers, centre: Mapping[str, float], references: Mapping[str, float]
 ) -> Iterator[tuple[Powers, float]]:
-    """Terms of a product of powers of (value - centre): pairs of powers of value / reference and their factor."""
+    """Terms of a product of powers of (value - centre), as pairs of powers of value / reference and the factor.
+
+    `powers` holds (name, exponent) pairs; `centre` and `references` are by name.
+    """
     for chosen in product(*(range(k + 1) for _, k in powers)):
         factor = 1.0
         for (name, k), exponent in zip(powers, chosen, strict=True):

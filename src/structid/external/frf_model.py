@@ -70,7 +70,10 @@ class FrfsOut(OneFile):
     units: Units = field(default_factory=Units)
 
     def read(self, folder: Path) -> ComplexArray:
-        """Receptances in the folder of a run at the needed lines and channels, SI units, (n_lines, n_outputs, n_inputs)."""
+        """Receptances in the folder of a run at the needed lines and channels, in SI units, (n_lines, n_outputs, n_inputs).
+
+        `FileError` if the file is cut short, or lacks a line, a channel or the imaginary parts.
+        """
         path = existing_file(folder, self.path)
         require_last_line(path)
         if path.suffix.lower() in PUNCH_SUFFIXES:
@@ -95,7 +98,7 @@ class FrfsOut(OneFile):
         return values * output_senses[:, None] * input_senses
 
     def _line_indices(self, path: Path, of_file: FloatArray) -> IntArray:
-        """Index in `of_file`, the frequencies of the file in Hz, of each needed line; raises `FileError` if one is missing."""
+        """Index in `of_file`, the frequencies of the file in Hz, of each needed line; `FileError` if a line is missing."""
         after = np.clip(np.searchsorted(of_file, self.frequency), 1, max(len(of_file) - 1, 1))
         before = after - 1
         after = np.minimum(after, len(of_file) - 1)
@@ -116,9 +119,9 @@ class FrfsOut(OneFile):
 def _channel_indices(
     path: Path, word: str, wanted: Sequence[Dof], of_file: Sequence[Dof]
 ) -> tuple[IntArray, FloatArray]:
-    """Index in `of_file`, the channels of the file, of each channel of `wanted`, and the relative sign.
+    """Index in `of_file`, the channels of the file, of each channel in `wanted`, and 1 or -1 for the relative sense.
 
-    `word` names the channels in errors.
+    `word` is "sensor" or "load", for the `FileError` if a channel is missing.
     """
     index_and_sign = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(of_file)}
     missing = [str(dof.unsigned) for dof in wanted if dof.unsigned not in index_and_sign]
@@ -133,7 +136,7 @@ def _channel_indices(
 
 
 def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> FrfRecord:
-    """The FRFs in a punch file, in SI units.
+    """The FRFs in a punch file of Nastran, in SI units; outputs are all six components of each node.
 
     Parameters
     ----------
@@ -141,7 +144,7 @@ def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> F
     loads : sequence of Dof
         The unit load of each subcase, in ascending order of subcases.
     length, force : str
-        Units of the deck.
+        Units of the deck, such as ``mm`` and ``N``.
 
     Raises
     ------
@@ -171,7 +174,10 @@ def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> F
 
 
 def _read_entries(path: Path, lines: Sequence[str], wanted: FrfKind) -> Iterator[Entry]:
-    """(Subcase, frequency in Hz, node, complex motion (6,)) of each point in the lines of a punch file."""
+    """Subcase, frequency in Hz, node and complex motion (6,) of each point in the lines of a punch file.
+
+    Only motions of the kind `wanted` are read, others skipped. `FileError` if they are real, or a point is incomplete.
+    """
     kind: FrfKind | None = None
     header: dict[str, str] = {}
     is_polar, last_line = False, 0
@@ -228,7 +234,7 @@ class SolvedFrfs(Solved):
         return False
 
     def run_at(self, values: Point, work: Work) -> FrfRuns:
-        """FRFs that the solver gives with `values`, whatever the parameters of the model are then.
+        """FRFs of a solver run at `values` (by name) alone, without differences by the parameters.
 
         Raises
         ------
@@ -246,7 +252,10 @@ class SolvedFrfs(Solved):
         )
 
     def checked(self, values: Point, work: Work) -> Checked:
-        """The largest error of the model's FRFs against a run of the solver at `values`, relative to the peak of each."""
+        """Largest error of the model's FRFs against a solver run at `values` (by name), with a sentence.
+
+        Errors are relative to the peak of each FRF. The solver runs unless this run is kept already.
+        """
         of_solver = self.run_at(values, work).centre
         of_model, _ = self.model.table.evaluated(np.array([values[name] for name in self.model.table.at]))
         worst = float((np.abs(of_model - of_solver).max(axis=0) / np.abs(of_solver).max(axis=0)).max())
@@ -258,6 +267,18 @@ class SolvedFrfs(Solved):
 
 def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: Work) -> SolvedFrfs:
     """A model with the FRFs of a solver, linearized by finite differences about the centre of each parameter.
+
+    Parameters
+    ----------
+    name : str
+        Name of the model in its structure.
+    solver : Solver
+    out : FrfsOut
+        Reads the needed FRFs in the folder of a run.
+    units : Units
+        Units of the deck.
+    work : Work
+        Executor of the runs.
 
     Raises
     ------
@@ -286,7 +307,10 @@ def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: Wor
 
 
 def _change(centre: ComplexArray, run: ComplexArray, point: Point) -> float:
-    """Relative change of the FRFs, root mean square over lines and channels, none counted as more than 1."""
+    """Relative change of the FRFs from `centre` to `run`, the root mean square over lines and channels.
+
+    Changes of single values above 1 count as 1. `point` is not used.
+    """
     size = np.abs(centre)
     there = size > 0
     return float(np.sqrt(np.mean(np.minimum(np.abs(run - centre)[there] / size[there], 1.0) ** 2)))

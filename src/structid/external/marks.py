@@ -77,7 +77,10 @@ class CardField:
         return self._name + ("" if self.id is None else f" {self.id}")
 
     def locate(self, texts: Mapping[str, str]) -> DeckPosition:
-        """Position of the number in the deck `texts` (file name: content); raises `InputError` if there is not exactly one."""
+        """Position of the number in the deck `texts`, which maps file names to contents.
+
+        `InputError` unless exactly one card matches and its field holds a real number.
+        """
         if self.field % ROW in (0, 1):
             raise InputError(
                 f"field {self.field} of a card holds no number; fields are counted as in the manual, 2 to 9 on the first line,"
@@ -139,7 +142,10 @@ class KeywordEntry:
         return self.keyword + ("" if self.of is None else f" of {self.of}")
 
     def locate(self, texts: Mapping[str, str]) -> DeckPosition:
-        """Position of the number in the deck `texts` (file name: content); raises `InputError` if there is not exactly one."""
+        """Position of the number in the deck `texts`, which maps file names to contents.
+
+        `InputError` unless exactly one keyword matches and the entry of its data line holds a number.
+        """
         matching: list[Keyword] = []
         same_name: list[Keyword] = []
         for file, text in texts.items():
@@ -185,19 +191,19 @@ class KeywordEntry:
 
 
 def with_marks(texts: Mapping[str, str], positions: Sequence[tuple[str, DeckPosition]]) -> dict[str, str]:
-    """The files of a deck with ``{{name}}`` in place of the numbers at the given positions.
+    """The files of a deck with marks ``{{name}}`` in place of the numbers at `positions`; of fixed fields ``{{name:width}}``.
 
     Parameters
     ----------
     texts : mapping of str to str
-        Text by name of the file.
+        Content by file name.
     positions : sequence of (str, DeckPosition)
-        Name of a parameter and where it stands, each as often as there are places.
+        Name of a parameter and the position of its number; a name may occur several times.
 
     Raises
     ------
     InputError
-        If two of them are the same number.
+        If two positions are the same number.
     """
     made, names = dict(texts), dict[tuple[str, int], str]()
     for name, position in sorted(positions, key=lambda pair: (pair[1].file, pair[1].start), reverse=True):
@@ -212,7 +218,7 @@ def with_marks(texts: Mapping[str, str], positions: Sequence[tuple[str, DeckPosi
 
 
 def value_at(name: str, positions: Sequence[DeckPosition]) -> float:
-    """The value that a deck holds for the parameter `name`; raises `InputError` if its positions hold different ones."""
+    """Value that the deck holds for the parameter `name`; `InputError` if the numbers at its positions differ."""
     first = positions[0]
     for position in positions:
         if not math.isclose(first.value, position.value, rel_tol=1e-6):
@@ -224,7 +230,10 @@ def value_at(name: str, positions: Sequence[DeckPosition]) -> float:
 
 
 def _parse_number(where: str, text: str) -> float:
-    """The number in a field as Nastran, Abaqus and CalculiX write it, also 2.1+11 and 2.1D11; `where` is for errors."""
+    """The number in a field, in the notation of Nastran, Abaqus and CalculiX, also 2.1+11 and 2.1D11.
+
+    `where` begins the `InputError` for a mark, a blank or any other text.
+    """
     if text.startswith("{{"):
         raise InputError(f"{where} is marked by {text}; take this out, or `mark`")
     match = _NUMBER.fullmatch(text)

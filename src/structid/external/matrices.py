@@ -39,7 +39,11 @@ class SolvedMatrices(Solved):
         return True
 
     def checked(self, values: Point, work: Work) -> Checked:
-        """The largest error of the model's matrices against a run of the solver at `values`, relative to the diagonals."""
+        """Largest difference between the model's matrices and a solver run at `values` (by name), with a sentence.
+
+        An entry (i, j) is relative to the root of the product of its diagonal entries. The solver runs unless this run is kept
+        already.
+        """
         [folder], _ = needed_runs(self.solver, [values], work)
         worst = 0.0
         for key, item in self.out.read(folder).items():
@@ -59,14 +63,26 @@ class SolvedMatrices(Solved):
 def solved_matrices(
     name: str, solver: Solver, out: MatricesOut, units: Units, work: Work, indefinite: bool = False
 ) -> SolvedMatrices:
-    """A model of matrices exported by a solver: polynomials in the deck's parameters, after which no more runs are needed.
+    """A model of matrices exported by a solver: polynomials in the deck's parameters, which need no further runs.
 
-    Unless `indefinite`, the matrices must be positive semidefinite.
+    Parameters
+    ----------
+    name : str
+        Name of the model in its structure.
+    solver : Solver
+    out : MatricesOut
+        Reads the matrices in the folder of a run.
+    units : Units
+        Units of the deck.
+    work : Work
+        Executor of the runs.
+    indefinite : bool
+        True to accept matrices that are not positive semidefinite.
 
     Raises
     ------
     InputError
-        If a run fails, gives matrices of another size than the first, or no polynomial of low order verifies.
+        If a run fails, its matrices differ in size from the first run's, or no polynomial of low order is verified.
     """
     counts = RunCounts()
     pattern = _Pattern()
@@ -111,7 +127,7 @@ def solved_matrices(
 
 
 def _describe_matrices(polynomials: Expansion, pattern: _Pattern, counts: RunCounts) -> tuple[str, ...]:
-    """One sentence about the polynomials: runs, size, order in each parameter and accuracy."""
+    """A tuple of one sentence on the polynomials: runs, size, order in each parameter and accuracy."""
     words = {1: "linear", 2: "quadratic", 3: "cubic", 4: "of fourth order"}
     orders = ", ".join(f"{words[order]} in {name}" for name, order in polynomials.orders.items())
     crossed = "".join(f", with products of {a} and {b}" for a, b in polynomials.crossed)
@@ -140,9 +156,9 @@ class _Pattern:
     entries: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def with_run(self, table: Mapping[str, ImportedMatrix], words: str) -> _Pattern:
-        """The pattern extended by the entries of one run; `words` describe the run in the error for other degrees of freedom.
+        """The pattern of matrix entries extended by those of a run; `table` has its matrices by kind (mass, ...).
 
-        `table` has the imported matrices by kind.
+        `words` describe the run in the `InputError` that is raised if its degrees of freedom differ from the first run's.
         """
         codes_of_run = {key: np.sort(codes_of(item.dofs)) for key, item in table.items() if item.dofs is not None}
         first = self.codes_by_kind or codes_of_run
@@ -157,9 +173,9 @@ class _Pattern:
         return replace(pattern, entries=np.concatenate([self.entries, new]))
 
     def rows(self, tables: Sequence[Mapping[str, ImportedMatrix]]) -> tuple[FloatArray, FloatArray]:
-        """Matrix entries of each run, (n_runs, n_entries), and the size relative to which each is judged, (n_entries,).
+        """Matrix entries of each run, (n_runs, n_entries), and the size that changes of each are compared with, (n_entries,).
 
-        `tables` have the imported matrices of each run by kind.
+        `tables` have the imported matrices of each run by kind. The size is the root of the product of the diagonal entries.
         """
         values = np.zeros((len(tables), len(self.entries)))
         order = np.argsort(self.entries)
@@ -174,7 +190,7 @@ class _Pattern:
         return values, np.sqrt(diagonal[kind, row_of] * diagonal[kind, column]) + 1e-12 * largest[kind]
 
     def matrices(self, row: FloatArray) -> dict[str, sparse.csc_array]:
-        """Symmetric matrices by name from one row of entries, (n_entries,)."""
+        """Sparse symmetric matrices by kind (mass, ...), from a row of entries (n_entries,)."""
         matrices, n = {}, len(self.codes)
         kind, column, row_of = self._rows_and_columns()
         for number, key in enumerate(self.codes_by_kind):
@@ -184,15 +200,15 @@ class _Pattern:
         return matrices
 
     def _rows_and_columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Number of the kind, column and row of each entry."""
+        """Number of the kind of matrix, column and row of each entry, (n_entries,) each."""
         remainder, row = np.divmod(self.entries, len(self.codes))
         kind, column = np.divmod(remainder, len(self.codes))
         return kind, column, row
 
     def _entries_of(self, table: Mapping[str, ImportedMatrix]) -> tuple[np.ndarray, FloatArray]:
-        """Codes of the positions and values of all matrix entries of one run, (n,) each.
+        """Position codes and values of all matrix entries of a run, (n,) each; `table` has its matrices by kind.
 
-        `table` has the imported matrices by kind.
+        A code stands for kind, column and row.
         """
         found_entries, values = [], []
         for number, key in enumerate(self.codes_by_kind):

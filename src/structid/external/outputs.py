@@ -36,7 +36,7 @@ class MatricesOut:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Names of the files in a run's folder that hold matrices or their numbering, each once."""
+        """Names of the files in a run's folder that hold matrices or the numbering of their rows, each name once."""
         names = [file.path for file in self.matrices.values()]
         for name in tuple(names):
             path = Path(name)
@@ -49,7 +49,10 @@ class MatricesOut:
         self.read(folder)
 
     def read(self, folder: Path) -> dict[str, ImportedMatrix]:
-        """The matrices in the folder of a run by kind (mass, ...), with the node and component of each row."""
+        """The matrices in the folder of a run by kind (mass, ...), with node and component of each row.
+
+        `FileError` if a matrix is complex or not square, or nothing states its rows.
+        """
         table = self._table(folder)
         matrices = {}
         for key, file in self.matrices.items():
@@ -103,12 +106,12 @@ class ModesOut(OneFile):
     """Modes as a run gives them: frequencies and shapes."""
 
     def read(self, folder: Path) -> Shapes:
-        """The modes of a run."""
+        """The modes in the folder of a run; see `read_shapes`."""
         return read_shapes(existing_file(folder, self.path))
 
 
 def existing_file(folder: Path, name: str) -> Path:
-    """The path of the file `name` of a run; raises `InputError` that lists the files there if it is missing."""
+    """Path of the file `name` in the folder of a run; if it is missing, an `InputError` that lists the files there."""
     path = folder / name
     if not path.is_file():
         names = sorted(one.name for one in folder.iterdir() if one.is_file() and one.stat().st_size)

@@ -43,7 +43,7 @@ class Outputs(Protocol):
         ...
 
     def require_whole(self, folder: Path) -> None:
-        """Raise an `InputError` where one of them is missing or cannot be read to its end."""
+        """Raise `InputError` if a file of the run in `folder` is missing or cannot be read to its end."""
         ...
 
 
@@ -87,7 +87,10 @@ class Solver:
         return command_words(self.command, self.deck.main, self.study)
 
     def key(self, values: Mapping[str, float]) -> str:
-        """Name of a run: SHA-256 of all that its result depends on."""
+        """Name of a run: SHA-256 digest of all that its result depends on, 32 hexadecimal digits.
+
+        `values` are the parameters by name; the digest covers command, written decks, linked files and names of outputs.
+        """
         parts = {
             "layout": _LAYOUT,
             "command": self.command,
@@ -98,7 +101,7 @@ class Solver:
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
 
     def run_folder(self, values: Mapping[str, float]) -> Path:
-        """Folder of the run with the given parameter values."""
+        """Folder in which the run at these parameter values (by name) is kept, whether or not it exists."""
         return self.folder / self.key(values)
 
 
@@ -122,26 +125,29 @@ class RunCounts:
 def runs(
     solver: Solver, points: Sequence[Mapping[str, float]], work: Work
 ) -> tuple[list[Path | RunFailedError], RunCounts]:
-    """Folder of the run at each of `points`, or its error; runs that exist already are not repeated.
+    """Folders of the solver runs at `points`, in their order, or the error of each run that failed; finished runs are kept.
 
     Parameters
     ----------
     solver : Solver
     points : sequence of mapping of str to float
-        Value of each parameter.
+        Parameter values by name, a mapping for each run.
     work : Work
         Executor of the runs.
 
     Returns
     -------
     list of Path or RunFailedError
-        The error of a run that failed each time.
+        An error if the run failed at each attempt.
     RunCounts
+        Numbers of runs that were kept from before and that were made now.
 
     Raises
     ------
     InputError
-        If the solver is not there, or the folder cannot be written.
+        If the solver's program is missing, or its command is not confirmed.
+    FileError
+        If the folder cannot be written.
     """
     keys = [solver.key(one) for one in points]
     missing = {key: one for key, one in zip(keys, points, strict=True) if not _is_done(solver.folder / key)}
@@ -164,12 +170,12 @@ def runs(
 
 
 def needed_runs(solver: Solver, points: Sequence[Mapping[str, float]], work: Work) -> tuple[list[Path], RunCounts]:
-    """Folders of the runs at `points` (values by name), all of which must succeed, and how many were new.
+    """Folders of the solver runs at `points` (values by name), in their order, and the counts of kept and new runs.
 
     Raises
     ------
     RunFailedError
-        With what is kept.
+        If a run failed; the message says where its log is and how many runs are kept.
     """
     results, counts = runs(solver, points, work)
     folders = []
@@ -184,7 +190,7 @@ def needed_runs(solver: Solver, points: Sequence[Mapping[str, float]], work: Wor
 
 
 def run_once(solver: Solver, values: Mapping[str, float], tools: Tools) -> str:
-    """Run the solver at `values` (by name), again after a failure; returns "" on success, else the reason of the failure."""
+    """Run the solver at `values` (by name), up to `retries` times more if it fails; "" on success, else the reason."""
     words, folder = "", solver.run_folder(values)
     require_confirmed(solver.command, solver.confirmation)
     for _ in range(solver.retries + 1):
@@ -204,9 +210,9 @@ def _is_done(folder: Path) -> bool:
 
 
 def _try_run(solver: Solver, values: Mapping[str, float], folder: Path) -> str:
-    """Run the solver once; returns "" if the run is good and kept in `folder`, else the reason of the failure.
+    """Run the solver a single time at `values` (by name); "" if the result is complete, else the reason of the failure.
 
-    `values` are the parameters of the deck by name.
+    A good run is moved to `folder`, with its outputs, decks and log only; a failed one to `failed` beside the runs.
     """
     start, trial = time.perf_counter(), solver.folder / f".{folder.name[:12]}.{secrets.token_hex(4)}"
     try:
@@ -250,7 +256,10 @@ def _try_run(solver: Solver, values: Mapping[str, float], folder: Path) -> str:
 
 
 def _execute_command(solver: Solver, folder: Path) -> str:
-    """Run the solver's command in `folder`; returns "" if it ended well, else a sentence on how it ended."""
+    """Run the solver's command in `folder`, with its output in a log; "" if it ended with code 0, else a sentence.
+
+    It is ended after `timeout` seconds.
+    """
     with (folder / _LOG).open("wb") as log:
         try:
             process = start_child(solver.arguments, folder, output=log, errors=log)
@@ -270,7 +279,7 @@ def _execute_command(solver: Solver, folder: Path) -> str:
 
 
 def _last_words(folder: Path) -> str:
-    """The last lines of the solver's log in `folder`, as one line for a message."""
+    """The last lines of the solver's log in `folder` as the end of a sentence; "" if there is no log."""
     path = folder / _LOG
     if not path.is_file():
         return ""
@@ -281,7 +290,7 @@ def _last_words(folder: Path) -> str:
 
 
 def _keep_failed_run(solver: Solver, trial: Path) -> None:
-    """Move the folder of a failed run to `failed` beside the runs, where the user can look at it."""
+    """Move the folder `trial` of a failed run to `failed` beside the runs, in place of an earlier one."""
     last = solver.folder / "failed"
     shutil.rmtree(last, ignore_errors=True)
     with suppress(OSError):  # another worker's failure was faster
@@ -289,7 +298,7 @@ def _keep_failed_run(solver: Solver, trial: Path) -> None:
 
 
 def _remove_stale_folders(folder: Path) -> None:
-    """Remove folders that were left by runs killed long ago."""
+    """Remove the trial folders in `folder` that killed runs left behind, once they are old enough."""
     for path in folder.glob(".*.*"):
         with suppress(FileNotFoundError):  # the run of another process that ends now has its own name from now on
             if path.is_dir() and time.time() - path.stat().st_mtime > _STALE_SECONDS:
@@ -297,7 +306,7 @@ def _remove_stale_folders(folder: Path) -> None:
 
 
 def _require_program(solver: Solver) -> None:
-    """Raise `InputError` if the program of the solver's command cannot be found."""
+    """Raise `InputError` if the solver's command is empty or its program cannot be found."""
     arguments = solver.arguments
     if not arguments:
         raise InputError('`command` is empty; give the line that runs the solver, as in "ccx {stem}"')
@@ -314,5 +323,5 @@ def point_words(point: Mapping[str, float]) -> str:
 
 
 def run_words(counts: RunCounts) -> str:
-    """A sentence on the number of runs: made anew, and taken from earlier ones."""
+    """Words on the number of runs, and how many of them were kept from before."""
     return f"{counts.kept + counts.made} runs, {counts.kept} of them kept from before"

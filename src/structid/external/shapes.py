@@ -51,17 +51,18 @@ class Shapes:
 
 
 def read_shapes(path: Path) -> Shapes:
-    """Frequencies and real mode shapes in the file at `path` that a solver wrote, a row for each node and component.
+    """Frequencies in Hz, ascending, and real mode shapes in the file at `path` that a solver wrote, by node and component.
 
     Parameters
     ----------
     path : Path
-        CalculiX ``.frd`` in text, Nastran or MYSTRAN ``.f06`` or ``.pch``, or what `structid.modal.formats.files.read_modes` reads.
+        CalculiX ``.frd`` in text, Nastran or MYSTRAN ``.f06`` or ``.pch``, or any file that
+        `structid.modal.formats.files.read_modes` reads.
 
     Raises
     ------
     FileError
-        If the file is missing, cut short, holds no modes or complex ones.
+        If the file is missing, cut short, or holds no modes or complex ones.
     """
     suffix = path.suffix.lower()
     if suffix not in (*FRD, *NASTRAN):
@@ -83,7 +84,7 @@ def read_shapes(path: Path) -> Shapes:
 
 
 def _mass_normalized(mode: PrintedMode) -> FloatArray:
-    """The motions of a mode at a modal mass of 1, which it is taken to have where none is printed, (n_points, 6)."""
+    """Motions of a mode scaled to a modal mass of 1, (n_points, 6); unchanged if the file prints no modal mass."""
     return np.real(mode.values) / (np.sqrt(mode.generalized_mass) if mode.generalized_mass > 0 else 1.0)
 
 
@@ -94,7 +95,7 @@ def require_last_line(path: Path) -> None:
 
 
 def _shapes_of_modes_file(path: Path) -> Shapes:
-    """Frequencies and shapes from a modes file of any format that structid reads."""
+    """Frequencies and shapes from a modes file of any format that structid reads; of complex shapes the real parts."""
     record = read_modes(path)
     require_last_line(path)
     signs = np.array([dof.sign for dof in record.channels])
@@ -106,9 +107,10 @@ def _shapes_of_modes_file(path: Path) -> Shapes:
 def _sorted_shapes(
     path: Path, frequency: Sequence[float] | FloatArray, dofs: IntArray, values: FloatArray, has_mass: bool, suffix: str
 ) -> Shapes:
-    """Modes in order of frequency (Hz), after checks; `dofs` (n_dofs, 2) are node and component, `values` (n_dofs, n_modes).
+    """Modes sorted by frequency (Hz), after checks; `dofs` (n_dofs, 2) are node and component, `values` (n_dofs, n_modes).
 
-    `has_mass` says that the shapes have unit modal mass, `suffix` is that of the file.
+    `has_mass` says that the shapes have unit modal mass; `suffix` is the file's suffix, which decides the rounding of its
+    numbers ("" by default). `FileError` if a number is not finite or a shape is zero.
     """
     frequencies = np.asarray(frequency, dtype=np.float64)
     if len(frequencies) != values.shape[1]:
@@ -125,7 +127,7 @@ def _sorted_shapes(
 
 
 def require_same_dofs(first: Shapes, other: Shapes, words: str) -> None:
-    """Raise an `InputError` where two runs have other nodes."""
+    """Raise `InputError` if the shapes of two runs have different nodes or components; `words` describe the run of `other`."""
     if not np.array_equal(first.dofs, other.dofs):
         raise InputError(
             f"the shapes of the run at {words} have {len(other.dofs)} degrees of freedom, those of the nominal run"

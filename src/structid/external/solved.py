@@ -30,7 +30,7 @@ class Units:
 
     @property
     def mass(self) -> float:
-        """kg."""
+        """Unit of mass of the deck in kg, consistent with its units of force and length and with seconds."""
         return FORCES[self.force] / LENGTHS[self.length]
 
 
@@ -90,7 +90,7 @@ class Solved(ABC):
 
     @abstractmethod
     def checked(self, values: Point, work: Work) -> Checked:
-        """The solver run with `values`, beside the model.
+        """Comparison of the model with a solver run at `values` (by name).
 
         Raises
         ------
@@ -100,6 +100,6 @@ class Solved(ABC):
 
 
 def model_parameters(solver: Solver, references: Mapping[str, float]) -> tuple[ModelParameter, ...]:
-    """The deck's parameters as the model has them."""
+    """The deck's parameters for the model, with nominal values, and scales from `references` (by name)."""
     nominal = solver.deck.nominal
     return tuple(ModelParameter(p.name, p.unit, nominal[p.name], references[p.name]) for p in solver.deck.parameters)

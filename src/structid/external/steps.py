@@ -81,7 +81,7 @@ class Differences(Generic[R]):
 
     @property
     def words(self) -> str:
-        """The centre and the steps."""
+        """Words on the centre and on the largest step of each parameter."""
         steps = ", ".join(f"{one.name} {max(map(abs, one.changes)):.2g}" for one in self.pairs)
         return f"differences about {point_words(self.at)} with steps {steps}"
 
@@ -95,15 +95,19 @@ def take_differences(
 ) -> Differences[R]:
     """Results of solver runs at the centre of all parameters and at two steps of each, with steps of usable size.
 
+    Steps that change the results too little or too much, or at which the solver fails, are changed and repeated.
+
     Parameters
     ----------
     solver : Solver
     read : callable
-        The result in the folder of a run.
+        Returns the result in the folder of a run.
     change : callable
-        Relative change from the result at the centre to that at a point.
+        Returns the relative change from the result at the centre (first) to that of a run (second) at a point (third).
     rules : StepRules
+        Sizes of steps, and the changes that they should make.
     work : Work
+        Executor of the runs.
 
     Raises
     ------
@@ -144,7 +148,10 @@ class _Step:
     """The step of one parameter's differences, on the way to one that can be used."""
 
     def __init__(self, parameter: DeckParameter, centre: float, rules: StepRules) -> None:
-        """The step of `parameter` about `centre`, at first its own or that of the `rules`."""
+        """The first step of `parameter` about the value `centre`: the parameter's `step`, or that of the `rules`.
+
+        `InputError` if the centre is 0 and the parameter has no step.
+        """
         self.parameter, self.centre, self.rules = parameter, centre, rules
         if not centre and parameter.step is None:
             raise InputError(f"parameter {parameter.name!r} is 0; give `step`, by how much it changes, in its unit")
@@ -157,7 +164,11 @@ class _Step:
         return self.part > _SMALLEST_STEP and len(self.tried) < _TRIALS
 
     def values(self, solver: Solver, centre: Mapping[str, float]) -> list[float]:
-        """Two values of the parameter: on both sides of the centre, or on one side where a bound is near."""
+        """Two values of the parameter, on both sides of the centre, or on the same side if a bound is near.
+
+        `centre` has the values of all parameters by name. The values are rounded as the deck shows them; `InputError` if its
+        digits do not resolve the step.
+        """
         self.tried.add(self.part)
         low, high = self.parameter.limits
         size = self.part * self.unit
@@ -180,7 +191,10 @@ class _Step:
         self.part /= 4
 
     def settles(self, change: float) -> bool:
-        """True if a relative `change` of the results is usable for differences; else the step is changed and False returned."""
+        """True if the step can be used for differences; False if it was changed and the runs must be repeated.
+
+        `change` is the largest relative change of the results by the step. `InputError` if even the largest step has no effect.
+        """
         rules = self.rules
         if change > rules.most and self.part > _SMALLEST_STEP and self.part / 4 not in self.tried:
             self.shrink()

@@ -86,20 +86,21 @@ def tangent(name: str, centre: Shapes, differences: Sequence[Pair[Shapes]]) -> T
     Parameters
     ----------
     name : str
-        Name of the tie.
+        Name of the tie that gives the other degrees of freedom from the model's.
     centre : Shapes
-        In SI units, as all runs.
+        Modes at the centre of all parameters, in SI units, as all runs.
     differences : sequence of Pair
+        Modes at two steps of each parameter.
 
     Raises
     ------
     InputError
-        If the shapes are given at fewer degrees of freedom than there are modes, or no modes are alike between runs.
+        If there are fewer moving degrees of freedom than modes, or no modes are alike between runs.
 
     Notes
     -----
-    With the centre's shapes Phi and their frequencies, a run's shapes are Phi C + U D, U spanning what Phi does not; with the
-    masses of U one and its stiffnesses kappa, the run's modes are those of
+    With the centre's shapes Phi and their eigenvalues Lambda, a run's shapes are Phi C + U D, where U spans the motion outside
+    Phi. With unit masses and stiffnesses kappa of U, the run's modes are those of
 
         M_qq = C^-T (1 - D'D) C^-1,  K_qq = C^-T (Lambda - D'D Lambda - Lambda D'D + kappa D'D) C^-1,
         K_uq = (D Lambda - kappa D) C^-1.
@@ -146,14 +147,14 @@ def tangent(name: str, centre: Shapes, differences: Sequence[Pair[Shapes]]) -> T
 
 
 def _count_common_modes(centre: Shapes, runs: Sequence[Shapes], n_moved: int) -> int:
-    """Number of lowest modes that span the same motions in all runs; higher ones may differ between the lists.
+    """Largest number of lowest modes whose shapes span the same motions at the centre and in all runs.
 
     `n_moved` is the number of degrees of freedom that move in the runs.
 
     Raises
     ------
     InputError
-        If a run has more modes than `n_moved`, or no lowest modes are alike in all runs.
+        If there are more modes than `n_moved`, or no lowest modes are alike in all runs.
     """
     n_common = min([len(centre.frequency), *(len(run.frequency) for run in runs)])
     if n_moved < n_common:
@@ -174,7 +175,10 @@ def _count_common_modes(centre: Shapes, runs: Sequence[Shapes], n_moved: int) ->
 
 
 def _orthonormal_span(residuals: Sequence[FloatArray], least: float, most: int) -> FloatArray:
-    """Orthonormal basis, (n_dofs, n), of the runs' shapes outside those of the centre; at most `most` with size above `least`."""
+    """Orthonormal basis, (n_dofs, n), of the runs' shapes outside those of the centre.
+
+    `residuals` are (n_dofs, n_modes) each. At most `most` directions are taken, with singular values above `least`.
+    """
     if not residuals:
         return np.zeros((0, 0))
     vectors, singular, _ = np.linalg.svd(np.concatenate(residuals, axis=1), full_matrices=False)
@@ -182,10 +186,10 @@ def _orthonormal_span(residuals: Sequence[FloatArray], least: float, most: int) 
 
 
 def _run_matrices(frequency: FloatArray, c: FloatArray, d: FloatArray, kappa: float) -> tuple[FloatArray, FloatArray]:
-    """Mass and stiffness of one run in the coordinates of the centre's shapes and of the directions outside them.
+    """Mass and stiffness of a run in the coordinates of the centre's shapes and of the directions outside them.
 
-    `frequency` in Hz; `c` and `d` are the coordinates of the run's shapes in both, `kappa` the stiffness outside; see
-    `tangent`.
+    `frequency` (n_modes,) is in Hz; `c` (n_modes, n_modes) and `d` (n_outside, n_modes) are the coordinates of the run's
+    shapes in both, `kappa` the stiffness of the directions outside; see `tangent`.
     """
     m, e = c.shape[0], d.shape[0]
     eigenvalues = (2 * np.pi * frequency) ** 2
@@ -202,7 +206,7 @@ def _run_matrices(frequency: FloatArray, c: FloatArray, d: FloatArray, kappa: fl
 
 
 def _parabola(changes: Sequence[float], differences: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Slope and coefficient of the square of the parabola through nothing at no change, and these."""
+    """Slope and quadratic coefficient of the parabola that is 0 at no change and has `differences` at both `changes`."""
     a, b = changes
     square: FloatArray = (differences[1] / b - differences[0] / a) / (b - a)
     return differences[0] / a - a * square, square
@@ -217,7 +221,8 @@ def _outer_stiffness(
 ) -> float:
     """Stiffness of the directions outside the centre's shapes that minimizes the second-order changes of K.
 
-    The squares then come from the motion outside, and so do products of the changes of several parameters.
+    `coordinates` and `free` hold C and D of each run (see `tangent`). The result is limited to a range about the highest
+    eigenvalue, and is its upper end if nothing moves outside.
     """
     eigenvalues = [
         (2 * np.pi * run.frequency[:n_modes]) ** 2 for pair_of_runs in differences for run in pair_of_runs.runs

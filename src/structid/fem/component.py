@@ -77,9 +77,15 @@ class Component:
         interface: str | Dof | Iterable[str | Dof] = (),
         whole: bool = False,
     ) -> None:
-        """A component called `name` of some element sets, reduced to its `interface` and to modes up to a frequency, Hz.
+        """A component called `name` of the element sets `elements`, reduced to its interface and to modes up to `up_to`, Hz.
 
-        `whole` keeps the component unreduced.
+        `elements` are names of element sets. `interface` are degrees of freedom kept beside those shared with other parts of
+        the structure; signs are dropped. `whole` keeps the component unreduced.
+
+        Raises
+        ------
+        InputError
+            If there is no element set, or `up_to` is not a finite frequency above 0.
         """
         given = (interface,) if isinstance(interface, str | Dof) else tuple(interface)
         object.__setattr__(self, "name", name)
@@ -145,7 +151,7 @@ def reductions(
     constrained: frozenset[int],
     kept: IntArray,
 ) -> tuple[Reduction, ...]:
-    """The reduction of each of `components` to its interface and a few modes.
+    """Reduction of each of `components` to its interface and a few modes, in the order of `components`.
 
     Parameters
     ----------
@@ -153,16 +159,17 @@ def reductions(
     terms : mapping of str to tuple of Term
         Properties of all element sets, by the name of the set.
     equations : mapping
-        Dependent codes with the codes and weights that they follow.
+        Codes of dependent degrees of freedom, each with the codes and weights that it follows.
     constrained : frozenset of int
-        Codes at zero.
+        Codes held at zero.
     kept : (n,) int array
-        Codes that belong to no component alone, whatever else is there.
+        Codes that are always part of the interface, such as those of measured components.
 
     Raises
     ------
     InputError
-        If element sets are not there or in two components, or a component has no interface or no inside, or cannot be reduced.
+        If element sets are not there or in two components, or a component has no interface or no inside, or cannot be
+        reduced.
     """
     owners: dict[str, Component] = {}
     for component in components:
@@ -192,9 +199,10 @@ def reductions(
 
 
 def _codes_in_ties(equations: Equations, moved: IntArray) -> IntArray:
-    """Codes of degrees of freedom that take part in ties of those in `moved`, these included; sorted, (n_codes,).
+    """Codes in `moved` that ties make dependent, with all codes that they follow through ties; sorted, (n_codes,).
 
-    Degrees of freedom that only read an element are no part of its interface.
+    `equations` maps dependent codes to the codes and weights that they follow. Codes of `moved` without an equation are left
+    out, and so are dependents outside `moved`: they only read an element.
     """
     codes, pending = set(), [code for code in moved.tolist() if code in equations]
     while pending:
@@ -212,11 +220,11 @@ def _reduce_component(
     joined: IntArray,
     constrained: frozenset[int],
 ) -> Reduction:
-    """A component reduced to its interface and modes.
+    """A component reduced to its interface and modes; not reduced, with `following` None, if `component.whole`.
 
-    `codes` are its degrees of freedom, `joined` those to keep, `constrained` the constrained ones.
-
-    `terms` are the properties of all element sets, by set.
+    `terms` are the properties of its element sets, by set. `codes` are its degrees of freedom. `joined` are the codes to keep
+    and `constrained` those held at zero, both of the whole structure. Raises `InputError` if no code is kept or none is
+    inside.
     """
     matrices = _nominal_matrices(component, terms, codes)
     kept, free = np.isin(codes, joined), ~np.isin(codes, list(constrained))
@@ -245,7 +253,11 @@ def _reduce_component(
 
 
 def _interface_codes(component: Component, codes: IntArray, equations: Equations) -> IntArray:
-    """Codes of a component that its `interface` names, also as masters of ties; a subset of `codes`."""
+    """Codes of a component that its `interface` names, and those that they follow through ties; a subset of `codes`.
+
+    `codes` are the component's sorted degrees of freedom. The result is in the order of the names and may repeat codes.
+    Raises `InputError` if a named degree of freedom leads to none of them.
+    """
     parts = [np.zeros(0, dtype=np.int64)]
     for dof in component.interface:
         code = dof_code(dof.node, dof.direction)
@@ -262,9 +274,10 @@ def _interface_codes(component: Component, codes: IntArray, equations: Equations
 def _nominal_matrices(
     component: Component, terms: Mapping[str, tuple[Term, ...]], codes: IntArray
 ) -> dict[str, sparse.csc_array]:
-    """Matrices of a component by kind at nominal values, (n_codes, n_codes) each.
+    """Matrices of a component at nominal property values by kind, (n_codes, n_codes) each; all zero where there are none.
 
-    `terms` are the properties of all element sets by set, `codes` (n_codes,) the component's degrees of freedom.
+    `terms` are the properties of its element sets by set, `codes` (n_codes,) its degrees of freedom in order. Raises
+    `InputError` if a set has friction or lengths that are properties, which no reduction keeps.
     """
     properties, start = [], 0
     for name, several in terms.items():
@@ -288,9 +301,11 @@ def _nominal_matrices(
 def _as_matrix_group(
     component: Component, codes: IntArray, matrices: Mapping[str, sparse.csc_array]
 ) -> tuple[MatrixGroup, tuple[Term, ...]]:
-    """The component as a group of matrices with one factor each, and its terms.
+    """The component as a group of matrices with one factor each, and the properties (terms) of that group.
 
-    `codes` (n_codes,) are the degrees of freedom of the rows of the `matrices` (by kind).
+    `codes` (n_codes,) are the degrees of freedom of the rows of the `matrices` (by kind). If structural damping is one
+    multiple of the stiffness, the group has that loss factor; otherwise the term of kind "structural_damping" stands in its
+    place.
     """
     stiffness, structural = matrices["stiffness"], matrices["structural_damping"]
     largest = abs(stiffness).max()
@@ -320,12 +335,12 @@ def _reduction_basis(
     border: IntArray,
     inside: IntArray,
 ) -> tuple[FloatArray, FloatArray, int]:
-    """Static motions (n_inside, n_border), shapes with the border fixed (n_inside, n_shapes), and how many of these are modes.
+    """Static motions (n_inside, n_border), shapes with the border fixed (n_inside, n_shapes), and how many of them are modes.
 
-    With the border fixed, first come modes K_ii phi = omega^2 M_ii phi, then what they lack of K_ii^-1 (M_ii Psi +
-    M_ib), where Psi = -K_ii^-1 K_ib. Motions without force are among the modes; K_ii then has a small shift, which
-    changes Psi by these motions alone. `matrices` are those of the component by kind; `border` and `inside` index their
-    rows.
+    With the border fixed, first come modes K_ii phi = omega^2 M_ii phi, scaled to length 1, then orthonormal shapes that span
+    the rest of K_ii^-1 (M_ii Psi + M_ib), where Psi = -K_ii^-1 K_ib are the static motions. Motions without force are among
+    the modes; K_ii then has a small shift, which changes Psi by these motions alone. `matrices` are those of the component by
+    kind; `border` and `inside` index their rows.
     """
     stiffness, mass = matrices["stiffness"], matrices["mass"]
     stiffness_inside, mass_inside = (sparse.csc_array(matrix[inside][:, inside]) for matrix in (stiffness, mass))
@@ -348,7 +363,11 @@ def _reduction_basis(
 def _modes_up_to_limit(
     component: Component, mass: sparse.csc_array, stiffness: sparse.csc_array
 ) -> tuple[FloatArray, bool]:
-    """Modes up to the frequency limit of `component`, (n_dofs, n_modes), and True if one of them is a motion without force."""
+    """Modes up to the frequency limit of `component`, (n_dofs, n_modes), and True if one of them is a motion without force.
+
+    `mass` and `stiffness` are those inside the component, with its border fixed. Without any mass there are no modes,
+    (n_dofs, 0). Raises `InputError` if a motion has neither mass nor stiffness.
+    """
     count, n = _FIRST_MODES, mass.shape[0]
     if not mass.nnz:
         return np.zeros((n, 0)), False
@@ -368,7 +387,10 @@ def _modes_up_to_limit(
 
 
 def _factorized_solver(component: Component, matrix: sparse.csc_array) -> Callable[[FloatArray], FloatArray]:
-    """A function that solves A x = right for the positive definite `matrix` A, right-hand sides (n_dofs, n_right)."""
+    """A function that solves A x = right for the positive definite `matrix` A, right-hand sides (n_dofs, n_right).
+
+    `component` is named in the `InputError` that is raised if A is singular.
+    """
     matrix.sort_indices()
     if not matrix.diagonal().all():
         raise _mechanism(component)

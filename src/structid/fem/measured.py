@@ -85,7 +85,14 @@ class MeasuredComponent:
     ) -> None:
         """A component known by its measured receptance (n_lines, n, n), m/N, at the lines `frequency`, Hz.
 
-        `interface` are its n degrees of freedom, `variance` is E|error|^2 of each value, and `source` names the file.
+        `interface` are its n degrees of freedom in the order of rows and columns, `variance` is E|error|^2 of each value
+        (same shape; None if unknown), and `source` names the file.
+
+        Raises
+        ------
+        InputError
+            If `interface` is empty or repeats, shapes disagree, `frequency` does not increase, values are not finite, or a
+            variance is negative.
         """
         dofs = parse_dofs((interface,) if isinstance(interface, str | Dof) else tuple(interface))
         axis, values = locked(frequency, np.float64), np.asarray(receptance, dtype=np.complex128)
@@ -113,11 +120,10 @@ class MeasuredComponent:
         return f"measured component {self.name!r}" + (f" ({self.source})" if self.source else "")
 
     def receptance_at(self, frequency: FloatArray) -> ComplexArray:
-        """Receptance Y (n_lines, n, n) at `frequency` in Hz.
+        """Receptance Y at `frequency` (n_lines,) in Hz: the mean of the measured matrix and its transpose, (n_lines, n, n).
 
-        Interpolated by cubics between the measured lines if these are dense.
-
-        The result is kept for the lines last asked for.
+        In m/N, read-only. A line that was measured (within 1/1000 of the spacing) is taken as it is; others are interpolated
+        by the cubic through four measured lines. The array is kept for the sets of lines last asked for.
 
         Raises
         ------
@@ -139,7 +145,11 @@ class MeasuredComponent:
         return receptance
 
     def weights_at(self, frequency: FloatArray) -> sparse.csr_array:
-        """Weights of the measured lines in the interpolated receptance at each `frequency` (Hz), (n_measured, n_lines)."""
+        """Weights of the measured lines in the interpolated receptance at each `frequency` (Hz), (n_measured, n_lines).
+
+        A column has a single 1 where the line was measured, and four cubic weights where it is interpolated. Raises
+        `InputError` as `receptance_at`, but for a singular Y.
+        """
         nearest, between = self._nearest_lines(frequency)
         columns, rows, values = np.flatnonzero(~between), nearest[~between], np.ones((~between).sum())
         if between.any():
@@ -160,7 +170,11 @@ class MeasuredComponent:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the component that hold at all lines: sense of channels, reciprocity, unknown errors."""
+        """Sentences of warning that hold at all lines: errors unknown, sense of channels, lack of reciprocity.
+
+        The first sentence is always there; a sense is doubted where more than half of the lines give power, reciprocity where
+        Y and its transpose differ by more than 5 %.
+        """
         unknown = ", and errors of its FRFs are not in the intervals; state their noise, or what they may come to as `model_error`"
         words = [f"{self.words}: masses told are without it{unknown if self.variance is None else ''}"]
         power = -np.diagonal(self.receptance.imag, axis1=1, axis2=2)
@@ -180,7 +194,7 @@ class MeasuredComponent:
         return tuple(words)
 
     def line_warnings(self, frequency: FloatArray) -> tuple[str, ...]:
-        """A warning if some of the lines `frequency`, Hz, are interpolated between measured ones.
+        """A tuple of one sentence if some of the lines `frequency` (Hz) are interpolated between measured lines, else ().
 
         Raises
         ------
@@ -196,7 +210,11 @@ class MeasuredComponent:
         )
 
     def _nearest_lines(self, frequency: FloatArray) -> tuple[IntArray, np.ndarray]:
-        """Index of the measured line nearest to each of `frequency`, and True where it must be interpolated, (n_lines,) each."""
+        """Index of the measured line nearest to each `frequency` (Hz), and True where Y must be interpolated; (n_lines,) each.
+
+        Raises `InputError` if a line lies outside the measured band, or the measured lines are too far apart to interpolate:
+        one of them would be off by more than 10 % if left out.
+        """
         measured = self.frequency
         nearest = np.searchsorted((measured[1:] + measured[:-1]) / 2, frequency)
         spacing = np.gradient(measured) if len(measured) > 1 else measured
@@ -217,7 +235,11 @@ class MeasuredComponent:
         return nearest, between
 
     def _interpolation_errors(self, frequency: FloatArray) -> FloatArray:
-        """Relative error of each measured line near `frequency` when it is interpolated from the others, (n_measured,)."""
+        """Relative error of each measured line when it is interpolated from every other line, (n_measured,).
+
+        0 for lines outside the range of `frequency` (Hz, increasing); infinite at all lines if there are fewer than six. The
+        first and last line are never left out, and have error 0.
+        """
         measured, errors = self.frequency, np.zeros(len(self.frequency))
         if len(measured) < _TOLD_BY_HALF:
             return np.full(len(measured), np.inf)
@@ -233,7 +255,10 @@ class MeasuredComponent:
         return errors
 
     def _require_regular(self, frequency: FloatArray, receptance: ComplexArray) -> None:
-        """Raise `InputError` if the `receptance` (n_lines, n_dofs, n_dofs) is singular at a line of `frequency` (Hz)."""
+        """Raise `InputError` if the `receptance` (n_lines, n_dofs, n_dofs) is singular at a line of `frequency` (n_lines,), Hz.
+
+        It is if a diagonal entry is 0, or its condition number, scaled to a unit diagonal, exceeds 1e8.
+        """
         size = np.sqrt(np.abs(np.diagonal(receptance, axis1=1, axis2=2)))
         if not size.all():
             line, dof = np.argwhere(size == 0)[0]
@@ -252,7 +277,11 @@ class MeasuredComponent:
 
 
 def joined_receptance(components: Sequence[MeasuredComponent], frequency: FloatArray) -> ComplexArray:
-    """Block-diagonal receptance of all `components` at all their interface degrees of freedom, (n_lines, n, n)."""
+    """Block-diagonal receptance of all `components`, (n_lines, n, n), m/N, at the lines `frequency`, Hz.
+
+    Rows and columns are the interface degrees of freedom of the first component, then of the second, and so on. Raises as
+    `MeasuredComponent.receptance_at`.
+    """
     receptances = [component.receptance_at(frequency) for component in components]
     ends = np.cumsum([0, *(y.shape[1] for y in receptances)])
     joined = np.zeros((len(frequency), ends[-1], ends[-1]), dtype=np.complex128)
@@ -262,16 +291,19 @@ def joined_receptance(components: Sequence[MeasuredComponent], frequency: FloatA
 
 
 def _read_between(axis: FloatArray, values: ComplexArray, frequency: FloatArray) -> ComplexArray:
-    """`values` (n_axis, n, n) at other places of the axis, by the cubic through the four next to each."""
+    """Values (n_frequency, n, n) at `frequency`, each by the cubic through the four places of `axis` next to it.
+
+    `values` (n_axis, n, n) belong to the increasing `axis` (n_axis,), which has four places or more.
+    """
     near, weights = _cubic_weights(axis, frequency)
     found: ComplexArray = np.einsum("lk,lkij->lij", weights, values[near])
     return found
 
 
 def _cubic_weights(axis: FloatArray, frequency: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Indices of the four lines next to each `frequency`, and weights of the cubic through them (Lagrange), (n_frequency, 4).
+    """Indices of the four measured lines next to each `frequency` and weights of the cubic through them, (n_frequency, 4) each.
 
-    `axis` are the measured lines, Hz.
+    `axis` are the measured lines, Hz, increasing, four or more. The weights are Lagrange's.
     """
     near = np.clip(np.searchsorted(axis, frequency) - 2, 0, len(axis) - 4)[:, None] + np.arange(4)
     nodes, weights = axis[near], np.ones(near.shape)

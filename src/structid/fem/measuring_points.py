@@ -59,9 +59,10 @@ class AimedSensor:
         return Dof(self.label, self.seen)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-        """Code of the sensor's own degree of freedom, with the codes and coefficients of its node's translations.
+        """The sensor's motion by the translations of its node: {code of the sensor: {code at the node: direction cosine}}.
 
-        `positions` are not needed; `active` are the directions in which nodes move.
+        `positions` are not needed; `active` are the directions in which nodes move, and others are left out. Raises
+        `InputError` if the node moves in no direction that the sensor sees.
         """
         parts = {
             dof_code(self.node, d): part
@@ -110,7 +111,7 @@ class NearestNodes:
 def nearest_nodes(
     points: Sequence[Sequence[float]], nodes: Mapping[int, FloatArray], tolerance: float | None = None
 ) -> NearestNodes:
-    """The node nearest to each of `points`, and its distance.
+    """The node nearest to each of `points`, and its distance in m, in the order of `points`.
 
     Parameters
     ----------
@@ -119,12 +120,12 @@ def nearest_nodes(
     nodes : mapping of int to position
         One to three coordinates, m.
     tolerance : float, optional
-        Largest distance, m; a hundredth of the diagonal of `nodes` by default.
+        Largest distance, m; a hundredth of the diagonal of the box around all `nodes` by default.
 
     Raises
     ------
     InputError
-        If a point is farther from every node; with the nearest and its distance.
+        If there are no nodes, or a point is farther than `tolerance` from every node; the message names the nearest.
     """
     labels = list(nodes)
     if not labels:
@@ -180,12 +181,14 @@ class MeshPoint:
 def mesh_points(
     mesh: Mesh, elements: Iterable[ElementSet], points: Mapping[int, Sequence[float]]
 ) -> tuple[MeshPoint, ...]:
-    """One `MeshPoint` for each of `points` (label: position in m), at the nearest node that `elements` use.
+    """One `MeshPoint` for each of `points` (label: position in m), which moves as the nearest node that `elements` use.
+
+    It moves in the directions in which `elements` let that node move.
 
     Raises
     ------
     InputError
-        If a label is that of a node, or the nearest node is farther than the cells are long there.
+        If a label is that of a node of `mesh`, or the nearest node is farther away than the cells there are long.
     """
     sets = list(elements)
     used = {int(n) for element in sets for n in element.nodes.ravel() if n in mesh.nodes}
@@ -204,7 +207,7 @@ def mesh_points(
 
 
 def _directions(elements: list[ElementSet], node: int, mesh: Mesh) -> tuple[str, ...]:
-    """The directions in which `elements` let a node, or the nodes that it carries, move."""
+    """Directions, such as "X", in which `elements` let `node` move, or the middle nodes that it carries; in the usual order."""
     here = [node, *(made for made, carrier in mesh.carriers.items() if carrier == node)]
     used = [element.codes(mesh.nodes) for element in elements if np.isin(element.nodes, here).any()]
     codes = joined_codes(used)
@@ -213,7 +216,7 @@ def _directions(elements: list[ElementSet], node: int, mesh: Mesh) -> tuple[str,
 
 
 def together(values: FloatArray) -> FloatArray | None:
-    """Weights W of the smallest number of joint series that make up all series, (n_series, n_joint); None if all are needed.
+    """Weights W that combine series into the fewest joint ones without loss, (n_series, n_joint); None if all are needed.
 
     Parameters
     ----------
@@ -222,7 +225,8 @@ def together(values: FloatArray) -> FloatArray | None:
     Returns
     -------
     (n_series, n_joint) float array or None
-        Orthonormal columns W; the joint series are ``values @ W`` and ``values = joint @ W.T``.
+        Orthonormal columns W; the joint series are ``values @ W`` and ``values = joint @ W.T``. None also for a single
+        series, or if a series is zero throughout.
     """
     size = np.sqrt((values**2).mean(axis=0))
     if values.shape[1] < 2 or not (size > 0).all():
@@ -238,10 +242,11 @@ def together(values: FloatArray) -> FloatArray | None:
 def with_joint_forces(
     structure: Structure, joint_dofs: Sequence[Dof], loads: Sequence[Dof], parts: FloatArray
 ) -> Structure:
-    """The structure with new degrees of freedom, one for each column of `parts` (n_loads, n_joint), on which joint forces act.
+    """Copy of the structure with one new degree of freedom for each joint force, that is for each column of `parts`.
 
-    Each of `joint_dofs` follows the `loads`, weighted by its column (a `Constraint`), so that its force does the same work; its
-    new node lies where the load with the largest weight is.
+    `parts` (n_loads, n_joint) are the weights of the `loads` in each joint force, `joint_dofs` the n_joint new degrees of
+    freedom. Each follows the `loads`, weighted by its column (a `Constraint`), so that its force does the same work; its new
+    node lies where the load with the largest weight is.
     """
     nodes, ties = dict(structure.nodes), list(structure.ties)
     for dof, column in zip(joint_dofs, parts.T, strict=True):

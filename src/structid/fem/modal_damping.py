@@ -55,9 +55,10 @@ class ModalState:
 
     @cached_property
     def shares(self) -> dict[str, FloatArray]:
-        """Factors, by kind of matrix, on changes of M and K between two modes that give the change of the geometric mean M # K.
+        """Factors on dM and dK in modal coordinates, by kind of matrix, whose sum is the change of the geometric mean M # K.
 
-        Arrays (n_dofs, n_dofs) in modal coordinates.
+        Arrays (n_dofs, n_dofs) for "mass" and "stiffness"; entry (k, l) belongs to modes k and l, and is 0 where both lack
+        mass or stiffness.
         """
         products = np.outer(self.heavy, self.stiff)
         sums = products + products.T
@@ -117,16 +118,19 @@ class ModalDamping(Factor):
         return found
 
     def touched(self, changing: np.ndarray) -> np.ndarray:
-        """See `Factor.touched`."""
+        """True for every entry if a mass or stiffness value is marked in `changing` (n_values,), else False; (n_entries,)."""
         return np.full(self.rows.shape, changing[self._values].any())
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
-        """See `Factor.slope`."""
+        """Derivative of the damping entries (n_entries,) by value `number` of those they depend on; see `Factor.slope`."""
         alone = sparse.csr_array(([1.0], ([self._values[number]], [0])), (self.n_values, 1))
         return self.change(values, alone).toarray()[:, 0]
 
     def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
-        """Derivative of the damping entries by parameters that change the values by `design`; see `Factor.change`."""
+        """Derivative of the damping entries by parameters, sparse (n_entries, n_parameters), at property `values`.
+
+        `design` (n_values, n_parameters) is the derivative of the values by the parameters; see `Factor.change`.
+        """
         state = self.at(values)
         changes = [(part, part.change(values, design).tocsc()) for part in self.parts]
         touched = np.flatnonzero(np.sum([np.diff(change.indptr) for _, change in changes], axis=0))
@@ -151,7 +155,11 @@ class ModalDamping(Factor):
         return self._known[key]
 
     def _solve_modes(self, values: FloatArray) -> ModalState:
-        """The modes at these property values; `SingularModelError` if a motion has neither mass nor stiffness."""
+        """Modes at these property values, scaled to phi' (M + K / shift) phi = 1 with a shift that balances mass and stiffness.
+
+        The shift is the least ratio of diagonal entries of K and M, 1 if there is none above 0. Raises `SingularModelError`
+        if a motion has neither mass nor stiffness.
+        """
         mass, stiffness = (self._dense_matrix(matrix_kind, values) for matrix_kind in ("mass", "stiffness"))
         has_mass = np.diag(mass) > 0
         scaling = float((np.diag(stiffness)[has_mass] / np.diag(mass)[has_mass]).min(initial=np.inf))
@@ -197,20 +205,21 @@ class ModalDamping(Factor):
 
 
 def modal_damping(parts: Sequence[Contribution], ratio_index: int, n_values: int, n_dofs: int) -> Contribution:
-    """Viscous damping with one ratio in all modes, as a contribution with one element for each entry of the full matrix.
+    """Viscous damping with one ratio in all modes, as a contribution with one element for each entry of the upper triangle.
 
     Parameters
     ----------
     parts : sequence of Contribution
-        All others of the structure.
+        All others of the structure; those of mass and stiffness are used.
     ratio_index : int
         Index of the damping ratio among the property values of the structure.
     n_values, n_dofs : int
+        Number of property values, and of free degrees of freedom.
 
     Raises
     ------
     InputError
-        If the structure is too large, or has neither mass nor stiffness.
+        If the structure is too large (more than 1200 degrees of freedom), or lacks mass or stiffness.
     """
     own = tuple(part for part in parts if part.matrix_kind in ("mass", "stiffness"))
     if {part.matrix_kind for part in own} != {"mass", "stiffness"}:

@@ -52,7 +52,11 @@ class NodePosition:
 
     @property
     def term(self) -> Term:
-        """The position as a property, m, no nearer to its neighbours than an element can be short."""
+        """The position as a property of kind "position", m, with limits that keep the elements beside the node from vanishing.
+
+        Each stays at least a thousandth of the distance of the neighbours long (of the position, if nothing lies beyond), or
+        half as long as it is nominally, whichever is less.
+        """
         beyond = self.limit - self.position
         shortest = _SHORTEST * (self.limit if np.isfinite(self.limit) else self.position)
         limits = min(shortest, 0.5 * self.position), self.limit - min(shortest, 0.5 * beyond)
@@ -83,7 +87,7 @@ class LengthDependence:
     nominal: tuple[FloatArray, ...]
 
     def followed_by(self, other: LengthDependence) -> LengthDependence:
-        """The dependence on what both depend on, of the same elements."""
+        """Dependence on the properties of this and then of `other`, for the same elements; the changes of length add."""
         return LengthDependence(
             self.lengths,
             (*self.at, *other.at),
@@ -92,7 +96,7 @@ class LengthDependence:
         )
 
     def ratio(self, values: FloatArray) -> FloatArray:
-        """Length of each element over its nominal length, (n_elements,), at the property `values`."""
+        """Length of each element over its nominal length, (n_elements,), at the property `values` of the whole structure."""
         ratio = np.ones_like(self.lengths)
         for rows, slope, nominal in zip(self.at, self.slopes, self.nominal, strict=True):
             ratio = ratio + slope * (values[rows] - nominal) / self.lengths
@@ -102,13 +106,15 @@ class LengthDependence:
 def node_positions(
     nodes: Sequence[int], elements: Sequence[ElementSet], positions: Positions, ties: Sequence[Tie]
 ) -> tuple[NodePosition, ...]:
-    """The line and nominal position of each of the `nodes` whose position is a property, in that order, each once.
+    """The line and nominal position of each of the `nodes` whose position is a property; in their order, repeats dropped.
+
+    `positions` are those of all nodes, m; `elements` and `ties` are all of the structure.
 
     Raises
     ------
     InputError
-        If one is not there, has no bar or beam, is a corner of cells or in a rigid link among the `ties`, or lines that meet
-        there are not straight.
+        If a node is not there, has no bar or beam, is a corner of cells or in a rigid link, or the lines that meet there are
+        not straight.
     """
     made = tuple(_make_node_position(node, elements, positions) for node in dict.fromkeys(nodes))
     for node in dict.fromkeys(nodes):
@@ -119,7 +125,11 @@ def node_positions(
 
 
 def _make_node_position(node: int, elements: Sequence[ElementSet], positions: Positions) -> NodePosition:
-    """The line along which `node` may move, from the bars and beams that end there; `InputError` if they are not on a line."""
+    """The line along which `node` may move, from the bars and beams that end there.
+
+    The position is measured from the start node of the first element that ends at `node`, or from the end node of the first
+    that begins there if none ends there. Raises `InputError` if there is no such element, or they are not on a line.
+    """
     if node not in positions:
         raise InputError(f"`sliding` names node {node}, which the structure does not have")
     for element in elements:
@@ -158,15 +168,21 @@ def split_by_length_power(
 ) -> tuple[Term, ...]:
     """Terms of bars or beams, with each matrix term split by the power of the element length that it is proportional to.
 
-    Matrices are sums of such powers, which are separated by evaluation at all lengths times 2, 4, 1/2 and so on.
+    Matrices are sums of powers from -3 to 3, separated by evaluation at all lengths times 2^k, k from -3 to 3.
 
     Parameters
     ----------
     name : str
-        Name of the element set.
+        Name of the element set, for errors.
     terms_of : callable
-        The terms on nodes at given positions.
+        Returns the terms of the set for a mapping of node positions.
     positions : mapping of int to position
+        Nominal positions, m.
+
+    Raises
+    ------
+    InputError
+        If the beams are flexible in shear, which is no sum of powers.
     """
     scales = [2.0**k for k in _POWERS]
     made = [terms_of({label: scale * position for label, position in positions.items()}) for scale in scales]
@@ -190,9 +206,9 @@ def split_by_length_power(
 
 
 def _split_by_power(matrix_term: ElementMatrixTerm, local: FloatArray) -> list[ElementMatrixTerm]:
-    """The parts of a matrix term by powers of the length, from its matrices at every scale (n_scales, n_elements, n, n).
+    """The parts of a matrix term by powers of the length, one matrix term each; parts that are zero are left out.
 
-    `local` are those matrices.
+    `local` (n_scales, n_elements, n, n) are its matrices at lengths scaled by 2^k for the k in `_POWERS`.
     """
     parts = np.einsum("pk,kenm->penm", _WEIGHTS, local)
     least = _ROUNDING * np.abs(matrix_term.local).max(axis=(1, 2), keepdims=True)
@@ -203,7 +219,10 @@ def _split_by_power(matrix_term: ElementMatrixTerm, local: FloatArray) -> list[E
 
 
 def _power_weights() -> FloatArray:
-    """Weights that split a matrix, given at lengths scaled by 2^k, into its parts by powers p of length: the inverse of 2^(k p)."""
+    """Weights (n_powers, n_scales) that split a matrix, known at lengths scaled by 2^k, into its parts by powers p of length.
+
+    The inverse of the matrix 2^(k p), computed in fractions without rounding.
+    """
     n = len(_POWERS)
     rows = [[*(Fraction(2) ** (k * p) for p in _POWERS), *(Fraction(int(k == j)) for j in _POWERS)] for k in _POWERS]
     for i in range(n):
@@ -220,7 +239,10 @@ _WEIGHTS = _power_weights()
 
 
 def stretched_lengths(element: ElementSet, positions: Positions, index: int) -> LengthDependence:
-    """The change of all lengths of a set by one common factor, whose index among the values of the structure is given."""
+    """The dependence of all lengths of a set on one common factor, nominally 1, at `index` among the values of the structure.
+
+    `positions` are those of the nodes, m.
+    """
     lengths, _ = element_vectors(element.name, element.nodes, positions)
     return LengthDependence(lengths, (np.full(len(lengths), index),), (lengths,), (np.ones(len(lengths)),))
 
@@ -231,7 +253,11 @@ def length_dependence(
     positions: Positions,
     index_of_value: Mapping[str, int],
 ) -> LengthDependence:
-    """The change of lengths of a set with positions of nodes; `index_of_value` maps the name of each to the index of its value."""
+    """Dependence of the lengths of a set of lines on the positions of the nodes that slide.
+
+    `position_of_node` maps the label of such a node to its line, `positions` all labels to coordinates in m, and
+    `index_of_value` the name of each position, such as ``node 2``, to its index among the values of the structure.
+    """
     lengths, along = element_vectors(element.name, element.nodes, positions)
     moving_ends = [end for end in (0, 1) if np.isin(element.nodes[:, end], list(position_of_node)).any()]
     value_index = np.full((len(moving_ends), len(lengths)), next(iter(index_of_value.values())))

@@ -52,23 +52,23 @@ class Numbering:
 def numbering(
     codes: Sequence[int], constrained: frozenset[int], equations: Equations, following: Sequence[Following] = ()
 ) -> Numbering:
-    """The numbering of free degrees of freedom, and the sparse map u = T q (n_all, n_free) from them to all.
+    """Numbering of the free degrees of freedom, with the sparse map u = T q (n_all, n_free) from them to all.
 
     Parameters
     ----------
     codes : sequence of int
-        All codes in order, n_all of them.
+        All codes in increasing order, n_all of them.
     constrained : frozenset of int
-        Codes at zero.
+        Codes held at zero.
     equations : mapping
-        Dependent codes with what they depend on; a dependent may depend on another dependent.
+        Dependent codes, each with the codes and weights that it follows; a dependent may follow another dependent.
     following : sequence of Following
         Groups of dependent codes that follow common masters by a matrix; no master may depend on its group.
 
     Raises
     ------
     InputError
-        If one is fixed and depends on others too, or constraints run in a circle.
+        If a degree of freedom is fixed and depends on others too, or constraints run in a circle.
     """
     for code in constrained & equations.keys():
         raise InputError(
@@ -88,7 +88,10 @@ def numbering(
 
 
 def _dependence_matrix(codes: IntArray, equations: Equations, following: Sequence[Following]) -> sparse.csr_array:
-    """Sparse matrix of direct dependences between the codes `codes`: row = sum of entries times columns, (n_all, n_all)."""
+    """Sparse matrix D (n_all, n_all) of direct dependences, u = D u in the rows of dependent codes; other rows are empty.
+
+    Rows and columns are `codes` (sorted); entries are the weights of `equations` and of the groups `following`.
+    """
     entries = [(code, other, value) for code, others in equations.items() for other, value in others.items()]
     tables = [np.array([entry[:2] for entry in entries], dtype=np.int64).reshape(-1, 2)]
     values: list[FloatArray] = [np.array([entry[2] for entry in entries], dtype=np.float64)]
@@ -102,7 +105,10 @@ def _dependence_matrix(codes: IntArray, equations: Equations, following: Sequenc
 
 
 def _require_no_circle(equations: Equations) -> None:
-    """Raise `InputError` if degrees of freedom depend on themselves through the equations."""
+    """Raise `InputError` if a degree of freedom depends on itself through `equations`; the message shows the circle.
+
+    `equations` maps dependent codes to the codes and weights that they follow.
+    """
     done: set[int] = set()
     for start in equations:
         path = [start]
@@ -121,7 +127,11 @@ def _require_no_circle(equations: Equations) -> None:
 
 
 def selection(all_dofs: Numbering, nodes: Mapping[int, FloatArray], dofs: Iterable[Dof]) -> sparse.csc_array:
-    """Sparse columns that read (or load) `dofs` on free degrees of freedom, (n_free, n_chosen); see `Structure.selection`."""
+    """Sparse columns that read (or load) `dofs` on free degrees of freedom, signs included, (n_free, n_chosen).
+
+    `all_dofs` is the numbering and `nodes` are all nodes by label. Raises `InputError` if a degree of freedom is at no node,
+    not part of the structure, or held at zero; see `Structure.selection`.
+    """
     chosen = tuple(dofs)
     codes, is_constrained = all_dofs.codes, np.diff(all_dofs.matrix.indptr) == 0
     rows = []
@@ -149,7 +159,11 @@ def selection(all_dofs: Numbering, nodes: Mapping[int, FloatArray], dofs: Iterab
 
 
 def free_blocks(all_dofs: Numbering, matrix_term: ElementMatrixTerm) -> ElementMatrices:
-    """The element matrices of a matrix term on free degrees of freedom."""
+    """Element matrices of a matrix term on the free degrees of freedom: T' B T with the map T of the numbering `all_dofs`.
+
+    A term with a matrix on all of its codes (`whole`) becomes a single dense or sparse matrix, any other one block for each
+    element.
+    """
     position = _positions_in(all_dofs, matrix_term)
     if matrix_term.whole is not None:
         rows = all_dofs.matrix[position[0], :]
@@ -167,16 +181,17 @@ def blocks_of_all(all_dofs: Numbering, matrix_term: ElementMatrixTerm) -> Blocks
 
 
 def _positions_in(all_dofs: Numbering, matrix_term: ElementMatrixTerm) -> IntArray:
-    """Index among all degrees of freedom of each code of a matrix term, -1 where a row is not used."""
+    """Index among all degrees of freedom of each code of a matrix term, in the shape of its `codes`; -1 for absent codes."""
     index = np.minimum(np.searchsorted(all_dofs.codes, matrix_term.codes), len(all_dofs.codes) - 1)
     return np.where(all_dofs.codes[index] == matrix_term.codes, index, -1)
 
 
 def _tied_blocks(position: IntArray, local: FloatArray, matrix: sparse.csr_array, n_free: int) -> Blocks:
-    """Blocks on free degrees of freedom from local matrices at `position` (rows of `matrix`, -1 for none).
+    """Blocks on free degrees of freedom, from element matrices on all of them.
 
-    Those of tied elements become T_e' B_e T_e, the others keep their size; `matrix` maps free degrees of freedom to
-    all.
+    `local` (n_elements, n, n) are the matrices and `position` (n_elements, n) their rows in `matrix` (n_all, n_free), -1 for
+    none; `matrix` maps free degrees of freedom to all. Where no element is tied, blocks keep their size; otherwise all become
+    T_e' B_e T_e on the free degrees of freedom that each element moves with, padded with -1 to a common size.
     """
     counts = np.append(np.diff(matrix.indptr), 0)
     first = np.append(matrix.indices[np.minimum(matrix.indptr[:-1], max(matrix.nnz - 1, 0))] if matrix.nnz else [], 0)

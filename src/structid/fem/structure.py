@@ -118,10 +118,15 @@ class Structure(Shown, StructurePlots):
     ) -> None:
         """A structure of nodes (positions in m), element sets, supports and ties.
 
-        The arguments are as the attributes of the class.
+        The arguments are as the attributes of the class. `active` are the directions of motion, `fixed` the supports,
+        `subdivide` the pieces of each line, `sliding` the nodes whose position is a property, and `left_aside` and
+        `file_notes` remarks on the mesh file. All matrices are made and checked here.
 
-        `active` are the directions of motion, `fixed` the supports, `subdivide` the pieces of each line, `sliding` the
-        nodes whose position is a property, and `left_aside` and `file_notes` remarks on the mesh file.
+        Raises
+        ------
+        InputError
+            If an element or support names a node that does not exist, names repeat, directions or `subdivide` are out of
+            range, or supports contradict ties.
         """
         if not isinstance(nodes, Mapping):
             raise InputError(
@@ -190,7 +195,10 @@ class Structure(Shown, StructurePlots):
     def require_modes(
         self, what: str, remedy: str = "take FRFs as the record ([record.frf] makes them of time histories)"
     ) -> None:
-        """Raise `InputError` if the structure has no modes, which `what` needs; `remedy` is offered beside a model."""
+        """Raise `InputError` if the structure has no modes, which `what` needs; see `has_modes`.
+
+        `what` and `remedy` are words of the message: the computation that is asked for, and an alternative to a model.
+        """
         if self.has_modes:
             return
         if self.measured:
@@ -209,7 +217,11 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def properties(self) -> tuple[Property, ...]:
-        """Every property of every element set, in the order of the values of the structure."""
+        """Every property of every element set, in the order of their values in `values`.
+
+        Sets come first, in the order of `sets`; then the variable node positions, the lengths with a tolerance, and the
+        damping ratio of all modes.
+        """
         items, start = [], 0
         terms_of = {**self._numbered.terms, **{one.component.name: one.terms for one in self.reductions}}
         for name in (one.name for one in self.sets):
@@ -229,7 +241,7 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def _length_dependences(self) -> dict[str, LengthDependence]:
-        """The change of lengths of each element set whose lengths, or positions of nodes, are properties, by name."""
+        """Dependence of element lengths on properties, by name of the element set, where lengths or node positions vary."""
         index_of_length = {p.element: p.values.start for p in self.properties if p.term.kind == "length"}
         index_of_position = {p.element: p.values.start for p in self.properties if p.term.kind == "position"}
         of_node = {node_position.node: node_position for node_position in self._node_positions}
@@ -262,14 +274,14 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def numbering(self) -> Numbering:
-        """All degrees of freedom, and how they follow the free ones."""
+        """All degrees of freedom that elements and ties use, and how they follow the free ones; see `Numbering`."""
         used = [matrix_term.codes for item in self.properties for matrix_term in item.term.matrix_terms]
         codes = joined_codes([*used, tied_codes(self._equations)])
         following = [one.following for one in self.reductions if one.following is not None]
         return numbering(codes.tolist(), self._constrained(codes), self._equations, following)
 
     def _constrained(self, codes: IntArray) -> frozenset[int]:
-        """The codes among `codes` that are constrained to zero."""
+        """The codes among `codes` (n,) that are held at zero: by supports, or as directions outside `active`."""
         moves = np.isin(codes % 6, [DIRECTIONS.index(d) for d in self.active or ()]) | np.isin(
             codes, self._numbered.free
         )
@@ -279,7 +291,7 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def reductions(self) -> tuple[Reduction, ...]:
-        """The reduction of each of the `components`."""
+        """The reduction of each of the `components`, in their order; () if there are none."""
         if not self.components:
             return ()
         _require_held_lengths(self)
@@ -311,7 +323,10 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def contributions(self) -> tuple[Contribution, ...]:
-        """Element matrices on free degrees of freedom, with the property values that weigh them."""
+        """Element matrices on free degrees of freedom, each family with the property values that weigh it.
+
+        Modal damping, if `damping_ratio` is not None, is the last.
+        """
         parts = weigh_properties(self.properties, partial(free_blocks, self.numbering), self._length_dependences)
         if self.damping_ratio is None or not self.n_dofs:
             return parts
@@ -333,12 +348,12 @@ class Structure(Shown, StructurePlots):
         return frozenset(dof.unsigned for base in self.bases for dof in base.supports)
 
     def driven(self, dofs: Iterable[Dof]) -> tuple[Base, ...]:
-        """The bases that inputs at `dofs` move, each once; () if all of them are forces.
+        """The bases whose supports are among the inputs `dofs`, in that order; () if all of them are forces.
 
         Raises
         ------
         InputError
-            If some are forces, or a base is named twice.
+            If some are forces and others motions of bases, or two inputs move the same base.
         """
         chosen = tuple(dofs)
         base_of = [next((base for base in self.bases if base.moves(dof)), None) for dof in chosen]
@@ -361,7 +376,15 @@ class Structure(Shown, StructurePlots):
         return replace(self, components=tuple(replace(one, whole=True) for one in self.components))
 
     def release_supports(self, bases: tuple[Base, ...]) -> Structure:
-        """The structure with the supports of `bases` released; those of one base still move together."""
+        """The structure with the supports of `bases` released and those of each base tied to its first; made once for them.
+
+        Components that hold such supports keep them on their interface.
+
+        Raises
+        ------
+        InputError
+            If the structure has a damping ratio of all modes, which is of motion against supports at rest.
+        """
         if self.damping_ratio is not None:
             raise InputError(
                 f"base {bases[0].name!r} drives the structure, and modal damping (`damping_ratio` of all modes) is of motion"
@@ -381,19 +404,20 @@ class Structure(Shown, StructurePlots):
         return {}
 
     def matrix(self, kind: str, values: FloatArray | None = None) -> sparse.csc_array:
-        """Mass, damping, stiffness or structural damping matrix on the free degrees of freedom, (n_dofs, n_dofs).
+        """Mass, damping, stiffness or structural damping matrix on the free degrees of freedom, (n_dofs, n_dofs), SI units.
 
         Parameters
         ----------
         kind : {"mass", "damping", "stiffness", "structural_damping"}
-            Mass matrix, viscous damping, stiffness, and imaginary part of the complex stiffness.
+            Mass matrix, viscous damping, stiffness, and imaginary part of the complex stiffness; ``friction:NAME`` for the
+            matrix of a friction element.
         values : (n_values,) float array, optional
             Property values; the nominal ones by default.
 
         Raises
         ------
         InputError
-            If there is no such matrix.
+            If there is no such kind of matrix. A kind that no element contributes to gives a matrix of zeros.
         """
         if kind not in MATRIX_KINDS and not kind.startswith("friction:"):
             raise InputError(f"`kind` must be one of {', '.join(MATRIX_KINDS)}, got {kind!r}")
@@ -414,7 +438,10 @@ class Structure(Shown, StructurePlots):
         return strain_operator(self.contributions, values, self.n_dofs)
 
     def dense_matrices(self, kinds: Sequence[str], values: FloatArray) -> FloatArray:
-        """Matrices of several `kinds` as dense arrays, (n_kinds, n_dofs, n_dofs), at the property `values`; see `matrix`."""
+        """Matrices of several `kinds` as dense arrays, (n_kinds, n_dofs, n_dofs), at the property `values` (n_values,).
+
+        In the order of `kinds`; zeros where the structure has no such matrix. See `matrix`.
+        """
         matrices = np.zeros((len(kinds), self.n_dofs, self.n_dofs))
         for matrix, kind in zip(matrices, kinds, strict=True):
             weights = [part.weights(values) for part in self.contributions if part.matrix_kind == kind]
@@ -443,13 +470,16 @@ class Structure(Shown, StructurePlots):
         return selection(self.numbering, self.nodes, dofs)
 
     def require_dofs(self, dofs: Iterable[Dof], inputs: bool = False) -> None:
-        """Raise `InputError` where sensors, or `inputs`, would be at no degree of freedom that is free; inputs may drive bases."""
+        """Raise `InputError` if one of `dofs` is not free: not part of the structure, or held at zero.
+
+        With `inputs`, they may be supports of bases instead, if all of them are; see `driven`.
+        """
         wanted = tuple(dofs)
         if not (inputs and self.driven(wanted)):
             self.selection(wanted)
 
     def mass_of(self, values: FloatArray | None = None, direction: str | None = None) -> float:
-        """Mass that takes part in rigid motion along `direction`, kg: r' M r on all degrees of freedom.
+        """Mass that takes part in rigid motion along `direction`, kg: r' M r on all degrees of freedom, supports included.
 
         Parameters
         ----------
@@ -462,7 +492,10 @@ class Structure(Shown, StructurePlots):
         return rigid_mass(self.properties, given, self._along(direction), self._length_dependences)[0]
 
     def mass_gradient(self, direction: str | None = None, values: FloatArray | None = None) -> FloatArray:
-        """Derivative of `mass_of` with respect to every value, (n_values,). Factors of matrix groups are included."""
+        """Derivative of `mass_of` with respect to every property value, (n_values,), kg per unit of the value.
+
+        Factors of matrix groups are included. `direction` and `values` are as in `mass_of`.
+        """
         given = self.values if values is None else values
         return rigid_mass(self.properties, given, self._along(direction), self._length_dependences)[1]
 
@@ -472,7 +505,7 @@ class Structure(Shown, StructurePlots):
 
 
 def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
-    """Raise `InputError` unless all nodes have finite positions of 1, 2 or 3 coordinates."""
+    """Raise `InputError` unless there are nodes, with finite positions of the same 1, 2 or 3 coordinates and labels from 0."""
     if not nodes:
         raise InputError("`nodes` must hold at least one node, got none")
     sizes = {len(x) for x in nodes.values()}
@@ -485,7 +518,7 @@ def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
 
 
 def _require_names(structure: Structure) -> None:
-    """Raise `InputError` if two parts have one name, or elements or supports name nodes that do not exist."""
+    """Raise `InputError` if two parts share a name, or elements or supports name nodes that do not exist."""
     names = [e.name for e in structure.elements] + [one.name for one in structure.components]
     names += [one.name for one in structure.measured] + [f"node {label}" for label in structure.sliding]
     names += [] if structure.damping_ratio is None else [ALL_MODES]
@@ -502,7 +535,7 @@ def _require_names(structure: Structure) -> None:
 
 
 def _require_supports(structure: Structure) -> None:
-    """Raise `InputError` if a base names a support that is not fixed, moves nothing, or is named twice."""
+    """Raise `InputError` if a support of a base is not fixed, no element or tie uses it, or it is named twice."""
     fixed = {dof.unsigned for dof in structure.fixed}
     codes = set(structure.numbering.codes.tolist())
     owners: dict[Dof, Base] = {}
@@ -529,7 +562,7 @@ def _require_interfaces(structure: Structure) -> None:
 
 
 def _require_subdivision(structure: Structure) -> None:
-    """Raise `InputError` unless `subdivide` is a whole number in range and the lines can be cut."""
+    """Raise `InputError` unless `subdivide` is a whole number from 1 to 100 and, above 1, some lines can be cut."""
     pieces = structure.subdivide
     if not isinstance(pieces, int) or not 1 <= pieces <= MOST_PIECES:
         raise InputError(f"`subdivide` must be a whole number from 1 to {MOST_PIECES}, got {pieces!r}")

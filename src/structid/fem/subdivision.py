@@ -59,10 +59,24 @@ def numbered_terms(
 ) -> NumberedTerms:
     """The terms of `elements` with lines cut into equal `pieces` and ends released by joints; see `ElementSet.terms`.
 
-    An element owns its pieces: it keeps one matrix for each property, on the nodes between them too. The end that a
-    joint releases has a degree of freedom of its own in the element's matrices, in place of the node's; all others stay
-    the node's. Matrices of bars and beams with an end at one of the nodes `sliding`, or with a tolerance of their
-    lengths, are split by powers of the length. `active` are the directions in which nodes move.
+    An element owns its pieces: it keeps one matrix for each property, on the nodes between them too. The end that a joint
+    releases has a degree of freedom of its own in the element's matrices, in place of the node's; all others stay the node's.
+    Matrices of bars and beams with an end at one of the nodes `sliding`, or with a tolerance of their lengths, are split by
+    powers of the length.
+
+    Parameters
+    ----------
+    elements : sequence of ElementSet
+    positions : mapping of int to position
+        All nodes, m.
+    used_codes : (n,) int array
+        Codes of the degrees of freedom that elements use, but for those that follow others (masses, joints), and ties.
+    active : sequence of str
+        Directions in which nodes move.
+    pieces : int
+        1 leaves the lines whole.
+    sliding : sequence of int
+        Nodes whose position is a property.
 
     Raises
     ------
@@ -106,8 +120,9 @@ def numbered_terms(
 def is_divisible(element: ElementSet, positions: Positions, active: Sequence[str]) -> bool:
     """True if the elements of a set are lines whose pieces are held sideways, so that they can be cut.
 
-    A node between two bars that moves across them would have mass and no stiffness. Bars on a line have no such motion,
-    and beams have bending stiffness against it. `active` are the directions in which nodes move.
+    A node between two bars that moves across them would have mass and no stiffness. Bars on a line have no such motion, and
+    beams have bending stiffness against it. `positions` are those of the nodes, m; `active` the directions in which nodes
+    move.
     """
     if not element.is_line:
         return False
@@ -132,7 +147,10 @@ def is_divisible(element: ElementSet, positions: Positions, active: Sequence[str
 def _terms(
     element: ElementSet, used_codes: IntArray, pieces: int, first: int, positions: Positions
 ) -> tuple[Term, ...]:
-    """The properties and matrices of a set, its lines cut into equal pieces, whose inner nodes are labelled from `first`."""
+    """The terms of a set whose lines are cut into `pieces`, with inner nodes labelled from `first` on.
+
+    Lines stay whole if `pieces` is 1.
+    """
     if pieces > 1:
         return _cut_into_pieces(element, positions, used_codes, pieces, first)
     return element.terms(positions, used_codes)
@@ -141,7 +159,10 @@ def _terms(
 def _cut_into_pieces(
     element: ElementSet, positions: Positions, used_codes: IntArray, pieces: int, first: int
 ) -> tuple[Term, ...]:
-    """Terms of a set whose lines are each cut into `pieces` elements; new nodes are labelled from `first` on, line by line."""
+    """Terms of a set whose lines are each cut into `pieces` elements; new nodes are labelled from `first` on, line by line.
+
+    `positions` are those of the nodes, m; `used_codes` are as in `ElementSet.terms`.
+    """
     scaled = {label: position / pieces for label, position in positions.items()}  # lines as long as one piece
     between = first + np.arange(len(element.nodes) * (pieces - 1)).reshape(-1, pieces - 1)
     terms = element.terms(scaled, used_codes)
@@ -154,7 +175,11 @@ def _cut_into_pieces(
 
 
 def _chain_matrices(matrix_term: ElementMatrixTerm, between: IntArray) -> ElementMatrixTerm:
-    """Matrices of chains of pieces with the nodes `between` (n_elements, n_pieces - 1), from those of one piece."""
+    """Matrices of chains of equal pieces, (n_pieces + 1) nodes each, from the matrices of one piece.
+
+    `between` (n_elements, n_pieces - 1) are the labels of the inner nodes. Rows are the first end, the inner nodes in order,
+    and the second end.
+    """
     n, width = matrix_term.codes.shape
     half, pieces = width // 2, between.shape[1] + 1
     start, end = matrix_term.codes[:, :half], matrix_term.codes[:, half:]
@@ -167,7 +192,11 @@ def _chain_matrices(matrix_term: ElementMatrixTerm, between: IntArray) -> Elemen
 
 
 def _free_between(terms: Sequence[Term], pieces: int, active: Sequence[str]) -> IntArray:
-    """Codes between the pieces of bending lines, in the directions that their stiffness couples with the active ones."""
+    """Codes between the pieces of bending lines, in the directions that their stiffness couples with the active ones; sorted.
+
+    Empty for lines without rotations, which are bars. `terms` are those of the set, cut into `pieces`; `active` are the
+    directions in which nodes move.
+    """
     matrix_terms = [matrix_term for term in terms if term.kind == "stiffness" for matrix_term in term.matrix_terms]
     if not any((matrix_term.codes % 6 >= 3).any() for matrix_term in matrix_terms):
         return np.zeros(0, dtype=np.int64)
@@ -188,7 +217,10 @@ def _free_between(terms: Sequence[Term], pieces: int, active: Sequence[str]) -> 
 
 
 def _replace_code(terms: Sequence[Term], rows: int | slice, old: int, new: int) -> tuple[Term, ...]:
-    """`terms` with the code `old` replaced by `new` at some element rows; properties that share matrices go on sharing them."""
+    """Copy of `terms` with the code `old` replaced by `new` in the element rows `rows`.
+
+    Properties that share matrices go on sharing them.
+    """
 
     def replaced(codes: IntArray) -> IntArray:
         table = codes.copy()
@@ -207,7 +239,10 @@ def _replace_code(terms: Sequence[Term], rows: int | slice, old: int, new: int) 
 
 
 def _find_element(joint: str, text: str, elements: Sequence[ElementSet]) -> tuple[ElementSet, int]:
-    """The element set and row that `text` (such as ``girder:2``) names; `joint` is for errors."""
+    """The element set and row (from 0) that `text` names, such as ``girder:2`` (from 1), or ``girder`` if it has one element.
+
+    Only bars and beams count. Raises `InputError`, which names `joint`, if there is no such element or `text` leaves it open.
+    """
     sets = {element.name: element for element in elements if element.is_line}
     chosen = None if text in sets else _ELEMENT.match(text)
     name, number = (text, 1) if chosen is None else (chosen["name"], int(chosen["number"]))
@@ -224,7 +259,7 @@ def _find_element(joint: str, text: str, elements: Sequence[ElementSet]) -> tupl
 
 
 def _stiff_directions(terms: Sequence[Term], row: int, node: int) -> list[str]:
-    """Directions in which the element in `row` has stiffness at the node."""
+    """Directions, such as "RZ", in which the element in `row` has stiffness on its diagonal at `node`."""
     axes = set()
     for term in terms:
         if term.kind == "stiffness" and term.values[row] > 0:
@@ -239,9 +274,10 @@ def _stiff_directions(terms: Sequence[Term], row: int, node: int) -> list[str]:
 def _require_stiff_direction(
     joint: str, text: str, dof: Dof, nodes: IntArray, directions: Sequence[str], active: Sequence[str]
 ) -> None:
-    """Raise `InputError` if the element has no stiffness at the degree of freedom `dof` that the joint releases.
+    """Raise `InputError` if a joint cannot release `dof`: not a node of the element, not active, or without stiffness.
 
-    `directions` are those in which the element has stiffness, `active` those in which nodes move.
+    `joint` and `text` are the names of the joint and of its element, for messages. `nodes` are the element's two ends,
+    `directions` those in which it has stiffness at `dof`, and `active` those in which nodes move.
     """
     name = dof.place
     if dof.node not in nodes:

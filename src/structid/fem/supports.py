@@ -39,7 +39,10 @@ class Tie(Protocol):
     def name(self) -> str: ...
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-        """Codes and coefficients that each dependent code depends on."""
+        """Equations of the dependent degrees of freedom: {dependent code: {code that it follows: coefficient}}.
+
+        `positions` of nodes in m; `active` are the directions in which nodes move.
+        """
         ...
 
 
@@ -73,7 +76,12 @@ class RigidLink:
     ) -> None:
         """A link called `name` by which the nodes `dependents` follow the node `main` rigidly.
 
-        They do so in all or in some `directions`.
+        They do so in the given `directions`, or in every active direction if None.
+
+        Raises
+        ------
+        InputError
+            If there are no dependent nodes, `main` is among them, or a direction is unknown.
         """
         nodes = (dependents,) if isinstance(dependents, int) else tuple(int(n) for n in dependents)
         if not nodes or main in nodes:
@@ -88,7 +96,7 @@ class RigidLink:
         object.__setattr__(self, "directions", chosen)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-        """Codes of the dependent nodes' degrees of freedom, each with codes and coefficients of the main node.
+        """Equations of the dependent nodes: {dependent code: {code of the main node: coefficient}}, in the active directions.
 
         `positions` in m; `active` are the directions in which nodes move.
         """
@@ -128,7 +136,7 @@ class Constraint:
     def __init__(self, name: str, dependent: str | Dof, depends_on: Iterable[tuple[str | Dof, float]]) -> None:
         """A constraint called `name`: `dependent` is a weighted sum of other degrees of freedom.
 
-        `depends_on` are those with their factors.
+        `depends_on` are pairs of a degree of freedom and its coefficient, which must be finite.
         """
         pairs = tuple((parse_dof(d), float(c)) for d, c in depends_on)
         if not all(np.isfinite(c) for _, c in pairs):
@@ -138,9 +146,9 @@ class Constraint:
         object.__setattr__(self, "depends_on", pairs)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-        """Code of the dependent degree of freedom with the codes and coefficients of those that it follows.
+        """Equation of the constraint with the signs of its degrees of freedom: {dependent code: {other code: coefficient}}.
 
-        `positions` are not needed; `active` are the directions in which nodes move.
+        `positions` and `active` are not needed; repeated degrees of freedom are summed.
         """
         dependent = self.dependent
         others: dict[int, float] = {}
@@ -219,14 +227,14 @@ class Base:
 
 
 def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-    """All equations of `ties`, by dependent code.
+    """All equations of `ties`: {dependent code: {code that it follows: coefficient}}.
 
-    `active` are the directions in which nodes move.
+    `positions` of nodes in m; `active` are the directions in which nodes move.
 
     Raises
     ------
     InputError
-        If two ties claim one degree of freedom.
+        If two ties claim the same degree of freedom.
     """
     equations: Equations = {}
     for tie in ties:

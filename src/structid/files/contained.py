@@ -71,7 +71,10 @@ class _Child:
         self._timed(_START_SECONDS, lambda stream: stream.readline())
 
     def ask(self, request: Mapping[str, Plain], seconds: float) -> _Answer:
-        """Send one request (reader, path, options, seconds) and return its answer; `_LostError` if the child ends or is late."""
+        """Send one request (reader, path, options, seconds) and return its answer; `_LostError` if the child ends or is late.
+
+        `seconds` is the time after which it is late and is killed.
+        """
         assert self.process.stdin is not None
         self.served += 1
         try:
@@ -82,7 +85,10 @@ class _Child:
         return self._timed(seconds, _read_answer)
 
     def _timed(self, seconds: float, read: Callable[[IO[bytes]], T | None]) -> T:
-        """Return `read(stream)` of the child's output; kill the child and raise `_LostError` after `seconds`."""
+        """Result of `read(stream)` on the child's output.
+
+        Raises `_LostError` if the child ends, or is killed because it took more than `seconds`.
+        """
         assert self.process.stdout is not None
         timer = threading.Timer(seconds, kill_child, [self.process])
         timer.daemon = True
@@ -129,14 +135,14 @@ _running: list[_Child] = []
 
 
 def read_in_child(path: Path, reader: str, seconds: float | None = None, **options: Plain) -> Any:
-    """Run the reader `reader` of `structid.files.worker` on `path` in a child process and return its values.
+    """Run the reader `reader` of `structid.files.worker` on `path` in a child process and return what it returns.
 
-    `seconds` limits the time, `options` go to the reader.
+    `seconds` limits the time (15 by default), with one second more for each MB of the file; `options` go to the reader.
 
     Raises
     ------
     ReaderError
-        If it raised.
+        If the reader raised.
     FileError
         If the library crashed on the file, or did not come to an end; the message begins with `path`.
     """
@@ -151,7 +157,10 @@ def read_in_child(path: Path, reader: str, seconds: float | None = None, **optio
 
 
 def _ask_child(path: Path, request: Mapping[str, Plain], seconds: float) -> _Answer:
-    """The answer of the running child, or of a new one if the child that served earlier requests is lost."""
+    """The answer of the running child, or of a new one if the child that served earlier requests has ended.
+
+    Raises `FileError` if a new child ends on the file, or any child is late.
+    """
     while True:
         if not _running or _running[0].owner != os.getpid():
             _running[:] = [_Child()]

@@ -26,7 +26,7 @@ class Dataset(NamedTuple):
 
 
 def hdf5_datasets(path: Path) -> dict[str, Dataset]:
-    """Every dataset of the file at `path` by its path without the leading slash.
+    """Shape, type and first byte of every dataset of the file at `path`, by its path without the leading slash.
 
     Texts have the type of objects, references and lists that of void.
 
@@ -44,14 +44,17 @@ def hdf5_datasets(path: Path) -> dict[str, Dataset]:
 
 
 def hdf5_attributes(path: Path) -> dict[str, np.ndarray | tuple[str, ...]]:
-    """Attributes that are texts or a few numbers, by ``path@name``: of datasets, groups, and of the file, whose path is empty."""
+    """Attributes that are texts or up to 4096 numbers, by ``path@name``; the path of the file itself is empty.
+
+    They belong to datasets, groups and the file. Values are tuples of texts or one-dimensional arrays.
+    """
     with _hdf5_errors(path):
         entries = read_in_child(path, "hdf5_attributes")
     return {name: value if isinstance(value, np.ndarray) else tuple(map(str, value)) for name, value in entries.items()}
 
 
 def hdf5_fields(path: Path, names: Iterable[str]) -> dict[str, Field]:
-    """The datasets called `names`.
+    """Values of the datasets called `names`, by name: an array, a text, or a tuple of texts.
 
     Raises
     ------
@@ -86,7 +89,7 @@ def _fields(fields: Mapping[str, Field | list[str]]) -> dict[str, Field]:
 
 @contextmanager
 def _hdf5_errors(path: Path) -> Iterator[None]:
-    """Context manager: errors of a reader of HDF5 become `FileError` with the path, the cause and the remedy."""
+    """Context manager that turns errors of a reader of HDF5 into `FileError` with `path`, the cause and the remedy."""
     require_readable(path)
     try:
         yield

@@ -26,9 +26,10 @@ _held: dict[Path, tuple[int, int]] = {}
 
 @contextmanager
 def claim_path(path: Path, patience: float = 0.0) -> Iterator[None]:
-    """Context manager: this process alone may write to `path`, a file or folder that may not exist yet.
+    """Context manager in which this process alone may write to `path`, a file or folder that may not exist yet.
 
-    It may claim a path repeatedly. Another process that writes there is waited for up to `patience` seconds.
+    It may claim a path repeatedly. Another process that writes there is waited for up to `patience` seconds; then
+    `FileError`.
     """
     path = path.absolute()
     before = path in _held
@@ -81,7 +82,10 @@ def _lock_file(path: Path) -> Path:
 
 
 def _open_locked(path: Path, lock: Path, patience: float) -> int:
-    """Descriptor of the lock file `lock` of `path`, locked; waits up to `patience` seconds, then raises `FileError`."""
+    """Descriptor of the lock file `lock` of `path`, opened and locked.
+
+    Waits up to `patience` seconds for another process, then raises `FileError`.
+    """
     end = time.monotonic() + patience
     while True:
         descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)

@@ -71,7 +71,7 @@ def _make_channel(
     note: str = "",
     times: FloatArray | None = None,
 ) -> Channel:
-    """A `Channel` with values as float64, (n_samples,), where masked samples are NaN."""
+    """A `Channel` with values as float64, (n_samples,), where masked samples are NaN; see `Channel` for the arguments."""
     samples = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
     return Channel(str(name), str(unit or ""), samples, rate, start, off, note, np.zeros(0) if times is None else times)
 
@@ -85,7 +85,10 @@ def _is_series(values: np.ndarray) -> bool:
 
 
 def _clock_of_times(time: np.ndarray) -> tuple[float, float, float]:
-    """Sampling rate in Hz, first time in s and largest deviation from even steps (in steps) of times (n,); 0, 0, 0 if unusable."""
+    """Sampling rate in Hz, first time in s, and largest deviation from even steps (in steps) of the times (n,), s.
+
+    0, 0, 0 if there are fewer than two, one is not finite, or the last is not after the first.
+    """
     if time.size < 2 or not np.isfinite(time).all() or time[-1] <= time[0]:
         return 0.0, 0.0, 0.0
     step = float(time[-1] - time[0]) / (time.size - 1)
@@ -94,7 +97,10 @@ def _clock_of_times(time: np.ndarray) -> tuple[float, float, float]:
 
 
 def _read_tdms(path: str) -> Iterator[Channel]:
-    """Channels of a TDMS file of LabVIEW, named group/channel where several groups have some."""
+    """Channels of a TDMS file of LabVIEW, named group/channel if several groups have channels.
+
+    Starts are in s after the channel that starts first.
+    """
     from nptdms import TdmsFile
 
     with TdmsFile.open(path) as file:
@@ -124,7 +130,7 @@ def _read_tdms(path: str) -> Iterator[Channel]:
 
 
 def _tdms_start(channel: Any) -> np.datetime64 | None:
-    """The time of day at which a channel with a clock of its own starts; None where it does not say."""
+    """The time of day at which a channel with a clock starts; None if it has no clock or does not say."""
     start = channel.properties.get("wf_start_time")
     has_clock = float(channel.properties.get("wf_increment") or 0.0) > 0
     return start.astype("datetime64[us]") if has_clock and isinstance(start, np.datetime64) else None

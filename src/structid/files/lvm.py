@@ -144,7 +144,10 @@ def read_lvm(path: Path) -> list[LvmChannel]:
 
 
 def _take_apart(path: Path) -> _Segment:
-    """Head, segment and rows of the file at `path`; `ValueError` if it is no LVM file, or not of one segment."""
+    """Head, segment and rows of the file at `path`.
+
+    Raises `ValueError` if it is no LVM file, and `OtherContentError` if it holds several segments.
+    """
     text = path.read_text(encoding="cp1252")
     lines = text.splitlines()
     if not text.endswith("\n"):
@@ -172,9 +175,10 @@ def _take_apart(path: Path) -> _Segment:
 
 
 def _count_rows(segment: _Segment, column: int, n_samples: int, layout: str) -> int:
-    """Rows that belong to a channel: those of its head, or all where rows that were appended continue its times.
+    """Number of rows that belong to a channel, also those that were appended and continue its times.
 
-    `column` is the channel's column, `n_samples` the number in its head, and `layout` says which columns have times.
+    `column` is the channel's column, `n_samples` the number in its head, and `layout` says which columns have times ("No" for
+    none).
 
     Raises
     ------
@@ -191,7 +195,7 @@ def _count_rows(segment: _Segment, column: int, n_samples: int, layout: str) -> 
 
 
 def _starts(moments: Sequence[tuple[str, str]]) -> list[float]:
-    """Times in s after the first of `moments`, each a date and a time of day; 0 where one of them is missing."""
+    """Times in s after the first of `moments`, each a date and a time of day in words; all 0 if one cannot be read."""
     wholes, parts = [], []
     for date, hour in moments:
         whole, _, part = hour.replace(",", ".").partition(".")
@@ -211,12 +215,15 @@ def _last_digit(text: str) -> float:
 
 
 def _clock(segment: _Segment, printed: Sequence[str], step_text: str, scale: float) -> LvmClock:
-    """The clock of a channel by the step of the head and by its printed times; `scale` turns both into s.
+    """The clock of a channel by the step in the head and by its printed times; `scale` turns both into s.
+
+    `step_text` is that step in words, "" if missing. `printed` are the times in words, empty if there are none: then the step
+    alone counts.
 
     Raises
     ------
     ValueError
-        If the printed times do not increase, or run in other steps than the head says.
+        If the printed times do not increase, or run in steps more than 2 % off the head's.
     """
     step = scale * segment.decimal(step_text or "0")
     by_head = _rounded_clock(1 / step, scale * _last_digit(step_text) / 2 / step) if step > 0 else LvmClock(0.0)
@@ -238,7 +245,10 @@ def _clock(segment: _Segment, printed: Sequence[str], step_text: str, scale: flo
 
 
 def _rounded_clock(rate: float, error: float) -> LvmClock:
-    """A clock whose rate is a whole number of Hz where it is one, or where its error leaves but one."""
+    """A clock with `rate` in Hz and its relative `error`, rounded to a whole number of Hz without error where that is meant.
+
+    It is if the rate is such a number, or the error leaves no other.
+    """
     near = round(rate)
     if near and (abs(rate - near) <= _WHOLE * rate or abs(rate - near) <= rate * error < 0.1):
         return LvmClock(float(near))

@@ -25,9 +25,9 @@ _HDF5_START = b"\x89HDF\r\n\x1a\n"
 
 
 def matlab_variables(path: Path) -> dict[str, Variable]:
-    """Every array, sparse matrix, text or tuple of texts in the MAT file at `path`, by name; fields of a struct as ``name.field``.
+    """Variables in the MAT file at `path` by name: arrays, sparse matrices, texts and tuples of texts.
 
-    Variables of other kinds are passed over.
+    Fields of a struct are named ``name.field``. Variables of other kinds are passed over.
 
     Raises
     ------

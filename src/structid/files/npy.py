@@ -45,7 +45,7 @@ def npy_header(path: Path) -> Header:
 
 
 def npy_array(path: Path) -> np.ndarray:
-    """The array in the NPY file at `path`, after the checks of `npy_header`."""
+    """The array in the NPY file at `path`, after the checks of `npy_header`, which raises `FileError`."""
     header = npy_header(path)
     with damage_told(path, "a whole NPY array"):
         values = np.fromfile(path, header.dtype, math.prod(header.shape), offset=header.offset)
@@ -55,7 +55,9 @@ def npy_array(path: Path) -> np.ndarray:
 def npz_arrays(
     path: Path, kind: str = "a whole NPZ archive", remedy: str = "copy or write it again"
 ) -> dict[str, np.ndarray]:
-    """Every array in the NPZ archive at `path` by its name; `kind` and `remedy` are for the error.
+    """Every array in the NPZ archive at `path` by its name.
+
+    `kind`, what the file should be, and `remedy` are words of the error.
 
     Raises
     ------
@@ -93,7 +95,10 @@ def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarra
 
 
 def _read_header(stream: IO[bytes], size: int) -> Header:
-    """Header of the NPY array that `stream` begins with; `ValueError` unless its values fill all `size` bytes."""
+    """Header of the NPY array that `stream` begins with.
+
+    Raises `ValueError` if it holds Python objects, or unless header and values fill all `size` bytes of the file.
+    """
     version = np.lib.format.read_magic(stream)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in readers:

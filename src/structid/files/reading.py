@@ -59,7 +59,7 @@ def read_part(path: Path, begin: int, most: int) -> bytes:
 
 
 def read_start(path: Path, most: int, follow: bool = True, begin: int = 0) -> bytes:
-    """The first `most` bytes of an ordinary file; a pipe or a device is not waited for.
+    """Up to `most` bytes of an ordinary file from byte `begin` on; a pipe or a device is not waited for.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def digest(path: str | Path) -> str:
 
 @contextmanager
 def damage_told(path: Path, kind: str, remedy: str = "copy or write it again") -> Iterator[None]:
-    """Context manager: exceptions that damaged content raises in a reader become a `FileError` that begins with `path`.
+    """Context manager that turns exceptions of damaged content in a reader into a `FileError` that begins with `path`.
 
     Parameters
     ----------
@@ -122,6 +122,7 @@ def damage_told(path: Path, kind: str, remedy: str = "copy or write it again") -
     kind : str
         The kind of file that is expected, with its article, as in "a whole NPZ archive".
     remedy : str
+        End of the message: an instruction to the user.
     """
     try:
         yield

@@ -14,7 +14,9 @@ _EMPTY_ROWS, _ROWS_AN_ENTRY = 1_000_000, 64
 def checked_sparse_matrix(
     shape: tuple[int, int], starts: np.ndarray, indices: np.ndarray, values: np.ndarray
 ) -> sparse.csc_array:
-    """Sparse matrix (compressed columns) of `shape` from column starts, row indices and values, after checks of all of them.
+    """Sparse matrix (compressed columns) of `shape` from the parts of a file, after checks of all of them.
+
+    `starts` (n_columns + 1,) is where each column begins among the row `indices` and `values`.
 
     Raises
     ------
@@ -34,12 +36,12 @@ def checked_sparse_matrix(
 
 
 def coordinates(shape: tuple[int, int], rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> sparse.csc_array:
-    """Sparse matrix of `shape` from the row, column and value of each entry; entries with the same row and column are added.
+    """Sparse matrix of `shape` from row, column (from 0) and value of each entry; entries at the same place are added.
 
     Raises
     ------
     ValueError
-        If an entry lies outside the matrix.
+        If an entry lies outside the matrix, lengths differ, or the shape is absurdly large for so many entries.
     """
     rows, columns = _as_whole_numbers("rows", rows), _as_whole_numbers("columns", columns)
     sides = _checked_shape(shape)
@@ -62,7 +64,7 @@ def _checked_shape(shape: tuple[int, int]) -> tuple[int, int]:
 
 
 def _as_whole_numbers(name: str, numbers: np.ndarray) -> NDArray[np.int64]:
-    """`numbers` as int64, (n,); `ValueError` that calls them `name` if one is not whole."""
+    """Copy of `numbers` as int64, (n,); raises `ValueError`, which calls them `name`, unless all are whole."""
     array = np.asarray(numbers).ravel()
     if array.dtype.kind not in "iu" and not (abs(array) < 2**53).all():
         raise ValueError(f"its {name} must be whole numbers")

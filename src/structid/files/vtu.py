@@ -67,7 +67,10 @@ def _section(name: str, arrays: Mapping[str, AnyArray]) -> list[str]:
 
 
 def _array_line(name: str, values: AnyArray) -> str:
-    """One array: the number of its bytes, then these, in base 64."""
+    """A DataArray element of the file: number of bytes, then the little-endian values of the array, in base 64.
+
+    `values` is (n,) or (n, n_components), of a type in `_TYPES`.
+    """
     array = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
     kind = _TYPES[f"{array.dtype.kind}{array.dtype.itemsize}"]
     components = f' NumberOfComponents="{array.shape[1]}"' if array.ndim > 1 else ""

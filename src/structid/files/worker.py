@@ -30,7 +30,10 @@ _HEADROOM = 2**30
 
 
 def plain(value: Entry, arrays: list[np.ndarray]) -> Plain:
-    """`value`, a tree of mappings, lists, numbers, texts and arrays, as JSON; its arrays are appended to `arrays`."""
+    """JSON of `value`, a tree of mappings, lists, numbers, texts and arrays; its arrays are appended to `arrays`.
+
+    An array is replaced by its index in `arrays`; see `fill_tree`.
+    """
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1}
@@ -44,7 +47,7 @@ def plain(value: Entry, arrays: list[np.ndarray]) -> Plain:
 
 
 def fill_tree(value: Plain, array: Callable[[int], np.ndarray]) -> Entry:
-    """The tree that `plain` turned into JSON; `array` returns each array by its number."""
+    """The tree that `plain` turned into JSON, `value`; the function `array` returns each array by its index."""
     if not isinstance(value, dict):
         return value
     if "array" in value:
@@ -59,7 +62,10 @@ class UnusableError(Exception):
 
 
 def hdf5_shapes(path: str) -> dict[str, Entry]:
-    """Shape, type and first byte of every dataset by its path without leading slash; the byte is None for chunked values."""
+    """Shape, type and first byte of every dataset by its path without the leading slash, as [shape, type, byte].
+
+    The type is "text" or that of NumPy; the byte is None where the values do not lie in one piece as they are.
+    """
     import h5py
 
     found: dict[str, Entry] = {}
@@ -155,7 +161,10 @@ def matlab(path: str) -> dict[str, Entry]:
 
 
 def _note_matlab(variables: dict[str, Entry], name: str, value: np.ndarray | sparse.csc_array) -> None:
-    """Add a MATLAB variable, or each field of a struct as ``name.field``, to `variables`."""
+    """Add a MATLAB variable to `variables` by its name, or each field of a struct as ``name.field``.
+
+    Objects, arrays of structs, and cells of other things than texts are left out; a sparse matrix becomes its parts.
+    """
     from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
 
     if isinstance(value, MatlabOpaque | MatlabObject | MatlabFunction):
@@ -191,7 +200,7 @@ def _require_own_links(file: h5py.File) -> None:
 
 
 def _why_unusable(dataset: h5py.Dataset) -> str | None:
-    """The reason why the values of a dataset cannot be read from its own file, or None."""
+    """The reason why the values of a dataset cannot be read from its file; None if they can."""
     if dataset.external:
         return "has its values in another file, which is not read; copy them into this file"
     if dataset.is_virtual:
@@ -202,7 +211,7 @@ def _why_unusable(dataset: h5py.Dataset) -> str | None:
 
 
 def _require_own_values(dataset: h5py.Dataset) -> None:
-    """Raise if the values of a dataset are elsewhere, missing, or larger than the file can hold."""
+    """Raise `UnusableError` if the values of a dataset are elsewhere or missing, `ValueError` if the file cannot hold them."""
     reason = _why_unusable(dataset)
     if reason is not None:
         raise UnusableError(f"{dataset.name[1:]!r} {reason}")
@@ -223,7 +232,10 @@ def _read_field(dataset: h5py.Dataset) -> np.ndarray | str | list[str]:
 
 
 def _read_field_73(file: h5py.File, dataset: h5py.Dataset) -> np.ndarray | str | list[str] | None:
-    """A variable stored in MATLAB's HDF5 conventions (reversed axes, characters as codes, cells as references), or None."""
+    """A variable in MATLAB's HDF5 conventions: an array, a text, or a list of texts; None if it is anything else.
+
+    Axes are reversed there, characters are stored as codes and cells as references.
+    """
     matlab_class = dataset.attrs.get("MATLAB_class", b"")
     if matlab_class == b"char" and dataset.attrs.get("MATLAB_empty", 0):
         return ""
@@ -253,7 +265,10 @@ def _as_complex(array: np.ndarray) -> np.ndarray:
 
 
 def ansys(path: str) -> dict[str, Entry]:
-    """Contents of an ANSYS file: matrices and their rows from ``.full``, matrices of each element from ``.emat``."""
+    """Contents of an ANSYS file by name: matrices and their rows from ``.full``, matrices of each element from ``.emat``.
+
+    A matrix is [shape, column starts, rows, values]; elements are pairs of equation numbers and values by kind.
+    """
     from ansys.mapdl.reader import read_binary
 
     opened = read_binary(path)
@@ -288,7 +303,10 @@ READERS: dict[str, Callable[..., Entry]] = {
 
 
 def serve(requests: IO[bytes], answers: IO[bytes]) -> None:
-    """Answer requests, one JSON line each, from the stream `requests` on the stream `answers` until there are no more."""
+    """Answer the requests in the stream `requests`, one line of JSON each, on the stream `answers` until there are no more.
+
+    An answer is a line of JSON with a tree, or an error in words, and the bytes of the arrays behind it.
+    """
     answers.write(b"ready\n")
     answers.flush()
     for line in requests:

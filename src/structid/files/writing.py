@@ -16,7 +16,7 @@ from structid.core.errors import FileError
 
 
 def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
-    """A table as CSV text with lines that end in a line feed."""
+    """A table as CSV text: `header`, then `rows`, with lines that end in a line feed."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
@@ -123,7 +123,7 @@ def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes |
 
 
 def _link_new(temporary: Path, path: Path) -> bool:
-    """Give the temporary file the name `path` unless that exists; True if it did."""
+    """Give the temporary file the name `path` unless that exists; True if it did, False if there is such a file."""
     try:
         os.link(temporary, path)
     except FileExistsError:
@@ -134,7 +134,7 @@ def _link_new(temporary: Path, path: Path) -> bool:
 
 
 def _exchange_names(first: Path, second: Path) -> bool:
-    """Exchange the names of two files in one step (renameat2); False where the system cannot."""
+    """Exchange the names of two files in one step (renameat2); False if the system cannot, or it failed."""
     if sys.platform != "linux":
         return False
     import ctypes

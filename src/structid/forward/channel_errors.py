@@ -67,7 +67,10 @@ class ChannelErrors(NamedUnknowns):
         return members
 
     def seen_by(self, record: Measured) -> ChannelErrors:
-        """A copy for another record of the same test, which may lack channels."""
+        """A copy for another record of the same test, with its sensors and loads in place of those of this record.
+
+        A channel with the same degree of freedom, in either direction, keeps its errors; one that only `record` has gets none.
+        """
         outputs, inputs = (_places(own, other) for own, other in
                            ((self.outputs, record.outputs), (self.inputs, record.inputs)))  # fmt: skip
         return replace(
@@ -81,7 +84,7 @@ class ChannelErrors(NamedUnknowns):
         return np.array([i for i, own in enumerate(self.kinds) if own == kind], dtype=int)
 
     def readings(self, physical: FloatArray, laplace: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Factors from true to read values of sensors and load cells, (n_frequencies, n_outputs) and (..., n_inputs).
+        """Complex factors from true to read values: of sensors (n_frequencies, n_outputs) and of load cells (..., n_inputs).
 
         Parameters
         ----------
@@ -110,20 +113,24 @@ class ChannelErrors(NamedUnknowns):
         return late
 
     def log_slopes(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
-        """Derivative of the factor's logarithm with respect to each parameter, (n_frequencies, n_outputs, n_inputs, n_params).
+        """Derivative of the logarithm of `factor` by each physical parameter, (n_frequencies, n_outputs, n_inputs, n_params).
 
-        A window's decay, which moves s itself, is left at 0.
+        `physical` (n_params,) are the errors, `laplace` (n_frequencies,) is s in 1/s. The column of a window's decay, which
+        shifts s, is 0.
         """
         return np.einsum("fk,koi->foik", self._each_slope(physical, laplace), self.exponents)
 
     def output_slopes(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
-        """Derivative of the logarithm of the sensors' readings, (n_frequencies, n_outputs, n_params)."""
+        """Derivative of the logarithm of each sensor's reading by the errors, (n_frequencies, n_outputs, n_params).
+
+        `physical` (n_params,) are the errors, `laplace` (n_frequencies,) is s in 1/s.
+        """
         return np.einsum("fk,ko->fok", self._each_slope(physical, laplace), self.of_outputs)
 
     def _each_slope(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
-        """Log-derivative of readings by each error, (n_frequencies, n_params): 1 / gain, or -s for a delay.
+        """Derivative of the logarithm of a reading by each error, (n_frequencies, n_params): 1 / gain, or -s for a delay.
 
-        `physical` are the values of the errors.
+        `physical` (n_params,) are the errors, `laplace` (n_frequencies,) is s in 1/s. The column of a window's decay is 0.
         """
         slopes = np.zeros((len(laplace), self.n_params), dtype=np.complex128)
         gains = self.rows("gain")
@@ -163,12 +170,12 @@ class ChannelErrors(NamedUnknowns):
 
 
 def _places(own: tuple[Dof, ...], others: tuple[Dof, ...]) -> list[int]:
-    """Index in `own` of each of `others`, whatever its sense; -1 where there is none."""
+    """Index in `own` of each degree of freedom in `others`, regardless of direction; -1 where `own` lacks it."""
     places = {dof.unsigned: i for i, dof in enumerate(own)}
     return [places.get(dof.unsigned, -1) for dof in others]
 
 
 def _taken(members: np.ndarray, places: list[int]) -> np.ndarray:
-    """Columns of `members`; nothing belongs to those at -1."""
+    """Columns `places` of the mask `members` (n_params, n_channels); False where a place is -1."""
     wider = np.concatenate([members, np.zeros((len(members), 1), dtype=bool)], axis=1)
     return locked(wider[:, places])

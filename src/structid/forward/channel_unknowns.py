@@ -141,7 +141,10 @@ def channel_errors(record: Measured, unknowns: Iterable[ChannelUnknown]) -> Chan
 
 
 def _groups(record: Measured, unknown: ChannelUnknown) -> list[_Group]:
-    """Parameters that one declaration makes, with their names and channels: one for each channel, or one for all."""
+    """Parameters that the declaration `unknown` makes on the channels of `record`: one for each channel, or one for all.
+
+    Raises `InputError` if the property is unknown, no channel is named, or an option does not fit the property.
+    """
     if unknown.property not in (*_CONTINUOUS, "polarity"):
         known = ", ".join((*_CONTINUOUS, "polarity"))
         raise InputError(f"channel error `property` must be one of {known}, got {unknown.property!r}")
@@ -168,9 +171,9 @@ def _groups(record: Measured, unknown: ChannelUnknown) -> list[_Group]:
 
 
 def _chosen(key: str, given: str | Sequence[str], channels: tuple[Dof, ...]) -> tuple[int, ...]:
-    """Indices in `channels` of the ones that the texts `given` name, in either direction; "all" names every one.
+    """Indices in `channels` of the degrees of freedom `given`, in either direction; all for "all".
 
-    `key` is the option named in errors.
+    `key` names the option in errors. Raises `InputError` if a channel is missing, or is read by several channels.
     """
     texts = (given,) if isinstance(given, str) else tuple(given)
     if texts == (_ALL,):
@@ -195,7 +198,7 @@ def _chosen(key: str, given: str | Sequence[str], channels: tuple[Dof, ...]) -> 
 
 
 def _require_distinct(groups: list[_Group]) -> None:
-    """Raise `InputError` if two groups have one name, or claim one property of the same channel."""
+    """Raise `InputError` if two groups have the same name, or the same property of the same channel."""
     names: set[str] = set()
     owner: dict[tuple[str, str, int], str] = {}
     for group in groups:
@@ -215,7 +218,10 @@ def _start(group: _Group) -> float:
 
 
 def _limits(group: _Group) -> tuple[float, float]:
-    """Lower and upper bound of a group's parameter: the declared ones, or 0 to infinity, or any value of a delay."""
+    """Lower and upper bound of the parameter of `group`: the declared ones, or 0 to infinity, or no limits for a delay.
+
+    Raises `InputError` if declared bounds do not increase, or are negative except for a delay.
+    """
     if group.unknown.bounds is not None:
         low, high = group.unknown.bounds
         if not low < high or (group.unknown.property != "delay" and low < 0):

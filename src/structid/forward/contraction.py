@@ -64,9 +64,9 @@ class ParameterForces:
         return len(self.indptr) - 1
 
     def entries(self, factors: ComplexArray, x: NumberArray) -> NumberArray:
-        """Forces dZ/dp x (n_forces, n_x) of fields `x` (n_dofs, n_x) at one frequency line.
+        """Nonzero entries of the forces (dZ/dp) x for fields `x` (n_dofs, n_x) at one frequency line, (n_forces, n_x).
 
-        `factors` (n_maps,) are those of the matrices there.
+        `factors` (n_maps,) are the coefficients of the matrices in Z at that line. Rows are in the order of `indices`.
         """
         is_complex = np.iscomplexobj(x)
         flat = np.ascontiguousarray(x)
@@ -81,15 +81,16 @@ class ParameterForces:
         return total
 
     def columns(self, entries: NumberArray) -> NumberArray:
-        """The forces `entries` (n_forces, n_x) as fields (n_dofs, n_x n_params), parameters fastest."""
+        """Dense forces (n_dofs, n_x n_params) from their `entries` (n_forces, n_x); parameters vary fastest in the columns."""
         shape = (self.n_params, self.n_dofs)
         wide = [sparse.csr_array((column, self.indices, self.indptr), shape).toarray().T for column in entries.T]
         return np.concatenate(wide, axis=1)
 
     def contracted(self, factors: ComplexArray, x: NumberArray, y: NumberArray) -> list[NumberArray]:
-        """y' (dZ/dp) x (no conjugate) for fields x (n_dofs, n_x) and y (n_dofs, n_y): (n_params, n_y) for each x.
+        """Products y' (dZ/dp) x without conjugate, as a list with an array (n_params, n_y) for each column of `x`.
 
-        `factors` (n_maps,) are those of the matrices at one frequency line.
+        Fields are `x` (n_dofs, n_x) and `y` (n_dofs, n_y); `factors` (n_maps,) are the coefficients of the matrices at one
+        frequency line.
         """
         entries = np.ascontiguousarray(self.entries(factors, x).T)
         rows = np.ascontiguousarray(y)
@@ -97,7 +98,7 @@ class ParameterForces:
         return [sparse.csr_array((column, self.indices, self.indptr), shape) @ rows for column in entries]
 
     def projected(self, factors: ComplexArray, vectors: FloatArray, x: NumberArray, y: NumberArray) -> ComplexArray:
-        """y' V' (dZ/dp) V x (no conjugate) at every line for the vectors V of a basis, (n_lines, n_y, n_x, n_params).
+        """Products y' V' (dZ/dp) V x without conjugate for a reduced basis V at every line, (n_lines, n_y, n_x, n_params).
 
         Parameters
         ----------
@@ -117,7 +118,10 @@ class ParameterForces:
 
 
 def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: int) -> ParameterForces:
-    """Operator for the forces (dZ/dp) x of all parameters, from element matrices with parameter-dependent weights."""
+    """Operator from fields x to the forces (dZ/dp) x of all parameters.
+
+    `parts` are element matrices whose weights depend on the `n_params` parameters; `n_dofs` is the size of a field.
+    """
     keys = [key for part in parts for key in _force_keys(part, n_dofs)]
     pattern = np.unique(np.concatenate([np.zeros(0, np.int64), *keys]))
     shape = (len(pattern), n_dofs)
@@ -137,7 +141,7 @@ def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: i
 def _pairs(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
     """Element index, parameter index and derivative of every element weight that depends on a parameter.
 
-    They come in parts that fit into memory.
+    Three arrays of equal length, in parts that fit into memory.
     """
     element = np.repeat(np.arange(part.slope.shape[0]), np.diff(part.slope.indptr))
     local = part.blocks.dofs.shape[1] ** 2 if isinstance(part.blocks, Blocks) else 1
@@ -163,9 +167,10 @@ def _force_keys(part: WeightedElements, n_dofs: int) -> Iterator[IntArray]:
 def _force_maps(
     part: WeightedElements, pattern: IntArray, n_dofs: int
 ) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Sparse entries (row, column, value) of d(sum of weights B_e)/dp, in parts that fit in memory.
+    """Sparse entries (row, column, value) of the map from fields to forces, in parts that fit into memory.
 
-    Rows are positions among the sorted keys `pattern` (parameter index times n_dofs plus degree of freedom).
+    Rows are positions among the sorted keys `pattern` (parameter index times n_dofs plus degree of freedom). Entries may repeat
+    and add up.
     """
     if not isinstance(part.blocks, Blocks):
         key, column, value = _matrix_entries(part, n_dofs)
@@ -185,7 +190,10 @@ def _force_maps(
 
 
 def _matrix_entries(part: WeightedElements, n_dofs: int) -> tuple[IntArray, IntArray, FloatArray]:
-    """Entries of d(sum of weights B_e)/dp as row (parameter times n_dofs plus row), column and value."""
+    """Sparse entries of the derivatives of the matrix of `part`: key, column and value, (n_entries,) each.
+
+    The key is parameter index times n_dofs plus row. Entries may repeat and add up.
+    """
     joined = _joined(part.blocks.entries(), part.slope, n_dofs)
     pieces = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)), *((k, c, v) for k, c, _, v in joined)]
     key, column, value = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
@@ -211,7 +219,7 @@ class DenseForces:
     n_params: int
 
     def contracted(self, coefficients: ComplexArray, x: NumberArray, y: NumberArray) -> ComplexArray:
-        """y' (dZ/dp) x (no conjugate) at every line, (n_lines, n_y, n_x, n_params).
+        """Products y' (dZ/dp) x without conjugate at every line, (n_lines, n_y, n_x, n_params).
 
         Parameters
         ----------
@@ -234,7 +242,7 @@ class DenseForces:
         return found
 
     def _forces(self, coefficients: ComplexArray, x: NumberArray) -> ComplexArray:
-        """Forces (dZ/dp) x for fields x (n_lines, n_dofs, n_x): (n_forces, n_lines, n_x).
+        """Nonzero entries of the forces (dZ/dp) x for fields `x` (n_lines, n_dofs, n_x): (n_forces, n_lines, n_x).
 
         `coefficients` (n_lines, n_matrices) are those of the matrices in Z.
         """
@@ -272,7 +280,7 @@ class DenseSlopes:
     operators: tuple[sparse.csr_array, ...]
 
     def at(self, values: FloatArray) -> DenseForces:
-        """Forces (dZ/dp) x, ready to be contracted, of the structure with these physical `values` (n_values,)."""
+        """Operator for the forces (dZ/dp) x of the structure with the property `values` (n_values,), physical units."""
         slopes: list[FloatArray] = [np.zeros(0)]
         for member, used in self.slots:
             slopes += [self.structure.contributions[member].slope(values, k) for k in used]
@@ -285,9 +293,10 @@ class DenseSlopes:
 
 
 def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: sparse.sparray) -> DenseSlopes:
-    """Derivatives of dense system matrices by parameters that change values through `design` (n_values, n_params).
+    """Derivatives of dense system matrices by parameters, in a form that is evaluated fast for any values.
 
-    `matrix_kinds` name the matrices.
+    `matrix_kinds` name the matrices in the order of their coefficients; `design` (n_values, n_params) is the derivative of the
+    property values by the parameters.
     """
     table, n_dofs, members = sparse.csr_array(design), structure.n_dofs, structure.contributions
     n_weights = sum(item.blocks.n_elements for item in members)
@@ -335,9 +344,10 @@ def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: spar
 def _weighed_entries(
     members: Sequence[Contribution], matrix_kinds: Sequence[str], n_dofs: int
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """Entries of all element matrices of several contributions, as row, column, index of the element weight, and value.
+    """Entries of all element matrices of the contributions `members`: row, column, index of the element weight, value.
 
-    Columns are raised by `n_dofs` times the index of the matrix in `matrix_kinds`.
+    Columns are raised by `n_dofs` times the index of the matrix in `matrix_kinds`; weights are numbered through all
+    contributions.
     """
     known = {id(item.blocks): item.blocks.entries() for item in members}
     none: IntArray = np.zeros(0, dtype=np.int64)
@@ -354,10 +364,10 @@ def _weighed_entries(
 def _joined(
     entries: tuple[IntArray, IntArray, IntArray, FloatArray], design: sparse.csr_array, n_dofs: int
 ) -> Iterator[tuple[IntArray, IntArray, IntArray, FloatArray]]:
-    """Entries of the derivatives of matrices by parameters: key, column, index of the element weight and value, in parts.
+    """Entries of the derivatives of matrices by parameters, in parts: key, column, index of the element weight, and value.
 
-    The key is parameter index times n_dofs plus row. `entries` are row, column, weight index and value of the element
-    matrices, `design` (n_weights, n_params) the derivatives of the weights.
+    The key is parameter index times n_dofs plus row. `entries` are row, column, weight index and value of the element matrices;
+    `design` (n_weights, n_params) is the derivative of the weights.
     """
     row, column, element, value = entries
     counts = np.diff(design.indptr)
@@ -373,9 +383,9 @@ def _joined(
 
 
 def element_products(blocks: ElementMatrices, y: NumberArray, x: NumberArray) -> FloatArray:
-    """Real parts of the sums over columns of conj(y)' B_e x, for y and x (n_dofs, n_columns): (n_elements,).
+    """Real part of conj(y)' B_e x, summed over columns, for the matrix B_e of each element, (n_elements,).
 
-    Columns are whatever the sums run over: lines and loads.
+    Fields `y` and `x` are (n_dofs, n_columns); columns are lines and loads, for example.
     """
     left, right = (np.ascontiguousarray(a, dtype=np.complex128).view(np.float64) for a in (y, x))
     if not isinstance(blocks, Blocks):

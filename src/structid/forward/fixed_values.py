@@ -23,11 +23,11 @@ from structid.unknowns.transforms import Transform, Transforms
 def with_fixed_values(
     problem: RecordProblem, tolerances: Tolerances, calibration: float | None = None, record: str = "record"
 ) -> RecordProblem:
-    """Problem with a factor, 1 within its tolerance, on every fixed model value as a further unknown.
+    """Problem with a factor on every fixed model value as a further unknown, 1 within its tolerance.
 
-    They are called ``fixed mass[deck]``, and ``fixed calibration[record 1]`` of the common gain of a record. The logarithm of each
-    has its tolerance as the standard deviation of a Gaussian prior. Where responses do not come from matrices, only the gain is
-    held.
+    Names are such as ``fixed mass[deck]``, and ``fixed calibration[record 1]`` for the common gain of a record. The logarithm
+    of a factor has a Gaussian prior with the tolerance as standard deviation. If the structure has no matrices only the gain is
+    added; no gain is added for a tolerance of 0 or without measured responses.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def with_fixed_values(
 
 
 def tolerances_of(freed: Sequence[RecordProblem]) -> dict[str, float]:
-    """Tolerances of the fixed values among the unknowns of `freed` problems, by the names of these unknowns."""
+    """Tolerance of each fixed value among the unknowns of the problems `freed`, by the name of the unknown."""
     held = [
         (part.names, part.free_prior[1].tolist())
         for problem in freed
@@ -60,7 +60,7 @@ def tolerances_of(freed: Sequence[RecordProblem]) -> dict[str, float]:
 
 
 def append_fixed_factors(parameters: Parameters, fixed: tuple[FixedProperty, ...]) -> Parameters:
-    """The parameters followed by a factor on each fixed property."""
+    """Parameters followed by a factor on each of the properties `fixed`, with start 1; values at the start do not change."""
     columns = relative_sensitivities(parameters.offset, fixed)
     factors = _unit_factors(*([getattr(item, name) for item in fixed] for name in ("label", "kind", "tolerance")))
     return replace(
@@ -72,7 +72,10 @@ def append_fixed_factors(parameters: Parameters, fixed: tuple[FixedProperty, ...
 
 
 def _with_gain(problem: RecordProblem, measured: Measured, tolerance: float, record: str) -> ChannelErrors:
-    """The channel errors of a problem followed by a gain of all its sensors."""
+    """Channel errors of a problem followed by a common gain of all sensors, with `tolerance` as its deviation.
+
+    `record` is the name of the record in that of the gain.
+    """
     common = channel_errors(measured, [ChannelUnknown("gain", "all", name="all")])
     own = channel_errors(measured, []) if problem.channels is None else problem.channels
     return replace(
@@ -83,7 +86,10 @@ def _with_gain(problem: RecordProblem, measured: Measured, tolerance: float, rec
 
 
 def _unit_factors(names: Sequence[str], kinds: Sequence[str], tolerances: Sequence[float]) -> NamedUnknowns:
-    """Unknown factors that start at 1; their logarithms have Gaussian priors of mean 0 and the deviations `tolerances`."""
+    """Positive unknown factors that start at 1, with Gaussian priors of mean 0 on their logarithms.
+
+    `names` (without prefix), `kinds` and `tolerances`, the standard deviations, have one entry for each factor.
+    """
     n = len(names)
     kept_positive: tuple[Transform, ...] = tuple("log" for _ in names)
     return NamedUnknowns(

@@ -20,10 +20,7 @@ class LastEvaluation(Generic[T]):
         return LastEvaluation, ()
 
     def at(self, theta: FloatArray, evaluate: Callable[[FloatArray], T]) -> T:
-        """The evaluation at free variables `theta` (n_params,).
-
-        The cached one if it is of the same `theta`, or else that made by `evaluate`, which is then cached.
-        """
+        """Evaluation at the free variables `theta` (n_params,): the cached one, else by `evaluate`, which is then cached."""
         found = self.known(theta)
         if found is None:
             found = evaluate(theta)

@@ -66,9 +66,10 @@ def sparse_prior_rows(unknowns: NamedUnknowns, theta: FloatArray) -> tuple[Float
 
 
 def complex_rows(n_lines: int, names: Sequence[str], averages: FloatArray | None = None) -> DataRows:
-    """Labels of data rows for complex values of lines and channels: real parts first, then imaginary parts.
+    """Labels of data rows for complex values: real parts of all lines and channels first, then imaginary parts.
 
-    `averages` (n_data,) are the numbers of averages behind the variances.
+    Lines vary slowest; `names` are those of the channels. `averages` (n_data,) are the numbers of averages behind the
+    variances, None if these are known.
     """
     index, channel = np.repeat(np.arange(n_lines), len(names)), np.tile(2 * np.arange(len(names)), n_lines)
     both = tuple(name for name in names for _ in range(2))
@@ -216,10 +217,10 @@ class RecordProblem(Problem):
         return self
 
     def reweighted(self, theta: FloatArray) -> Self:
-        """A copy whose errors in proportion to a value's size are taken of the model's values at `theta`.
+        """A copy whose errors in proportion to a value are taken of the model's values at `theta`; itself by default.
 
-        As a part of the *measured* size they are smaller where noise makes a value small, which then weighs more: masses
-        and stiffnesses come out too high by about the square of the noise. The problem itself where no error depends on size.
+        Errors as a part of the measured value favour values that noise makes small, so that masses and stiffnesses come out too
+        high by about the square of the noise.
         """
         return self
 
@@ -233,7 +234,7 @@ def polarities(problem: RecordProblem) -> tuple[float, ...]:
 
 
 def with_polarities(problem: P, signs: Sequence[float]) -> P:
-    """A copy of `problem` with these polarities, one each."""
+    """A copy of `problem` with the polarities `signs`, +1 or -1 for each unknown polarity; itself without channel errors."""
     if problem.channels is None:
         return problem
     return problem.with_channels(replace(problem.channels, polarities=locked(signs, float)))

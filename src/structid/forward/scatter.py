@@ -72,7 +72,7 @@ class ScatterProblem(Problem):
 
 
 def scatter_problems(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ...]:
-    """Problems, one for each scatter name, that tie parameters of several records to their common mean."""
+    """Problems that tie parameters of several records to their common value, one for each scatter by name."""
     members: dict[str, list[RecordProblem]] = {}
     for problem in problems:
         for scatter in problem.parameters.scatters:
@@ -82,7 +82,10 @@ def scatter_problems(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem,
 
 
 def _scatter_problem(name: str, problems: Sequence[RecordProblem]) -> ScatterProblem:
-    """Problem that ties each record's own parameters in scatter `name` to the common ones, in logarithms."""
+    """Problem that ties each record's own parameters in the scatter `name` to the common ones, in logarithms.
+
+    `problems` are all that have this scatter; unknowns are the common parameters, then those of each record.
+    """
     scatters = [next(s for s in p.parameters.scatters if s.name == name) for p in problems]
     where: dict[str, tuple[NamedUnknowns, int]] = {}
     for problem, scatter in zip(problems, scatters, strict=True):

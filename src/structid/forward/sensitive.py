@@ -78,7 +78,10 @@ class SensitiveElements:
 
 
 def sensitive_elements(structure: Structure, unknown: Parameters) -> tuple[SensitiveElements, ...]:
-    """Families of element matrices whose weights depend on parameters; shared matrices are listed once."""
+    """Families of element matrices whose weights depend on parameters, without those that do not.
+
+    Contributions with the same element matrices are one family.
+    """
     touched = np.diff(unknown.design.tocsr().indptr) > 0
     families: dict[int, list[int]] = {}
     for member, part in enumerate(structure.contributions):
@@ -124,7 +127,11 @@ class WeightedParts:
 
 
 def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...]) -> IntArray:
-    """Indices of structure values that set the element weights: factors, and what they multiply if they vary."""
+    """Indices of the property values on which the derivatives of element weights depend.
+
+    These are factors of a weight, and what they multiply if a factor is a parameter. `sensitive` comes from
+    `sensitive_elements`.
+    """
     counts, marks = np.diff(unknown.design.tocsr().indptr), np.zeros(len(unknown.offset), dtype=bool)
     for member in (member for group in sensitive for member in group.members):
         item = structure.contributions[member]
@@ -138,10 +145,10 @@ def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[
 def weighted_elements(
     structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...], physical: FloatArray
 ) -> WeightedParts:
-    """Weighted element matrices of the system at `physical` parameters (n_params,), with their derivatives.
+    """Element matrices with the derivatives of their weights by the parameters, at `physical` (n_params,).
 
-    A loss factor that is one number in all elements of a family, and no parameter, is a multiple of their stiffness:
-    the two matrices then share one part. Parts that enter alike are of one kind.
+    A loss factor that is equal in all elements of a family, and no parameter, is a multiple of their stiffness: both matrices
+    then share one part. Parts that enter the same matrices with the same factors are of one kind.
     """
     weights, design = unknown.values(physical), unknown.design.tocsr()
     counts = np.diff(design.indptr)

@@ -108,7 +108,9 @@ class Alternatives:
 def alternatives(
     estimate: Estimate, problems: Sequence[RecordProblem], without_priors: Estimate | None = None
 ) -> Alternatives | None:
-    """The sets of values that fit the data equally well; None where there is only one.
+    """Sets of values that fit the data equally well; None if there is only one.
+
+    The first set is the estimate; the others follow by their relative distance from the initial values.
 
     Parameters
     ----------
@@ -142,6 +144,7 @@ def alternatives(
 
 
 def _relative_distance(values: FloatArray, start: FloatArray) -> float:
+    """Norm of the relative differences between `values` and `start`, (n_params,) each; absolute where the start is 0."""
     scale = np.where(start != 0, np.abs(start), 1.0)
     return float(np.linalg.norm((values - start) / scale))
 
@@ -157,9 +160,9 @@ def _measured_words(problems: Sequence[RecordProblem]) -> str:
 def deciding_measurement(
     names: tuple[str, ...], values: FloatArray, problem: RecordProblem
 ) -> DecidingMeasurement | None:
-    """The measurement that differs most between sets of values: a further natural frequency, or a ratio of shape entries.
+    """Measurement that differs most between the sets of values: a further natural frequency, or a ratio of shape entries.
 
-    None where nothing differs enough.
+    None if the structure has no modes of its own or no candidate exists.
 
     Parameters
     ----------
@@ -184,14 +187,21 @@ def deciding_measurement(
 
 
 def _frequency_candidate(sets: Sequence[Modes], mode: int) -> tuple[float, DecidingMeasurement]:
-    """A mode's frequency as a deciding measurement, with its least gap between sets over what a test resolves."""
+    """Smallest relative gap between the sets in the frequency of a mode, over 1 %, and the frequency as a measurement.
+
+    `mode` counts from 0.
+    """
     frequency = np.array([each.frequency[mode] for each in sets])
     gap = float(np.diff(np.sort(np.log(np.maximum(frequency, np.finfo(float).tiny)))).min())
     return gap / _FREQUENCY, DecidingMeasurement(f"the frequency of mode {mode + 1}", "Hz", tuple(frequency.tolist()))
 
 
 def _shape_candidate(dofs: Sequence[Dof], sets: Sequence[Modes], mode: int) -> tuple[float, DecidingMeasurement] | None:
-    """The ratio of two shape entries of a mode as a deciding measurement, with its least gap; None without one."""
+    """Smallest gap between the sets in the ratio of two shape entries of a mode, and that ratio as a measurement.
+
+    The gap is that of the angle of the pair of entries, over 0.1 rad; the pair with the largest gap is taken. None with fewer
+    than two translations, or if a shape is zero.
+    """
     moving = np.array([i for i, dof in enumerate(dofs) if not dof.is_rotation], dtype=int)
     if len(moving) < 2:
         return None

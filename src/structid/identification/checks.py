@@ -38,7 +38,10 @@ def record_warnings(record: FrfRecord) -> tuple[str, ...]:
 
 
 def _phases_that_rise(record: FrfRecord) -> list[str]:
-    """A warning where phases rise through the resonances, over all channels together; none otherwise."""
+    """List with a warning if phases rise with frequency over all channels together; empty if not.
+
+    At least 100 lines are needed.
+    """
     turning = (record.values[1:] * record.values[:-1].conj()).imag
     total = float(np.abs(turning).sum())
     if len(record.frequency) < _ENOUGH_LINES or total == 0 or float(turning.sum()) <= _WRONG_WAY * total:
@@ -50,7 +53,10 @@ def _phases_that_rise(record: FrfRecord) -> list[str]:
 
 
 def _driving_point(record: FrfRecord, o: int, i: int) -> list[str]:
-    """A warning where the real part of the mobility of output o and load i, at one place, is mostly negative."""
+    """List with a warning if the real part of the mobility of output `o` and load `i` is negative at most lines; else empty.
+
+    Both must be at the same degree of freedom, in either direction.
+    """
     keep = record.frequency > 0
     mobility = record.lines(np.flatnonzero(keep)).as_kind("mobility").values[:, o, i]
     sense = record.outputs[o].sign * record.inputs[i].sign
@@ -120,9 +126,9 @@ def _scaled(matrix: FloatArray) -> FloatArray:
 
 
 def _null_words(structure: Structure, matrix: FloatArray, members: np.ndarray | None = None) -> str:
-    """Names of the degrees of freedom that move most in a null vector of a positive semidefinite matrix; "" if none.
+    """Names of the degrees of freedom that move most in a null vector of `matrix`, at most six; "" if it is regular.
 
-    `members` are the indices of the rows of `matrix` among all degrees of freedom; all by default.
+    `matrix` is positive semidefinite; `members` are the indices of its rows among all degrees of freedom, all by default.
     """
     if not len(matrix):
         return ""

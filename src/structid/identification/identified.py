@@ -221,7 +221,7 @@ class Identification(Shown, IdentificationPlots):
 
     @property
     def listed(self) -> tuple[int, ...]:
-        """Indices of all parameters but the values of single records of what varies."""
+        """Indices of all parameters except the values of single records in what varies from record to record."""
         own = {name for one in self.priors.varied for name in one.own}
         return tuple(i for i, name in enumerate(self.estimate.names) if name not in own)
 
@@ -231,7 +231,11 @@ class Identification(Shown, IdentificationPlots):
 
     @property
     def by_prior(self) -> tuple[int, ...]:
-        """Indices of parameters that priors determine more than the data do, alone or in an unseen combination."""
+        """Indices of parameters that priors determine more than the data do, alone or in an undetermined direction.
+
+        Such a parameter has a prior, and more than half of its variance comes from priors, or it takes part in an undetermined
+        direction. Empty for a matrix-free search.
+        """
         if self.priors.variance_fraction is None:
             return ()
         is_open = np.zeros(len(self.priors.variance_fraction), dtype=bool)

@@ -50,7 +50,7 @@ def identify(
     progress: StageProgress | None = None,
     channel_unknowns: Sequence[ChannelUnknown] = (),
 ) -> Identification:
-    """The identification of parameters of `structure` from a frequency response record, from any set of sensors.
+    """Identification of the parameters of `structure` from a record of frequency responses at any set of sensors.
 
     Parameters
     ----------
@@ -194,16 +194,20 @@ def identify_together(
 
 
 def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem]) -> list[str]:
-    """Names of the channels of the residual, with the record's title before them where there are several records."""
+    """Names of the channels of the residual, in the order of the residual series, then those of scatters.
+
+    With several records the title of the record comes first.
+    """
     pairs = zip(prefixes(setups), problems, strict=True)
     own = [prefix + name for prefix, problem in pairs for name in problem.rows.names]
     return own + [f"scatter of {one.name}" for one in scatter_problems(problems)]
 
 
 def _own(problem: RecordProblem, estimate: Estimate) -> Own:
-    """Free variables, values and initial values, in the estimate of all parameters, of those that the problem has.
+    """Free variables, values and initial values of the problem's parameters, from the estimate of all parameters.
 
-    A linear fit has no free variables; a value out of its range gets those of the start.
+    After a linear fit, which has no free variables, they are made from the values; a value out of range takes that of the
+    start.
     """
     place = indices_of(estimate.names, problem.names)
     values, theta = estimate.values[place], estimate.theta[place]
@@ -241,6 +245,8 @@ def mass_deviation(
     row: FloatArray, covariance: Covariance, held: Mapping[str, float], fixed: FixedValueInfluence | None
 ) -> float:
     """Standard deviation, kg, of a total mass that depends on parameters and fixed values.
+
+    Correlations of both through the influence of fixed values are included.
 
     Parameters
     ----------

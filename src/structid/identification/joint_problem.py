@@ -31,9 +31,9 @@ def joint_problem(problems: Sequence[RecordProblem]) -> Problem:
 
 
 def joint_schedules(problems: Sequence[RecordProblem]) -> Sequence[Schedule]:
-    """Schedules of the joint problem: the schedules of the records' problems, joined stage by stage.
+    """Stage sequences of the joint problem: those of the records' problems, joined stage by stage.
 
-    A problem with fewer schedules or stages than another stays in its last one, and one without any is as it is.
+    A problem with fewer sequences or stages than another repeats its last one; a problem without any takes part as it is.
     """
     parts = _parts(problems)
     if len(parts) == 1:
@@ -63,7 +63,7 @@ def joint_sample(problems: Sequence[RecordProblem]) -> Problem | None:
 
 
 def joint_obstacle(problems: Sequence[RecordProblem]) -> str:
-    """The obstacle to a matrix-free search of the joint problem, in words; "" where there is none."""
+    """Reason why a matrix-free search of the joint problem is impossible, in words; "" if it is possible."""
     obstacles = [problem.matrix_free_obstacle for problem in problems]
     if scatter_problems(problems):
         obstacles.append("takes no unknown that varies from record to record")
@@ -94,7 +94,10 @@ def indices_of(names: tuple[str, ...], wanted: Sequence[str]) -> IntArray:
 def first_values(
     names: tuple[str, ...], problems: Sequence[RecordProblem], values: Callable[[NamedUnknowns], FloatArray]
 ) -> FloatArray:
-    """Values of all parameters `names`, (n_params,): `values` of the first problem that has the parameter."""
+    """Value of each parameter in `names`, (n_params,), from the first problem that has it.
+
+    `values` gives the array of all unknowns of a problem, in their order.
+    """
     known: dict[str, float] = {}
     for problem in problems:
         for name, value in zip(problem.names, values(problem.unknowns), strict=True):
@@ -135,9 +138,9 @@ def harmonize_shared_parameters(problems: Sequence[RecordProblem], titles: Seque
 
 
 def _begun_alike(unknowns: N, first: Mapping[str, tuple[NamedUnknowns, int]], priors: Mapping[str, Prior]) -> N:
-    """A copy of the unknowns that share their start and scale with an earlier problem, and have these `priors`.
+    """Copy of `unknowns` with start and scale from the first problem that has each of them, and with these `priors` by name.
 
-    `first` gives, by name, the unknowns of the earlier problem and the index in them.
+    `first` gives, by name, the unknowns of the first problem and the index among them.
     """
     if not unknowns.names:
         return unknowns
@@ -156,9 +159,9 @@ def freed_problems(
     tolerances: Tolerances,
     has_gain: Sequence[bool] | None = None,
 ) -> tuple[RecordProblem, ...]:
-    """The problem of each record with the fixed values of its model among its unknowns; see `with_fixed_values`.
+    """Problem of each record with the fixed values of its model among its unknowns; see `with_fixed_values`.
 
-    `has_gain` says of each record whether its common gain may be among them; that of all may by default.
+    `has_gain` has an entry for each record: True if its common gain may be among them, which is the default.
     """
     named = zip(setups, titles(setups), problems, has_gain or [True] * len(setups), strict=True)
     return tuple(
@@ -168,10 +171,7 @@ def freed_problems(
 
 
 def taken_as_exact(problems: Sequence[RecordProblem], tolerances: Tolerances, carried: Sequence[str]) -> str:
-    """A clause that names the fixed values whose tolerance the search could not include.
-
-    These are all but `carried`; "" if none.
-    """
+    """Clause that names the fixed values whose tolerance the search did not include, all except `carried`; "" if none."""
     if not all(problem.structure.has_matrices for problem in problems):
         return "the model behind the FRFs of the solver is taken as exact"
     labels = dict.fromkeys(
@@ -186,12 +186,15 @@ def taken_as_exact(problems: Sequence[RecordProblem], tolerances: Tolerances, ca
 def tolerances_clause(
     influence: FixedValueInfluence, problems: Sequence[RecordProblem], tolerances: Tolerances | None
 ) -> str:
-    """A clause on the tolerances that standard deviations include, and on what they take as exact where `tolerances` are known."""
+    """Clause on the tolerances that standard deviations include, and on the fixed values that they take as exact.
+
+    Without `tolerances` the second part is left out.
+    """
     exact = "" if tolerances is None else taken_as_exact(problems, tolerances, influence.names)
     return f"± includes {influence.words}" + (f"; {exact}" if exact else "")
 
 
 def fixed_values(freed: Sequence[RecordProblem]) -> FixedValues | None:
-    """The fixed values that are free in the `freed` problems, the same in all records; None where there are none."""
+    """Fixed values that are unknowns of the `freed` problems, for the joint problem of all records; None if there are none."""
     known = tolerances_of(freed)
     return FixedValues(joint_problem(freed), known, joint_sample(freed)) if known else None

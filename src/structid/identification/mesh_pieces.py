@@ -85,9 +85,10 @@ class MeshPieces:
 def judge_pieces(
     setups: Sequence[AnySetup], identification: Identification, options: IdentifyOptions, count: int
 ) -> MeshPieces:
-    """The shifts of identified values by the mesh, for beams that are cut into `count` pieces.
+    """Shifts of the identified values by the mesh, for beams cut into `count` pieces.
 
-    With b the change of the residual by pieces half as long, values move by (J'J)^-1 J'b.
+    With b the change of the residual by pieces half as long, values move by (J'J)^-1 J'b. If they cannot be computed,
+    `obstacle` says why.
 
     Parameters
     ----------
@@ -129,7 +130,10 @@ def judge_pieces(
 def _finer_problem(
     setups: Sequence[AnySetup], problems: Sequence[RecordProblem], options: IdentifyOptions, count: int
 ) -> Problem:
-    """The problem of all records, lines cut into so many pieces, with the data and weights of `problems`; of histories anew."""
+    """Joint problem of all records with beams cut into `count` pieces, and the data and weights of `problems`.
+
+    Histories fitted by output error, which depend on the structure, are prepared again.
+    """
     cut = [
         setup.modelled_by(
             replace(setup.structure, subdivide=count if setup.structure.divisible else 1),
@@ -146,7 +150,7 @@ def _finer_problem(
 
 
 def _finer(setup: AnySetup, count: int) -> int:
-    """Degrees of freedom with pieces half as long, about."""
+    """Approximate number of degrees of freedom if `setup` has pieces half as long, from `count` pieces at present."""
     lines = sum(len(element.nodes) for element in setup.structure.divisible)
     return setup.structure.n_dofs + lines * count * len(setup.structure.active or ())
 
@@ -159,7 +163,7 @@ def _deviation(identification: Identification) -> FloatArray:
 
 
 def _shift(jacobian: FloatArray, change: FloatArray) -> FloatArray:
-    """The shift (n_params,) of the free variables by a change (n_rows,) of the residual; NaN where it is unseen."""
+    """First-order shift (n_params,) of the minimum by a `change` (n_rows,) of the residual; NaN if not determined."""
     bread = inverse_information(jacobian)
     seen = np.isfinite(np.diag(bread))
     shift = np.full(len(bread), np.nan)

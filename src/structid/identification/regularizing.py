@@ -105,9 +105,10 @@ def regularized(
     progress: StageProgress | None,
     work: Work,
 ) -> Regularized:
-    """The problems with regularizations and scatters added, at strengths that are given or chosen by the data.
+    """Problems with regularizations and scatters added, at strengths that are given or chosen by the data.
 
-    Their rows are added to the problem of the first record, whose parameters the others share by name.
+    Rows of regularizations are added to the first problem, whose parameters the others share by name. Without any, the problems
+    stay as they are.
 
     Parameters
     ----------
@@ -132,7 +133,7 @@ def regularized(
 
 
 def takes_matrix_free(terms: Sequence[Regularization]) -> str:
-    """Reason why these terms rule out a matrix-free search; "" if they allow it."""
+    """Reason why the regularizations `terms` rule out a matrix-free search, as words after its name; "" if they allow it."""
     for term in terms:
         if term.is_sparse:
             return f"takes smoothness as the only regularization, got {term_name(term)}"
@@ -160,7 +161,10 @@ def _by_draws(
     progress: StageProgress | None,
     work: Work,
 ) -> Regularized:
-    """The regularized problems of a matrix-free search, their strengths settled by draws; see `settled_strengths`."""
+    """Regularized problems for a matrix-free search, with strengths settled by posterior draws; see `settled_strengths`.
+
+    Without strengths to be chosen nothing is fitted.
+    """
     terms, unit = options.regularization, unit_penalties(problems, options.regularization)
 
     def regularized_problems(strengths: Sequence[float]) -> tuple[RecordProblem, ...]:
@@ -198,7 +202,7 @@ def _by_local_models(
     progress: StageProgress | None,
     work: Work,
 ) -> Regularized:
-    """The regularized problems, their strengths found by fits and exact local models in turn; see `settled`."""
+    """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`."""
     begun = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
     search = _Search(begun, tuple(options.regularization), method, work)
     theta = np.array(search.problem.theta_start)
@@ -222,7 +226,7 @@ def _by_local_models(
 def _staged(
     problems: Sequence[RecordProblem], method: Method, theta: FloatArray, progress: StageProgress | None, work: Work
 ) -> FloatArray:
-    """Free variables (n_params,) after the first schedule of the joint problem, begun at `theta`."""
+    """Free variables (n_params,) after the first stage sequence of the joint problem, started at `theta`."""
     for name, stage in next(iter(joint_schedules(problems)), ()):
         theta = work.minimize(stage, method.for_stages(), theta, named(progress, name)).theta
     return theta
@@ -241,9 +245,10 @@ def _applied_regularization(
     converged: bool,
     determined: float = float("nan"),
 ) -> AppliedRegularization:
-    """The regularization with its strength as it was used; `rest` (n_rows,) is the residual of its rows at the answer.
+    """Record of a regularization as it was used: name, rule and strengths of its rows.
 
-    `determined` is the number of combinations that the data determine, `converged` whether the strength settled.
+    `rest` (n_rows,) is the residual of its rows at strength 1, from which a sparsity counts the free parameters. `converged`
+    says whether the strength settled, `determined` how many combinations the data determine.
     """
     strengths = locked(np.array(np.broadcast_to(strength, rest.shape)))
     n_free = int((np.abs(rest) > _SMOOTHING).sum()) if term.is_sparse else None
@@ -288,7 +293,10 @@ class _Search:
 
     @cached_property
     def start(self) -> Strengths:
-        """Strengths of the first fit: the given ones, otherwise those at which data and penalty weigh the same."""
+        """Strengths for the first fit, terms first and then scatters.
+
+        Given strengths of smoothness, else those at which data and penalty weigh the same; for a scatter 1 / std^2.
+        """
         at = self.model(np.array(self.problem.theta_start))
         terms = [at.balance(k) if t.is_sparse or t.given is None else t.given for k, t in enumerate(self.terms)]
         return (*terms, *(one.std**-2 for one in self.scatters))
@@ -296,7 +304,7 @@ class _Search:
     def regularized_problems(
         self, problems: Sequence[RecordProblem], strengths: Strengths
     ) -> tuple[RecordProblem, ...]:
-        """Problems with the regularization terms and scatters at these strengths."""
+        """Copies of `problems` with the regularization terms and scatters at these strengths, terms first."""
         n_terms = len(self.terms)
         pairs = zip(self.scatters, strengths[n_terms:], strict=True)
         made = with_scatters(problems, {one.name: float(s) ** -0.5 for one, s in pairs})
@@ -309,14 +317,17 @@ class _Search:
         return self.work.minimize(self.with_strengths(strengths), self.method, theta).theta
 
     def model(self, theta: FloatArray) -> LocalModel:
-        """Data and penalties linearized at the free variables `theta` (n_params,)."""
+        """Local model at the free variables `theta` (n_params,).
+
+        It holds the data, and the penalties of terms and then scatters at strength 1.
+        """
         physical, slope = self.problem.physical(theta), self.problem.slope(theta)
         rows = [coupling.rows(physical) for coupling in self._wide]
         penalties = tuple(Linearization(residual, jacobian * slope) for residual, jacobian in rows)
         return LocalModel(self.problem.linearize(theta), penalties)
 
     def choose(self, model: LocalModel, strengths: Strengths) -> Strengths:
-        """New strengths of all terms and scatters, each by its rule, from a local model and the strengths so far."""
+        """New strengths of all terms and then scatters, each by its rule, from a linearized model and the present strengths."""
         made = list(strengths)
         together = [k for k, t in enumerate(self.terms) if not t.is_sparse and t.rule == "marginal_likelihood"]
         together += range(len(self.terms), len(strengths))
@@ -337,7 +348,10 @@ class _Search:
         return tuple(made)
 
     def _sparse(self, model: LocalModel, index: int, strengths: Strengths) -> FloatArray:
-        """Strengths (n_rows,) of the sparsity at position `index`, chosen by the data or for its given strength."""
+        """Strengths (n_rows,) of the sparsity at position `index`.
+
+        They are chosen by the data, or follow from the strength that the study states; see `absolute_strengths`.
+        """
         given = self.terms[index].given
         if given is None:
             return sparse_strengths(model, index, strengths)
@@ -345,7 +359,7 @@ class _Search:
 
 
 def _folded(model: LocalModel, kept: Sequence[int], strengths: Strengths) -> LocalModel:
-    """The local model in which all penalties but those at positions `kept` count as data, at their strengths."""
+    """Local model with all penalties but those at positions `kept` counted as data, at their `strengths`."""
     parts = [(model.data.residual, model.data.jacobian)]
     for k, part in enumerate(model.penalties):
         if k not in kept:
@@ -373,7 +387,10 @@ def regularization_warnings(
     regularizations: Sequence[AppliedRegularization],
     share: FloatArray | None,
 ) -> tuple[str, ...]:
-    """Warnings on the regularizations, and on parameters whose prior fraction `share` (n_params,) exceeds one half."""
+    """Sentences on the regularizations, and a warning on parameters that owe more than half of their variance to priors.
+
+    `share` (n_params,) is that part; None leaves the warning out.
+    """
     warnings = [item.words for item in regularizations]
     owing = [] if share is None else [name for name, part in zip(estimate.names, share, strict=True) if part > 0.5]
     if owing:

@@ -79,7 +79,9 @@ def search_parameters(
     progress: StageProgress | None,
     work: Work,
 ) -> SearchOutcome:
-    """The best estimate over the problems of all records, by the method that set-ups and options ask for.
+    """Best estimate over the problems of all records, by the method that set-ups and options ask for.
+
+    Regularizations, polarities of channels and weights are settled on the way.
 
     Raises
     ------
@@ -143,7 +145,7 @@ def _search_starts(
     options: IdentifyOptions,
     wide: int,
 ) -> Search:
-    """Number and starts of the searches with a Jacobian; `wide` is the number of wide starts."""
+    """Numbers and starts of the searches with a Jacobian; `wide` is the number of wide starts."""
     is_modal = all(np.isnan(problem.facts.line_spacing).all() for problem in problems)  # a wrong minimum may fit modes
     return Search(
         options.restarts,
@@ -159,7 +161,7 @@ def _search_starts(
 def _without_priors(
     problems: Sequence[RecordProblem], best: Estimate, method: Method, search: Search, work: Work
 ) -> Estimate | None:
-    """The estimate from the data alone, searched from wide starts about `best`; None where no parameter has a prior."""
+    """Estimate from the data alone, searched from wide starts about `best`; None if no parameter has a prior."""
     if not any(problem.parameters.has_priors for problem in problems):
         return None
     bare = tuple(problem.with_parameters(problem.parameters.without_priors()) for problem in problems)
@@ -168,9 +170,10 @@ def _without_priors(
 
 
 def wide_starts(problems: Sequence[RecordProblem]) -> int:
-    """Number of wide starts by default: many for few modal data of small models, 0 where they would take long.
+    """Default number of wide starts: up to 200 for few modal data of small models, else 0.
 
-    Few are modes without a known shape entry, and modes with fewer values than twice the parameters.
+    Few are modes without a known shape entry, or with fewer values than twice the parameters. The number falls with the cube of
+    the size above 60 degrees of freedom; below 8 it is 0.
     """
     modal = [problem for problem in problems if isinstance(problem, ModalProblem)]
     if len(modal) < len(problems) or any(problem.settings.form != "output" for problem in modal):
@@ -185,7 +188,7 @@ def wide_starts(problems: Sequence[RecordProblem]) -> int:
 
 
 def _keeping_order(problems: Sequence[RecordProblem], theta: FloatArray) -> Problem:
-    """The joint problem in which modes keep the order in which they are paired at `theta` (n_params,)."""
+    """Joint problem in which modes without shapes stay paired in order, if they are so at `theta` (n_params,)."""
     names = joint_problem(problems).names
     return joint_problem(
         [
@@ -196,7 +199,7 @@ def _keeping_order(problems: Sequence[RecordProblem], theta: FloatArray) -> Prob
 
 
 def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -> Method:
-    """The search method: matrix-free where the options ask for it, or where a Jacobian would be too large.
+    """Search method: matrix-free if the options ask for it or a dense Jacobian would be too large, else that of the options.
 
     Raises
     ------
@@ -249,7 +252,10 @@ class PolarityTrials:
         return cls([tuple(decide_polarities(problem, problem.theta_start) for problem in problems)])
 
     def add(self, fit: Estimate) -> None:
-        """Add the fit of the next pending problems, and find the polarities to try after it."""
+        """Add the fit of the first pending problems, and append further polarities to be tried if there are any.
+
+        The problems are removed from `pending`.
+        """
         problems = self.pending.pop(0)
         self.fits[_polarities(problems)] = (fit, problems)
         if self.pending:
@@ -263,7 +269,7 @@ class PolarityTrials:
 
     @property
     def best(self) -> tuple[Estimate, tuple[RecordProblem, ...]]:
-        """The fit with the smallest sum of squares, one that converged where there is any, and its problems."""
+        """Fit with the smallest chi-square and its problems; fits that converged come first."""
         return min(
             self.fits.values(), key=lambda pair: (pair[0].status is Status.NOT_CONVERGED, pair[0].goodness.chi_square)
         )
@@ -274,10 +280,10 @@ def reweighted(
     problems: tuple[RecordProblem, ...],
     search: Callable[[tuple[RecordProblem, ...], FloatArray], Estimate],
 ) -> tuple[Estimate, tuple[RecordProblem, ...]]:
-    """The fit repeated with errors in proportion to values that are taken from the fitted model, and its problems.
+    """Fit and problems after repeated fits with errors in proportion to predicted instead of measured values.
 
-    Where the model misses the values by more than twice their noise, the weights stay as they are measured. Strengths
-    of regularizations stay as they were chosen. `search` repeats the fit of problems from given free variables.
+    At most three repetitions, until nothing moves by more than 0.02 standard deviations; none if the misfit exceeds 4. `search`
+    repeats the fit of problems from free variables. Strengths of regularizations stay.
     """
     for _ in range(_REWEIGHTED):
         if not best.goodness.misfit < _REWEIGHTED_BELOW:
@@ -294,7 +300,10 @@ def reweighted(
 
 
 def _as_searched(again: Estimate, first: Estimate) -> Estimate:
-    """The second of two fits in sequence, with the iterations and the history of both searches."""
+    """Second of two fits in sequence, `again`, with the iterations and the history of both.
+
+    The status is that of the first fit if several of its answers fit.
+    """
     search = replace(
         first.search,
         n_iterations=first.search.n_iterations + again.search.n_iterations,
@@ -309,7 +318,7 @@ def _polarities(problems: Sequence[RecordProblem]) -> tuple[float, ...]:
 
 
 def _with_polarities(problems: Sequence[RecordProblem], signs: Sequence[float]) -> tuple[RecordProblem, ...]:
-    """Copies of the problems with these polarities of their channels, those of all records one after another."""
+    """Copies of the problems with the polarities `signs`, +1 or -1, of all records one after another."""
     ends = np.cumsum([len(polarities(problem)) for problem in problems])[:-1]
     parts = np.split(np.asarray(signs), ends)
     return tuple(with_polarities(problem, part.tolist()) for problem, part in zip(problems, parts, strict=True))

@@ -113,7 +113,9 @@ class FoundScatter:
 
 
 def varying(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[RecordProblem, ...]:
-    """The problems, in which what varies from record to record has a value of its own in each; otherwise unchanged.
+    """Problems in which each parameter that varies from record to record has a value of its own in each record.
+
+    `titles` name the records. Problems without such parameters stay as they are.
 
     Raises
     ------
@@ -154,11 +156,10 @@ def free_scatters(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ..
 
 
 def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> FoundScatter:
-    """The interval of a scatter that the data choose near the answer, and the covariance that it adds.
+    """Interval of a scatter that the data choose, and the covariance that not knowing it exactly adds.
 
-    The restricted likelihood of the scatter times a uniform prior on it, on a grid; the mean and covariance of the free
-    variables at each of its points give what not knowing it adds. `strengths` are those of all penalties, `index` is
-    the position of the scatter among them.
+    The restricted likelihood times a uniform prior on the scatter is evaluated on a grid. `strengths` (1 / scatter^2) are those
+    of all penalties of `model`, `index` is the position of the scatter among them.
 
     References
     ----------
@@ -183,7 +184,7 @@ def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> 
 
 
 def widened_estimate(estimate: Estimate, more: Sequence[FoundScatter]) -> Estimate:
-    """The estimate with the covariance that is added because scatters are not known exactly."""
+    """Estimate with the covariances that the scatters in `more` add to its own; the same if there are none."""
     slope, spread = estimate.parameters.slope, estimate.spread
     if not more or slope is None:
         return estimate
@@ -199,10 +200,10 @@ def widened_estimate(estimate: Estimate, more: Sequence[FoundScatter]) -> Estima
 def varied(
     problems: Sequence[RecordProblem], estimate: Estimate, more: Mapping[str, FoundScatter]
 ) -> tuple[Varied, ...]:
-    """Parameters that differ from record to record, with their scatter and the records that stand out.
+    """Parameters that differ from record to record, with their scatter and the p-value of each record's deviation.
 
-    A value's deviation over its standard deviation under the scatter is Student's t once the scatter is that of the
-    others (Grubbs, 1950, Eq. (1)); the p-values of all values are corrected together.
+    The p-values of all values are corrected together by Holm's method. A deviation over its standard deviation follows
+    Student's t once the scatter is that of the others (Grubbs 1950, Eq. (1)). Empty if nothing varies.
 
     Parameters
     ----------
@@ -244,12 +245,11 @@ def varied(
 
 
 def _chances(residual: FloatArray, std: float, left: FloatArray, is_known: bool) -> FloatArray:
-    """Two-sided p-value (n,) of each deviation, before correction; NaN where the data say nothing of it.
+    """Two-sided p-value (n,) of each deviation, before correction for their number; NaN where the data do not see it.
 
-    The variance of a predicted deviation is the scatter's less what the data leave open, `left`. A scatter that the
-    data chose is first freed of the value's own part in it: of n values known exactly this is Grubbs's test, of values
-    that their own errors dominate the normal one. `residual` (n,) are the deviations from the mean, `std` is the
-    scatter; `is_known` says that the study states it.
+    `residual` (n,) are the deviations from the common value, `std` is the scatter, `left` (n,) the variance that the data leave
+    open, and `is_known` is True if the study states the scatter. A scatter that the data chose is first freed of the value's
+    own part in it (Grubbs's test).
     """
     told = std**2 - left
     seen = told > 1e-3 * std**2

@@ -22,7 +22,7 @@ INCLUDES_MODEL_ERROR = "standard deviations include the model error"
 
 
 def _scale_warnings(estimate: Estimate) -> list[str]:
-    """A warning where an unknown gain leaves the absolute size of masses and stiffnesses open; none otherwise."""
+    """List with a warning if an unknown gain leaves the absolute size of masses or stiffnesses undetermined; else empty."""
     kinds = np.array(estimate.kinds)
     for direction in estimate.identifiability.directions:
         part = np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
@@ -36,7 +36,10 @@ def _scale_warnings(estimate: Estimate) -> list[str]:
 
 
 def unidentified_warnings(estimate: Estimate) -> list[str]:
-    """Warnings about parameters that are not identified, one for each, or one for all of a matrix-free search."""
+    """Warnings about parameters that are not identified, one for each; a single one for a matrix-free search.
+
+    Parameters at a bound are left out.
+    """
     lost = np.flatnonzero(~estimate.identified & estimate.spread.is_free)
     if not estimate.uncertainty.has_matrix:
         words = (
@@ -54,7 +57,10 @@ def unidentified_warnings(estimate: Estimate) -> list[str]:
 def unused_damping(
     problems: Sequence[RecordProblem], names: Sequence[str], kinds: Sequence[str], is_determined: np.ndarray
 ) -> list[str]:
-    """A warning that measured damping ratios are not used, where dampings are not determined; none otherwise."""
+    """List with a warning if dampings are undetermined although measured damping ratios are not used; else empty.
+
+    `names`, `kinds` and the mask `is_determined` are those of all parameters.
+    """
     open_ones = np.flatnonzero(~is_determined & np.isin(kinds, DAMPING)).tolist()
     if not open_ones or not any(problem.facts.leaves_damping_out for problem in problems):
         return []
@@ -104,10 +110,9 @@ def estimate_warnings(estimate: Estimate) -> tuple[str, ...]:
 
 
 def ran_away(estimate: Estimate, problems: Sequence[RecordProblem]) -> tuple[int, ...]:
-    """Indices of positive parameters without prior that ended a factor of a thousand or more from their start.
+    """Indices of positive parameters without prior that ended a factor of 1000 or more from their start.
 
-    Those that the data determine in a fit to within the noise were only started far off, and a damping that goes to nothing
-    is absent; these have not run away.
+    Parameters that are identified in a fit to within the noise do not count, nor does a damping that goes to 0.
     """
     has_prior = first_values(estimate.names, problems, lambda part: part.priors.stated)
     positive = first_values(

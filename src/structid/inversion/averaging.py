@@ -26,22 +26,29 @@ def expected_square(averages: FloatArray | float) -> FloatArray:
 
 
 def square_variance(averages: FloatArray) -> FloatArray:
-    """Variance that each of the two real rows of such an error adds to the sum of squares: 2 where variances are known."""
+    """Variance that each of the two real rows of a complex error adds to the sum of squares, for each number of averages.
+
+    It is 2 for infinitely many averages, and finite only above three.
+    """
     mean = expected_square(averages)
     return 2 * mean**2 * (2 * (1 - 2 / averages) / (1 - 3 / averages) - 1)
 
 
 def score_factor(averages: FloatArray) -> FloatArray:
-    """Factor n / (n - 3) by which the covariance of weighted sums of such errors exceeds what the weights say.
+    """Factor n / (n - 3) by which few averages n increase the covariance of weighted sums of errors, for each entry.
 
-    Sums J'r of whitened rows have the covariance E(1/g^2) / E(1/g) J'J for estimates g of a variance of 1; 1 where there
-    are too few averages to tell.
+    Sums J'r of whitened rows have the covariance E(1/g^2) / E(1/g) J'J for estimates g of a variance of 1. The factor is 1
+    for three averages or fewer, where it has no finite value.
     """
     return np.divide(1.0, 1 - 3 / averages, out=np.ones_like(averages), where=averages > TOO_FEW)
 
 
 def normal_values(values: FloatArray, averages: FloatArray) -> FloatArray:
-    """Whitened rows from few averages, which follow Student's t, transformed to standard normal values."""
+    """Whitened residual rows transformed from Student's t to standard normal values by equal tail probability.
+
+    `values` and `averages` are (n_rows,); the t distribution has 2 (n - 1) degrees of freedom for n averages. Rows with
+    infinitely many averages stay as they are.
+    """
     known = np.isinf(averages)
     n = np.where(known, 2.0, averages)
     size = special.stdtr(2 * (n - 1), -np.abs(values) * np.sqrt(1 - 1 / n))
@@ -49,7 +56,10 @@ def normal_values(values: FloatArray, averages: FloatArray) -> FloatArray:
 
 
 def few_averages(averages: FloatArray | None) -> FloatArray | None:
-    """`averages` where they say something: None where all variances are known, or some are told by too few."""
+    """Array `averages` where the estimated variances matter, else None.
+
+    None if `averages` is None, if all entries are infinite (variances known), or if any entry is 3 or less.
+    """
     if averages is None or np.isinf(averages).all() or (averages <= TOO_FEW).any():
         return None
     return averages

@@ -38,10 +38,11 @@ def inverse_information(jacobian: FloatArray) -> FloatArray:
 
 
 def noise_covariance(problem: Problem, theta: FloatArray, linearization: Linearization) -> FloatArray:
-    """Covariance of the free variables from the noise alone: A^-1 (J' Sigma J + P'P) A^-1 with A = J'J + P'P, P the priors' rows.
+    """Covariance of the free variables from noise alone, (n_params, n_params); NaN for parameters not determined.
 
-    With rows of independent unit errors it is A^-1; where n averages tell their variances, Sigma is n / (n - 3). NaN where the
-    data do not tell.
+    It is A^-1 (J' Sigma J + P'P) A^-1 with A = J'J + P'P, where J are the data rows and P the prior rows of the Jacobian, and
+    Sigma the covariance of the whitened errors by `problem.noise_law`. For independent unit errors it is A^-1; for variances
+    estimated from n averages Sigma is n / (n - 3).
     """
     bread, rows = inverse_information(linearization.jacobian), problem.n_data
     seen = np.isfinite(np.diag(bread))
@@ -56,11 +57,11 @@ def noise_covariance(problem: Problem, theta: FloatArray, linearization: Lineari
 
 
 def chi_square_law(problem: Problem, theta: FloatArray, linearization: Linearization) -> tuple[float, float]:
-    """Scale and degrees of freedom of the scaled chi-square distribution that noise alone gives the sum of squares.
+    """Scale and degrees of freedom of the scaled chi-square distribution of the sum of squares under noise alone.
 
-    Where few averages determine the variances of rows, see `row_law`. For rows with correlated errors, the residual's
-    covariance is P Sigma P with P the projection past the Jacobian: sums of squares have the mean and variance of scale
-    times chi-square (Satterthwaite 1946, Biometrics Bull. 2, 110-114).
+    Where few averages determine the variances of rows, see `row_law`. For rows with correlated errors the residual has the
+    covariance P Sigma P, with P the projection onto the complement of the Jacobian; scale and degrees of freedom match the mean
+    and variance of the sum of squares (Satterthwaite 1946, Biometrics Bull. 2, 110-114).
     """
     freedom = float(max(len(linearization.residual) - linearization.n_params - linearization.n_eliminated, 0))
     changes = problem.noise_law(theta).factor
@@ -75,9 +76,10 @@ def chi_square_law(problem: Problem, theta: FloatArray, linearization: Lineariza
 
 
 def row_law(averages: FloatArray | None) -> tuple[float, float]:
-    """Scale and degrees of freedom per row of the chi-square distribution of data rows with few averages.
+    """Scale, and degrees of freedom per row, of the chi-square distribution of data rows with few averages.
 
-    Their product is the chi-square per degree of freedom that is expected where all is right.
+    Their product is the expected chi-square per degree of freedom of a correct model. Both are 1 where variances are known or
+    `few_averages` gives None.
 
     Parameters
     ----------
@@ -92,15 +94,18 @@ def row_law(averages: FloatArray | None) -> tuple[float, float]:
 
 
 def fit_covariance(problem: Problem, theta: FloatArray) -> FloatArray:
-    """(J'J)^-1 of the free variables: what the sum of squares itself says, whatever the law of the errors."""
+    """Covariance (J'J)^-1 of the free variables from the curvature of the sum of squares at `theta`, prior rows included.
+
+    Shape (n_params, n_params), NaN for undetermined parameters; the distribution of the errors is not used.
+    """
     return inverse_information(problem.linearize(theta).jacobian)
 
 
 def correlation_length(residual: FloatArray, lines: IntArray, series: IntArray) -> float:
-    """Correlation length of a residual in lines: 1 + 2 sum of its autocorrelations.
+    """Correlation length of a residual in lines: 1 + 2 times the sum of its autocorrelations from lag 1.
 
-    The sum runs over lags up to the first autocorrelation below 0.05, on the mean over all channels. `lines` and
-    `series` (n_data,) are the numbers of line and channel of each row.
+    The sum ends before the first autocorrelation below 0.05; the autocovariances are summed over all channels. `lines` and
+    `series` (n_data,) are the line number and the channel number of each row. 1 for a residual of zeros.
     """
     n_lines = int(lines.max(initial=0)) + 1
     numerator = np.zeros(n_lines)
@@ -171,9 +176,10 @@ def model_error_covariance(problem: Problem, linearization: Linearization) -> Fl
 
 
 def repeated_quantities(problem: Problem) -> IntArray | None:
-    """Number of the measured quantity of each data row, (n_data,), -1 for none; None if too few are repeated.
+    """Number of the measured quantity of each data row, (n_data,), from 0, and -1 for rows of none; None if not usable.
 
-    None where there are fewer than four, or where one is measured at one line only, which is a block already.
+    None if the problem numbers no quantities, if there are fewer than four, or if any is measured at one line only, which
+    is a block already.
     """
     numbers = problem.rows.quantities
     if numbers is None:
@@ -187,10 +193,10 @@ def repeated_quantities(problem: Problem) -> IntArray | None:
 
 
 def left_out_covariance(linearization: Linearization, block: IntArray) -> FloatArray:
-    """Jackknife covariance of the parameters, leaving out one block of rows at a time.
+    """Jackknife covariance of the parameters, (n_params, n_params), leaving out one block of rows at a time.
 
-    To first order d_b = (A - A_b)^-1 J_b' r_b. With few blocks that carry much each it is rather too large than too small, and is
-    not widened by Student's t besides. NaN for a parameter that one block alone carries.
+    To first order the step without block b is d_b = (A - A_b)^-1 J_b' r_b. With few influential blocks it is rather too large
+    than too small, and has no correction by Student's t. NaN for a parameter that one block alone determines.
 
     Parameters
     ----------
@@ -217,10 +223,10 @@ def left_out_covariance(linearization: Linearization, block: IntArray) -> FloatA
 
 
 def larger_covariance(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Covariance `first` (n, n), raised so that no combination has a variance below that by `second`.
+    """Covariance `first` (n, n), raised so that no linear combination has a variance below that by `second` (n, n).
 
-    With first = L L' and L^-1 second L^-T = V diag(w) V' it is L V diag(max(w, 1)) V' L'. Where one of the two is NaN, `first`
-    stays.
+    With first = L L' and L^-1 second L^-T = V diag(w) V' it is L V diag(max(w, 1)) V' L'. Rows and columns of parameters with a
+    NaN variance in either matrix are those of `first`.
     """
     both = np.isfinite(np.diag(first)) & np.isfinite(np.diag(second))
     inner = np.ix_(both, both)
@@ -237,10 +243,11 @@ def larger_covariance(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tuple[IntArray, ...]:
-    """Block number of each data row, (n_data,): by stretches of lines, and by channels if there are at least four.
+    """Block number of each data row, (n_data,), in one or two groupings: by stretches of lines, and by channels.
 
-    `residual` (n_data,) gives the correlation length; `lines` and `series` (n_data,) number the line and channel of
-    each row.
+    Blocks of lines are about four correlation lengths of `residual` long, at least ten if there are as many lines. The
+    grouping by channels (real and imaginary part together) is left out if there are fewer than four. `lines` and `series`
+    (n_data,) number the line and channel of each row.
     """
     n_lines = int(lines.max(initial=0)) + 1
     length = 4 * correlation_length(residual, lines, series)
@@ -251,9 +258,10 @@ def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tup
 
 
 def effective_blocks(problem: Problem, linearization: Linearization) -> FloatArray:
-    """Effective number of blocks of lines that determine each parameter, (n_params,): (sum a)^2 / sum a^2 of their shares a.
+    """Effective number of blocks of lines that determine each parameter, (n_params,); NaN for undetermined parameters.
 
-    The share of a block in the variance of parameter j is (A^-1 J_b' J_b A^-1)_jj; NaN where it is not seen.
+    It is (sum a)^2 / sum a^2 with a_b = (A^-1 J_b' J_b A^-1)_jj the share of block b in the variance of parameter j and
+    A = J'J with prior rows. The blocks are the first grouping of `error_blocks`.
     """
     rows = problem.n_data
     block = error_blocks(linearization.residual[:rows], problem.rows.lines, problem.rows.series)[0]
@@ -265,9 +273,9 @@ def effective_blocks(problem: Problem, linearization: Linearization) -> FloatArr
 
 
 def _block_scores(jacobian: FloatArray, residual: FloatArray, block: IntArray) -> FloatArray:
-    """Sum over blocks b of g g', g = J_b' r_b, times B / (B - 1) for B blocks: (n_params, n_params).
+    """Sum over blocks b of g_b g_b' with g_b = J_b' r_b, times B / (B - 1) for B blocks: (n_params, n_params).
 
-    `jacobian` is J, `residual` is r, and `block` (n_data,) numbers the blocks.
+    `jacobian` is J, `residual` is r, and `block` (n_data,) numbers the blocks from 0. NaN if there is only one block.
     """
     n_blocks = int(block.max(initial=0)) + 1
     scores = np.zeros((n_blocks, jacobian.shape[1]))

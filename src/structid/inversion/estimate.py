@@ -152,12 +152,18 @@ class Goodness:
 
     @property
     def misfit(self) -> float:
-        """Chi-square over its expectation for a right model with fixed values within their tolerances; NaN without freedom."""
+        """Least chi-square per degree of freedom over its expectation for a correct model; NaN without degrees of freedom.
+
+        Fixed values are free within their tolerances; about 1 for a correct model.
+        """
         return self.least_per_dof / self.expected_per_dof
 
     @property
     def least_per_dof(self) -> float:
-        """The smallest chi-square per degree of freedom with fixed values within their tolerances; NaN without freedom."""
+        """Smallest chi-square per degree of freedom with fixed values free within their tolerances.
+
+        It is `chi_square` per degree of freedom where `least_chi_square` is NaN; NaN without degrees of freedom.
+        """
         least = self.least_chi_square if np.isfinite(self.least_chi_square) else self.chi_square
         return least / self.degrees_of_freedom if self.degrees_of_freedom > 0 else float("nan")
 
@@ -174,7 +180,7 @@ class Goodness:
 
     @property
     def chi_square_probability(self) -> float:
-        """Probability of a larger chi-square than found, if model and noise level are right."""
+        """Probability of a larger chi-square if model and noise level are right; NaN without degrees of freedom."""
         if not self.degrees_of_freedom > 0:
             return float("nan")
         if self.residual_tests is not None:
@@ -330,7 +336,7 @@ class Estimate(Shown):
         return replace(self, parameters=replace(self.parameters, initial=initial))
 
     def with_transform(self, to_physical: Callable[[FloatArray], FloatArray]) -> Estimate:
-        """A copy that takes free variables to physical values by `to_physical`."""
+        """A copy with another function `to_physical` from free variables to physical values, (n_params,) each."""
         return replace(self, parameters=replace(self.parameters, to_physical=to_physical))
 
     def without_fixed_values(self) -> Estimate:
@@ -339,7 +345,7 @@ class Estimate(Shown):
 
     @property
     def status_words(self) -> str:
-        """Status of the estimate in a sentence, with remedies."""
+        """Status of the estimate in a sentence, with parameters at a bound or left open, and with remedies."""
         few = self.uncertainty.has_matrix
         spread, n_fitting = self.spread, self.search.n_fitting
         is_known = bool((self.identified | ~spread.is_free).all())
@@ -368,10 +374,10 @@ class Estimate(Shown):
         return np.divide(change, std, out=np.full(len(std), np.nan), where=std > 0)
 
     def beyond_chance(self, level: float = 0.05) -> tuple[np.ndarray, float]:
-        """Which parameters changed by more than chance alone allows anywhere among all of them, and the limit.
+        """Mask (n_params,) of the parameters that changed from their initial values by more than chance, and the limit used.
 
-        With all parameters at their initial values the probability that any is marked is at most `level` (Bonferroni);
-        the limit, in standard deviations, is that of Student's t with the degrees of freedom of the standard deviations.
+        The limit, in standard deviations, is the quantile of Student's t with Bonferroni's correction: if no parameter differs
+        from its initial value, the probability that any is marked is at most `level`. NaN changes are never marked.
         """
         limit = float(special.stdtrit(self.uncertainty.freedom, 1 - level / (2 * max(len(self.names), 1))))
         return np.abs(np.nan_to_num(self.distance)) > limit, limit
@@ -397,7 +403,9 @@ class Estimate(Shown):
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
         """Random draws of the parameters in physical units, (1, n_draws, n_params), normal in the free variables.
 
-        Parameters too many for a covariance matrix have as many draws as they were found with. NaN where not determined.
+        NaN for undetermined parameters. Without a covariance matrix (matrix-free search) the stored draws are returned, whose
+        number is not `n_draws`. Positive parameters not significantly different from 0 are drawn normal in physical units, cut
+        at 0.
         """
         if not self.uncertainty.has_matrix:
             return (self.values + self.uncertainty.draws)[None]
@@ -426,7 +434,7 @@ class Estimate(Shown):
         return Value(float(self.values[index]), float(self.std[index]))
 
     def overview(self) -> Overview:
-        """Status and fit, and one row a parameter."""
+        """Overview of the estimate: a line on status and fit, and a table with one row for each parameter."""
         words = (
             f"{self.status.value}, {plural(len(self.names), 'parameter')} from {self.goodness.n_data} data,"
             f" {self.goodness.misfit_words};"
@@ -441,7 +449,7 @@ class Estimate(Shown):
         return Overview(words, ("parameter", "value", "std", "initial", "unit"), rows)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a parameter: value, both standard deviations, 95 % interval, initial value, unit."""
+        """Table with one row for each parameter: value, standard deviations, 95 % interval, initial value, unit, identified."""
         low, high = self.interval().T
         return data_frame(
             {
@@ -473,6 +481,8 @@ def normal_intervals(
 ) -> FloatArray:
     """Normal confidence intervals at `level`, lower and upper end in physical units: (n_params, 2).
 
+    The interval is symmetric in the free variable; NaN where the standard deviation is NaN.
+
     Parameters
     ----------
     parameters : ParameterValues
@@ -482,6 +492,11 @@ def normal_intervals(
         Parameters that the data determine: of these, positive ones near 0 have an interval from 0; see `may_be_absent`.
     level : float
         Probability between 0 and 1.
+
+    Raises
+    ------
+    InputError
+        If `level` is not between 0 and 1.
     """
     require_level(level)
     quantile = float(special.ndtri(0.5 + level / 2))
@@ -523,7 +538,7 @@ def expected_per_row(problem: Problem) -> float:
 
 
 def require_level(level: float) -> None:
-    """Raise `InputError` unless `level` is the probability of an interval."""
+    """Raise `InputError` unless `level` lies between 0 and 1."""
     if not 0 < level < 1:
         raise InputError(f"`level` must be between 0 and 1, got {level:g}; 0.95 is usual")
 
@@ -540,7 +555,9 @@ def estimate(
     fixed: FixedValues | None = None,
     **moved: object,
 ) -> Estimate:
-    """Least-squares or maximum-posterior estimate of the problem's parameters, with uncertainty and diagnostics.
+    """Least-squares or maximum-posterior estimate of the parameters of a problem, with uncertainty and diagnostics.
+
+    An estimate is returned also if the search does not converge or the data do not determine every parameter; see its `status`.
 
     Parameters
     ----------
@@ -582,13 +599,19 @@ def estimate(
     accepted: list[tuple[Minimum, FloatArray]] = []
 
     def refit(minimum: Minimum) -> FitWithinTolerances | None:
-        """Refit of a misfitting minimum with fixed values free within their tolerances; None where it is not needed."""
+        """Refit of `minimum` with fixed values free within their tolerances.
+
+        None if there are no fixed values or noise alone explains the misfit.
+        """
         if sampled is None or not chosen.misfits(searched, minimum, misfit_probability):
             return None
         return _refit_once(refits, sampled, searched.names, minimum)
 
     def fits(minimum: Minimum) -> bool:
-        """True if the data allow `minimum`, with fixed values free within tolerances, and it is a new answer."""
+        """True if the data allow `minimum`, and it is not an answer accepted before.
+
+        Fixed values are free within their tolerances.
+        """
         within = refit(minimum)
         if within is None:
             is_fitting, end = not chosen.misfits(searched, minimum, misfit_probability), minimum.theta
@@ -672,14 +695,20 @@ def estimate(
 def _refit_once(
     refits: dict[Minimum, FitWithinTolerances], fixed: FixedValues, names: tuple[str, ...], minimum: Minimum
 ) -> FitWithinTolerances:
-    """Refit of `minimum` with fixed values free within their tolerances, from `refits` or made and kept there."""
+    """Refit of `minimum` with fixed values free within their tolerances, cached in `refits`.
+
+    `names` are the names of the parameters in the order of the free variables of `minimum`.
+    """
     if minimum not in refits:
         refits[minimum] = fixed.refit(names, minimum.theta, float(minimum.costs[-1]))
     return refits[minimum]
 
 
 def _status(best: Minimum, uncertainty: Uncertainty, searches: SearchRecord) -> Status:
-    """Status word of an estimate, from its minimum, uncertainty and number of distinct answers."""
+    """Status of an estimate from its best minimum, its uncertainty and the number of fitting answers.
+
+    Two answers or more that fit make it not identifiable. Parameters at a bound need not be determined.
+    """
     spread = uncertainty.spread
     is_determined = bool((spread.identified | ~spread.is_free).all())
     if not best.converged and uncertainty.carried.all() and (uncertainty.misfit or is_determined):

@@ -66,7 +66,10 @@ class FixedValueInfluence:
 
     @property
     def changes(self) -> FloatArray:
-        """Changes of parameters for one tolerance of each fixed value, then `second_order`: physical, (n_params, n_fixed + 1)."""
+        """Changes of the parameters for one tolerance of each fixed value, then `second_order`, (n_params, n_fixed + 1).
+
+        Physical units.
+        """
         return np.column_stack([self.slope * self.tolerance, self.second_order])
 
     @property
@@ -91,7 +94,10 @@ class FixedValueInfluence:
 
     @property
     def beyond(self) -> tuple[int, ...]:
-        """Positions of the fixed values that the data put farther off than tolerances leave by chance, the farthest first."""
+        """Indices of the fixed values that the data put farther off than chance allows, largest distance first.
+
+        The limit in tolerances is `limit_of`.
+        """
         limit = limit_of(len(self.asked))
         order = np.argsort(-np.abs(self.asked))
         return tuple(int(i) for i in order if abs(self.asked[i]) > limit)
@@ -103,7 +109,10 @@ class FixedValueInfluence:
 
 
 def tolerance_words(kinds: Sequence[str], tolerances: Sequence[float]) -> str:
-    """Tolerances of fixed values of these kinds in words, such as ``1 % of fixed masses and stiffnesses``."""
+    """Tolerances of fixed values in words, such as ``1 % of fixed masses and stiffnesses``.
+
+    `kinds` and `tolerances` (relative, 0.01 for 1 %) have one entry for each fixed value; kinds of equal tolerance are joined.
+    """
     kinds_of_size: dict[str, list[str]] = {}
     pairs = list(zip(kinds, tolerances, strict=True))
     for what, several in _CALLED.items():
@@ -116,12 +125,12 @@ def tolerance_words(kinds: Sequence[str], tolerances: Sequence[float]) -> str:
 
 
 def limit_of(count: int, probability: float = 1e-3) -> float:
-    """Tolerances beyond which any of `count` fixed values is off with no more than this probability (Bonferroni)."""
+    """Limit in tolerances that any of `count` fixed values exceeds with at most this probability (Bonferroni, two-sided)."""
     return float(special.ndtri(1 - probability / (2 * max(count, 1))))
 
 
 def _size(parts: list[float]) -> str:
-    """The smallest and the largest of rising `parts` in per cent, once where they are the same."""
+    """Range of rising `parts` in per cent, such as ``1 to 2 %``; one number where the first and the last agree."""
     return " to ".join(dict.fromkeys(f"{100 * part:.3g}" for part in (parts[0], parts[-1]))) + " %"
 
 
@@ -154,17 +163,18 @@ class FitWithinTolerances:
         return float(data @ data + self.asked @ self.asked)
 
     def misfits(self, probability: float) -> bool:
-        """True if misfit or error of a fixed value is less probable than this, given noise and tolerances.
+        """True if the fit within tolerances misses the noise at this probability; see `misfits_law`.
 
-        Of a linearization with a Jacobian; see `misfits_law` for one without.
+        It needs a linearization with a Jacobian, which gives scale and degrees of freedom by `chi_square_law`.
         """
         assert isinstance(self.at, Linearization)
         return self.misfits_law(probability, *chi_square_law(self.problem, self.theta, self.at))
 
     def misfits_law(self, probability: float, scale: float, freedom: float) -> bool:
-        """True where the fit within tolerances misses the noise, tested at this probability.
+        """True if the fit within tolerances misses the noise, tested at this probability.
 
-        The sum of squares of noise alone is `scale` times chi-square of `freedom` degrees of freedom; see `chi_square_law`.
+        That is so if a fixed value is off by more tolerances than `limit_of` allows, or if the sum of squares is too large.
+        Noise alone gives `scale` times chi-square of `freedom` degrees of freedom.
         """
         if np.abs(self.asked).max() > limit_of(len(self.asked), probability):
             return True
@@ -197,11 +207,14 @@ class FixedColumns:
     refit: Callable[[], FitWithinTolerances] | None = None
 
     def refitted(self) -> FixedColumns:
-        """A copy with the fit where all of them are free, made now if it can be made and is not there."""
+        """A copy that holds the fit with all fixed values free, made now by `refit` if it is missing.
+
+        The object itself if the fit is there or cannot be made.
+        """
         return self if self.within is not None or self.refit is None else replace(self, within=self.refit())
 
     def only(self, kept: Sequence[int]) -> FixedColumns:
-        """The values at positions `kept` alone; the others are exact."""
+        """A copy with the fixed values at indices `kept` alone; the others count as exact."""
         index, within = list(kept), self.within
         return replace(
             self,
@@ -214,7 +227,7 @@ class FixedColumns:
         )
 
     def influence(self, theta: FloatArray, linearization: Linearization, slope: FloatArray) -> FixedValueInfluence:
-        """Change of the parameters per relative change of each fixed value; NaN for undetermined parameters.
+        """Influence of the fixed values on the parameters, to first order; NaN for undetermined parameters.
 
         Parameters
         ----------
@@ -232,10 +245,10 @@ class FixedColumns:
         return self.influence_by(theta, changes, slope)
 
     def influence_by(self, theta: FloatArray, changes: FloatArray, slope: FloatArray) -> FixedValueInfluence:
-        """Influence of the fixed values on the parameters, from known changes of the free variables.
+        """Influence of the fixed values on the parameters, from known derivatives of the free variables.
 
-        `theta` are the free variables (n_params,), `changes` (n_params, n_fixed) their derivatives by the logarithm of each fixed
-        value, and `slope` (n_params,) the derivative of each physical parameter by its free variable.
+        `theta` (n_params,) are the free variables of the estimate, `changes` (n_params, n_fixed) their derivatives by the
+        logarithm of each fixed value, and `slope` (n_params,) the derivative of each physical parameter by its free variable.
         """
         within = self.within
         asked = np.zeros(len(self.names)) if within is None else within.asked

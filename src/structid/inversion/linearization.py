@@ -46,14 +46,17 @@ class Linearization:
         return self.jacobian @ v
 
     def triangle(self) -> FloatArray:
-        """R of the QR factorization of [J r], whose last column is Q'r of J and, on the diagonal, what no step takes away."""
+        """Triangle R of the QR factorization of [J r], (n_params + 1, n_params + 1), fewer rows if there are fewer residuals.
+
+        The last column holds Q'r; its last entry is, up to sign, the norm of the residual that no step reduces.
+        """
         return triangle_of(np.column_stack([self.jacobian, self.residual]))
 
 
 def triangle_of(rows: FloatArray) -> FloatArray:
-    """Upper triangle R of the QR factorization of `rows` (n_rows, n_columns), in chunks if there are many.
+    """Upper triangle R of the QR factorization of `rows` (n_rows, n_columns), with min(n_rows, n_columns) rows.
 
-    For many rows it is the triangle of the stacked triangles of chunks, which takes a fifth of the time.
+    Many rows are factorized in chunks, whose triangles are stacked and factorized again, in a fifth of the time.
     """
     width = rows.shape[1]
     size = max(_NEAR_ROWS, _OF_COLUMN * width)
@@ -164,7 +167,10 @@ class OperatorLinearization:
 
 
 def solved_by(prior: sparse.csr_array, diagonal: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Solver of (P'P + diagonal) x = b for sparse prior rows P; unit diagonal where both P and it are zero."""
+    """Function that solves (P'P + D) x = b for sparse prior rows P (n_priors, n_params) and a diagonal D (n_params,).
+
+    Where the diagonal is 0, a small part of that of P'P stands for it, or 1 where both are zero.
+    """
     from scipy.sparse.linalg import splu
 
     own = np.asarray(prior.multiply(prior).sum(axis=0)).ravel()

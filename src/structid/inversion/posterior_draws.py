@@ -114,9 +114,10 @@ def solved_influence(
     fixed: FixedColumns,
     precondition: Solver | None = None,
 ) -> tuple[FixedValueInfluence | None, str]:
-    """Influence of fixed values on the parameters, one system of equations each, and words on those that stay exact.
+    """Influence of fixed values on the parameters by conjugate gradients, and words on values taken as exact.
 
-    A value whose equations conjugate gradients do not solve is taken as exact; None where all are.
+    Each fixed value takes one system of equations; a value whose system does not converge is taken as exact. The influence is
+    None if all are, and the words are "" if none is. `precondition` is the `preconditioner` without damping, made if None.
     """
     precondition = precondition or preconditioner(linearization, np.zeros(linearization.n_params))
     rest, kept, changes = np.zeros(linearization.prior.shape[0]), [], []
@@ -136,7 +137,10 @@ def solved_influence(
 def drawn_covariance(
     problem: Problem, theta: FloatArray, linearization: OperatorLinearization, sampled: FloatArray
 ) -> DrawnCovariance:
-    """Covariance by draws `sampled` (n_draws, n_params) of free variables, in physical units; NaN if unseen."""
+    """Covariance represented by draws `sampled` (n_draws, n_params) of errors of the free variables, in physical units.
+
+    Standard deviations are NaN with fewer than two draws, and for parameters with no influence on data and priors.
+    """
     slope, count = problem.slope(theta), len(sampled)
     std = np.sqrt((sampled**2).mean(axis=0)) if count > 1 else np.full(linearization.n_params, np.nan)
     std[linearization.squares <= 0] = np.nan
@@ -151,9 +155,9 @@ def _index_of(names: tuple[str, ...], name: str) -> int:
 
 
 def _std_words(draws: int, n_solved: int, missed: int) -> str:
-    """Words on how standard deviations were found: number of draws, of parameters solved for and of failed draws.
+    """Words on how standard deviations were computed, with their relative accuracy.
 
-    `missed` is the number of failed draws.
+    `draws` is the number of draws used, `n_solved` the number of parameters solved for, `missed` the number of failed draws.
     """
     words = (
         f"standard deviations from {draws} posterior draws, +-{100 / np.sqrt(2 * draws):.0f} % each"
@@ -172,9 +176,9 @@ def posterior_draws(
     errors: Callable[[np.random.Generator], FloatArray] | None = None,
     precondition: Solver | None = None,
 ) -> tuple[FloatArray, int]:
-    """Draws of the answer's errors in the free variables, (count, n_params), and how many failed (NaN).
+    """Random errors of the free variables by the posterior, (count, n_params), and the number of failed draws (NaN rows).
 
-    A draw solves J'J s = J'e. With e of unit variance, as by default, its covariance is (J'J)^-1, the posterior's.
+    A draw solves J'J s = J'e by conjugate gradients. With e of unit variance, the default, its covariance is (J'J)^-1.
 
     Parameters
     ----------
@@ -209,9 +213,10 @@ def posterior_draws(
 def counted_draws(
     linearization: OperatorLinearization, count: int, generator: np.random.Generator, precondition: Solver | None = None
 ) -> tuple[FloatArray, float, int]:
-    """Draws of the answer's errors that converged, number of combinations that the data determine, failed draws.
+    """Draws of errors of the free variables that converged, the number of directions that the data determine, and failed draws.
 
-    The number is tr(C J'J) = E |J s|^2 of the data rows; NaN without draws. `count` is the number of draws.
+    The draws are (at most count, n_params). The number is tr(C J'J) of the data rows with C the posterior covariance, estimated
+    as the mean of |J s|^2; NaN without draws. `precondition` is the `preconditioner` without damping, made if None.
     """
     made, missed = posterior_draws(linearization, count, generator, None, precondition)
     sound = made[np.isfinite(made).all(axis=1)]
@@ -222,10 +227,10 @@ def counted_draws(
 
 
 def error_draws(problem: Problem, linearization: OperatorLinearization) -> Callable[[np.random.Generator], FloatArray]:
-    """Function that draws data errors (n_data,): the residual with one random factor for each stretch of lines.
+    """Function of a generator that draws data errors (n_data,): the residual with one random factor for each block of lines.
 
-    Their scores J'e have the covariance sum of g_b g_b' of `model_error_covariance`, raised for few blocks in the
-    same way.
+    The scores J'e have the covariance sum of g_b g_b' of `model_error_covariance`, with its correction for few blocks. It gives
+    NaN if there is only one block.
 
     References
     ----------
@@ -242,7 +247,10 @@ def error_draws(problem: Problem, linearization: OperatorLinearization) -> Calla
 
 
 def solved_std(linearization: OperatorLinearization, index: int, precondition: Solver | None = None) -> float:
-    """Standard deviation of parameter number `index` by conjugate gradients; NaN if these do not converge."""
+    """Standard deviation of the free variable at `index` by conjugate gradients; NaN if these do not converge.
+
+    `precondition` is the `preconditioner` without damping, made if None.
+    """
     unit = np.zeros(linearization.n_params)
     unit[index] = 1.0
     precondition = precondition or preconditioner(linearization, np.zeros(linearization.n_params))

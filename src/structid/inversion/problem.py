@@ -162,7 +162,10 @@ class RowNoise:
     factor: FloatArray | None = None
 
     def score_covariance(self, jacobian: FloatArray) -> FloatArray | None:
-        """Covariance of J'e (n_params, n_params) for noise e in whitened rows; None where it is J'J."""
+        """Covariance (n_params, n_params) of J'e for the noise e of the data rows; None where it is J'J.
+
+        `jacobian` (n_data, n_params) are the data rows J.
+        """
         if self.factor is None:
             few = few_averages(self.averages)
             return None if few is None else jacobian.T @ (score_factor(few)[:, None] * jacobian)

@@ -135,10 +135,10 @@ class DrawnCovariance:
         )
 
     def with_changes(self, changes: FloatArray) -> DrawnCovariance:
-        """The covariance with independent errors added, whose changes of the parameters are `changes` (n_params, n_causes).
+        """Covariance with independent errors added, one for each column of `changes` (n_params, n_causes).
 
-        Every draw gets some of each error. Over all draws their sizes have unit mean square and are uncorrelated, if there are
-        more draws than errors.
+        A column is the change of the parameters by one standard deviation of the error. Every draw gets a random part of each
+        error, of unit mean square and uncorrelated over the draws if there are more draws than errors.
         """
         n_draws, n_causes = len(self.draws), changes.shape[1]
         sizes = np.random.default_rng(0).standard_normal((n_draws, n_causes))
@@ -149,7 +149,10 @@ class DrawnCovariance:
         return DrawnCovariance(locked(self.draws + sizes @ changes.T), locked(std), locked(self.std_error * part**2))
 
     def variance(self, rows: Rows) -> FloatArray:
-        """Variance of each linear combination `rows` (n, n_params) of parameters, (n,), from the draws."""
+        """Variance of each linear combination `rows` (n, n_params) of parameters, (n,), from the draws.
+
+        With fewer than two draws NaN, and 0 for an empty combination.
+        """
         weights = sparse.csr_array(rows)
         if len(self.draws) < 2:
             return np.where(np.diff(weights.indptr) > 0, np.nan, 0.0)
@@ -210,7 +213,7 @@ class Spread:
 
     @cached_property
     def uncertainty(self) -> Covariance:
-        """Covariance of the parameters from the data with the tolerances of fixed values added."""
+        """Covariance that counts: the one of `of_data`, with the tolerances of fixed values added."""
         data = self.of_data
         if self.fixed is None:
             return data
@@ -294,19 +297,23 @@ def dense_uncertainty(
     misfit_probability: float,
     fixed: FixedColumns | None = None,
 ) -> Uncertainty:
-    """Uncertainty of the parameters at the minimum `theta` by the information matrix of its Jacobian.
+    """Uncertainty of the parameters at the minimum `theta`, from the information matrix of the Jacobian.
+
+    Parameters at a bound are held there.
 
     Parameters
     ----------
     problem : Problem
     theta : (n_params,) float array
     linearization : Linearization
+        At `theta`.
     converged : bool
-        Whether the search did.
+        True if the search converged.
     misfit_probability : float
-        Below this probability of its chi-square, or of the disagreement of what several records repeat, the fit holds model error.
+        The fit holds model error if a larger chi-square, or a larger disagreement of quantities that several records repeat, is
+        less probable than this.
     fixed : FixedColumns, optional
-        The values that the model holds; exact where none are given.
+        Fixed values of the model; exact if None.
     """
     values, slope = problem.physical(theta), problem.slope(theta)
     data, sizes = linearization.residual[: problem.n_data], problem.unknowns.sizes(values)
@@ -361,7 +368,7 @@ def dense_uncertainty(
 
 
 def effective_parameters(linearization: Linearization, n_data: int) -> float:
-    """Degrees of freedom that the parameters take from `n_data` data rows: tr(J_d (J'J)^-1 J_d').
+    """Degrees of freedom that the parameters take from the first `n_data` rows of the Jacobian: tr(J_d (J'J)^-1 J_d').
 
     It is the rank of J without priors, and less where prior rows determine some combinations (Hoerl and Kennard 1970).
     """
@@ -377,7 +384,7 @@ def basis(misfit: bool) -> str:
 
 
 def misfits(problem: Problem, theta: FloatArray, linearization: Linearization, probability: float) -> bool:
-    """True where a larger chi-square has less than this probability by noise alone."""
+    """True if noise alone would give a larger sum of squares than the residual at `theta` with less than this probability."""
     return misses_noise(problem, linearization.residual, *chi_square_law(problem, theta, linearization), probability)
 
 

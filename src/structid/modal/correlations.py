@@ -76,12 +76,14 @@ class Piece:
 
 
 def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
-    """Motion channels of the records, scaled to unit power, without forces; `Outputs` are returned as they are.
+    """Motion channels of the records, each divided by its root mean square over all records; forces are left out.
+
+    `Outputs` are returned as they are.
 
     Raises
     ------
     InputError
-        If there is no record, channels or sampling rates differ, nothing is left, or a channel does not move.
+        If there is no record, channels or sampling rates differ, there are only forces, or a channel is dead or constant.
     """
     if isinstance(records, Outputs):
         return records
@@ -111,9 +113,9 @@ def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
 
 
 def _mean_and_variance(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean and variance of each column about its own mean, summed in chunks about the first row; (n_channels,) each.
+    """Mean and variance of each column of `values` (n_times, n_channels), (n_channels,) each.
 
-    `values` are (n_times, n_channels).
+    The variance is about the mean, with divisor n_times. Sums are taken in chunks, about the first row.
     """
     start, total, square = values[0], np.zeros(values.shape[1]), np.zeros(values.shape[1])
     for first in range(0, len(values), _CHUNK):
@@ -125,9 +127,10 @@ def _mean_and_variance(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> FloatArray:
-    """Root mean square of every channel, (n_channels,); `InputError` if a channel does not vary.
+    """Root mean square of every channel over all records, (n_channels,), without subtracting means.
 
-    `series` are the samples of each record, (n_times, n_channels).
+    `series` are the samples of each record, (n_times, n_channels). Raises `InputError` if the standard deviation of a channel
+    is at most 1e-9 of the median of its quantity or of its own root mean square.
     """
     n_samples = sum(map(len, series))
     moments = [_mean_and_variance(y) for y in series]
@@ -146,10 +149,11 @@ def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tupl
 
 
 def displacement_rows(data: Outputs, s: ComplexArray) -> tuple[tuple[Dof, ...], ComplexArray]:
-    """Degrees of freedom, and the weights of channels in their displacement, (n_dofs, n_channels, n_modes).
+    """Degrees of freedom, and weights (n_dofs, n_channels, n_modes) that turn channels of `data` into displacements.
 
-    A channel of the k-th derivative holds s^k times the displacement, in noise that is taken to be in proportion to
-    its root mean square: least squares over the channels of one place.
+    `s` (n_modes,) are the poles in rad/s. A channel of the k-th derivative holds s^k times the displacement, with noise in
+    proportion to its root mean square: weighted least squares over the channels at one place. If all channels have one
+    quantity, the weights are the identity and the quantity stays.
     """
     dofs = tuple(dict.fromkeys(data.channels))
     if len(set(data.quantities)) == 1:
@@ -162,7 +166,10 @@ def displacement_rows(data: Outputs, s: ComplexArray) -> tuple[tuple[Dof, ...], 
 
 
 def require_length(data: Outputs, lags: int, max_order: int) -> None:
-    """Raise `InputError` if a record is too short for the number of time lags."""
+    """Raise `InputError` if a record holds fewer than 3 `lags` samples, or all too few for models of order `max_order`.
+
+    `lags` is the number of samples that the lags span; all records must hold `max_order` samples beyond it.
+    """
     shortest = min(len(y) for y in data.series)
     needed = 3 * lags
     if shortest < needed:
@@ -179,14 +186,20 @@ def require_length(data: Outputs, lags: int, max_order: int) -> None:
 
 
 def pieces(data: Outputs, head: int, tail: int, n_pieces: int = 1) -> tuple[Piece, ...]:
-    """Consecutive windows of all records, of about equal length, `n_pieces` in all if record lengths allow it.
+    """Consecutive windows of all records, of about equal length, about `n_pieces` in all, as record lengths allow.
 
     Parameters
     ----------
+    data : Outputs
     head, tail : int
-        Samples that each record needs before the first and from the last instant of a window on.
+        Samples that each record needs before the first and from the last instant of a window on; no window covers them.
     n_pieces : int
-        Number wanted; each record has at least one.
+        Number wanted over all records; each record has at least one.
+
+    Returns
+    -------
+    tuple of Piece
+        `part` of each is its number of samples over that of all windows.
     """
     lengths = np.array([len(y) - head - tail for y in data.series])
     counts = np.clip(np.round(n_pieces * lengths / lengths.sum()).astype(int), 1, np.maximum(lengths, 1))
@@ -201,8 +214,8 @@ def pieces(data: Outputs, head: int, tail: int, n_pieces: int = 1) -> tuple[Piec
 def lag_sums(y: FloatArray, first_lag: int, n_lags: int, start: int, stop: int) -> FloatArray:
     """Sum over s = start .. stop - 1 of y(s + k) y(s)' for k = first_lag .. first_lag + n_lags - 1.
 
-    By Fourier transforms of segments, whose cross spectra add up: about n_lags / 4 times fewer operations than one
-    matrix product a lag. Samples after the end of `y` count as zero.
+    `y` is (n_times, n_channels); lags are in samples. Fourier transforms of segments, whose cross spectra add up, need about
+    n_lags / 4 times fewer operations than one matrix product per lag. Samples after the end of `y` count as zero.
 
     Returns
     -------
@@ -231,19 +244,23 @@ def lag_sums(y: FloatArray, first_lag: int, n_lags: int, start: int, stop: int) 
 
 
 def _cross_spectrum(ahead: ComplexArray, here: ComplexArray) -> ComplexArray:
-    """Sum over segments of the cross spectra of two sets of lines (n_segments, n_lines, n_channels); changes `here`."""
+    """Cross spectra ahead here^H summed over segments, (n_lines, n_channels, n_channels).
+
+    Both arguments are (n_segments, n_lines, n_channels); `here` is conjugated in place.
+    """
     return np.asarray(ahead.transpose(1, 2, 0) @ np.conjugate(here, out=here).transpose(1, 0, 2))
 
 
 def _samples(y: FloatArray, start: int, stop: int) -> FloatArray:
-    """y[start:stop], with zeros after the end of `y` as in `lag_sums`."""
+    """Samples y[start:stop], (stop - start, n_channels), with zeros after the end of `y` as in `lag_sums`."""
     return np.concatenate([y[start:stop], np.zeros((max(0, stop - max(len(y), start)), y.shape[1]))])
 
 
 def window_hankel(y: FloatArray, start: int, stop: int, rows: int, columns: int, offset: int) -> FloatArray:
     """Sum over t = start .. stop - 1 of [y(t+offset); ...; y(t+offset+rows-1)] [y(t); ...; y(t-columns+1)]'.
 
-    Blocks of one lag differ by samples at the ends of the window only.
+    `y` is (n_times, n_channels); `rows` and `columns` are numbers of blocks, `offset` is the lag of the first block in
+    samples. Blocks of equal lag differ only by samples near the ends of the window.
 
     Returns
     -------
@@ -269,9 +286,10 @@ def window_hankel(y: FloatArray, start: int, stop: int, rows: int, columns: int,
 def window_hankels(
     data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int
 ) -> Iterator[FloatArray]:
-    """Block Hankel matrix of each window of the data, divided by the number of instants in all windows.
+    """Block Hankel matrix of each window, in order, divided by the number of instants in all windows; they add up to the whole.
 
-    `rows` and `columns` are numbers of blocks, `offset` is the lag of the first block in samples.
+    `rows` and `columns` are numbers of blocks, `offset` is the lag of the first block in samples. Each matrix is
+    (rows * n_channels, columns * n_channels); see `window_hankel`.
     """
     total = sum(piece.stop - piece.start for piece in windows)
     for piece in windows:
@@ -280,9 +298,10 @@ def window_hankels(
 
 
 def lag_hankels(data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int) -> Iterator[FloatArray]:
-    """Contribution of each window of the data to the block Hankel matrix of the lag correlations.
+    """Contribution of each window, in order, to the block Hankel matrix of the lag correlations; their sum is that matrix.
 
-    `rows` and `columns` are numbers of blocks, `offset` is the lag of the first block in samples.
+    `rows` and `columns` are numbers of blocks, `offset` is the lag of the first block in samples. Each matrix is
+    (rows * n_channels, columns * n_channels).
     """
     for piece in windows:
         y = data.series[piece.record]
@@ -294,11 +313,13 @@ def lag_hankels(data: Outputs, windows: Sequence[Piece], rows: int, columns: int
 
 
 def hankel(stack: FloatArray, rows: int, columns: int) -> FloatArray:
-    """Block Hankel matrix with block stack[r + c] in block row r and block column c.
+    """Block Hankel matrix, (rows * n_outputs, columns * n_inputs), with block stack[r + c] in block row r and column c.
 
     Parameters
     ----------
     stack : (rows + columns - 1, n_outputs, n_inputs) float array
+    rows, columns : int
+        Numbers of blocks.
     """
     blocks = np.lib.stride_tricks.sliding_window_view(stack, columns, axis=0)
     return np.ascontiguousarray(blocks.transpose(0, 1, 3, 2)).reshape(rows * stack.shape[1], -1)

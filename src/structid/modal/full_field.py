@@ -57,14 +57,17 @@ class SharedMotions:
     left_out: float
 
     def record(self, sampling_rate: float, quantity: Quantity) -> TimeRecord:
-        """The motions as channels of a record."""
+        """The motions as channels 1X+, 2X+, ... of a record, in the unit of `quantity`; `sampling_rate` in Hz."""
         rank = self.motions.shape[1]
         names = tuple(Dof(i + 1, "X") for i in range(rank))
         return TimeRecord(sampling_rate, self.motions, names, (quantity,) * rank)
 
 
 def sample_blocks(values: NDArray[np.floating]) -> Iterator[tuple[slice, NDArray[np.floating]]]:
-    """Consecutive rows of `values`, which may be a memory map, a few million entries or `_ROWS` at a time."""
+    """Iterator over blocks of consecutive rows of `values`, which may be a memory map, as (slice of rows, array).
+
+    A block holds about four million entries, but at least 240 rows.
+    """
     step = max(_ROWS, _AT_ONCE // max(values.shape[1], 1))
     for start in range(0, len(values), step):
         rows = slice(start, min(start + step, len(values)))
@@ -145,7 +148,8 @@ def shared_motions(values: ArrayLike, rank: int = 40, rng: np.random.Generator |
 def _above_noise(singular: FloatArray, power: float, shape: tuple[int, ...]) -> int:
     """Number of leading `singular` values that exceed those of white noise, at least 1.
 
-    `power` is the sum of squares of the samples, `shape` theirs.
+    `singular` decreases; `power` is the sum of squares of all samples, `shape` is (n_times, n_channels). The limit is that of
+    noise with the power outside the values kept, and is renewed until their number no longer grows.
     """
     kept = 0
     while True:
@@ -159,9 +163,9 @@ def _above_noise(singular: FloatArray, power: float, shape: tuple[int, ...]) -> 
 
 
 def _sketch(table: NDArray[np.floating], width: int, rng: np.random.Generator) -> FloatArray:
-    """W' Omega, (n_channels, width), for the samples W (n_times, n_channels) and a random Omega.
+    """Random combinations of the samples, W' Omega, (n_channels, width), for W = `table` (n_times, n_channels).
 
-    `table` is W.
+    Omega (n_times, width) is standard normal, drawn from `rng`.
     """
     sketch = np.zeros((table.shape[1], width))
     columns = _columns(width, _SKETCHED)
@@ -179,9 +183,9 @@ def _sketch(table: NDArray[np.floating], width: int, rng: np.random.Generator) -
 
 
 def _projected(table: NDArray[np.floating], basis: FloatArray) -> tuple[FloatArray, float]:
-    """W Q, (n_times, rank), and the sum of squares of the samples W (n_times, n_channels).
+    """Projected samples W Q, (n_times, rank), and the sum of squares of the samples W.
 
-    `table` is W and `basis` (n_channels, rank) is Q.
+    `table` (n_times, n_channels) is W and `basis` (n_channels, rank) is Q; rank is the number of its columns.
     """
     short = basis.astype(np.float32) if table.dtype == np.float32 else basis
     rows = max(_PROJECTED, int(_SMALL / basis.size))
@@ -199,7 +203,7 @@ def _projected(table: NDArray[np.floating], basis: FloatArray) -> tuple[FloatArr
 
 
 def _columns(width: int, rows: int) -> int:
-    """Channels of a small product with `rows` samples and `width` vectors, whole lines of memory."""
+    """Number of channels in one small matrix product with `rows` samples and `width` vectors: a multiple of 16."""
     return max(16, int(_SMALL / width / rows) // 16 * 16)
 
 
@@ -210,7 +214,10 @@ def _square_sum(values: NDArray[np.floating]) -> float:
 
 
 def _nearly_orthonormal(sketch: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A basis Q of the columns of `sketch`, orthonormal or nearly so, and Q'Q."""
+    """Basis Q of the column space of `sketch`, orthonormal within 0.1 per entry of Q'Q, and Q'Q.
+
+    Q has the shape of `sketch` (n_channels, width). It is zero, with the identity, if `sketch` is not finite.
+    """
     if np.isfinite(sketch).all():
         try:  # Cholesky's triangle instead of QR: one product instead of many passes over the columns
             inverse = linalg.inv(np.linalg.cholesky(sketch.T @ sketch).T)
@@ -279,7 +286,10 @@ def full_field_modes(
 def at_all_channels(
     identification: ModalIdentification, motions: SharedMotions, channels: tuple[Dof, ...]
 ) -> ModalIdentification:
-    """Modes of `SharedMotions.record` with shapes at the channels that share the motions."""
+    """Identification of `motions.record` with its shapes expanded to all `channels`, largest entry 1.
+
+    `channels` are the rows of `motions.basis`. The result has no `shape_std` and no `changes`.
+    """
     modes, rank = identification.modes, motions.basis.shape[1]
     words = f"{len(channels)} channels by {rank} shared motions, which leave out {100 * motions.left_out:.2g} % of the power"
     shapes = unit_largest(motions.basis @ modes.mode_shapes)

@@ -114,7 +114,18 @@ def identify_modes(
 def modal_identification(
     records: Records, method: str | None = None, options: ModalOptions | None = None
 ) -> ModalIdentification:
-    """Modes of records by the given `method`, with poles of all model orders and their clusters."""
+    """Modes of records by `method`, with the poles of all model orders and their clusters; see `identify_modes`.
+
+    `method` None is the default for the kind of record. Modes with a relative standard deviation of frequency above
+    `options.deviation`, where that is set, go to `left_out`.
+
+    Raises
+    ------
+    InputError
+        If the method does not exist or does not suit the records, or a frequency asked for lies above half the sampling rate.
+    NoModesError
+        If no mode can be relied on.
+    """
     options = options or ModalOptions()
     of_frfs = isinstance(records, FrfRecord)
     if isinstance(records, SpectrumRecord | CorrelationRecord):
@@ -150,7 +161,7 @@ def modal_identification(
 
 
 def _require_below_nyquist(records: TimeRecord | Sequence[TimeRecord], options: ModalOptions) -> None:
-    """Raise `InputError` if a frequency or band lies above half the sampling rate of a record."""
+    """Raise `InputError` if a limit, frequency or band of `options` exceeds half the lowest sampling rate of the records."""
     given = (records,) if isinstance(records, TimeRecord) else tuple(records)
     limit = min((r.sampling_rate / 2 for r in given if isinstance(r, TimeRecord)), default=np.inf)
     bands = [f for band in options.bands or () for f in band]

@@ -76,15 +76,15 @@ def merged_setups(
 ) -> Merging:
     """Modes of several set-ups merged by their shared sensors, with shapes at all sensors.
 
-    Modes of all set-ups are grouped: each set-up in turn is paired with the groups so that the sum of their worth is as
-    large as it can be, and again until no mode changes its group. A pair of modes is worth MAC at the references times
-    1 / (1 + (log(f / f_1) / guard)^2), a mode in a group the mean over its members; below one half it begins a group of its
-    own. Frequencies and damping ratios are means weighted by the inverse of the variance of each set-up and of the scatter
-    between set-ups, each quantity by itself: of the set-ups that state its deviation, or of all that know it, without a
-    deviation, where none does. Shapes are the weighted least-squares fit of one shape and one complex factor a set-up to
-    all entries measured; entries without a deviation are taken to have the middle one of those that are stated. Entries that
-    a set-up does not know are left to the others, and stay unknown (NaN) where no other knows them; a mode of a set-up that
-    knows none at the references is lost.
+    Modes of all set-ups are grouped. Each set-up in turn is paired with the groups so that the total worth of its pairs is as
+    large as possible, until no mode changes its group. A pair of modes is worth MAC at the references times
+    1 / (1 + (log(f / f_1) / guard)^2), a mode and a group the mean over the members; below one half a mode begins a new group,
+    and groups of a single mode are left out. Frequencies and damping ratios are means over set-ups, weighted by the inverse of
+    the variance of the set-up plus that of the scatter between set-ups. A quantity uses the set-ups that state its deviation;
+    if none does, it is the plain mean, without a deviation. Shapes are the weighted least-squares fit of one shape, and of one
+    complex factor for each set-up, to all entries measured; entries without a deviation get the median of the stated ones.
+    Unknown entries (NaN) have no part, and stay unknown if no set-up knows them; a mode whose entries at the references are all
+    unknown is lost.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def merged_setups(
     frequency_guard : float
         A pair is worth half as much at this logarithmic distance in frequency.
     names : sequence of str, optional
-        What errors call the set-ups, such as their files.
+        Names of the set-ups in errors, such as their files.
 
     Returns
     -------
@@ -131,7 +131,10 @@ def merged_setups(
 
 
 def _require_different(setups: Sequence[ModalRecord], called: Sequence[str]) -> None:
-    """One set-up given twice would count as two measurements."""
+    """Raise `InputError` if two set-ups hold the same modes, which would count as two measurements.
+
+    `called` are the names of the set-ups in the error.
+    """
     for (a, first), (b, second) in combinations(zip(called, setups, strict=True), 2):
         if (
             first.channels == second.channels
@@ -144,9 +147,14 @@ def _require_different(setups: Sequence[ModalRecord], called: Sequence[str]) -> 
 def common_sensors(
     channels: Sequence[Sequence[Dof]], references: Sequence[Dof | str] | None, called: Sequence[str]
 ) -> tuple[Dof, ...]:
-    """Reference sensors that all set-ups have, as positive directions: the ones named, or all by default.
+    """Reference sensors that all set-ups have, as positive directions: those of `references`, or all by default.
 
-    `called` are the names of the set-ups in errors.
+    `channels` are the sensors of each set-up, `called` the names of the set-ups in errors.
+
+    Raises
+    ------
+    InputError
+        If a set-up lacks one of `references`, or no sensor is in all set-ups.
     """
     own = [{dof.unsigned for dof in part} for part in channels]
     common = set.intersection(*own)
@@ -168,7 +176,10 @@ def common_sensors(
 
 
 def rows_and_signs(setup: ModalRecord, dofs: Sequence[Dof]) -> tuple[list[int], FloatArray]:
-    """Rows of a set-up's shapes at `dofs`, which are positive directions, and the senses of its channels there, (n_dofs, 1)."""
+    """Row numbers of a set-up's shapes for `dofs`, and the senses (+1.0 or -1.0) of its channels there, (n_dofs, 1).
+
+    `dofs` are positive directions.
+    """
     row_of = {dof.unsigned: i for i, dof in enumerate(setup.channels)}
     rows = [row_of[dof] for dof in dofs]
     return rows, np.array([[float(setup.channels[row].sign)] for row in rows])
@@ -183,15 +194,19 @@ def _rows(setup: ModalRecord, dofs: Sequence[Dof]) -> ComplexArray:
 def pair_worth(
     first: ModalRecord, second: ModalRecord, shared: Sequence[Dof], guard: float
 ) -> tuple[FloatArray, FloatArray]:
-    """MAC at the references, and what the pair of two modes is worth, (n_modes of first, n_modes of second) each."""
+    """MAC of all pairs of modes over the references, and the worth of each pair; (n_first, n_second) each.
+
+    `shared` are the reference sensors. The worth is MAC / (1 + (log(f / f_1) / guard)^2).
+    """
     likeness = np.nan_to_num(mac(_rows(first, shared), _rows(second, shared)))
     return likeness, pairing_worth(likeness, first.frequency, second.frequency, guard)
 
 
 def _members(setups: Sequence[ModalRecord], shared: Sequence[Dof], guard: float) -> IntArray:
-    """Mode numbers in each set-up of every merged mode, (n_setups, n_modes), by frequency; -1 where it is missing.
+    """Mode numbers in each set-up of every merged mode, (n_setups, n_modes), by mean frequency; -1 where it is missing.
 
-    `shared` are the reference sensors; a pair is worth half as much at the logarithmic frequency distance `guard`.
+    `shared` are the reference sensors; a pair is worth half as much at the logarithmic frequency distance `guard`. Modes that
+    only one set-up has are left out.
     """
     worth = {(a, b): pair_worth(setups[a], setups[b], shared, guard)[1] for a, b in permutations(range(len(setups)), 2)}
     order = sorted(range(len(setups)), key=lambda number: -setups[number].n_modes)
@@ -222,12 +237,15 @@ def _members(setups: Sequence[ModalRecord], shared: Sequence[Dof], guard: float)
 
 
 def _worth_in(worth: Mapping[tuple[int, int], FloatArray], number: int, mode: int, group: Mapping[int, int]) -> float:
-    """Mean worth of a mode of set-up `number` paired with each mode of `group`."""
+    """Mean worth of a mode of set-up `number` paired with each mode of `group`.
+
+    `worth[a, b]` is the matrix (n_modes of a, n_modes of b) of two set-ups; `group` maps set-up number to mode number.
+    """
     return float(np.mean([worth[number, other][mode, member] for other, member in group.items()]))
 
 
 def _losses(setups: Sequence[ModalRecord], members: IntArray, shared: Sequence[Dof], guard: float) -> list[str]:
-    """Words on the modes that merging leaves out and why; empty if there are none.
+    """A warning, as a list of one text, on the modes that merging leaves out and why; an empty list if none is left out.
 
     `members` (n_setups, n_modes) are the mode numbers of merged modes, `shared` the reference sensors, `guard` the
     logarithmic frequency distance at which a pair is worth half as much.
@@ -247,10 +265,10 @@ def _losses(setups: Sequence[ModalRecord], members: IntArray, shared: Sequence[D
 
 
 def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Sequence[Dof], guard: float) -> str:
-    """Words on which set-ups lack a mode like this one, and how near their nearest mode comes.
+    """Reason, as words for a warning, why a mode was not merged: for each set-up without such a mode, its nearest mode.
 
-    The mode is number `mode` of set-up `number`; `guard` is the logarithmic frequency distance at which a pair is worth
-    half as much.
+    The mode is number `mode` (from 0) of set-up `number`, `shared` are the reference sensors; `guard` is the logarithmic
+    frequency distance at which a pair is worth half as much.
     """
     if np.isnan(_rows(setups[number], shared)[:, mode]).all():
         return "none of its references is known"
@@ -267,9 +285,10 @@ def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Seq
 
 
 def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> Merging:
-    """Weighted mean of frequencies and damping ratios, with merged shapes, for modes matched by `members`.
+    """`Merging` of the modes matched by `members`: weighted means of frequencies and damping ratios, and merged shapes.
 
-    `members` (n_setups, n_modes) are mode numbers in each set-up, -1 where missing; remarks are appended to `notes`.
+    `members` (n_setups, n_modes) are mode numbers in each set-up, -1 where missing. `notes` are the warnings so far; further
+    ones are appended to this list in place.
     """
     n_setups, n_modes = members.shape
     frequency = np.array([_values_of(setup.frequency, row) for setup, row in zip(setups, members, strict=True)])
@@ -302,7 +321,10 @@ def _values_of(values: FloatArray, row: IntArray) -> FloatArray:
 
 
 def _covariance(setup: ModalRecord, row: IntArray) -> FloatArray:
-    """Covariance of frequencies, then damping ratios, of the modes `row` of a set-up; NaN if not stated."""
+    """Covariance (2 n, 2 n) of n frequencies, then n damping ratios, of the modes `row` of a set-up.
+
+    `row` (n,) are mode numbers, -1 for a missing mode; its entries are NaN, and all are if the set-up states no covariance.
+    """
     covariance = np.full((2 * len(row), 2 * len(row)), np.nan)
     there = np.flatnonzero(row >= 0)
     if setup.covariance is not None:
@@ -314,14 +336,14 @@ def _covariance(setup: ModalRecord, row: IntArray) -> FloatArray:
 
 
 def _inverse_variances(variance: FloatArray, counts: NDArray[np.bool_]) -> FloatArray:
-    """1 / variance, 0 where a measurement does not count."""
+    """1 / variance where the mask `counts` is true, else 0; all of the same shape."""
     return np.where(counts, 1 / np.where(counts, variance, 1.0), 0.0)
 
 
 def _scatter(values: FloatArray, variance: FloatArray) -> FloatArray:
-    """Between-set-up variance of each quantity, (n_quantities,), by DerSimonian and Laird.
+    """Between-set-up variance of each quantity, (n_quantities,), by DerSimonian and Laird; 0 where set-ups agree.
 
-    `values` and `variance` are (n_setups, n_quantities).
+    `values` and `variance` are (n_setups, n_quantities). Only entries with a variance above 0 count.
     """
     counts = _stated(variance) & ~np.isnan(values)
     weight = _inverse_variances(variance, counts)
@@ -332,17 +354,18 @@ def _scatter(values: FloatArray, variance: FloatArray) -> FloatArray:
 
 
 def _stated(variance: FloatArray) -> NDArray[np.bool_]:
-    """Which variances say something: those above 0, of whose measurements a weighted mean is made."""
+    """Mask of the variances that are known and above 0, in the shape of `variance`; only these give a weight."""
     return np.asarray(np.nan_to_num(variance) > 0)
 
 
 def _weighted_mean(
     values: FloatArray, variance: FloatArray, covariances: Sequence[FloatArray], scatter: FloatArray
 ) -> tuple[FloatArray, FloatArray | None]:
-    """Weighted mean (n_quantities,) of frequencies and damping ratios over set-ups, and its covariance.
+    """Weighted mean (n_quantities,) of frequencies and damping ratios over set-ups, and its covariance (None if unknown).
 
-    A quantity whose deviation no set-up states is the plain mean of those that know it, with NaN in the covariance.
-    `values` and `variance` are (n_setups, n_quantities), `scatter` (n_quantities,) is the variance between set-ups.
+    A quantity whose deviation no set-up states is the plain mean over set-ups that know it, with NaN in the covariance.
+    `values` and `variance` are (n_setups, n_quantities), `covariances` (n_quantities, n_quantities) for each set-up, and
+    `scatter` (n_quantities,) is the variance between set-ups.
     """
     counts = _stated(variance) & ~np.isnan(values)
     weighed = counts.any(axis=0)
@@ -362,10 +385,11 @@ def _weighted_mean(
 
 
 def _unsure_scatter(n_setups: IntArray) -> FloatArray:
-    """Factor on the variance of scatter between set-ups, so that 1.96 deviations are the 95 % interval.
+    """Factor, (n_quantities,), on the variance of scatter between set-ups, so that 1.96 deviations are the 95 % interval.
 
-    The scatter of k set-ups has k - 1 degrees of freedom: the square of Student's 97.5 % point over the normal one. Over 20,000
-    simulated quantities of 2, 3, 5 and 11 set-ups, with scatter of 0 to 10 deviations, intervals hold 86 to 97 %.
+    `n_setups` is the number k of set-ups behind each quantity. Their scatter has k - 1 degrees of freedom: the square of
+    Student's 97.5 % point over the normal one. Over 20,000 simulated quantities of 2, 3, 5 and 11 set-ups, with scatter of 0
+    to 10 deviations, intervals hold 86 to 97 %.
     """
     from scipy import special
 
@@ -391,9 +415,10 @@ def _frequency_agreement(frequency: FloatArray, variance: FloatArray) -> tuple[F
 def _lost_deviations(
     values: FloatArray, variance: FloatArray, frequency: FloatArray, bare: NDArray[np.bool_]
 ) -> list[str]:
-    """Notes on set-ups that state no standard deviations though others do, and how these are treated.
+    """Warnings on set-ups that state no standard deviations though others do, and how these are treated; [] if none.
 
-    `values` and their variance are of frequencies, then damping ratios; `bare` are shapes that have entries without a deviation.
+    `values` and `variance` (n_setups, 2 n_modes) are of frequencies, then damping ratios; `frequency` (n_modes,) is in Hz;
+    `bare` (n_setups, n_modes) is true where shape entries of a set-up lack a deviation.
     """
     n = len(frequency)
     counts, known = _stated(variance), ~np.isnan(values)
@@ -439,10 +464,11 @@ def _disagreement(mode: int, frequency: FloatArray, probability: float, scatter:
 def _merge_shapes(
     setups: Sequence[ModalRecord], members: IntArray
 ) -> tuple[ComplexArray, FloatArray | None, tuple[Dof, ...], NDArray[np.bool_]]:
-    """Merged shapes at all sensors, largest entry 1, their standard deviations, the sensors, and which lack deviations.
+    """Merged shapes at all sensors, their standard deviations, the sensors, and a mask of missing deviations, in this order.
 
-    The last, (n_setups, n_modes), is true where a set-up states no deviation although others do. `members` (n_setups,
-    n_modes) are mode numbers in each set-up, -1 where missing.
+    Shapes and deviations are (n_channels, n_modes), the largest entry of a shape is 1; the deviations are None if no set-up
+    states any. The mask (n_setups, n_modes) is true where a set-up lacks deviations of entries of a mode although it or
+    another states some. `members` (n_setups, n_modes) are mode numbers in each set-up, -1 where missing.
     """
     channels = tuple(dict.fromkeys(dof.unsigned for setup in setups for dof in setup.channels))
     index = [np.array([channels.index(dof.unsigned) for dof in setup.channels]) for setup in setups]
@@ -472,10 +498,11 @@ def _merge_shapes(
 def _all_stated(
     parts: Sequence[ComplexArray], errors: Sequence[FloatArray], places: Sequence[IntArray]
 ) -> list[FloatArray]:
-    """Errors of all shape entries of all parts; unstated ones get the median of the others, at the same scale.
+    """Standard deviations of all shape entries of each part, with unstated ones (NaN) replaced by the median of the others.
 
-    `parts` are the shapes of one mode in each set-up, `errors` their standard deviations, `places` the channel indices of their
-    entries. The scale is the size at the sensors that all parts have.
+    `parts` are the shapes of one mode in each set-up, `errors` their standard deviations, `places` the channel indices of
+    their entries; the result is like `errors`, and all 1 if none is stated. The median is taken of errors over the norm of
+    the part at the sensors that all parts have.
     """
     shared = reduce(np.intersect1d, places)
     sizes = [float(np.linalg.norm(part[np.isin(place, shared)])) for part, place in zip(parts, places, strict=True)]
@@ -488,7 +515,10 @@ def _all_stated(
 
 
 def _shape_error(setup: ModalRecord, mode: int) -> FloatArray:
-    """Standard deviation of every shape entry of a mode, (n_channels,), scale free; NaN if unknown."""
+    """Standard deviations of the shape entries of a mode, (n_channels,), as if the scale were free; NaN if unknown or 0.
+
+    The record's own hold the largest entry fixed; see `unscaled_shape_std`.
+    """
     if setup.shape_std is None:
         return np.full(len(setup.channels), np.nan)
     shape = np.asarray(setup.mode_shapes[:, [mode]])
@@ -505,11 +535,13 @@ def merged_shape(
     Parameters
     ----------
     parts : sequence of (n_own,) complex arrays
+        Entries of the shape that each set-up measured, in its scale.
     errors : sequence of (n_own,) float arrays
         Standard deviation of real and imaginary part of each entry.
     index : sequence of (n_own,) int arrays
-        Which channel of all each entry is.
+        Channel number, from 0 to n_channels - 1, of each entry.
     n_channels : int
+        Every channel must be in some part.
 
     Returns
     -------
@@ -518,6 +550,11 @@ def merged_shape(
     (n_channels,) float array
         Standard deviation of the real part of every entry, from the information matrix of shape and factors; 0 at the
         largest.
+
+    Raises
+    ------
+    InputError
+        If a part shares no channel with the others.
 
     Notes
     -----
@@ -545,9 +582,9 @@ def merged_shape(
 
 
 def _order(index: Sequence[IntArray]) -> list[int]:
-    """Order of the set-ups in which each shares a channel with an earlier one; `InputError` if there is none.
+    """Order of the set-ups in which each shares a channel with an earlier one, starting with set-up 0.
 
-    `index` are the channel indices of each set-up.
+    `index` are the channel indices of each set-up. Raises `InputError` if a set-up shares no channel with the others.
     """
     order, seen, rest = [0], set(index[0].tolist()), list(range(1, len(index)))
     while rest:
@@ -567,9 +604,10 @@ def _best_shape(
     factors: ComplexArray,
     n_channels: int,
 ) -> ComplexArray:
-    """Weighted least-squares shape (n_channels,) from the parts, for given scale `factors` of these.
+    """Weighted least-squares shape (n_channels,) of the parts, with the scale `factors` of the parts held.
 
-    `errors` are the standard deviations of the parts' entries, `index` their channels.
+    `errors` are the standard deviations of the parts' entries, `index` their channels; part s is modelled as
+    factors[s] * shape[index[s]].
     """
     top, bottom = np.zeros(n_channels, dtype=np.complex128), np.zeros(n_channels)
     for part, error, own, factor in zip(parts, errors, index, factors, strict=True):
@@ -586,11 +624,11 @@ def _best_factor(part: ComplexArray, error: FloatArray, shape: ComplexArray) -> 
 def _deviation(
     errors: Sequence[FloatArray], index: Sequence[IntArray], shape: ComplexArray, factors: ComplexArray, largest: int
 ) -> FloatArray:
-    """Standard deviation of the real part of shape / shape[largest], (n_channels,), to first order.
+    """Standard deviation of the real part of shape / shape[largest], (n_channels,), to first order; 0 at `largest`.
 
-    Errors of real and imaginary parts are alike, so that complex least squares does: J = d(c psi) has columns c (shape)
-    and psi (factors), and (J^H W J)^-1 is the covariance of either part of the unknowns. `errors` are the standard
-    deviations of the parts' entries, `index` their channels, and `factors` the scale of each part.
+    The Jacobian J of the products c psi of factors c and shape psi has columns c (for psi) and psi (for c). Real and
+    imaginary parts have equal errors, so (J^H W J)^-1 is the covariance of either part of the unknowns. `errors` are the
+    standard deviations of the parts' entries, `index` their channels, and `factors` (n_parts,) the scale of each part.
     """
     n, m = len(shape), len(factors)
     rows = []

@@ -56,12 +56,12 @@ class ModalOptions:
 
     @property
     def separate_bands(self) -> list[tuple[float, float]]:
-        """Frequency bands, (low, high) in Hz, in the given order; raises `InputError` if two overlap.
+        """Frequency bands as (low, high) in Hz, in the order of `bands`; an empty list if there are none.
 
         Raises
         ------
         InputError
-            If two do.
+            If two bands overlap.
         """
         bands = [(float(low), float(high)) for low, high in self.bands or ()]
         for (_, high), (low, _) in pairwise(sorted(bands)):
@@ -132,7 +132,7 @@ class ModalIdentification:
 
     @property
     def probability(self) -> FloatArray:
-        """Probability that each mode is physical, from its cluster, (n_modes,); NaN where there is none (`mode_probability`)."""
+        """Probability that each mode is physical, from its cluster, (n_modes,); all NaN without one cluster per mode."""
         if len(self.clusters) != self.modes.n_modes:
             return np.full(self.modes.n_modes, np.nan)
         return np.array([cluster.probability for cluster in self.clusters])
@@ -143,12 +143,14 @@ class ModalIdentification:
         return tuple(sorted({poles.order for poles in self.sweep}))
 
     def kept(self, keep: NDArray[np.bool_], words: str) -> ModalIdentification:
-        """Identification with only the modes where `keep` is true; the others are listed with reason `words`.
+        """Identification with only the modes where the mask `keep` (n_modes,) is true.
+
+        The others are added to `left_out` with reason `words`, and named in a further warning.
 
         Raises
         ------
         NoModesError
-            If none is left.
+            If no mode is kept.
         """
         if keep.all():
             return self

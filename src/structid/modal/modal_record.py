@@ -56,7 +56,7 @@ class ModalChanges:
 
 
 def independent_errors(stds: FloatArray) -> FloatArray:
-    """Diagonal covariance matrix of independent errors with these standard deviations (n,)."""
+    """Covariance matrix (n, n) of independent errors with standard deviations `stds` (n,); NaN rows and columns where NaN."""
     known = ~np.isnan(stds)
     covariance = np.where(np.outer(known, known), 0.0, np.nan)
     np.fill_diagonal(covariance, stds**2)
@@ -170,7 +170,10 @@ class ModalRecord(Shown):
         return Overview(words, ("mode", "frequency, Hz", "std", "damping ratio", "std"), rows)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a mode: frequency in Hz and damping ratio with their standard deviations."""
+        """Data frame with one row per mode: frequency in Hz and damping ratio with their standard deviations.
+
+        The index is the mode number from 1; columns are frequency, frequency_std, damping_ratio and damping_std.
+        """
         columns = dict(zip(("frequency", "frequency_std", "damping_ratio", "damping_std"), _table(self).T, strict=True))
         return data_frame({"mode": range(1, self.n_modes + 1), **columns}, "mode")
 
@@ -185,7 +188,7 @@ class ModalRecord(Shown):
 
     @property
     def unknown_words(self) -> str:
-        """Words, to follow others, on the number of unknown shape entries; "" if all are known."""
+        """Words to append to a sentence, such as ", 3 of 24 shape entries unknown"; "" if all shape entries are known."""
         known = self.known
         count, bare = int((~known).sum()), int((~known.any(axis=0)).sum()) if known.size else 0
         without = f", {plural(bare, 'mode')} without a shape" if bare else ""
@@ -210,7 +213,7 @@ class ModalRecord(Shown):
 
     @property
     def poles(self) -> ComplexArray:
-        """-zeta omega + i omega sqrt(1 - zeta^2), rad/s; damping that is not known counts as none."""
+        """Continuous-time poles -zeta omega + i omega sqrt(1 - zeta^2), (n_modes,), rad/s; unknown damping counts as 0."""
         ratio = np.clip(np.nan_to_num(self.damping_ratio), -1.0, 1.0)
         return np.asarray(self.omega * (-ratio + 1j * np.sqrt(1 - ratio**2)))
 
@@ -265,7 +268,10 @@ def by_frequency(
     shape_std: FloatArray | None = None,
     **others: Unpack[_Others],
 ) -> ModalRecord:
-    """A `ModalRecord` of modes in any order; `others` are its other fields."""
+    """`ModalRecord` of modes in any order, sorted by frequency (Hz); covariance and shapes are reordered with them.
+
+    Shapes of arguments are those of `ModalRecord`; `others` are its fields `warnings`, `source` and `scaling`.
+    """
     order = np.argsort(frequency, kind="stable")
     both = np.concatenate([order, order + len(order)])
     return ModalRecord(
@@ -276,9 +282,10 @@ def by_frequency(
 
 
 def joined(parts: Sequence[ModalRecord], warnings: Sequence[str], source: str) -> ModalRecord:
-    """Modes of several parts at the same channels as one record; errors of different parts count as independent.
+    """`ModalRecord` of the modes of several records with the same channels, sorted by frequency.
 
-    `warnings` and `source` are those of the result.
+    Covariances between parts are 0; the covariance is None if a part has none, and so for `shape_std`. `warnings` and
+    `source` are those of the result; the scaling is that of the first part.
     """
     n = sum(part.n_modes for part in parts)
     covariance, before = np.zeros((2, n, 2, n)), 0
@@ -304,14 +311,17 @@ def _side_by_side(parts: Sequence[FloatArray | None]) -> FloatArray | None:
 
 
 def unit_largest(shapes: NumberArray) -> NumberArray:
-    """Columns divided by their known entry of largest magnitude, so that this entry is 1."""
+    """Shapes (n_channels, n_modes) with each column divided by its entry of largest magnitude, which becomes 1.
+
+    NaN entries are passed over; a column of NaN stays NaN.
+    """
     known = ~np.isnan(shapes)
     largest = shapes[np.where(known, np.abs(shapes), 0.0).argmax(axis=0), np.arange(shapes.shape[1])]
     return shapes / np.where(np.isnan(largest), 1.0, largest)
 
 
 def largest_entries(shapes: NumberArray, empty: float = 0.0) -> FloatArray:
-    """Size of the largest known entry of each column, (n_modes,); `empty` where none is known."""
+    """Magnitude of the largest known (not NaN) entry of each column, (n_modes,); `empty` where all are NaN."""
     known = ~np.isnan(shapes)
     sizes = np.where(known, np.abs(shapes), 0.0).max(axis=0, initial=0.0)
     return np.asarray(np.where(known.any(axis=0), sizes, empty))
@@ -320,18 +330,18 @@ def largest_entries(shapes: NumberArray, empty: float = 0.0) -> FloatArray:
 def unscaled_shape_std(shapes: NumberArray, std: FloatArray) -> FloatArray:
     """Standard deviations of shape entries with free scale, from those of shapes with one entry held at 1.
 
-    A shape psi = phi / phi_t has no error at its entry t, whose own error is in all others: to first order
-    var(psi_i) = var(phi_i) + |psi_i|^2 var(phi_t), in parts of phi_t. With errors taken as equal and independent this
-    gives var(phi_i) = var(psi_i) / (1 + |psi_i|^2), and for t their mean. Least squares with a free scale would take
-    the missing error for certainty.
+    A shape psi = phi / phi_t has no error at its entry t; the error of phi_t is in all other entries instead. To first order
+    var(psi_i) = var(phi_i) + |psi_i|^2 var(phi_t), relative to phi_t. With errors taken as equal and independent this gives
+    var(phi_i) = var(psi_i) / (1 + |psi_i|^2), and for t their mean. Without this, least squares with a free scale would take
+    entry t as exact.
 
     Parameters
     ----------
     shapes : (n_channels, n_modes) array
         Largest entry of size 1.
     std : (n_channels, n_modes) float array
-        0 (to rounding) at one entry of a column; columns without a 0, or without anything else, stay as they are. NaN
-        where an entry is unknown.
+        0 (to rounding) at one entry of a column; columns without a 0, or with zeros only, stay as they are. NaN where an entry
+        is unknown.
 
     Returns
     -------

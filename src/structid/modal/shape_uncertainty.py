@@ -101,7 +101,10 @@ def mac_with_std(first: ModalRecord, second: ModalRecord) -> ShapeQuantity:
 
 
 def _of_every_mode(modes: ModalRecord, quantity: Callable[[ComplexArray], FloatArray]) -> ShapeQuantity:
-    """`quantity` of the columns of the shapes, with its standard deviation."""
+    """`ShapeQuantity` (n_modes,) of a function of shapes, with standard deviations from 500 drawn sets of shapes.
+
+    `quantity` maps shapes (n_channels, n) to values (n,). Deviations are NaN if `modes` state no errors of shapes.
+    """
     shapes = modes.mode_shapes.astype(complex)
     value, changes = quantity(shapes), _drawn_shapes(modes, np.random.default_rng(0))
     if changes is None:
@@ -111,12 +114,15 @@ def _of_every_mode(modes: ModalRecord, quantity: Callable[[ComplexArray], FloatA
 
 
 def _summary(value: FloatArray, drawn: FloatArray) -> ShapeQuantity:
-    """Value with the standard deviation of its draws and their mean distance from it."""
+    """`ShapeQuantity` of `value` and `drawn` (n_draws, ...): standard deviation over draws, and their mean less `value`."""
     return ShapeQuantity(value, drawn.std(axis=0), drawn.mean(axis=0) - value)
 
 
 def _drawn_shapes(modes: ModalRecord, rng: np.random.Generator) -> ComplexArray | None:
-    """Errors of shapes, (n_draws, n_channels, n_modes), 0 where an entry is unknown; None where no deviation is stated."""
+    """Random errors of the shapes, (500, n_channels, n_modes), 0 where an entry is unknown; None if no deviation is stated.
+
+    They come from `modes.changes`, or entry by entry from `modes.shape_std`; imaginary parts only where shapes are complex.
+    """
     if modes.changes is not None:
         weights = rng.standard_normal((_DRAWS, len(modes.changes.frequency)))
         return np.einsum("db,bcm->dcm", weights, modes.changes.mode_shapes)

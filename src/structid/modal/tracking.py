@@ -55,7 +55,7 @@ class ModeTracks:
 
     @property
     def change(self) -> FloatArray:
-        """Frequency over the first one of its track, less 1, (n_records, n_tracks)."""
+        """Relative change of frequency from the first record that shows the mode, (n_records, n_tracks); NaN where not seen."""
         first = np.array([column[np.isfinite(column)][0] for column in self.frequency.T])
         return np.asarray(self.frequency / first - 1)
 
@@ -65,16 +65,16 @@ def track_modes(
 ) -> ModeTracks:
     """Modes tracked over several modal records, by frequency and MAC.
 
-    Each record is paired with the tracks so far so that the sum of MAC times 1 / (1 + (log(f / f_last) / guard)^2), against
-    the last mode of each track, is as large as it can be; pairs worth less than one half are none, and begin a track. A track
-    may pause, and drift without limit.
+    Each record is paired with the tracks so far so that the sum of the worth of its pairs is as large as possible. A mode and
+    the last mode of a track are worth MAC times 1 / (1 + (log(f / f_last) / guard)^2); below one half the mode begins a new
+    track. A track may pause, and drift without limit; modes seen in one record only are listed in `alone`.
 
     Parameters
     ----------
     records : sequence of ModalRecord
-        Two or more, with a sensor in common.
+        Two or more, in the order in which modes are followed, with a sensor in common.
     names : sequence of str, optional
-        What the records are called.
+        Names of the records; by default "record 1" and so on.
     frequency_guard : float
         A pair is worth half as much at this logarithmic distance in frequency.
 
@@ -131,7 +131,7 @@ def track_modes(
 
 
 def _at_sensors(record: ModalRecord, sensors: Sequence[Dof]) -> ModalRecord:
-    """Modes at `sensors`, which are positive directions, in their order."""
+    """Record of the modes at `sensors` (positive directions), in their order, with signs of shapes turned accordingly."""
     rows, signs = rows_and_signs(record, sensors)
     few = record.some_channels(rows)
     changes = few.changes and replace(few.changes, mode_shapes=signs * few.changes.mode_shapes)
@@ -141,7 +141,8 @@ def _at_sensors(record: ModalRecord, sensors: Sequence[Dof]) -> ModalRecord:
 def _likeness_std(records: Sequence[ModalRecord], members: IntArray) -> FloatArray:
     """Standard deviation of the MAC of each mode with the last record that shows it, (n_records, n_tracks).
 
-    `members` (n_records, n_tracks) are the mode numbers of each track, -1 where it is missing.
+    `records` have the same channels. `members` (n_records, n_tracks) are the mode numbers of each track, -1 where it is
+    missing; there, and in the first record of a track, the result is NaN.
     """
     std, pairs = np.full(members.shape, np.nan), dict[tuple[int, int], FloatArray]()
     for k, track in enumerate(members.T):

@@ -22,10 +22,13 @@ _DEFAULT_SENSORS = 4
 def resolve_options(structure: Structure, unknown: Parameters, options: PlanOptions) -> PlanOptions:
     """`options` with every default filled in (candidate sensors and loads, their numbers), after checks of all of them.
 
+    By default, candidate sensors are all translations that move, candidate loads the installed ones, or without any the same
+    translations (for transmissibility the driving supports). Installed ones are added to the candidates.
+
     Raises
     ------
     InputError
-        If they cannot be used; the message says which and why.
+        If an option cannot be used; the message says which and why.
     """
     frequency = np.asarray(options.frequency, dtype=np.float64)
     _require_increasing(frequency)
@@ -77,7 +80,13 @@ def resolve_options(structure: Structure, unknown: Parameters, options: PlanOpti
 
 
 def wanted_parameters(unknown: Parameters, wanted: Sequence[str]) -> np.ndarray:
-    """Mask (n_params,) of the parameters that `wanted` names, each in full or by property; all True if it is empty."""
+    """Mask (n_params,) of the parameters that `wanted` names, by full name or by property; all True if it is empty.
+
+    Raises
+    ------
+    InputError
+        If a name matches no parameter.
+    """
     if not wanted:
         return np.ones(unknown.n_params, dtype=bool)
     properties = [name.split("[")[0] for name in unknown.names]
@@ -92,7 +101,7 @@ def wanted_parameters(unknown: Parameters, wanted: Sequence[str]) -> np.ndarray:
 
 
 def positions(wanted: Iterable[Dof], among: Sequence[Dof]) -> tuple[int, ...]:
-    """Indices in `among` of each of `wanted`, whatever its sense."""
+    """Index in `among` of each degree of freedom in `wanted`, whatever its sense; `KeyError` if it is not there."""
     index_of = {dof.unsigned: i for i, dof in enumerate(among)}
     return tuple(index_of[dof.unsigned] for dof in wanted)
 
@@ -107,12 +116,18 @@ def _require_increasing(frequency: np.ndarray) -> None:
 
 
 def _join_dofs(first: tuple[Dof, ...], others: tuple[Dof, ...]) -> tuple[Dof, ...]:
-    """Degrees of freedom of both, each once, in the sense in which it comes first."""
+    """Degrees of freedom of both tuples without repetition, those of `others` first.
+
+    Where both have a place and direction, the sense in `first` counts.
+    """
     return tuple({dof.unsigned: dof for dof in (*others, *first)}.values())
 
 
 def _checked_count(name: str, wanted: int | None, default: int, available: int) -> int:
-    """The number of items to choose: `wanted`, checked against the `available` candidates, or `default` if it is None."""
+    """Number of items to choose: `wanted`, or the smaller of `default` and `available` if it is None.
+
+    `name` is the plural in the `InputError` if `wanted` is not from 1 to `available`.
+    """
     if wanted is None:
         return min(default, available)
     if not 1 <= wanted <= available:

@@ -59,11 +59,12 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
     ----------
     structure : Structure
     unknown : Parameters
-        Their priors count as information.
+        Parameters to be identified; their priors count as information.
     options : PlanOptions
+        Candidates, numbers to choose, lines and noise.
     tolerances : Tolerances, optional
-        Of the values that the model holds and of the calibration: what they add to each deviation stands beside it. The choice is
-        by noise.
+        Tolerances of fixed model values and of the calibration. Their contribution to each deviation is reported beside
+        that of noise; sensors, loads and lines are chosen by noise alone.
 
     Raises
     ------
@@ -150,9 +151,11 @@ class _Ground:
     by_line: FloatArray | None = None
 
     def deviations(self, rows: FloatArray, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Relative standard deviations (n_params,) from noise, and from tolerances: K S K' with K = -(J'J + P)^-1 J'J_h.
+        """Relative standard deviations by noise and by tolerances of fixed values, (n_params,) each.
 
-        `rows` is J of the test; `cross` (n_params, n_fixed) is J'J_h, its product with the derivatives by fixed values.
+        By tolerances they are those of -(J'J + P)^-1 J'J_h dh, and 0 for parameters that the test does not determine. `rows`
+        (n_rows, n_params) is the whitened Jacobian J of the test; `cross` (n_params, n_fixed) is J'J_h, with J_h that of the
+        fixed values.
         """
         known = np.vstack([rows, self.prior])
         bread = inverse_information(known)
@@ -163,28 +166,28 @@ class _Ground:
 
     @property
     def known(self) -> FloatArray:
-        """Priors, and ignorance of what they say nothing of."""
+        """Information known before the test, (n_rows, n_params): the priors, and a very weak prior for every parameter."""
         return np.vstack([ignorance(self.pairs.shape[-1]), self.prior])
 
     def rows(self, sensors: tuple[int, ...] | range, loads: tuple[int, ...] | range) -> FloatArray:
-        """Sensitivity rows of the given sensors and loads at all lines."""
+        """Information root (n_rows, n_params) of the sensors and loads with these indices over all lines."""
         n_params = self.pairs.shape[-1]
         return information_root(self.pairs[np.ix_(list(sensors), list(loads))].reshape(-1, n_params))
 
     def by_sensor(self, loads: tuple[int, ...]) -> FloatArray:
-        """Sensitivity rows of each sensor under the given loads, (n_sensors, n_rows, n_params)."""
+        """Information root of each candidate sensor under the loads with these indices, (n_sensors, n_rows, n_params)."""
         n_sensors, _, _, n_params = self.pairs.shape
         return information_root(self.pairs[:, list(loads)].reshape(n_sensors, -1, n_params))
 
     def by_load(self, sensors: tuple[int, ...] | range) -> FloatArray:
-        """Sensitivity rows of each load at the given sensors, (n_loads, n_rows, n_params)."""
+        """Information root of each candidate load at the sensors with these indices, (n_loads, n_rows, n_params)."""
         _, n_loads, _, n_params = self.pairs.shape
         rows = np.swapaxes(self.pairs[list(sensors)], 0, 1).reshape(n_loads, -1, n_params)
         return information_root(rows)
 
 
 def _ground(structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances) -> _Ground:
-    """Rows of information of every pair of sensor and load, and of the priors, at the nominal values of `structure`."""
+    """Information of every pair of candidate sensor and load, and of the priors, at the initial values of `unknown`."""
     held = fixed_properties(structure, unknown, tolerances) if structure.has_matrices else ()
     candidates = Candidates(
         structure,
@@ -204,7 +207,10 @@ def _ground(structure: Structure, unknown: Parameters, options: PlanOptions, tol
 
 
 def _best_sensors_and_loads(ground: _Ground) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Indices of the sensors and of the loads of the most informative test, searched from several first choices of loads."""
+    """Indices of the sensors and of the loads of the most informative test, in this order, among the candidates.
+
+    The search starts from several choices of loads.
+    """
     options, known = ground.options, ground.known
     criterion = (options.criterion, ground.of_interest)
     by_load = ground.by_load(range(len(options.sensors)))
@@ -218,7 +224,10 @@ def _best_sensors_and_loads(ground: _Ground) -> tuple[tuple[int, ...], tuple[int
 
 
 def _exchange_until_stable(ground: _Ground, loads: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Indices of sensors and of loads, improved in turn by exchanges until neither changes; `loads` is where to begin."""
+    """Indices of sensors and of loads, improved in turn by exchanges until neither changes.
+
+    `loads` are the indices of the loads to begin with. The number of rounds is limited.
+    """
     options, known = ground.options, ground.known
     criterion = (options.criterion, ground.of_interest)
     sensors = optimal(ground.by_sensor(loads), known, options.n_sensors or 1, *criterion)
@@ -232,7 +241,10 @@ def _exchange_until_stable(ground: _Ground, loads: tuple[int, ...]) -> tuple[tup
 
 
 def _kammer_sensors(ground: _Ground, count: int) -> tuple[int, ...]:
-    """Indices of `count` sensors chosen by effective independence (Kammer) of the modes in the band, or of the lowest modes."""
+    """Indices of `count` sensors chosen by effective independence (Kammer) of the modes in the band.
+
+    Without a mode in the band, the lowest modes are taken.
+    """
     structure, unknown, frequency = (
         ground.candidates.structure,
         ground.candidates.parameters,
@@ -252,7 +264,7 @@ def _kammer_sensors(ground: _Ground, count: int) -> tuple[int, ...]:
 def _at_all_lines(
     ground: _Ground, label: str, sensors: tuple[int, ...] | range, loads: tuple[int, ...] | range
 ) -> PlannedTest:
-    """The test with these sensors and loads at every line.
+    """The test with the candidates of these indices at every line, with its predicted deviations.
 
     `label` names the test in tables.
     """
@@ -273,9 +285,10 @@ def _at_all_lines(
 def _at_lines(
     ground: _Ground, test: PlannedTest, label: str, lines: FloatArray, chosen: tuple[int, ...]
 ) -> PlannedTest:
-    """`test` at some of its lines.
+    """The test `test` reduced to some of its lines, with its predicted deviations.
 
-    `label` names the test in tables; `chosen` are the indices of its lines among `lines`, Hz.
+    `label` names it in tables, `lines` (n_lines, n_rows, n_params) are the information roots of `line_roots`, and `chosen` the
+    indices of the lines to keep.
     """
     index = sorted(chosen)
     cross = np.zeros(ground.cross.shape[2:]) if ground.by_line is None else ground.by_line[index].sum(axis=0)
@@ -287,7 +300,10 @@ def _at_lines(
 def _best_lines(
     ground: _Ground, chosen: PlannedTest, lines: FloatArray | None, count: int | None
 ) -> tuple[PlannedTest | None, PlannedTest | None]:
-    """The test `chosen` at its `count` most informative lines, and at `count` evenly spaced ones; None, None without a count."""
+    """The test `chosen` at its `count` most informative lines, and at `count` evenly spaced lines; both None if not asked for.
+
+    `lines` are the information roots of `line_roots`, None if they were not needed.
+    """
     if lines is None or count is None:
         return None, None
     options = ground.options
@@ -300,7 +316,7 @@ def _best_lines(
 
 
 def _next_sensors(ground: _Ground, start: PlannedTest) -> tuple[PlannedTest, ...]:
-    """The tests that add one more sensor to `start`, for the candidates that add most information, best first."""
+    """Tests that add one further candidate sensor to `start`, for those with most information, best first."""
     options = ground.options
     sensors, loads = positions(start.sensors, options.sensors), positions(start.loads, options.loads)
     known = np.vstack([ground.known, ground.rows(sensors, loads)])
@@ -311,7 +327,11 @@ def _next_sensors(ground: _Ground, start: PlannedTest) -> tuple[PlannedTest, ...
 
 
 def _smallest_sufficient(ground: _Ground, chosen: PlannedTest, loads: tuple[int, ...], lines: FloatArray) -> Enough:
-    """The smallest numbers of sensors and of lines (greedy choice), and the averages, that reach the target deviation."""
+    """Fewest sensors, fewest lines and number of averages, each of which alone reaches the target deviation.
+
+    Sensors and lines are added greedily; their tests are None if all candidates do not suffice. `loads` are indices, `lines`
+    the information roots of `line_roots`.
+    """
     target = float(ground.options.target or 0.0)
 
     def with_sensors(indices: tuple[int, ...]) -> PlannedTest:
@@ -331,9 +351,10 @@ def _smallest_sufficient(ground: _Ground, chosen: PlannedTest, loads: tuple[int,
 def _fewest_reaching(
     ground: _Ground, candidates: FloatArray, make_test: Callable[[tuple[int, ...]], PlannedTest], target: float
 ) -> PlannedTest | None:
-    """The test with the fewest candidates, added greedily, whose worst deviation is at most `target`; None if all do not reach it.
+    """The test with the fewest candidates, added greedily, whose worst deviation is at most `target`.
 
-    `candidates` holds information roots (n_candidates, n_rows, n_params); `make_test` turns chosen indices into a test.
+    None if all candidates together do not reach it. `candidates` holds information roots (n_candidates, n_rows, n_params);
+    `make_test` turns chosen indices into a test.
     """
     if make_test(tuple(range(len(candidates)))).worst_std > target:
         return None
@@ -385,7 +406,7 @@ class Candidates:
 
     @property
     def held_kinds(self) -> tuple[str, ...]:
-        """Kinds of what `tolerance` is of."""
+        """Kind of each value that has an entry in `tolerance`, such as "gain" for the common gain."""
         return (*(item.kind for item in self.held), *(("gain",) if self.calibration > 0 else ()))
 
     @property
@@ -396,10 +417,10 @@ class Candidates:
 
 
 def pair_roots(candidates: Candidates) -> tuple[FloatArray, FloatArray]:
-    """Triangular R with R'R the information of one sensor under one load over all lines, and J'J_h of it with fixed values.
+    """Information of each pair of sensor and load over all lines: triangular roots, and products with fixed values.
 
-    They are (n_sensors, n_loads, n_params, n_params) and (n_sensors, n_loads, n_params, n_held).
-    Lines are processed in chunks, and each chunk is merged into the triangles before the next is computed.
+    The roots R, with R'R = J'J, are (n_sensors, n_loads, n_params, n_params); the products J'J_h, with J_h the Jacobian of the
+    fixed values, are (n_sensors, n_loads, n_params, n_held). Lines are processed in chunks to save memory.
 
     Raises
     ------
@@ -427,9 +448,9 @@ def pair_roots(candidates: Candidates) -> tuple[FloatArray, FloatArray]:
 def line_roots(
     candidates: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...]
 ) -> tuple[FloatArray, FloatArray]:
-    """R with R'R the information of each line from the given sensors and loads (indices), and J'J_h of it with fixed values.
+    """Information of each line from the sensors and loads with these indices: roots, and products with fixed values.
 
-    They are (n_lines, n_rows, n_params) and (n_lines, n_params, n_held).
+    The roots R, with R'R = J'J, are (n_lines, n_rows, n_params); the products J'J_h are (n_lines, n_params, n_held).
     """
     n_params, n_lines = candidates.parameters.n_params, len(candidates.frequency)
     parts: dict[int, list[FloatArray]] = {}
@@ -444,9 +465,10 @@ def line_roots(
 def _row_chunks(
     candidates: Candidates, sensors: range | tuple[int, ...], loads: range | tuple[int, ...]
 ) -> Iterator[tuple[slice, slice, FloatArray]]:
-    """Chunks of whitened sensitivities: slice of `loads`, slice of lines, rows (n_lines, n_sensors, n_loads, 2, n_columns).
+    """Chunks of whitened sensitivities, each with the slice of `loads` and the slice of lines that it covers.
 
-    Columns are those of the parameters, then of the fixed values.
+    A chunk is (n_lines, n_sensors, n_loads, 2, n_columns): real and imaginary parts, and columns of the parameters, then of the
+    fixed values.
     """
     n_params, n_dofs = candidates.parameters.n_params + len(candidates.tolerance), candidates.structure.n_dofs
     has_friction = any(isinstance(element, Friction) for element in candidates.structure.elements)
@@ -465,10 +487,10 @@ def _row_chunks(
 def _whitened_sensitivities(
     candidates: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...], lines: slice
 ) -> FloatArray:
-    """Derivatives of the FRFs by relative changes, divided by the noise, (n_lines, n_sensors, n_loads, 2, n_columns).
+    """Derivatives of the FRFs by relative changes over the noise, (n_lines, n_sensors, n_loads, 2, n_columns).
 
-    The last axis has the parameters, the fixed properties and the common gain, where it has a tolerance.
-    The fourth axis has the real and the imaginary part; `sensors` and `loads` are indices of candidates.
+    The fourth axis has real and imaginary part; the last the parameters, the fixed properties, and a common gain if it has a
+    tolerance. `sensors` and `loads` are indices of candidates, `lines` a slice of the frequencies.
     """
     frequency = candidates.frequency[lines]
     record = FrfRecord(
@@ -493,7 +515,10 @@ def _whitened_sensitivities(
 
 
 def _noise_deviation(candidates: Candidates, values: ComplexArray) -> FloatArray:
-    """Standard deviation of the real (and of the imaginary) part of each FRF value, as `values` (n_lines, n_sensors, n_loads)."""
+    """Standard deviation of the real (or imaginary) part of each FRF value, in the shape of `values`.
+
+    `values` is (n_lines, n_sensors, n_loads). A value at rounding level gets the largest value of its line as noise.
+    """
     size = np.abs(values)
     rounding = _ROUNDING * size.max(axis=(1, 2), keepdims=True)
     noise = np.hypot(candidates.relative_noise * size, candidates.absolute_noise)

@@ -98,13 +98,13 @@ class PlannedTest:
 
     @property
     def worst_with_tolerances(self) -> float:
-        """The largest `std_with_tolerances` of a parameter of interest; infinite where one is not determined."""
+        """Largest `std_with_tolerances` of a parameter of interest; infinite if the test does not determine all of them."""
         worst = float(np.max(self.std_with_tolerances[self.of_interest]))
         return worst if np.isfinite(worst) else np.inf
 
     @property
     def worst(self) -> int:
-        """Index of the parameter of interest that is determined worst."""
+        """Index of the parameter of interest with the largest relative standard deviation; NaN counts as infinite."""
         return int(np.argmax(np.where(self.of_interest, np.where(np.isnan(self.std), np.inf, self.std), -1.0)))
 
     @property
@@ -114,18 +114,18 @@ class PlannedTest:
 
     @property
     def rms_std(self) -> float:
-        """Root of the mean square over the parameters of interest; infinite where one is not determined."""
+        """Root mean square of the relative deviations of the parameters of interest; infinite if not all are determined."""
         value = float(np.sqrt(np.mean(self.std[self.of_interest] ** 2)))
         return value if np.isfinite(value) else np.inf
 
     @property
     def n_determined(self) -> int:
-        """Number of parameters with a standard deviation below their own size."""
+        """Number of parameters whose relative standard deviation is at most 1."""
         return int((self.std <= 1).sum())
 
     @property
     def determined(self) -> bool:
-        """True if every parameter of interest is."""
+        """True if the relative standard deviation of every parameter of interest is at most 1."""
         return self.worst_std <= 1
 
 
@@ -183,7 +183,7 @@ class PlannedTests:
 
     @property
     def determined(self) -> bool:
-        """True if all candidates together determine every parameter of interest to better than its own size."""
+        """True if the test with all candidates gives every parameter of interest a relative standard deviation of at most 1."""
         return self.everything.determined
 
     @property
@@ -220,7 +220,10 @@ class Plan(PlannedTests):
 
     @property
     def is_undamped(self) -> bool:
-        """True if the initial model has no damping, so that its resonances are infinitely high."""
+        """True if the model at the initial values has no damping, so that its resonances are infinitely high.
+
+        Always False for a structure without matrices.
+        """
         if not self.structure.has_matrices:
             return False
         values = self.parameters.values(self.parameters.start)
@@ -231,6 +234,6 @@ class Plan(PlannedTests):
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Parameters of interest that all candidates together do not determine to better than their own size."""
+        """Names of the parameters of interest that the test with all candidates leaves with a relative deviation above 1."""
         lost = ~(self.everything.std <= 1) & self.everything.of_interest
         return tuple(name for name, is_lost in zip(self.parameters.names, lost, strict=True) if is_lost)

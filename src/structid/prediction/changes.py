@@ -27,7 +27,7 @@ class Change(Protocol):
     """A change of a structure."""
 
     def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
-        """The structure after the change, and the parameters that it has: those given, by the labels of properties."""
+        """Changed structure, and its parameters: those given, matched to the new structure by the labels of properties."""
         ...
 
     @property
@@ -44,7 +44,13 @@ class AddMass:
     mass: float
 
     def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
-        """The structure with the point mass added, and its parameters."""
+        """Structure with the point mass added, and its parameters.
+
+        Raises
+        ------
+        InputError
+            If the node does not exist, or the mass is not positive or more than 1000 times that of the structure.
+        """
         _require_node(structure, self.node)
         _require_positive("mass", self.mass)
         _require_mass_at_most("mass", self.mass, _MOST_ADDED, structure, parameters, "to hold the node, add supports")
@@ -66,7 +72,13 @@ class Scale:
     factor: float
 
     def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
-        """`structure` unchanged, and `parameters` with the property values scaled."""
+        """Unchanged `structure`, and `parameters` whose property values are multiplied by the factor.
+
+        Raises
+        ------
+        InputError
+            If the factor is negative or not finite, or the structure lacks the property or element.
+        """
         if not (np.isfinite(self.factor) and self.factor >= 0):
             raise InputError(f"`factor` of {self.label} must be at least 0, got {self.factor:g}")
         found = _LABEL.match(self.label)
@@ -100,7 +112,7 @@ class Remove:
     name: str
 
     def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
-        """The structure without the element set, and its parameters."""
+        """Structure without the element set, and its parameters; `InputError` if it has no such set."""
         kept = tuple(element for element in structure.elements if element.name != self.name)
         if len(kept) == len(structure.elements):
             near = difflib.get_close_matches(self.name, [element.name for element in structure.elements], 1, 0.0)
@@ -141,7 +153,14 @@ class AddTunedMassDamper:
     damping_ratio: float
 
     def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
-        """The structure with a mass on a new node, a spring and a dashpot to it, and its parameters."""
+        """Structure with a mass on a new node, joined by a spring and a dashpot, and its parameters.
+
+        Raises
+        ------
+        InputError
+            If the place is a rotation or not in the structure, or a value is not positive or too large (mass above that of the
+            structure, damping ratio above 10).
+        """
         at = parse_dof(self.dof).unsigned
         if at.is_rotation:
             raise InputError(f"a tuned mass damper moves along X, Y or Z, got {at}")
@@ -179,7 +198,7 @@ class AddTunedMassDamper:
 def changed_model(
     structure: Structure, parameters: Parameters, changes: Sequence[Change]
 ) -> tuple[Structure, Parameters]:
-    """A structure after changes, and its parameters, which are the same unknowns as before.
+    """Structure after changes, and its parameters, which are the same unknowns as before.
 
     Parameters
     ----------
@@ -188,6 +207,11 @@ def changed_model(
         Of that structure.
     changes : sequence of Change
         In the order in which they are made.
+
+    Returns
+    -------
+    Structure
+    Parameters
 
     Raises
     ------
@@ -208,7 +232,10 @@ def changed_model(
 
 
 def _carried_over(parameters: Parameters, before: Structure, after: Structure) -> tuple[Structure, Parameters]:
-    """The structure `after`, and the parameters of `before` as parameters of it, matched by the labels of properties."""
+    """Structure `after`, and the parameters of `before` mapped to its property values by the labels of properties.
+
+    Properties that `before` lacks keep their values in `after` and no parameter acts on them.
+    """
     places = {item.label: item.values for item in before.properties}
     offset = np.array(after.values)
     rows: list[int] = []
@@ -247,7 +274,7 @@ def _require_positive(name: str, value: float) -> None:
 
 
 def _free_name(structure: Structure, name: str) -> str:
-    """A name that no element set has: `name`, with a number behind it where that is taken."""
+    """Name for a new element set: `name`, with a number in brackets if an existing name begins with it."""
     taken, number = {element.name for element in structure.elements}, 2
     free = name
     while any(other.startswith(free) for other in taken):

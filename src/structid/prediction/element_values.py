@@ -53,15 +53,20 @@ class ElementValues:
 
 
 def element_values(model: IdentifiedModel, initial: FloatArray, covariance: FloatArray) -> tuple[ElementValues, ...]:
-    """Every property of the element sets of an identified model, element by element.
+    """Initial and identified values, and their deviations, of every property of the element sets of an identified model.
 
     Parameters
     ----------
     model : IdentifiedModel
     initial : (n_parameters,) float array
-        Values of the parameters before identification; those of fixed values are left out.
+        Values of the identified parameters before identification; factors on fixed values are not among them.
     covariance : (n_parameters, n_parameters) float array
-        Of the parameters, with all that their deviations include.
+        Of the same parameters, with all that their deviations include.
+
+    Returns
+    -------
+    tuple of ElementValues
+        One for each property of each element set.
     """
     n, parameters = len(initial), model.parameters
     design = parameters.design.tocsr()

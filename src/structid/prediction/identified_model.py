@@ -56,10 +56,10 @@ class IdentifiedModel:
         return self.parameters.values(self.physical)
 
     def parameters_at(self, z: FloatArray) -> FloatArray:
-        """Physical parameters for standard normal errors `z` (n_factors,).
+        """Physical parameters (n_params,) for standard normal errors `z` (n_factors,).
 
-        Values that are known within half of their size move by their free variables. Others move in a straight line, so that what
-        several of them share stays as it is; they may then come to lie outside their limits.
+        Values that are known within half of their size move by their free variables. Others move in a straight line, so that
+        what several of them share stays as it is; they may then come to lie outside their limits.
         """
         transforms = self.parameters.transforms
         theta, moves = transforms.free(self.physical), self.factor @ z
@@ -72,7 +72,7 @@ class IdentifiedModel:
         Raises
         ------
         NoAnswerError
-            If nearly all models within the uncertainty lie outside the limits.
+            If too few of 200 `n_draws` random models lie within the limits.
         """
         transforms = self.parameters.transforms
         positive = np.array([kind == "log" for kind in transforms.kinds])
@@ -169,7 +169,7 @@ def identified_model(
 
 
 def model_of(identification: Identification) -> IdentifiedModel:
-    """The `IdentifiedModel` of an identification.
+    """Identified model, with parameters and joint uncertainty, of an identification.
 
     Raises
     ------

@@ -47,10 +47,10 @@ def mean_square(whitened: FloatArray) -> float:
 
 
 def foretold_part(whitened: FloatArray) -> float:
-    """Sum over lags of the squared correlations of innovations (n_times, n) with earlier ones, for each direction.
+    """Sum over lags of the squared correlations of innovations (n_times, n) with earlier ones, per direction (divided by n).
 
-    It is about the part of their variance that a linear prediction from earlier ones would take off; chance alone makes it
-    n n_lags / n_times. Hosking (1980), J. Am. Stat. Assoc. 75, 602-608.
+    Lags run to 50 samples, or a quarter of a short record. It is about the part of their variance that a linear prediction from
+    earlier ones would remove; chance alone makes it n n_lags / n_times. Hosking (1980), J. Am. Stat. Assoc. 75, 602-608.
     """
     size = np.sqrt(np.mean(whitened**2, axis=0))
     scaled = whitened / np.where(size > 0, size, 1.0)
@@ -82,10 +82,10 @@ class InnovationVerdict:
 def judge_innovations(
     record: Innovations, replicates: Sequence[Innovations], has_stated_noise: bool
 ) -> InnovationVerdict:
-    """Compare innovations with those of `replicates`, records that models within the uncertainty could have given.
+    """Verdict on the innovations of a record, compared with those of `replicates`, records simulated by plausible models.
 
     Mehra and Peschon (1971), Automatica 7, 637-640 (innovations as a test); Rubin (1984), Annals of Statistics 12, 1151-1172
-    (replicates within the uncertainty). Where the record does not state the noise of its sensors,
+    (replicates within the uncertainty). Where the record does not state the noise of its sensors (`has_stated_noise` false),
     what no force can make contradicts the model only if it is clearly correlated in time: the rest may be noise.
     """
     forced, reached = record.is_forced, record.is_forced | record.is_open
@@ -132,7 +132,10 @@ def judge_innovations(
 
 
 def _larger(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
-    """Words on whitened innovations (n_times, n) that are larger than those of replicates; "" where they are not."""
+    """Words on whitened innovations (n_times, n) that are significantly larger than those of replicates; "" where they are not.
+
+    They must also be more than 20 % larger; "" too if n is 0.
+    """
     if not whitened.size:
         return ""
     square, usual = mean_square(whitened), [mean_square(item) for item in replicates]
@@ -143,7 +146,10 @@ def _larger(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
 
 
 def _correlated(whitened: FloatArray, replicates: Sequence[FloatArray], least: float = _FORETOLD) -> str:
-    """Words on whitened innovations (n_times, n) that earlier ones foretell more than in replicates; "" where they do not."""
+    """Words on whitened innovations (n_times, n) that are more correlated in time than those of replicates, else "".
+
+    `least` is the least excess of `foretold_part` over the mean of replicates; "" too if n is 0.
+    """
     if not whitened.size:
         return ""
     part, usual = foretold_part(whitened), [foretold_part(item) for item in replicates]
@@ -153,7 +159,7 @@ def _correlated(whitened: FloatArray, replicates: Sequence[FloatArray], least: f
 
 
 def _is_beyond(value: float, usual: Sequence[float]) -> bool:
-    """True where a positive value lies beyond all usual ones and far from their logarithmic mean."""
+    """True if a positive value exceeds all of `usual`, and their mean in logarithms by more than three standard deviations."""
     if not value > max(usual):
         return False
     logs = np.log(usual)

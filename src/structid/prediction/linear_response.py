@@ -57,18 +57,20 @@ def input_words(inputs: Sequence[Input]) -> tuple[str, ...]:
 
 
 def movable_supports(structure: Structure) -> list[Dof]:
-    """Supports that elements are attached to, so that their motion moves the structure; without a sign."""
+    """Supports (positive directions) that elements are attached to, so that their motion moves the structure."""
     codes = set(structure.numbering.codes.tolist())
     return [dof for dof in dict.fromkeys(each.unsigned for each in structure.fixed) if 6 * dof.node + dof.axis in codes]
 
 
 def support_base(structure: Structure, dof: Dof, together: bool = True) -> Base:
-    """The base that a support is part of: that of the structure, else all supports in its direction together, or it alone.
+    """Base that the support `dof` is part of: a base declared by the structure, else all supports in its direction together.
+
+    If not `together`, a support without a declared base moves alone.
 
     Raises
     ------
     InputError
-        If the structure has no support at `dof`.
+        If the structure has no support at `dof` that elements hold to.
     """
     declared = next((base for base in structure.bases if base.moves(dof)), None)
     if declared is not None:
@@ -97,7 +99,7 @@ def linear_response(
     is_viscous: bool = False,
     relative: bool = False,
 ) -> LinearResponse:
-    """The response of a structure to forces and to accelerations of supports.
+    """Response of a structure to forces and to accelerations of supports, as a function of its physical parameters.
 
     Parameters
     ----------
@@ -115,8 +117,13 @@ def linear_response(
     is_viscous : bool
         Whether loss factors are replaced by viscous dampings that take as much energy at each resonance.
     relative : bool
-        Whether motions are those beyond the quasi-static motion that the supports force on the structure. Where all supports move
-        alike, this is the motion against the ground.
+        Whether motions are those beyond the quasi-static motion that the supports force on the structure. Where all supports
+        move alike, this is the motion against the ground.
+
+    Raises
+    ------
+    InputError
+        If an input is a base and the structure can move as a rigid body even with its supports fixed.
     """
     bases = tuple(each for each in inputs if isinstance(each, Base))
     if bases:
@@ -150,14 +157,12 @@ def _with_supports(
     is_viscous: bool,
     relative: bool,
 ) -> LinearResponse:
-    """The response of a structure to forces and to accelerations of its moving supports `bases`.
+    """Response of a structure to forces and to accelerations of its moving supports `bases`, at least one.
 
     With u = G u_g + r, where G is the quasi-static motion under unit motion of each base, the rest obeys
-
     M r'' + C r' + K r = -(M G + M_g) u_g'' - (C G + C_g) u_g'
-
-    (Clough and Penzien 1993, Dynamics of Structures, Eq. 26.11), M_g the masses between structure and supports. Loss factors and
-    modal damping act on r alone. The other arguments are those of `linear_response`.
+    (Clough and Penzien 1993, Dynamics of Structures, Eq. 26.11), M_g and C_g the masses and dampings between structure and
+    supports. Loss factors and modal damping act on r alone. The other arguments are those of `linear_response`.
     """
     released = replace(structure, damping_ratio=None).release_supports(bases)
     found = output_map(released, outputs, derivative)

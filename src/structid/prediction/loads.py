@@ -22,14 +22,26 @@ _MOST_SAMPLES = 1e7
 
 
 def half_sine(amplitude: float, width: float, duration: float, sampling_rate: float) -> FloatArray:
-    """A half-sine pulse of `amplitude` and `width`, s, at the start of a record of `duration`, s, (n_times,)."""
+    """Half-sine pulse of `amplitude` and `width`, s, from the start of a record of `duration`, s, (n_times,).
+
+    Raises
+    ------
+    InputError
+        If the sampling rate gives fewer than eight samples a period of twice `width`, or the record is too short or too long.
+    """
     _require_rate(width, 0.5 / width if width > 0 else np.nan, duration, sampling_rate, "width of the pulse")
     t = np.arange(round(duration * sampling_rate)) / sampling_rate
     return np.where(t < width, amplitude * np.sin(np.pi * np.minimum(t, width) / width), 0.0)
 
 
 def sine(amplitude: float, frequency: float, duration: float, sampling_rate: float) -> FloatArray:
-    """A sine of `amplitude` and `frequency`, Hz, from rest, (n_times,)."""
+    """Sine of `amplitude` and `frequency`, Hz, that begins at 0, over `duration`, s, (n_times,).
+
+    Raises
+    ------
+    InputError
+        If there are fewer than eight samples a period, or the record is too short or too long.
+    """
     _require_rate(frequency, frequency, duration, sampling_rate, "frequency of the sine")
     t = np.arange(round(duration * sampling_rate)) / sampling_rate
     return np.asarray(amplitude * np.sin(2 * np.pi * frequency * t))
@@ -38,7 +50,7 @@ def sine(amplitude: float, frequency: float, duration: float, sampling_rate: flo
 def coloured_noise(
     frequency: FloatArray, density: FloatArray, duration: float, sampling_rate: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Gaussian noise, (n_times,), of a one-sided spectral density that is linear between lines and 0 outside them.
+    """Gaussian noise, (n_times,), with a one-sided spectral density that is linear between lines and 0 outside them.
 
     Parameters
     ----------
@@ -47,6 +59,11 @@ def coloured_noise(
     duration, sampling_rate : float
         s, and samples per second.
     rng : numpy Generator
+
+    Raises
+    ------
+    InputError
+        If the highest frequency exceeds half the sampling rate, or the record is too short or too long.
     """
     require_shape("density", np.asarray(density), (len(frequency),), "one value a line")
     if frequency[-1] > sampling_rate / 2:
@@ -62,9 +79,10 @@ def coloured_noise(
 
 
 def read_density(path: Path, is_support: bool | None = None) -> tuple[FloatArray, FloatArray]:
-    """Frequencies, Hz, and one-sided spectral densities of a load from a table with these two columns.
+    """Frequencies, Hz, and one-sided spectral densities of a load, (n_frequencies,) each, from a table with two columns.
 
-    Densities are in N^2/Hz, of a support's motion in (m/s^2)^2/Hz, where the heading states no units, as ``f (Hz), S (kN^2/Hz)``.
+    Densities are in N^2/Hz, or in (m/s^2)^2/Hz for the motion of a support. Units in the heading, as in
+    ``f (Hz), S (kN^2/Hz)``, are converted to these; without units the values are taken as they are.
 
     Parameters
     ----------
@@ -75,8 +93,8 @@ def read_density(path: Path, is_support: bool | None = None) -> tuple[FloatArray
     Raises
     ------
     FileError
-        If the file cannot be read, a line does not hold two numbers, frequencies do not rise, a density is negative, or units of
-        the heading are none of a density or of another quantity.
+        If the file cannot be read, a line does not hold two numbers, frequencies do not rise, a density is negative, or units
+        of the heading are none of a density or of another quantity.
     """
     rows: list[tuple[float, float]] = []
     hertz, square = 1.0, 1.0
@@ -116,7 +134,11 @@ def _located(path: Path, number: int) -> Iterator[None]:
 
 
 def _heading_factors(frequency: str, density: str, is_support: bool | None) -> tuple[float, float]:
-    """Factors of the columns with these headings to Hz and to N^2/Hz or (m/s^2)^2/Hz; 1 where they state no unit in brackets."""
+    """Factors of the columns with these headings to Hz and to N^2/Hz or (m/s^2)^2/Hz; 1 where they state no unit in brackets.
+
+    `is_support` says that the density must be of an acceleration (True) or a force (False); None accepts both. `InputError` if
+    the unit cannot be read or is of another quantity.
+    """
     axis, unit = (match[1] if (match := _IN_BRACKETS.search(text)) else "" for text in (frequency, density))
     hertz = parse_frequency_unit(axis) if axis else 1.0
     if not unit:
@@ -136,7 +158,7 @@ def _heading_factors(frequency: str, density: str, is_support: bool | None) -> t
 
 
 def _require_samples(duration: float, sampling_rate: float) -> None:
-    """Raise `InputError` for a history of fewer samples than two, or of more than fit a computer's memory."""
+    """Raise `InputError` unless a history of `duration`, s, has from two to ten million samples."""
     if not duration * sampling_rate >= 2:
         raise InputError(f"`duration` must hold at least two samples, got {duration:g} s", "duration")
     if duration * sampling_rate > _MOST_SAMPLES:
@@ -148,9 +170,9 @@ def _require_samples(duration: float, sampling_rate: float) -> None:
 
 
 def _require_rate(value: float, frequency: float, duration: float, sampling_rate: float, what: str) -> None:
-    """Raise `InputError` unless a load of that `frequency`, Hz, has at least eight samples a period and fits the record.
+    """Raise `InputError` unless a load of `frequency`, Hz, has at least eight samples a period and fits the record.
 
-    `value` is the option that `what` names in errors.
+    `value` is the option that `what` names in errors, and must be positive; the record has 2 to 10 million samples.
     """
     if not (np.isfinite(value) and value > 0):
         raise InputError(f"the {what} must be greater than 0, got {value:g}")

@@ -55,10 +55,10 @@ class ModelError:
         record: FrfRecord,
         predicted: ComplexArray,
     ) -> ModelError:
-        """The error of modelled FRFs that sensors show when each is left out of the fit in turn, without noise.
+        """Error of modelled FRFs at each sensor when it is left out of the fit in turn, less noise, over all sensors.
 
-        To first order: without sensor s the parameters move by -(N - N_s)^-1 g_s, where N sums the information of all sensors and
-        g_s is the gradient of s, so that the model of s is what the others alone make of it.
+        To first order: without sensor s the parameters move by -(N - N_s)^-1 g_s, where N sums the information of all sensors
+        and g_s is the gradient of s, so that the model of s is what the others alone make of it.
 
         Parameters
         ----------
@@ -68,7 +68,7 @@ class ModelError:
         physical : (n_params,) float array
             Identified values.
         record : FrfRecord
-            What was fitted.
+            The FRFs that were fitted.
         predicted : (n_frequencies, n_outputs, n_inputs) complex array
             The responses of the fitted model.
 
@@ -100,9 +100,11 @@ class ModelError:
         nominal: ComplexArray,
         rng: np.random.Generator,
     ) -> ComplexArray:
-        """FRFs (n_draws, n_frequencies, n_outputs, n_inputs) with random errors, whose size `nominal` FRFs give.
+        """FRFs `draws` (n_draws, n_frequencies, n_outputs, n_inputs) with random model errors added.
 
-        Outputs that are no motion (mask `is_motion`, (n_outputs,)), such as stresses, have the same relative error.
+        The size of the errors follows from the `nominal` FRFs (n_frequencies, n_outputs, n_inputs) of `kind` at `frequency`
+        (Hz), or from the mean size at the sensors if that is larger. Outputs that are no motion (mask `is_motion`,
+        (n_outputs,)), such as stresses, have errors relative to themselves only.
         """
         part, size = (np.interp(frequency, self.frequency, each) for each in (self.part, self.size))
         size = size * (2 * np.pi * frequency) ** (DERIVATIVES[kind] - DERIVATIVES[self.kind])
@@ -114,7 +116,7 @@ class ModelError:
         return np.asarray(draws + noise * (std / np.sqrt(2)))
 
     def added_to_histories(self, draws: FloatArray, sampling_rate: float, rng: np.random.Generator) -> FloatArray:
-        """Histories (n_draws, n_times, n_outputs) with random errors, relative to the response at each frequency."""
+        """Histories `draws` (n_draws, n_times, n_outputs) with random model errors added, relative at each frequency."""
         n_draws, n_times, n_outputs = draws.shape
         padded = next_fast_len(2 * n_times, real=True)
         frequency = np.fft.rfftfreq(padded, 1 / sampling_rate)
@@ -130,9 +132,9 @@ class ModelError:
         return np.asarray(draws * np.abs(1 + relative) ** 2)
 
     def _relative(self, frequency: FloatArray, n_outputs: int, rng: np.random.Generator) -> ComplexArray:
-        """Random errors over responses, (n_frequencies, n_outputs), as rough over frequency as the errors were judged.
+        """Random complex errors relative to responses, (n_frequencies, n_outputs), at `frequency` (Hz).
 
-        They run from one independent error to the next, one for each stretch of lines over which `part` was summed.
+        They vary from one independent error to the next, one for each stretch of 21 lines over which `part` was summed.
         """
         knots = self.frequency[:: 2 * _REACH + 1]
         before = np.clip(np.searchsorted(knots, frequency, side="right") - 1, 0, max(len(knots) - 2, 0))
@@ -145,9 +147,10 @@ class ModelError:
 
 
 def _moved_without(record: FrfRecord, slopes: ComplexArray, predicted: ComplexArray) -> ComplexArray:
-    """Responses at each sensor by a model fitted to the other sensors, to first order, shaped as `predicted`.
+    """Responses at each sensor by a model fitted to the other sensors, to first order, in the shape of `predicted`.
 
-    `slopes` (n_frequencies, n_outputs, n_inputs, n_params) are the derivatives of `predicted`.
+    `slopes` (n_frequencies, n_outputs, n_inputs, n_params) are the derivatives of `predicted` by the parameters. With a single
+    sensor `predicted` is returned.
     """
     residual = record.values - predicted
     size = np.abs(predicted) if record.variance is None else np.sqrt(record.variance)

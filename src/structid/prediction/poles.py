@@ -54,7 +54,10 @@ class ReducedMatrices:
         return np.asarray((self.omega**2 <= _RIGID * largest**2) & ~couples)
 
     def viscous_equivalent(self) -> FloatArray:
-        """Viscous damping that takes as much energy at each resonance as `damping` and `structural` together."""
+        """Viscous damping matrix (n_modes, n_modes) that takes as much energy at each resonance as all damping together.
+
+        It is `damping` plus the diagonal of `structural` over omega.
+        """
         lost = np.divide(np.diag(self.structural), self.omega, out=np.zeros_like(self.omega), where=self.omega > 0)
         return self.damping + np.diag(lost)
 
@@ -62,10 +65,12 @@ class ReducedMatrices:
 def reduce_structure(structure: Structure, values: FloatArray, basis: FloatArray, sides: Sides) -> ReducedMatrices:
     """Matrices of a structure with the property `values` (n_values,) on the motions `basis` (n_dofs, n_vectors).
 
+    Modal damping of the structure becomes viscous damping of the modes on the basis; `sides` are inputs and outputs.
+
     Raises
     ------
     SingularModelError
-        If a motion of the basis has neither mass nor stiffness.
+        If a motion of the basis has no positive mass.
     """
     plain, ratio = _without_modal_damping(structure, values)
     mass, damping, stiffness, structural = (
@@ -102,10 +107,10 @@ class Sides:
 def reduction_basis(
     structure: Structure, values: Sequence[FloatArray], sides: Sides, lowest: float, highest: float
 ) -> FloatArray:
-    """Motions that span the responses of a structure between two frequencies, (n_dofs, n_vectors).
+    """Mass-orthonormal motions that span the responses of a structure between two frequencies, (n_dofs, n_vectors).
 
-    They are the modes up to twice `highest` for each of the property `values`, and the undamped responses at `lowest` and `highest`
-    to every load and at every sensor, which carry the flexibility of the modes that are left out.
+    They are the modes up to twice `highest` for each of the property `values`, and the undamped responses at `lowest` and
+    `highest` to every load and at every sensor, which carry the flexibility of the modes that are left out.
 
     Parameters
     ----------
@@ -113,6 +118,7 @@ def reduction_basis(
     values : sequence of (n_values,) float arrays
         The identified values, then others within their uncertainty.
     sides : Sides
+        Loads and sensors.
     lowest, highest : float
         Hz, greater than 0.
     """
@@ -148,7 +154,10 @@ def _solve(matrix: sparse.csc_array, right: FloatArray) -> FloatArray:
 
 
 def _independent(columns: FloatArray, mass: sparse.csc_array) -> FloatArray:
-    """Mass-orthonormal motions that span `columns` (n_dofs, n), without those that add nothing to the others."""
+    """Mass-orthonormal motions (n_dofs, n_kept) that span `columns` (n_dofs, n), without those that add nothing to the others.
+
+    Motions without mass are left out too.
+    """
     energy = np.sqrt(np.maximum(np.einsum("ij,ij->j", columns, mass @ columns), 0.0))
     moving = energy > 0
     scaled = columns[:, moving] / energy[moving]
@@ -158,7 +167,7 @@ def _independent(columns: FloatArray, mass: sparse.csc_array) -> FloatArray:
 
 
 def _without_modal_damping(structure: Structure, values: FloatArray) -> tuple[Structure, float]:
-    """The structure without the damping ratio that all modes share, and that ratio.
+    """Structure without the damping ratio that all modes share, and that ratio; 0.0 if it has none.
 
     `values` (n_values,) are the property values.
     """
@@ -200,15 +209,19 @@ class PoleSum:
         return np.asarray(total)
 
     def combined_frf(self, frequency: FloatArray, orders: Sequence[int]) -> ComplexArray:
-        """The FRFs of `combined`, each derivative taken by its power of i omega, which keeps digits at low frequencies."""
+        """FRFs (n_frequencies, n_outputs, n_inputs) of the outputs of `combined`, `frequency` in Hz.
+
+        Each derivative is taken by its power of i omega, which keeps digits at low frequencies.
+        """
         s = (2j * np.pi * frequency)[:, None, None]
         groups = np.split(self.frf(frequency), len(orders), axis=1)
         return np.asarray(sum(s**order * group for order, group in zip(orders, groups, strict=True)))
 
     def combined(self, orders: Sequence[int]) -> PoleSum:
-        """Outputs that are sums of derivatives; those of `self` are displacements in one group for each of `orders`, 0 to 2.
+        """Pole sum of outputs that add derivatives: the outputs of `self` are displacements in one group for each of `orders`.
 
-        First derivatives have the sum over residues as a direct part: 0 under forces, which do not move a mass at once.
+        `orders` are 0 to 2; groups have equal size, and their derivatives are added up. First derivatives have the sum over
+        residues as a direct part: 0 under forces, which do not move a mass at once.
         """
         out = np.zeros((len(self.out) // len(orders), len(self.poles)), dtype=complex)
         integrals = np.zeros((3, len(out), self.into.shape[1]), dtype=complex)
@@ -229,6 +242,11 @@ def sum_over_poles(reduced: ReducedMatrices, damping: FloatArray | None = None) 
     reduced : ReducedMatrices
     damping : (n_modes, n_modes) float array, optional
         Viscous damping in place of `reduced.damping` and `reduced.structural`.
+
+    Raises
+    ------
+    InputError
+        If a mode is critically damped to all digits.
 
     References
     ----------
@@ -283,7 +301,7 @@ def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float) -
 
 
 def _first_order_hold(pole: complex, step: float) -> tuple[complex, complex]:
-    """Weights of the load at both ends of a step in x' = pole x + f, where f runs in a straight line."""
+    """Weights of the load at start and end of a step (s) in x' = pole x + f, where f varies linearly; pole in 1/s."""
     z = pole * step
     if abs(z) < 1e-3:
         return step * (0.5 + z / 3 + z**2 / 8 + z**3 / 30), step * (0.5 + z / 6 + z**2 / 24 + z**3 / 120)
@@ -293,7 +311,10 @@ def _first_order_hold(pole: complex, step: float) -> tuple[complex, complex]:
 
 
 def _rigid_history(loads: FloatArray, step: float, derivatives: int) -> FloatArray:
-    """Displacement, velocity or acceleration (0 to 2 derivatives) of a unit mass under loads (n_times, n)."""
+    """Displacement, velocity or acceleration (`derivatives` 0, 1 or 2) of unit masses from rest under loads, (n_times, n).
+
+    `loads` (n_times, n) are linear between samples, `step` is in s.
+    """
     if derivatives == 2:
         return loads
     first, second = loads[:-1], loads[1:]

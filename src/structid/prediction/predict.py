@@ -141,9 +141,9 @@ def predict_together(
     seed: int = 0,
     model_error: ModelError | None = None,
 ) -> list[Prediction]:
-    """Predictions of several quantities by the same random models: a history and its `Maxima` are computed once.
+    """Predictions of several quantities, in their order, by the same random models.
 
-    The arguments are those of `predict`.
+    A history and its `Maxima` are computed once. The arguments are those of `predict`.
     """
     model, error = model_and_error(source, model_error)
     drawn = _draw_all(model, model.structure, model.parameters, quantities, n_draws, seed)
@@ -158,7 +158,7 @@ def predict_change(
     seed: int = 0,
     model_error: ModelError | None = None,
 ) -> PredictedChange:
-    """A quantity before and after changes of the structure, and the difference with its 95 % band.
+    """Quantity before and after changes of the structure, and the difference with its 95 % band.
 
     Modes after the changes are those that are most like the ones before, in their order, also where a damper adds a mode or a
     support takes one away.
@@ -173,6 +173,11 @@ def predict_change(
         See `predict`.
     model_error : ModelError, optional
         See `predict`; the difference is without it, since a change does not change what the model misses.
+
+    Raises
+    ------
+    NoAnswerError, InputError
+        As `predict` and `changed_model` do.
     """
     return predict_changes(source, [quantity], changes, n_draws, seed, model_error)[0]
 
@@ -185,7 +190,10 @@ def predict_changes(
     seed: int = 0,
     model_error: ModelError | None = None,
 ) -> list[PredictedChange]:
-    """Several quantities before and after changes, by the same random models; the arguments are those of `predict_change`."""
+    """Several quantities before and after changes, in their order, by the same random models.
+
+    The arguments are those of `predict_change`.
+    """
     model, error = model_and_error(source, model_error)
     changed, parameters = changed_model(model.structure, model.parameters, changes)
     wanted, followed = list(quantities), list(quantities)
@@ -207,7 +215,11 @@ def predict_changes(
 def model_and_error(
     source: Identification | IdentifiedModel, model_error: ModelError | None
 ) -> tuple[IdentifiedModel, ModelError | None]:
-    """The model of an identification with the error of its fitted FRFs; a given model as it is."""
+    """Identified model of `source`, and the model error to use: `model_error`, or that of its first fit, or None.
+
+    The error of a fit is used only for an identification whose covariance is based on model error. An `IdentifiedModel` and
+    `model_error` are returned as they are.
+    """
     if isinstance(source, IdentifiedModel):
         return source, model_error
     if model_error is None and source.fits and source.estimate.covariance_basis == "model_error":
@@ -225,7 +237,10 @@ def _draw_all(
     n_draws: int,
     seed: int,
 ) -> list[_Drawn]:
-    """The base of each quantity by the identified model, and by each of the random models, (n_draws, ...)."""
+    """Base of each quantity by the identified model, and by each of the random models, (n_draws, ...), as pairs.
+
+    `structure` and `parameters` may be those after a change. `InputError` for fewer than 50 draws.
+    """
     if n_draws < _FEWEST:
         raise InputError(f"`n_draws` must be at least {_FEWEST} for a 95 % band, got {n_draws}")
     physical = model.draw_parameters(n_draws, np.random.default_rng(seed))
@@ -245,7 +260,7 @@ def _base_of(quantity: Quantity) -> Quantity:
 
 
 def _derive(quantity: Quantity, drawn: _Drawn) -> _Drawn:
-    """A derived quantity from its base quantity, for the identified model and for the random models."""
+    """Quantity from its base, by the identified model and by the random models; `drawn` as it is if not derived."""
     if not isinstance(quantity, DerivedQuantity):
         return drawn
     nominal, draws = drawn
@@ -253,7 +268,7 @@ def _derive(quantity: Quantity, drawn: _Drawn) -> _Drawn:
 
 
 def _difference(quantity: Quantity, before: _Drawn, after: _Drawn) -> _Drawn:
-    """The quantity after less before, by each model; of complex values the difference of magnitudes."""
+    """Derived quantity after less before, by the identified and by each random model; of complex values that of magnitudes."""
     pairs = zip(_derive(quantity, before), _derive(quantity, after), strict=True)
     nominal, draws = (np.abs(b) - np.abs(a) if np.iscomplexobj(a) else b - a for a, b in pairs)
     return nominal, draws
@@ -269,7 +284,10 @@ def _evaluated(evaluate: Evaluator, physical: FloatArray) -> NumberArray:
 
 
 def parameter_points(model: IdentifiedModel) -> list[FloatArray]:
-    """The identified parameters, and parameters that are off by one of the largest independent errors each."""
+    """Physical parameters for a reduction: the identified ones, and up to 12 that are off by a large independent error each.
+
+    Each of these is off by two standard deviations of one of the largest errors, and at least 0.001 of the identified value.
+    """
     order = np.argsort(-np.linalg.norm(model.factor, axis=0))[:_MOST_POINTS]
     lines = _OFF * np.eye(model.factor.shape[1])[order]
     moved = (np.maximum(model.parameters_at(z), 1e-3 * model.physical) for z in lines)
@@ -279,10 +297,9 @@ def parameter_points(model: IdentifiedModel) -> list[FloatArray]:
 def _predict_all(
     quantities: Sequence[Quantity], drawn: Sequence[_Drawn], words: str, error: ModelError | None, seed: int
 ) -> list[Prediction]:
-    """Predictions of quantities from their bases by the identified and the random models, with what the model misses.
+    """Predictions of `quantities` from their bases `drawn` by the identified and the random models, with the model `error`.
 
-    What it misses of a base is drawn once for all quantities that follow from it. `words` say what the uncertainty
-    includes.
+    The error of a base is drawn once for all quantities that follow from it. `words` say what the uncertainty includes.
     """
     missed: dict[int, NumberArray | None] = {}
     predictions = []
@@ -300,9 +317,9 @@ def _predict_all(
 def _with_model_error(
     base: Quantity, nominal: NumberArray, draws: NumberArray, error: ModelError, seed: int
 ) -> NumberArray | None:
-    """Draws (n_draws, ...) of FRFs, histories or spectra with the error of the model; None for what it does not touch.
+    """Draws (n_draws, ...) of FRFs, histories or spectra with random model errors added; None for other quantities.
 
-    `nominal` are those by the identified model.
+    `nominal` are the values by the identified model.
     """
     rng = np.random.default_rng(seed + 1)
     if isinstance(base, Frf):
@@ -318,9 +335,9 @@ def _with_model_error(
 
 
 def _band(quantity: Quantity, nominal: NumberArray, draws: NumberArray, words: str) -> Prediction:
-    """The prediction with its 95 % band, from the nominal quantity and that of the random models (n_draws, ...).
+    """Prediction with its 95 % band, from the quantity by the identified model and by the random models (n_draws, ...).
 
-    `words` say what the uncertainty includes.
+    `words` say what the uncertainty includes. Draws along axes of time or frequency are not kept.
     """
     sizes = np.abs(draws) if np.iscomplexobj(draws) else draws
     # between order statistics so that the truth, which is like one model more, lies inside with the probability LEVEL

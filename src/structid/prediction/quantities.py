@@ -123,7 +123,10 @@ class Frf:
         self._record(self.inputs)  # so that a wrong axis or kind is told here
 
     def _record(self, inputs: Sequence[Input]) -> FrfRecord:
-        """A record with the lines and channels of the motions, for the response that is solved line by line."""
+        """Record with the frequencies and channels, and zero values, for the response that is solved line by line.
+
+        A base among `inputs` is replaced by its first support; without motions among the outputs, the loads stand for them.
+        """
         loads = tuple(each.supports[0] if isinstance(each, Base) else each for each in inputs)
         sensors = tuple(each for each in self.outputs if isinstance(each, Dof)) or tuple(dict.fromkeys(loads))
         values = np.zeros((len(self.frequency), len(sensors), len(loads)), dtype=complex)
@@ -135,9 +138,10 @@ class Frf:
         return all(isinstance(each, Dof) for each in self.outputs)
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """FRFs as a function of physical parameters: solved line by line for small models, by poles for others.
+        """FRFs (n_frequencies, n_outputs, n_inputs) as a function of physical parameters (n_params,).
 
-        `points` are parameter values (n_params,) for which a reduction must serve.
+        They are solved line by line for small models, by poles for others. `points` are parameter values (n_params,) for which
+        a reduction must serve, the identified ones first.
 
         Raises
         ------
@@ -156,9 +160,15 @@ class Frf:
     def row_evaluator(
         self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]
     ) -> tuple[OutputMap, Evaluator]:
-        """The outputs, and the FRFs of their rows (a von Mises stress has three) as a function of physical parameters.
+        """Map of the outputs, and the FRFs (n_frequencies, n_rows, n_inputs) of its rows as a function of physical parameters.
 
-        `points` are parameter values (n_params,) for which a reduction must serve.
+        A von Mises stress has three rows. `points` are parameter values (n_params,) for which a reduction must serve, the
+        identified ones first.
+
+        Raises
+        ------
+        InputError
+            If an input is a support of a base and the kind is not transmissibility, or the structure does not allow its FRFs.
         """
         bases = structure.driven([each for each in self.inputs if isinstance(each, Dof)])
         if bases and self.kind != "transmissibility":
@@ -205,7 +215,10 @@ def _by_poles(response_of: LinearResponse, frequency: FloatArray) -> Evaluator:
 
 
 def _by_fields(exact: Response, structure: Structure, parameters: Parameters, rows: OutputMap, frf: Frf) -> Evaluator:
-    """FRFs of rows that elements are read by, from the motion of all degrees of freedom, line by line."""
+    """FRFs of the rows of `rows` as a function of physical parameters, from the motion of all degrees of freedom.
+
+    The function returns (n_frequencies, n_rows, n_inputs); the inputs of `frf` are forces.
+    """
     loads = structure.selection([each for each in frf.inputs if isinstance(each, Dof)])
     read_dofs = np.unique(rows.columns.indices)
 
@@ -293,9 +306,10 @@ class History:
         return np.arange(len(self.loads)) / self.sampling_rate
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """The outputs (n_times, n_outputs) as a function of physical parameters, by a sum over poles.
+        """Outputs (n_times, n_outputs) as a function of physical parameters, by a sum over poles.
 
-        `points` are parameter values (n_params,) for which a reduction must serve.
+        `points` are parameter values (n_params,) for which a reduction must serve, the identified ones first. `InputError` if
+        the structure has dry friction or no modes.
         """
         _require_linear(structure, "a history")
         band, order = (self.sampling_rate / len(self.loads), self.sampling_rate / 2), MOTION_DERIVATIVES[self.motion]
@@ -326,10 +340,10 @@ class History:
 
 
 def support_acceleration(displacement: FloatArray, sampling_rate: float) -> FloatArray:
-    """Acceleration (n_times, n), m/s^2, of supports that move from rest as `displacement` (n_times, n), m, says.
+    """Acceleration (n_times, n), m/s^2, of supports that move from rest with `displacement` (n_times, n), m.
 
-    It is that of the cubic spline through the samples, which runs in straight lines between them as `History` takes it. The record
-    must begin at 0, where the structure is at rest.
+    It is that of the cubic spline through the samples, which is linear between them, as `History` takes it. The record must
+    begin at 0, where the structure is at rest.
 
     Raises
     ------
@@ -521,15 +535,15 @@ class Extremes(DerivedQuantity):
         return self.spectrum
 
     def derived(self, values: NumberArray) -> NumberArray:
-        """Largest magnitudes (n_outputs,) from spectral densities (n_frequencies, n_outputs)."""
+        """Mean or quantile of the largest magnitude, (n_outputs,), from spectral densities (n_frequencies, n_outputs)."""
         w = 2 * np.pi * self.spectrum.frf.frequency
         moments = [np.trapezoid(w[:, None] ** k * values.real, w / (2 * np.pi), axis=0) for k in range(3)]
         return np.array([self._maximum(*each) for each in zip(*(m.tolist() for m in moments), strict=True)])
 
     def _maximum(self, m0: float, m1: float, m2: float) -> float:
-        """Mean or quantile of the largest magnitude from the first spectral moments; 0 where nothing moves.
+        """Mean, or quantile with `probability`, of the largest magnitude within the duration; 0 where nothing moves.
 
-        `m0`, `m1` and `m2` are the spectral moments of order 0 to 2.
+        `m0`, `m1` and `m2` are the spectral moments of order 0 to 2 over circular frequency (rad/s).
         """
         if m0 <= 0 or m2 <= 0:
             return 0.0
@@ -560,7 +574,10 @@ class ReferenceModes:
     mass: sparse.csc_array
 
     def order_in(self, structure: Structure, others: FloatArray) -> IntArray:
-        """Columns of the mode shapes `others` of a structure that are most like these modes together, (n_modes,)."""
+        """Columns of the mode shapes `others` (n_dofs, n) that match these modes best, no column twice, (n_modes,).
+
+        Shapes are compared at the degrees of freedom that both structures share.
+        """
         index = {dof: row for row, dof in enumerate(structure.dofs)}
         shared = [(row, index[dof]) for row, dof in enumerate(self.dofs) if dof in index]
         own, their = np.array(shared, dtype=np.int64).reshape(-1, 2).T
@@ -584,9 +601,9 @@ class NaturalModes:
     reference: ReferenceModes | None = None
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """Frequencies and damping ratios (n_modes, 2) as a function of physical parameters.
+        """Function from physical parameters to frequencies (Hz) and damping ratios, (n_modes, 2).
 
-        Modes are matched to those at the first of `points` (n_params,).
+        Modes are matched to those at the first of `points` (n_params,), or to the reference.
         """
         structure.require_modes("modes")
         n_modes = self.n_modes if self.reference is None else self.n_modes + _MORE_MODES
@@ -626,13 +643,21 @@ class NaturalModes:
 def comparable_modes(
     quantity: NaturalModes, before: tuple[Structure, FloatArray], after: tuple[Structure, FloatArray]
 ) -> tuple[NaturalModes, NaturalModes]:
-    """Modes of a structure before and after a change: as many of both, those after in the order of their likes before.
+    """Mode quantities of a structure before and after a change, with equal numbers of modes in matching order.
 
     Parameters
     ----------
     quantity : NaturalModes
+        Its `n_modes` are wanted at most.
     before, after : (Structure, (n_values,) float array)
         With the property values.
+
+    Returns
+    -------
+    NaturalModes
+        Before the change.
+    NaturalModes
+        After it, with the modes before as reference.
     """
     for structure, _ in (before, after):
         structure.require_modes("modes")
@@ -656,7 +681,7 @@ def _is_linear(structure: Structure) -> bool:
 
 
 def _require_linear(structure: Structure, what: str) -> None:
-    """Raise `InputError` where a structure has no modes, or dry friction; `what` is the quantity in words."""
+    """Raise `InputError` if a structure has no modes, or has dry friction; `what` is the quantity in words."""
     structure.require_modes(what, "predict FRFs")
     rubbing = [element.name for element in structure.elements if isinstance(element, Friction)]
     if rubbing:

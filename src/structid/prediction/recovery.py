@@ -96,7 +96,13 @@ class SectionForce:
         return "N m" if self.component[0] in "MT" else "N"
 
     def terms(self, structure: Structure) -> list[list[_Term]]:
-        """The force at the end of the element, as a sum of weighted columns over the free degrees of freedom (one sum)."""
+        """Force at the end of the element as a single sum of weighted columns over the free degrees of freedom.
+
+        Raises
+        ------
+        InputError
+            If the set, element, node or component does not exist.
+        """
         element, row = _element_of(structure, self.name, self.number, str(self))
         directions = element.section_directions(structure.nodes)
         if not directions:
@@ -163,7 +169,13 @@ class FibreStress:
         return "1" if self.youngs_modulus is None else "Pa"
 
     def terms(self, structure: Structure) -> list[list[_Term]]:
-        """The stress or strain of the fibre, as a sum of weighted columns over the free degrees of freedom (one sum)."""
+        """Stress or strain of the fibre as a single sum of weighted columns over the free degrees of freedom.
+
+        Raises
+        ------
+        InputError
+            If the set, element or node does not exist, or the element cannot bend that way or carries no such force.
+        """
         element, row = _element_of(structure, self.name, self.number, str(self))
         directions = element.section_directions(structure.nodes)
         levers = {"N": 1.0, "M": -self.y, "MZ": -self.y, "MY": self.z}
@@ -225,9 +237,14 @@ class CellStress:
         return "Pa"
 
     def terms(self, structure: Structure) -> list[list[_Term]]:
-        """The stress at the middle of the cell, as sums of weighted columns over the free degrees of freedom.
+        """Stress at the centre of the cell as sums of weighted columns over the free degrees of freedom.
 
-        There is one sum for a component, and three for a von Mises stress.
+        There is one sum for a component, and three (xx, yy, xy) for a von Mises stress.
+
+        Raises
+        ------
+        InputError
+            If the set is no plate or shell, or the element, surface or component does not exist.
         """
         element, row = _element_of(structure, self.name, self.number, str(self))
         if not isinstance(element, ThinSet):
@@ -309,7 +326,7 @@ def parse_outputs(texts: Sequence[str | Output]) -> tuple[Output, ...]:
 
 
 def distinct_channels(name: str, channels: tuple[Any, ...]) -> tuple[Any, ...]:
-    """`channels` unchanged; `InputError` if there is none, or one stands twice."""
+    """`channels` unchanged; `InputError` if the tuple is empty or has duplicates. `name` is the argument in errors."""
     if not channels:
         raise InputError(f"`{name}` must name at least one channel, got none")
     for number, channel in enumerate(channels):
@@ -380,7 +397,7 @@ class OutputMap:
         return tuple(sorted(set(self.derivative.tolist())))
 
     def rows(self, values: FloatArray) -> sparse.csc_array:
-        """Weights of the rows for each derivative in `orders`, one after another, (n_dofs, n_orders n_rows).
+        """Weights of the rows over the degrees of freedom, (n_dofs, n_orders * n_rows), sparse: one group for each of `orders`.
 
         `values` (n_values,) are the property values.
         """
@@ -391,7 +408,7 @@ class OutputMap:
         return sparse.csc_array(self.columns @ spread.tocsc())
 
     def joined(self, values: FloatArray) -> FloatArray:
-        """Outputs from `values` (..., n_rows): components are joined to von Mises stresses."""
+        """Outputs (..., n_outputs) from `values` (..., n_rows): three components are joined to one von Mises stress."""
         if self.is_linear:
             return values
         parts = [values[..., a:b] for a, b in zip(self.first[:-1], self.first[1:], strict=True)]
@@ -402,10 +419,11 @@ class OutputMap:
         return np.stack(joined, axis=-1)
 
     def powers(self, frf: np.ndarray) -> FloatArray:
-        """Mean square of each output per mean square of each load, (n_frequencies, n_outputs, n_inputs), from FRFs of the rows.
+        """Mean square of each output per mean square of each load, (n_frequencies, n_outputs, n_inputs).
 
-        Of a von Mises stress it is the mean of its square, a weighted sum of spectra and cross-spectra of its components: Segalman,
-        Fulcher, Reese and Field (2000), J. Sound Vib. 230, 393-410.
+        `frf` (n_frequencies, n_rows, n_inputs) are FRFs of the rows. Of a von Mises stress it is the mean of its square, a
+        weighted sum of spectra and cross-spectra of its components: Segalman, Fulcher, Reese and Field (2000), J. Sound Vib.
+        230, 393-410.
         """
         parts = [frf[:, a:b] for a, b in zip(self.first[:-1], self.first[1:], strict=True)]
         squares = [
@@ -474,7 +492,10 @@ def _over_free(to_free: sparse.csr_array, positions: IntArray, row: FloatArray) 
 
 
 def _element_of(structure: Structure, name: str, number: int, text: str) -> tuple[ElementSet, int]:
-    """The element set of that name and the row of its element `number`; `text` is the output, for messages."""
+    """Element set called `name`, and the row (from 0) of its element `number` (from 1); `text` is the output in errors.
+
+    `InputError` if the structure has no such set or element, or it is part of a component.
+    """
     for component in structure.components:
         if name in component.elements:
             raise InputError(
@@ -491,9 +512,9 @@ def _element_of(structure: Structure, name: str, number: int, text: str) -> tupl
 
 
 def _end_of(element: ElementSet, row: int, node: int, text: str) -> int:
-    """0 or 1: which end of the element is at `node`.
+    """End of the element in `row` of its set that is at `node`: 0 for the first, 1 for the second.
 
-    `row` is the element in its set.
+    `InputError` if neither is; `text` is the output in errors.
     """
     ends = element.nodes[row].tolist()
     if node not in ends:
@@ -502,7 +523,7 @@ def _end_of(element: ElementSet, row: int, node: int, text: str) -> int:
 
 
 def _offered(element: ElementSet) -> str:
-    """Words on the stresses and forces that can be read from elements of a type."""
+    """Words for error messages on the stresses and forces that can be read from elements of this type."""
     if isinstance(element, ThinSet):
         return "stress_xx, stress_yy, stress_xy and von_mises at top, middle and bottom can be predicted"
     if element.section_stiffness:

@@ -107,7 +107,7 @@ class StateSpace(Shown):
 
 
 def _bytes_of(suffix: str, content: dict[str, object]) -> bytes:
-    """The content of a file with these arrays, by its suffix .npz, .mat or .h5."""
+    """Content of a file that holds the arrays of `content` by name, in the format of `suffix`: .npz, .mat or .h5."""
     buffer = io.BytesIO()
     if suffix == ".npz":
         np.savez_compressed(buffer, **content)  # type: ignore[arg-type]
@@ -224,9 +224,9 @@ def state_space(
 
 
 def _judged_lines(reduced: ReducedMatrices, low: float, high: float) -> FloatArray:
-    """Frequencies, Hz, on which an error is judged: evenly spaced ones, and some across each resonance.
+    """Frequencies, Hz, increasing, at which an error is judged: 500 evenly spaced, and 25 across each resonance.
 
-    `low` and `high` are the ends of the band, Hz.
+    `low` and `high` are the ends of the band, Hz; those outside it are left out.
     """
     omega = reduced.omega[~reduced.is_rigid]
     half = np.diag(reduced.viscous_equivalent())[~reduced.is_rigid] / 2
@@ -256,7 +256,11 @@ class _Equations:
 
     @classmethod
     def from_reduced(cls, reduced: ReducedMatrices, derivatives: int) -> _Equations:
-        """State equations of modal displacements (times omega) and speeds, with displacement (0 `derivatives`) or speed outputs."""
+        """State equations of a reduced structure; states are modal displacements times omega, and modal speeds.
+
+        Outputs are displacements for `derivatives` 0, else speeds; for 2 they are marked to be differentiated. The states of
+        free rigid motions come first.
+        """
         rigid = reduced.is_rigid
         order = np.concatenate([np.flatnonzero(rigid), np.flatnonzero(~rigid)])
         omega, n, n_rigid = reduced.omega[order], len(order), int(rigid.sum())
@@ -297,9 +301,9 @@ class _Equations:
         return float(np.abs(self.frf(frequency) - exact).max() / np.abs(exact).max())
 
     def balance(self, highest: float) -> list[_Balance]:
-        """Balanced coordinates for bands that end at or above `highest` Hz, the last one for all frequencies.
+        """Balanced coordinates for bands that end at or above `highest` Hz, the last for all frequencies.
 
-        None for rigid motions alone.
+        An empty list if there are only rigid motions.
         """
         if self.n_states == self.n_rigid:
             return []
@@ -308,10 +312,11 @@ class _Equations:
     def cut(
         self, order: int, highest: float, balances: Sequence[_Balance], frequency: FloatArray, exact: np.ndarray
     ) -> _Equations:
-        """Stable equations with `order` states: those of the `balances` that miss least of the own FRFs `exact` at `frequency`, Hz.
+        """Stable equations with `order` states, by that of the `balances` with the smallest error.
 
-        Balancing on a band may lose a resonance just above it; balancing over all frequencies does not, but spends
-        states on what is outside the band. `highest` is the upper end of the band, Hz.
+        The error is judged against `exact`, the FRFs of these equations at `frequency` (Hz). Balancing on a band may lose a
+        resonance just above it; balancing over all frequencies does not, but spends states on what is outside the band.
+        `highest` is the upper end of the band, Hz. The equations themselves are returned if they have no more states.
         """
         if order >= self.n_states:
             return self
@@ -319,9 +324,10 @@ class _Equations:
         return min(cuts, key=lambda cut: cut.miss(frequency, exact))
 
     def _cut_states(self, order: int, highest: float, balance: _Balance) -> _Equations:
-        """The equations with the first `order` balanced states, made stable.
+        """Equations with the rigid states and the leading balanced states, `order` in all, made stable.
 
-        `highest` is the upper end of the band, Hz.
+        `highest` is the upper end of the band, Hz; at half of it a direct part makes up for what was cut, unless outputs are
+        differentiated.
         """
         keep, r = max(order - self.n_rigid, 0), self.n_rigid
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
@@ -345,7 +351,7 @@ class _Equations:
         return float(np.clip((-poles.real / np.abs(poles)).min(), 0.0, _LEAST_DECAY))
 
     def _balance_states(self, highest: float | None) -> _Balance:
-        """Balanced coordinates on the band up to `highest` Hz, or over all frequencies."""
+        """Balanced coordinates on the band from 0 to `highest` Hz, or over all frequencies if that is None."""
         r = self.n_rigid
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
         one = np.eye(len(a))
@@ -361,14 +367,17 @@ class _Equations:
         return _Balance(roots[0] @ right.T * size, (roots[1] @ left * size).T)
 
     def padded(self, order: int, highest: float) -> _Equations:
-        """The equations with states that stay at rest behind their own, `order` in all."""
+        """Equations with `order` states in all: states that stay at rest are appended to the present ones.
+
+        `highest`, Hz, sets how fast the appended states decay.
+        """
         extra = max(order - self.n_states, 0)
         a = linalg.block_diag(self.a, -2 * np.pi * highest * np.eye(extra))
         b, c = np.pad(self.b, ((0, extra), (0, 0))), np.pad(self.c, ((0, 0), (0, extra)))
         return replace(self, a=a, b=b, c=c)
 
     def sampled(self, rate: float | None) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The matrices (a, b, c, d) from sample to sample for loads constant in between; as they are without a rate."""
+        """Matrices (a, b, c, d) from sample to sample for loads constant in between, `rate` in Hz; continuous time if None."""
         c, d = (self.c @ self.a, self.d + self.c @ self.b) if self.is_differentiated else (self.c, self.d)
         if rate is None:
             return self.a, self.b, c, d
@@ -380,10 +389,11 @@ class _Equations:
 
 
 def _reflect_unstable_poles(a: FloatArray, least: float) -> FloatArray:
-    """A matrix with the poles of `a`, those that grow, or decay by less than half the part `least` of their size, reflected.
+    """Matrix `a` with unstable poles reflected, so that they decay as fast as they grew.
 
-    They then decay as fast as they grew, and by at least `_LEAST_DECAY` of their size.
-    Balancing on a band moves poles outside it across the imaginary axis, or onto it; in the band the reflected ones act alike.
+    Reflected are poles that grow, or decay by less than half of `least` times their size; they then decay by at least 1e-4 of
+    their size. Balancing on a band moves poles outside it across the imaginary axis, or onto it; in the band the reflected ones
+    act alike.
     """
     poles, vectors = np.linalg.eig(a)
     slow = poles.real > -0.5 * least * np.abs(poles)

@@ -157,7 +157,7 @@ def tune_damper(
         return float(peaks(_couple_damper(receptances[0], frf.frequency, mass, frequency, ratio)))
 
     def peak_below(frequency: float, ratio: float) -> float:
-        """The peak below which `quantile` of the random models stay."""
+        """Largest receptance, m/N, that a part `quantile` of the random models stays below with the damper."""
         with_damper = _couple_damper(receptances[1:], frf.frequency, mass, frequency, ratio)
         return float(np.quantile(peaks(with_damper), quantile))
 
@@ -178,7 +178,10 @@ def tune_damper(
 
 
 def _dominant_mode(model: IdentifiedModel, dof: Dof, band: tuple[float, float] | None) -> tuple[float, float]:
-    """Frequency, Hz, and mass as seen at `dof`, kg, of the mode in the band, Hz, that gives most of the flexibility there."""
+    """Frequency, Hz, and modal mass as seen at `dof`, kg, of the mode that gives most of the flexibility there.
+
+    Only elastic modes within `band` (Hz; None for all of the lowest 20) count. `InputError` if none of them moves `dof`.
+    """
     structure = model.structure
     structure.require_modes("a tuned mass damper")
     low, high = band or (0.0, np.inf)
@@ -203,10 +206,10 @@ def _dominant_mode(model: IdentifiedModel, dof: Dof, band: tuple[float, float] |
 def _couple_damper(
     receptance: ComplexArray, frequency: FloatArray, mass: float, tuned: float, ratio: float
 ) -> ComplexArray:
-    """Receptances (..., n_lines, n_outputs, n_inputs) with a damper at the first output and input: H - H_od z H_di / (1 + z H_dd).
+    """Receptances (..., n_lines, n_outputs, n_inputs) with a damper coupled at the first output and first input.
 
-    z = -w^2 m (k + i w c) / (k + i w c - w^2 m) is the force that moves the foot of the damper, per displacement.
-    `mass` in kg, `tuned` frequency in Hz, damping `ratio`.
+    H - H_od z H_di / (1 + z H_dd), where z = -w^2 m (k + i w c) / (k + i w c - w^2 m) is the force that moves the foot of the
+    damper, per displacement. `frequency` (n_lines,) and `tuned` are in Hz, `mass` in kg, `ratio` is the damping ratio.
     """
     w, rate = 2 * np.pi * frequency, 2 * np.pi * tuned
     strut = mass * (rate**2 + 2j * ratio * rate * w)
@@ -216,9 +219,9 @@ def _couple_damper(
 
 
 def _search(objective: Callable[[float, float], float], start: tuple[float, float]) -> tuple[float, float]:
-    """Frequency and damping ratio at the least of `objective`, by a simplex in their logarithms.
+    """Frequency and damping ratio at the minimum of `objective`, by a simplex in their logarithms.
 
-    `start` is a first guess of both.
+    `start` is a first guess of both. The frequency stays within a factor of 2 of it, the damping ratio at most 1.
     """
     first = np.log(start)
 

@@ -316,7 +316,8 @@ def _within_uncertainty(
 ) -> tuple[_Smoothed, FloatArray, InnovationVerdict]:
     """Smoothed outputs of a model, their deviation (n_times, n) with that of `others` within its uncertainty, and the verdict.
 
-    Unknown forces have the standard deviation `std`, N; `seed` is that of records that the models could have given.
+    Outputs are, in order, the wanted ones, left-out sensors and unknown forces. Unknown forces have the standard deviation
+    `std`, N; `seed` is that of the 20 simulated records with which the innovations are compared.
     """
     fit, rng = smoother.fit(reduced, std), np.random.default_rng([seed, 1])
     nominal = smoother.run(fit)
@@ -340,9 +341,10 @@ _DOUBTED = (
 
 
 def _unseen_words(forces: Sequence[Dof], covariance: FloatArray, std: float) -> tuple[str, ...]:
-    """Sentences on forces, and combinations of them, of which the record says next to nothing.
+    """Sentences on forces, and combinations of them, that the record hardly determines; () if there are none.
 
-    `covariance` (n_forces, n_forces) is that of the forces after the record, `std` the deviation of each before it.
+    Hardly means that more than 90 % of the variance remains. `covariance` (n_forces, n_forces) is that of the forces after the
+    record, `std` the deviation of each before it, N.
     """
     if not forces:
         return ()
@@ -392,7 +394,11 @@ class _Channels:
 
     @classmethod
     def of_record(cls, record: TimeRecord, left_out: tuple[Dof, ...]) -> _Channels:
-        """Forces and sensors of a record, without the sensors in `left_out`, which are only compared."""
+        """Channels of a record by role; sensors in `left_out` are only compared.
+
+        `InputError` if `left_out` names a force or no channel, the record holds other quantities or no motion, or a sensor has
+        no noise.
+        """
         quantities = record.quantities
         pushed = [
             str(dof)
@@ -452,7 +458,10 @@ class _Smoothed:
 
 @cache
 def _aliasing_filter(rate: float | None) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """The filter against aliasing of a sampling rate as x' = a x + b u and y = c x + d u; without states where there is none."""
+    """Filter against aliasing for a sampling `rate` in Hz, as (a, b, c, d) of x' = a x + b u and y = c x + d u.
+
+    a is (n, n), b and c are (n,), d is a number; without a rate n is 0 and d is 1.
+    """
     if rate is None:
         return np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
     corner = np.pi * rate
@@ -480,9 +489,9 @@ class _ForceModel:
 
     @classmethod
     def of(cls, correlation_time: float, frequency: float, filtered_rate: float | None) -> _ForceModel:
-        """A force with a correlation time, s, about a frequency, Hz, as a record filtered for `filtered_rate`, Hz, holds it.
+        """Model of a force with a correlation time, s, about a frequency, Hz (0 for none).
 
-        Where `filtered_rate` is None no filter follows.
+        It is the force as a record filtered for the sampling rate `filtered_rate`, Hz, holds it; None means without filter.
         """
         inner, entry, output, direct = _aliasing_filter(filtered_rate)
         n_own = 2 if frequency else 1
@@ -592,12 +601,15 @@ class _Smoother:
     frequency: float = 0.0
 
     def fit(self, reduced: ReducedMatrices, std: float) -> _Fit:
-        """The filter of the record under a model, where unknown forces have the standard deviation `std`, N."""
+        """State equations of a model, and the filter of the record under them; `std` is that of the unknown forces, N."""
         system = self._system(reduced, std)
         return _Fit(system, self._filter(system))
 
     def with_replicate(self, fit: _Fit, rng: np.random.Generator) -> _Smoother:
-        """The smoother for a random record that the model of `fit` could have given under the known forces of the record."""
+        """Copy of this smoother whose measured channels are random: a record that the model of `fit` could have given.
+
+        The known forces stay those of the record; noise of the sensors and unknown forces are drawn from `rng`.
+        """
         system, filtered, known = fit.system, fit.filtered, self.channels.known
         n, count = len(system.transition), len(known)
         first = filtered.start + square_root(filtered.predicted + filtered.start_covariance) @ rng.standard_normal(n)
@@ -611,7 +623,7 @@ class _Smoother:
         return self._filter(system).innovations
 
     def run(self, fit: _Fit) -> _Smoothed:
-        """Smoothed motion and forces."""
+        """Smoothed wanted outputs, left-out sensors and unknown forces, in this order, with their variance at each sample."""
         system, filtered = fit.system, fit.filtered
         mean, back = self._smoothed_mean(system, filtered)
         predicted, updated = filtered.predicted, filtered.updated
@@ -628,7 +640,7 @@ class _Smoother:
         return self._smoothed_mean(fit.system, fit.filtered)[0]
 
     def _smoothed_mean(self, system: _StateSpace, filtered: _Filtered) -> tuple[FloatArray, FloatArray]:
-        """Smoothed outputs that were requested, (n_times, n), and the smoother gain (n_states, n_states).
+        """Smoothed outputs (n_times, n), in the order of `run`, and the smoother gain (n_states, n_states).
 
         The gain is the factor by which the error of a later state corrects the state one sample before.
         """
@@ -640,10 +652,11 @@ class _Smoother:
         return smoothed @ system.wanted.T + self.channels.known @ system.wanted_direct.T, back
 
     def likeliest_std(self, reduced: ReducedMatrices) -> tuple[float, bool]:
-        """Standard deviation, N, of the unknown forces under which the record is likeliest, and whether it can be trusted.
+        """Standard deviation, N, of the unknown forces under which the record is likeliest, and True if it can be trusted.
 
-        A model whose resonances are off by a part of their width makes far larger forces likelier than those that move the sensors
-        as much as they do. The size of the motion then counts.
+        A model whose resonances are off by a part of their width makes far larger forces likelier than those that move the
+        sensors as much as they do. Where the search runs into its upper limit, the size of the motion decides instead, and the
+        result is not trusted.
         """
         size, above = self._first_std(reduced), _decades_above(reduced)
         search = minimize_scalar(
@@ -657,11 +670,11 @@ class _Smoother:
         return float(size * 10**search.x), True
 
     def with_likeliest_time(self, reduced: ReducedMatrices, std: float | None) -> tuple[_Smoother, float, bool]:
-        """The smoother with a correlation time that the record tells, the forces' standard deviation, N, and if it can be trusted.
+        """Smoother with an estimated correlation time, the forces' standard deviation, N, and True if it can be trusted.
 
-        From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is at
-        most `_LESS_LIKELY` below the greatest: accelerations hardly tell slow forces from none. The size falls with the square root
-        of the time, so that the spectral density at high frequencies stays; a stated `std` is kept. For the trust see
+        From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is
+        at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with the square root of
+        the time, so that the spectral density at high frequencies stays; a stated `std`, N, is kept. For the trust see
         `likeliest_std`.
         """
         shortest, longest = np.log(_SHORTEST / self.rate), np.log(len(self.channels.measured) / self.rate / 4)
@@ -712,10 +725,11 @@ class _Smoother:
     def with_likeliest_frequency(
         self, reduced: ReducedMatrices, std: float, forces: FloatArray
     ) -> tuple[_Smoother, float] | None:
-        """The smoother with forces about the likeliest frequency, and their standard deviation, N; None where none is likelier.
+        """Smoother with forces about the likeliest frequency, and their standard deviation, N; None where none is likelier.
 
-        The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without one. A frequency is one
-        parameter more, which must be worth it: Schwarz (1978), Annals of Statistics 6, 461-464.
+        `std`, N, is that of the forces without a frequency. The search starts at the largest line of the `forces` (n_times,
+        n_forces) that were sensed without one. A frequency is one parameter more, which must be worth it: Schwarz (1978),
+        Annals of Statistics 6, 461-464. None also for fewer than 16 samples.
         """
         count = len(forces)
         if count < _FEWEST:
@@ -750,9 +764,9 @@ class _Smoother:
         return of_point(search.x) if gain > 0.5 * np.log(count) else None
 
     def _first_std(self, reduced: ReducedMatrices) -> float:
-        """A first guess of the unknown forces, N: with them the sensors would move about as much as they do.
+        """First guess of the standard deviation of the unknown forces, N, from the size of the measured motion.
 
-        Sensors that the forces hardly move hardly count.
+        Sensors that the forces hardly move hardly count. `NoAnswerError` if no sensor moves with them.
         """
         system = self._system(reduced, 1.0)
         made = np.einsum("ij,jk,ik->i", system.reading, self._stationary(system, system.noise), system.reading)
@@ -764,11 +778,11 @@ class _Smoother:
 
     @cached_property
     def _driving(self) -> FloatArray:
-        """Samples (n_times, n_known) that make known forces run right between them when straight lines join them.
+        """Samples (n_times, n_known) of the known forces, corrected for straight lines between them.
 
         Straight lines weaken what was sampled behind a filter by sinc(f / rate)^2, by 3 % at a tenth of the rate, so that the
         samples are made stronger by as much; what the lines add above half the rate hardly moves the modes below it. Forces of
-        records that went through no filter are taken to run in straight lines.
+        records that went through no filter stay as they are.
         """
         known = self.channels.known
         if not self.is_filtered or not known.shape[1]:
@@ -791,10 +805,10 @@ class _Smoother:
         return self._filter(self._system(reduced, std)).log_likelihood
 
     def _filter(self, system: _StateSpace) -> _Filtered:
-        """States before the reading of each sample, by steady gains, and the initial state that the record tells.
+        """Kalman filter over the record by steady gains, with the estimated initial state and the log-likelihood.
 
-        A record begins in motion: its initial state has the stationary covariance. That is the covariance of the steady filter and
-        an independent part, on which all innovations depend linearly: de Jong (1991), Annals of Statistics 19, 1073-1083.
+        A record begins in motion: its initial state has the stationary covariance. That is the covariance of the steady filter
+        and an independent part, on which all innovations depend linearly: de Jong (1991), Annals of Statistics 19, 1073-1083.
         """
         known, n, count = self.channels.known, len(system.transition), len(self.channels.measured)
         predicted = _predicted_covariance(system)
@@ -837,8 +851,8 @@ class _Smoother:
     def _first_covariance(self, system: _StateSpace) -> FloatArray:
         """Covariance (n_states, n_states) of the state at the start of the record.
 
-        Known forces count as noise of ten times their size, since nobody says what they did before. Without unknown forces modes
-        may also have moved by themselves, so that the sensors read ten times what they read in the record.
+        Known forces count as noise of ten times their size, since nobody knows what they did before. Without unknown forces
+        modes may also have moved by themselves, so that the sensors read ten times what they read in the record.
         """
         constant, rising = np.hsplit(system.entry, 2)
         pushed = _BEFORE * (constant + rising) * np.sqrt(np.mean(self.channels.known**2, axis=0))
@@ -851,7 +865,7 @@ class _Smoother:
         return covariance + _BEFORE**2 * float(seen @ made) / max(float(made @ made), np.finfo(float).tiny) * free
 
     def _stationary(self, system: _StateSpace, noise: FloatArray) -> FloatArray:
-        """Covariance (n_states, n_states) of the state under a `noise` (n_states, n_states) that always acted.
+        """Stationary covariance (n_states, n_states) of the state under a `noise` covariance (n_states, n_states) per sample.
 
         Motions that last longer than the record fade over its length, so that those of a free structure are finite.
         """
@@ -861,9 +875,10 @@ class _Smoother:
         return np.asarray(linalg.solve_discrete_lyapunov(fade * system.transition, noise))
 
     def _system(self, reduced: ReducedMatrices, std: float) -> _StateSpace:
-        """The equations from sample to sample of modal displacements, speeds and unknown forces, in scaled units.
+        """State equations from sample to sample; states are modal displacements, modal speeds and those of the unknown forces.
 
-        `std` is the standard deviation of the unknown forces, N.
+        States are in scaled units. `std` is the standard deviation of the unknown forces, N; the inputs of `reduced` are the
+        known forces, then the unknown ones.
         """
         n, n_forces, n_known = len(reduced.omega), self.n_forces, reduced.inputs.shape[1] - self.n_forces
         force = _ForceModel.of(self.correlation_time, self.frequency, self.rate if self.is_filtered else None)
@@ -925,9 +940,10 @@ def _decades_above(reduced: ReducedMatrices) -> float:
 
 
 def _predicted_covariance(system: _StateSpace) -> FloatArray:
-    """Covariance (n_states, n_states) of the state before each reading, once it has settled: that after 2^k samples, k rising.
+    """Covariance (n_states, n_states) of the state before each reading, once it has settled.
 
-    Chu, Fan, Lin and Wang (2004), Int. J. Control 77, 767-788, Algorithm 3.1: P = A P (I + C' C P)^-1 A' + Q by doubling.
+    Chu, Fan, Lin and Wang (2004), Int. J. Control 77, 767-788, Algorithm 3.1: P = A P (I + C' C P)^-1 A' + Q by doubling the
+    number of samples. `NoAnswerError` if it does not settle.
     """
     step: FloatArray = system.transition.T
     seen: FloatArray = system.reading.T @ system.reading
@@ -951,9 +967,9 @@ def _symmetric(matrix: FloatArray) -> FloatArray:
 
 
 def _sum_of_powers(left: FloatArray, middle: FloatArray, right: FloatArray, count: int = 2**_DOUBLINGS) -> FloatArray:
-    """Sum over k from 0 to count - 1 of left^k middle right^k, (n, n), by doubling so that no digits cancel.
+    """Sum over k from 0 to count - 1 of left^k middle right^k, by doubling, so that no digits cancel.
 
-    By default that of all k, where the powers fade.
+    All are (n, n). The default `count` is large enough for the infinite sum, if the powers fade.
     """
     total, before, after = np.zeros_like(middle), np.eye(len(left)), np.eye(len(right))
     for digit in f"{count:b}":
@@ -964,10 +980,10 @@ def _sum_of_powers(left: FloatArray, middle: FloatArray, right: FloatArray, coun
 
 
 def _variance_beside_end(wanted: FloatArray, step: FloatArray, excess: FloatArray, steady: FloatArray) -> FloatArray:
-    """Variance (n_times, n) of outputs beyond the `steady` one near an end of the record, from the end inwards.
+    """Excess of the variance of outputs over the `steady` one near an end of the record, (n_times, n), from the end inwards.
 
     The outputs are `wanted` (n, n_states) times the state, whose covariance at the end exceeds the steady one by `excess`
-    (n_states, n_states); each sample inwards multiplies the excess by `step` (n_states, n_states).
+    (n_states, n_states); each sample inwards multiplies the error of the state by `step` (n_states, n_states).
     """
     beyond, rows = np.zeros_like(steady), wanted
     for k in range(len(beyond)):
@@ -981,11 +997,12 @@ def _variance_beside_end(wanted: FloatArray, step: FloatArray, excess: FloatArra
 def _variance_of_start(
     wanted: FloatArray, onwards: FloatArray, back: FloatArray, filtered: _Filtered, steady: FloatArray
 ) -> FloatArray:
-    """Variance (n_times, n) of outputs beyond the `steady` one by what the record leaves open of its first state.
+    """Excess of the variance of outputs, (n_times, n), by what the record leaves open of its first state.
 
-    In a record without end an error of the first state leaves `onwards` (n_states, n_states) of itself when all
-    readings from it onwards are smoothed. Of N samples the smoothed state k is off by onwards step^k + back^(N-1-k)
-    (keep - onwards) step^(N-1) times that error. `wanted` (n, n_states) reads the outputs from the state.
+    In a record without end an error of the first state leaves `onwards` (n_states, n_states) of itself when all readings from
+    it onwards are smoothed. Of N samples the smoothed state k is off by onwards step^k + back^(N-1-k) (keep - onwards)
+    step^(N-1) times that error. `wanted` (n, n_states) reads the outputs from the state, `back` is the smoother gain, and
+    `steady` (n_times, n) the variance without this excess.
     """
     step, excess, count = filtered.step, filtered.start_covariance, len(steady)
     late = (filtered.keep - onwards) @ np.linalg.matrix_power(step, count - 1)
@@ -1008,9 +1025,10 @@ def _variance_of_start(
 def _output_matrices(
     outputs: FloatArray, orders: IntArray, acceleration: FloatArray, forces: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Matrices of outputs over states (n_outputs, n_states) and over known forces (n_outputs, n_known).
+    """Matrices of outputs over states, (n_outputs, n_states), and over known forces, (n_outputs, n_known).
 
-    `outputs` (n_outputs, n_modes) read modal displacements, or their derivatives of `orders` (n_outputs,).
+    `outputs` (n_outputs, n_modes) read modal displacements, or their derivatives of `orders` (0, 1 or 2; (n_outputs,)).
+    `acceleration` (n_modes, n_states) gives modal accelerations from states, `forces` (n_modes, n_known) those by known forces.
     """
     n = outputs.shape[1]
     rows, direct = np.zeros((len(orders), acceleration.shape[1])), np.zeros((len(orders), forces.shape[1]))

@@ -19,7 +19,11 @@ _EVEN = 0.02
 
 
 def rename_channels(record: R, names: Mapping[str, str]) -> R:
-    """The record with its channels under other names; see `structid.core.dof.renamed`."""
+    """The record with its channels renamed by `names`, as in `structid.core.dof.renamed`; values and order stay.
+
+    Outputs and inputs of FRFs, and motions and loads of time histories, are renamed separately. An empty mapping returns
+    `record` itself.
+    """
     if not names:
         return record
     if isinstance(record, FrfRecord):
@@ -33,7 +37,13 @@ def rename_channels(record: R, names: Mapping[str, str]) -> R:
 
 
 def segment_duration(record: FrfRecord) -> float:
-    """Duration of the segments behind a record, s: one over the spacing of its lines."""
+    """Duration in s of the averaged segments behind an FRF record: 1 over the spacing of its lines.
+
+    Raises
+    ------
+    InputError
+        If the lines are not evenly spaced, or there is only one.
+    """
     gaps = np.diff(record.frequency)
     if not len(gaps) or np.ptp(gaps) > _EVEN * gaps.mean():
         raise InputError("the lines are not evenly spaced, so that they do not tell how long the segments were")

@@ -104,7 +104,7 @@ class CorrelationRecord(Shown):
 
     @property
     def lag(self) -> FloatArray:
-        """s, (n_lags,)."""
+        """Lags in s from 0 on, (n_lags,)."""
         return np.arange(len(self.values)) / self.sampling_rate
 
     def overview(self) -> Overview:

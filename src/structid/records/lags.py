@@ -27,7 +27,13 @@ class Halves(NamedTuple):
 
 
 def step_of(path: Path, lag: FloatArray) -> float:
-    """Step in s of the evenly spaced axis `lag` in s; `FileError` if it is uneven."""
+    """Step in s of the evenly spaced lag axis `lag` (n_points,) in s.
+
+    Raises
+    ------
+    FileError
+        If the lags are uneven or do not increase, or there are fewer than three; the message begins with `path`.
+    """
     steps = np.diff(lag)
     if len(steps) < 2 or not (steps > 0).all() or np.ptp(steps) > _EVEN * steps.mean():
         raise FileError(f"{path}: lags must rise in even steps; export correlation functions at evenly spaced lags")
@@ -35,21 +41,25 @@ def step_of(path: Path, lag: FloatArray) -> float:
 
 
 def lag_halves(path: Path, lag: FloatArray, values: Mapping[tuple[Dof, Dof], FloatArray]) -> Halves:
-    """Functions of pairs of channels split at lag 0.
+    """Correlation functions split at lag 0 into non-negative and negative lags, both ordered from lag 0 outwards.
+
+    Returns forward and backward functions by pair of channels, each beginning with lag 0, and words on the lags. The
+    backward ones are {} if the lags begin at 0 s and nothing shows that the second half are negative lags.
 
     Parameters
     ----------
     path : Path
+        File, named in errors.
     lag : (n_points,) float array
-        s.
-    values : mapping of pairs to (n_points,) float arrays
-        Those of a channel with itself tell whether the lags of the second half are the negative ones, as a Fourier transform
-        leaves them.
+        Lags in s, evenly spaced, with 0 s among them.
+    values : mapping of (Dof, Dof) to (n_points,) float arrays
+        Correlation function of each pair of channels. If the lags begin at 0 s and every autocorrelation is symmetric about
+        the middle, the second half holds the negative lags, as a Fourier transform leaves them.
 
     Raises
     ------
     FileError
-        If lag 0 is not among the lags, or an autocorrelation is not symmetric.
+        If lags are uneven, lag 0 is not among them, or an autocorrelation is not symmetric about lag 0.
     """
     step = step_of(path, lag)
     zero = round(-lag[0] / step)

@@ -52,7 +52,10 @@ class ChunkedRecord(Protocol):
     def n_times(self) -> int: ...
 
     def chunks(self, first: int = 0, last: int | None = None, longest: int | None = None) -> Iterator[FloatArray]:
-        """Samples `first` to `last` in order, (n_channels, at most `longest`) each, in SI units."""
+        """Samples `first` to `last` in order, (n_channels, at most `longest`) each, in SI units.
+
+        `last` is exclusive, None for the end; without `longest` the size of the record decides.
+        """
         ...
 
 
@@ -79,7 +82,10 @@ class MemoryRecord:
         return len(self.record.values)
 
     def chunks(self, first: int = 0, last: int | None = None, longest: int | None = None) -> Iterator[FloatArray]:
-        """Samples `first` to `last` in order, (n_channels, at most `longest`) each."""
+        """Samples `first` to `last` in order, (n_channels, at most `longest`) each, in SI units.
+
+        `last` is exclusive, None for the end; without `longest` the size of the record decides.
+        """
         for begin, stop in _sample_chunks(self.n_times, len(self.channels), first, last, longest):
             yield np.ascontiguousarray(self.record.values[begin:stop].T)
 
@@ -115,6 +121,8 @@ class OnDiskRecord:
     def chunks(self, first: int = 0, last: int | None = None, longest: int | None = None) -> Iterator[FloatArray]:
         """Samples `first` to `last` in order, (n_channels, at most `longest`) each, in SI units.
 
+        `last` is exclusive, None for the end; without `longest` the size of the record decides.
+
         Raises
         ------
         FileError
@@ -126,7 +134,10 @@ class OnDiskRecord:
             yield self._read_chunk(begin, stop)
 
     def _read_chunk(self, begin: int, stop: int) -> FloatArray:
-        """Samples `begin` to `stop` in SI units, (n_channels, n_samples); transposed in small parts to save memory."""
+        """Samples `begin` to `stop` (exclusive) in SI units, (n_channels, n_samples) floats.
+
+        The file is transposed in small parts to save memory. `InputError` if a sample is NaN or infinite.
+        """
         if self.samples_first:
             chunk = np.empty((len(self.channels), stop - begin))
             step = max(_LINE, _AT_ONCE // (8 * len(self.channels)))
@@ -143,7 +154,10 @@ class OnDiskRecord:
         return chunk
 
     def _read(self, begin: int, stop: int) -> np.ndarray:
-        """Samples `begin` to `stop` as they lie in the file, which is opened anew so that changes are noticed."""
+        """Samples `begin` to `stop` (exclusive) in the file's axis order, type and units, before any scaling.
+
+        The file is opened anew at each call; `FileError` if the shape of its array has changed since the record was opened.
+        """
         shape = (self.n_times, len(self.channels)) if self.samples_first else (len(self.channels), self.n_times)
         stored = _locate_array(self.path, self.array, f"at sample {begin}")
         if stored.shape != shape:
@@ -163,7 +177,10 @@ class OnDiskRecord:
             return np.array(mapped[begin:stop] if self.samples_first else mapped[:, begin:stop])
 
     def _read_rows(self, offset: int, dtype: np.dtype, begin: int, stop: int) -> np.ndarray:
-        """Samples `begin` to `stop`, (n_samples, n_channels), by plain reading from byte `offset`; a short file is an error."""
+        """Samples `begin` to `stop` (exclusive), (n_samples, n_channels), of an array that is stored row by row.
+
+        `offset` is the byte at which the array begins, `dtype` its stored type. `FileError` if the file ends before `stop`.
+        """
         count = len(self.channels)
         with _reading_errors(self.path, f"at sample {begin}"):
             values = np.fromfile(
@@ -177,7 +194,10 @@ class OnDiskRecord:
         return values.reshape(-1, count)
 
     def _require_finite_samples(self, chunk: FloatArray, begin: int) -> None:
-        """Raise `InputError` with channel and time if a sample of `chunk` is NaN or infinite; it starts at sample `begin`."""
+        """Raise `InputError` with channel, sample and time if a value of `chunk` (n_channels, n_samples) is NaN or infinite.
+
+        `begin` is the number of the chunk's first sample in the record.
+        """
         if np.isfinite(np.add.reduce(chunk, axis=None)):  # NaN and infinity survive a sum
             return
         bad = ~np.isfinite(chunk)
@@ -240,7 +260,11 @@ def _make_record(
     shape: tuple[int, ...],
     factors: FloatArray | None,
 ) -> OnDiskRecord:
-    """The record on disk with these channels, after checks of the array's shape."""
+    """The record on disk of an array of samples by channels, after checks of its shape and channels.
+
+    `array` is the dataset's name in HDF5 ("" for NPY), `rate` the sampling rate in Hz, `shape` that of the stored array in
+    either order (samples are rows if both axes fit), and `factors` (n_channels,) scale to SI; None if already in SI.
+    """
     count = len(channels)
     if len(shape) != 2 or count not in shape:
         raise InputError(f"{path}: must hold an array of samples by {count} channels, got shape {shape}; name them all")
@@ -258,7 +282,10 @@ def _make_record(
 
 
 def _own_layout(path: Path) -> OnDiskRecord | None:
-    """The record in a file with structid's own layout, or None for another file."""
+    """The record in an HDF5 file that structid wrote; None if the file lacks the mark of structid's layout.
+
+    Raises `FileError` if fields are missing or disagree, and `InputError` if the file holds no time histories.
+    """
     datasets = hdf5_datasets(path)
     if MARK not in datasets:
         return None
@@ -280,7 +307,7 @@ def _own_layout(path: Path) -> OnDiskRecord | None:
 
 
 def _dofs(texts: Iterable[str]) -> tuple[Dof, ...]:
-    """Degrees of freedom of many texts; each different text is parsed once."""
+    """Degrees of freedom parsed from `texts`, in their order; repeated texts are allowed and parsed once."""
     by_text: dict[str, Dof] = {}
     for text in texts:
         if text not in by_text:
@@ -289,7 +316,10 @@ def _dofs(texts: Iterable[str]) -> tuple[Dof, ...]:
 
 
 def _choose_array(path: Path, wanted: str) -> str:
-    """Name of the array to read: `wanted`, or the only one of numbers with two axes."""
+    """Name of the HDF5 dataset to read: `wanted`, or the only real array with two axes if `wanted` is "".
+
+    Raises `InputError` if `wanted` is not such an array, or if there is not exactly one to choose.
+    """
     datasets = hdf5_datasets(path)
     numeric = [name for name, dataset in datasets.items() if dataset.dtype.kind in "fiu" and len(dataset.shape) == 2]
     if wanted and wanted in numeric:
@@ -302,7 +332,10 @@ def _choose_array(path: Path, wanted: str) -> str:
 
 
 def _shape(path: Path, array: str) -> tuple[int, ...]:
-    """Shape of the stored array; `FileError` unless it holds real numbers."""
+    """Shape of the stored array; `FileError` unless it holds real numbers.
+
+    `array` is the dataset's name in HDF5, "" for an NPY file.
+    """
     stored = _locate_array(path, array, "as it was opened")
     if stored.dtype.kind not in "fiu":
         raise FileError(f"{path}: must hold real numbers, got type {stored.dtype}")
@@ -319,9 +352,9 @@ class _Stored(NamedTuple):
 
 
 def _locate_array(path: Path, array: str, when: str) -> _Stored:
-    """Shape, type, first byte and order of the array of an NPY file, or of the dataset `array` of an HDF5 file.
+    """Shape, type, first byte and Fortran order of the array of an NPY file, or of the dataset `array` of an HDF5 file.
 
-    `when` completes the errors of reading.
+    `array` is "" for NPY. `when` says in errors at which point reading failed, as in "at sample 100".
     """
     with _reading_errors(path, when):
         if array:
@@ -345,7 +378,11 @@ def _reading_errors(path: Path, when: str) -> Iterator[None]:
 def _sample_chunks(
     n_times: int, n_channels: int, first: int, last: int | None, longest: int | None
 ) -> Iterator[tuple[int, int]]:
-    """Chunks of samples (begin, stop) from `first` to `last`, at most `longest` samples each."""
+    """Consecutive ranges (begin, stop) of sample numbers that cover `first` to `last`, stop exclusive.
+
+    A range has at most `longest` samples; without it, the length depends on the size of the record. `last` None means the
+    end. Raises `InputError` if the bounds lie outside of the record or `longest` is below 1.
+    """
     end = n_times if last is None else last
     if not 0 <= first <= end <= n_times:
         raise InputError(f"`first` and `last` must lie from 0 to {n_times} in this order, got {first} and {end}")

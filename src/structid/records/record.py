@@ -50,7 +50,7 @@ LOADS: tuple[Quantity, ...] = ("force", "support_acceleration")
 
 
 def _require_distinct(name: str, dofs: tuple[Dof, ...]) -> None:
-    """Raise `InputError` if `dofs` has one twice; `name` is the argument in the message."""
+    """Raise `InputError` if a degree of freedom occurs twice in `dofs`; `name` is the argument that the message names."""
     seen: set[Dof] = set()
     for dof in dofs:
         if dof in seen:
@@ -206,7 +206,7 @@ class FrfRecord(Shown):
         return Overview(words, ("sensor", *(f"rms under {dof}" for dof in self.inputs)), rows)
 
     def to_xarray(self) -> xr.DataArray:
-        """The values with their lines, Hz, sensors and loads."""
+        """The values as an xarray array with axes frequency (Hz), output and input."""
         axes: dict[str, Iterable[object]] = {
             "frequency": self.frequency,
             "output": list(map(str, self.outputs)),
@@ -239,7 +239,13 @@ class FrfRecord(Shown):
         return self.lines(np.flatnonzero((self.frequency >= low) & (self.frequency <= high)))
 
     def lines(self, keep: np.ndarray) -> FrfRecord:
-        """The record at the lines `keep`, indices or a mask."""
+        """The record reduced to the frequency lines `keep`: line numbers, a slice or a mask (n_frequencies,).
+
+        Raises
+        ------
+        NoLinesError
+            If no line is left.
+        """
         keep = np.asarray(keep)
         if not np.size(self.frequency[keep]):
             raise NoLinesError(
@@ -249,7 +255,13 @@ class FrfRecord(Shown):
         return _cut(self, (keep,), self.frequency[keep], decay, self.outputs, self.inputs)
 
     def channels(self, outputs: tuple[Dof, ...]) -> FrfRecord:
-        """The record with these outputs only, in this order."""
+        """The record reduced to `outputs`, in the order of the argument; all inputs stay.
+
+        Raises
+        ------
+        InputError
+            If the record lacks one of these outputs.
+        """
         missing = [str(dof) for dof in outputs if dof not in self.outputs]
         if missing:
             raise InputError(
@@ -258,18 +270,20 @@ class FrfRecord(Shown):
         return self.grid([self.outputs.index(dof) for dof in outputs], range(len(self.inputs)))
 
     def grid(self, outputs: Sequence[int], inputs: Sequence[int]) -> FrfRecord:
-        """Copy of the record with only the outputs and inputs of the given indices, in this order."""
+        """The record reduced to the outputs and inputs with these indices, in this order."""
         index = np.ix_(range(self.frequency.size), outputs, inputs)
         named = tuple(self.outputs[i] for i in outputs), tuple(self.inputs[i] for i in inputs)
         return _cut(self, index, self.frequency, self.decay, *named)
 
     def as_kind(self, kind: FrfKind) -> FrfRecord:
-        """The record as receptance, mobility or accelerance: its values times a power of the Laplace variable.
+        """The record converted between receptance, mobility and accelerance, by a power of the Laplace variable.
+
+        Variance and sizes are scaled with the values. The record itself is returned if it is of this kind already.
 
         Raises
         ------
         InputError
-            If a line at 0 Hz would have to be divided by zero.
+            If `kind` is unknown, one of both is transmissibility, or a line at 0 Hz would be divided by zero.
         """
         if kind not in DERIVATIVES:
             raise InputError(f"`kind` must be one of {', '.join(DERIVATIVES)}, got {kind!r}")
@@ -287,14 +301,17 @@ class FrfRecord(Shown):
 
 
 def _is_magnitude(values: AnyArray) -> bool:
-    """True for several different real numbers none of which is negative; equal ones are blanks, for channels and lines alone."""
+    """True if values look like magnitudes: real, none negative, and not all equal; False for fewer than 8 values."""
     if values.dtype.kind not in "fiu" or values.size < _SEVERAL:
         return False
     return bool((values >= 0).all() and (values != values.flat[0]).any())
 
 
 def _require_within(record: FrfRecord, name: str, array: FloatArray) -> None:
-    """Raise `InputError` if a coherence is outside of 0 to 1, or another array below 0, and say where."""
+    """Raise `InputError` for a coherence outside of 0 to 1, or another array with values below 0.
+
+    `array` (n_frequencies, n_outputs, n_inputs) is the field `name` of the record; the message names the first wrong entry.
+    """
     most, words = (COHERENCE_MOST, "from 0 to 1") if name == "coherence" else (np.inf, "at least 0")
     wrong = np.argwhere((array < 0) | (array > most))
     if len(wrong):
@@ -313,7 +330,10 @@ def _cut(
     outputs: tuple[Dof, ...],
     inputs: tuple[Dof, ...],
 ) -> FrfRecord:
-    """All that has an entry for every value at `index`, with the axes that go with it."""
+    """The record with values, variance, coherence, relative noise and sizes reduced by `index`, and these axes.
+
+    `index` selects along (frequency, output, input); `frequency`, `decay`, `outputs` and `inputs` must match the result.
+    """
     beside = (record.variance, record.coherence, record.relative, record.sizes)
     variance, coherence, relative, sizes = (None if array is None else array[index] for array in beside)
     return replace(
@@ -338,9 +358,14 @@ def coherence_variance(values: ComplexArray, coherence: FloatArray, averages: in
     values : complex array
         FRF estimate.
     coherence : float array of the same shape
-        Coherence g2; values below 1e-6 count as 1e-6, and 1, which no noisy average has, as what files round to it.
+        Coherence g2. Values below 1e-6 count as 1e-6; values of 1 beside others below 1 count as rounded from slightly less.
     averages : int
-        Number n of independent averages.
+        Number n of independent averages, at least 2.
+
+    Raises
+    ------
+    InputError
+        If `averages` is below 2.
 
     References
     ----------
@@ -357,7 +382,15 @@ def coherence_variance(values: ComplexArray, coherence: FloatArray, averages: in
 
 
 def with_coherence_noise(record: FrfRecord, averages: int | None = None) -> FrfRecord:
-    """`record` with its variance from its coherence and the number of averages."""
+    """`record` with the variance that follows from its coherence and the number of averages; see `coherence_variance`.
+
+    `averages` replaces the number in the record. Noise known before (`relative`, `sizes`) is dropped.
+
+    Raises
+    ------
+    InputError
+        If coherence or number of averages is missing, or the number is below 2.
+    """
     count = averages if averages is not None else record.averages
     if record.coherence is None or count is None:
         raise InputError(
@@ -368,19 +401,20 @@ def with_coherence_noise(record: FrfRecord, averages: int | None = None) -> FrfR
 
 
 def with_declared_noise(record: FrfRecord, relative: float = 0.0, absolute: float = 0.0) -> FrfRecord:
-    """`record` with standard deviation sqrt((relative |H|)^2 + absolute^2) of each complex value.
+    """`record` with the standard deviation sqrt((relative |H|)^2 + absolute^2) of each complex value.
 
     Parameters
     ----------
+    record : FrfRecord
     relative : float
-        Noise as a part of each value's magnitude.
+        Noise as a fraction of each value's magnitude.
     absolute : float
         Noise in the unit of the record.
 
     Raises
     ------
     InputError
-        If one of them is no number or negative, or neither is greater than 0.
+        If a size is no number or negative, or neither is greater than 0.
     """
     for name, size in (("relative", relative), ("absolute", absolute)):
         if not isinstance(size, Real) or not np.isfinite(float(size)):
@@ -393,10 +427,10 @@ def with_declared_noise(record: FrfRecord, relative: float = 0.0, absolute: floa
 
 
 def from_repeats(records: list[FrfRecord]) -> FrfRecord:
-    """The mean of repeated measurements, with the variance of that mean from their scatter.
+    """The mean of repeated FRF measurements, with the variance of that mean from their scatter.
 
-    Few repeats tell the variance of a line badly: their scatter is averaged over as many neighbouring lines as it takes
-    to have 20 degrees of freedom, as a part of each value's square or as it is, whichever is more alike over the lines.
+    With few repeats, the variance of a single line is uncertain: it is averaged over enough neighbouring lines for 20
+    degrees of freedom, either relative to |H|^2 or in absolute terms, whichever varies less over the lines.
 
     Raises
     ------
@@ -420,10 +454,10 @@ def from_repeats(records: list[FrfRecord]) -> FrfRecord:
 
 
 def _pool_variance(variance: FloatArray, square: FloatArray, freedom: int) -> tuple[FloatArray, FloatArray | None]:
-    """Variances (n_lines, n_outputs, n_inputs) averaged over neighbouring lines, and relative deviations or None.
+    """Variances averaged over neighbouring lines, and relative standard deviations, (n_lines, n_outputs, n_inputs) each.
 
     `freedom` is the number of degrees of freedom of each variance, `square` the squared modulus of the values. Relative
-    deviations are 0 for channels whose variance is averaged as it is.
+    deviations are 0 for pairs whose variance was averaged without reference to the values, and None if nothing was averaged.
     """
     reach = -(-(_FREEDOM // freedom) // 2)
     if not reach or len(variance) <= 2 * reach:
@@ -526,7 +560,7 @@ class TimeRecord(Shown):
         return Overview(words, ("channel", "quantity", "rms", "unit"), rows)
 
     def to_xarray(self) -> xr.DataArray:
-        """The values with their times, s, and channels."""
+        """The values as an xarray array with axes time (s) and channel."""
         names = [f"{dof} {quantity}" for dof, quantity in zip(self.channels, self.quantities, strict=True)]
         return data_array(self.values, {"time": self.time, "channel": names}, "history", {"units": self.units})
 
@@ -546,6 +580,9 @@ Record = FrfRecord | TimeRecord
 
 
 def as_recorded(wanted: Sequence[Dof], record: FrfRecord) -> tuple[Dof, ...]:
-    """The record's own outputs at the same places and directions, whatever their sense."""
+    """The record's outputs at the places and directions of `wanted`, in their order and with the record's sense.
+
+    A degree of freedom that the record lacks stays as it is.
+    """
     own = {dof.unsigned: dof for dof in record.outputs}
     return tuple(own.get(dof.unsigned, dof) for dof in wanted)

@@ -9,21 +9,21 @@ from structid.core.errors import InputError
 
 
 def require_shared(name: str, values: Sequence[Sequence[Hashable]], sources: Sequence[str]) -> None:
-    """Raise `InputError` if repeats differ in `values` from the first one.
+    """Raise `InputError` if a repeat differs from the first in `values`, also in their order.
 
     Parameters
     ----------
     name : str
-        What the values are, for the message.
+        Description of the values, for the message.
     values : sequence of sequences
         Values of each repeat.
     sources : sequence of str
-        Name of each repeat, for the message.
+        Name of each repeat, for the message; "" if not known.
 
     Raises
     ------
     InputError
-        If one differs; with what each of the two has and the other has not.
+        If a repeat differs; the message says which values only one of both has.
     """
     for i, own in enumerate(values):
         if list(own) == list(values[0]):

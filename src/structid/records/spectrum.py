@@ -28,10 +28,18 @@ def checked_channels(
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...], tuple[Quantity, ...]]:
     """Channels, references and quantities of spectra or correlation functions of motion, as tuples.
 
+    Parameters
+    ----------
+    channels, references : iterable of str or Dof
+        Measured degrees of freedom, and those among them that functions refer to.
+    quantities : iterable of str
+        Quantity of motion of each channel.
+    averages : int or None
+
     Raises
     ------
     InputError
-        If a channel is doubled, a reference is no channel, a quantity is no motion, or there are less than one of `averages`.
+        If a channel is doubled, a reference is no channel, a quantity is no motion, or `averages` is below 1.
     """
     channels, references, quantities = parse_dofs(channels), parse_dofs(references), tuple(quantities)
     for name, dofs in (("channels", channels), ("references", references)):
@@ -49,7 +57,7 @@ def checked_channels(
 
 
 def channel_words(channels: tuple[Dof, ...], references: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> str:
-    """Words on the numbers of channels and references, with the units of the motions."""
+    """Words on the numbers of channels and references, with the units of the motions (for translations)."""
     units = ", ".join(dict.fromkeys(QUANTITY_UNITS[quantity][0] for quantity in quantities))
     return f"{plural(len(channels), 'channel')} ({units}) and {plural(len(references), 'reference')}"
 

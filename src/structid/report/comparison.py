@@ -18,7 +18,7 @@ _HEADER = (
 
 
 def comparison_table(result: ComparisonResult) -> Table:
-    """Table of all compared parameters, one row each, declared changes first and marked."""
+    """Table of all compared parameters, one row each, declared changes first and marked "changed"."""
     comparison = result.comparison
     order = comparison.order
     rows: list[tuple[str, ...]] = []
@@ -44,7 +44,7 @@ def comparison_table(result: ComparisonResult) -> Table:
 
 
 def facts(result: ComparisonResult) -> list[str]:
-    """Sentences on how two states were compared: basis, correction for several tests, and detection limit."""
+    """Sentences on how two states were compared: titles, basis, correction for several tests, joint test, detection limit."""
     comparison = result.comparison
     rule = (
         "Holm: no false declaration among all of them with probability"
@@ -68,7 +68,7 @@ def facts(result: ComparisonResult) -> list[str]:
 
 
 def comparison_text(result: ComparisonResult) -> list[RenderableType]:
-    """Text for the terminal: warnings, the result in a sentence, how it was made, and the table."""
+    """Terminal text of a comparison of two states: titles, warnings, the result as a sentence, its basis, and the table."""
     warnings = [Text(words, style="yellow") for words in first_warnings(result.warnings)]
     first, *rest = facts(result)
     return [
@@ -86,7 +86,7 @@ def _probability(value: float) -> str:
 
 
 def comparison_page(result: ComparisonResult) -> Page:
-    """The page and its figures."""
+    """Report page of a comparison of two states, with its figures."""
     comparison = result.comparison
     words = {
         "title": f"{result.baseline.title} → {result.later.title}",

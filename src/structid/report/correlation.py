@@ -39,7 +39,10 @@ Figures = dict[str, plot.Figure]
 
 
 def modes_table(part: ModesCorrelation) -> Table:
-    """Table of every measured mode with its paired model mode, frequency difference and MAC."""
+    """Table with a row for each measured mode: its paired model mode, frequency difference, MAC and remark.
+
+    Rows of unpaired modes are marked "lost".
+    """
     rows, f = [], part.model.frequency
     for i, own in enumerate(part.measured.frequency.tolist()):
         k = int(part.pairing.number[i])
@@ -66,7 +69,7 @@ def surplus_table(part: ModesCorrelation) -> Table | None:
 
 
 def orthogonality_facts(part: ModesCorrelation) -> tuple[tuple[str, str], ...]:
-    """Labels and texts on self- and cross-orthogonality of shapes with the reduced mass; () if unknown."""
+    """Pairs of a label and a text on self- and cross-orthogonality of shapes with the reduced mass; () if not computed."""
     own, cross = part.self_orthogonality, part.cross_orthogonality
     if own is None or cross is None:
         return ()
@@ -86,7 +89,7 @@ def orthogonality_facts(part: ModesCorrelation) -> tuple[tuple[str, str], ...]:
 
 
 def expansion_table(part: ModesCorrelation) -> Table | None:
-    """Table of how well each measured shape was expanded to the model; None if none was expanded."""
+    """Table of how well each measured shape was expanded to the model; None if no shapes were expanded."""
     if part.expanded is None:
         return None
     rows = []
@@ -104,7 +107,7 @@ def expansion_table(part: ModesCorrelation) -> Table | None:
 
 
 def resonances_table(part: ResponsesCorrelation) -> Table | None:
-    """Table of resonances of a record with the closest ones of the model; None if there are no peaks."""
+    """Table of resonances of a record (Hz) with the closest ones of the model; None if the record shows none."""
     if not part.resonances:
         return None
     rows = tuple(
@@ -115,7 +118,7 @@ def resonances_table(part: ResponsesCorrelation) -> Table | None:
 
 
 def frac_table(part: ResponsesCorrelation) -> Table:
-    """FRAC of every function."""
+    """Table of the FRAC of every FRF, with a row for each pair of output and input."""
     rows = tuple(
         (str(output), str(load), f"{part.frac[o, i]:.3f}")
         for i, load in enumerate(part.record.inputs)
@@ -125,13 +128,13 @@ def frac_table(part: ResponsesCorrelation) -> Table:
 
 
 def channels_table(correlation: StudyCorrelation) -> Table:
-    """Table of the degrees of freedom of the model that each sensor and load sees."""
+    """Table of the degrees of freedom of the model that each sensor reads or each load acts on."""
     rows = tuple((one.channel, one.role, one.seen) for one in correlation.channels)
     return Table(("Channel", "Role", "Sees"), rows)
 
 
 def summary_words(part: ModesCorrelation) -> str:
-    """Sentence that sums up the correlation of measured and model modes."""
+    """Sentence, without a full stop, that sums up measured and model modes: pairs, largest frequency difference, least MAC."""
     if not part.n_paired:
         return f"None of {plural(part.measured.n_modes, 'measured mode')} matches a mode of the model"
     paired = part.pairing.paired
@@ -145,7 +148,7 @@ def summary_words(part: ModesCorrelation) -> str:
 
 
 def frac_words(part: ResponsesCorrelation) -> str:
-    """Sentence that sums up the correlation (FRAC) of measured and model responses."""
+    """Sentence, without a full stop, that sums up measured and model responses: range in Hz, median and least FRAC."""
     values = part.frac[np.isfinite(part.frac)]
     if not values.size:
         return "No function of the model responds where the record does"
@@ -184,7 +187,10 @@ def _name_prefix(name: str, words: str) -> str:
 
 
 def modes_part(parts: Sequence[ModesCorrelation], key: str) -> tuple[Figures, dict[str, object]]:
-    """Figures, whose names begin with `key`, and words on measured modes against one or two models."""
+    """Figures by name, and template values by key, on measured modes against one or two models.
+
+    `parts` are the correlations with each model; tables are those of the last. Names of figures begin with `key`.
+    """
     part, words = parts[-1], ALONE if len(parts) == 1 else BEFORE_AND_AFTER
     drawn = {
         f"{key}_mac": mac_figure(parts, words),
@@ -207,7 +213,10 @@ def modes_part(parts: Sequence[ModesCorrelation], key: str) -> tuple[Figures, di
 
 
 def responses_part(parts: Sequence[ResponsesCorrelation], key: str) -> tuple[Figures, dict[str, object]]:
-    """Figures, whose names begin with `key`, and words on measured responses against one or two models."""
+    """Figures by name, and template values by key, on measured responses against one or two models.
+
+    `parts` are the correlations with each model; the table is that of the last. Names of figures begin with `key`.
+    """
     part, words = parts[-1], ALONE if len(parts) == 1 else BEFORE_AND_AFTER
     drawn = {f"{key}_frac": frac_figure(parts, words), f"{key}_fdac": fdac_figure(parts, words)}
     told = {
@@ -227,7 +236,7 @@ def _count_phrase(word: str, words: str, count: int) -> str:
 
 
 def side_by_side_chapter(identification: Identification) -> tuple[Figures, list[dict[str, object]]]:
-    """Figures and words that compare each record with the initial and the identified model."""
+    """Figures by name, and template values of each record, that compare it with the initial and the identified model."""
     modal, responses = before_and_after(identification)
     figures, parts = _chapter(modal, responses, "correlation_{}_modes", "correlation_{}_responses")
     if len(parts) == 1:
@@ -241,7 +250,11 @@ def _chapter(
     modes_key: str,
     responses_key: str,
 ) -> tuple[Figures, list[dict[str, object]]]:
-    """Figures and words of every record; names of figures begin with the keys, each with the number of the record."""
+    """Figures by name, and template values of each record, on modes and responses.
+
+    Each entry of `modal` and `responses` holds the correlations of a record with one or two models. The keys, such as
+    "modes_{}", become the beginnings of the names of figures, with the number of the record from 1.
+    """
     made = [modes_part(both, modes_key.format(k)) for k, both in enumerate(modal, 1)]
     made += [responses_part(both, responses_key.format(k)) for k, both in enumerate(responses, 1)]
     return {name: figure for drawn, _ in made for name, figure in drawn.items()}, [told for _, told in made]

@@ -43,7 +43,7 @@ _ALIKE, _COMPLEX, _TONE = 0.95, 0.7, 2.0
 
 
 def modes_text(result: ModesResult) -> list[RenderableType]:
-    """Terminal text of identified modes: heading, warnings, method and table."""
+    """Terminal text of identified modes: heading, warnings, record, method, tables and scale of the shapes."""
     parts: list[RenderableType] = [Text(f"{result.title}: {plural(result.modes.n_modes, 'mode')}", style="bold")]
     parts += [Text(words, style="yellow") for words in first_warnings(result.warnings)]
     parts += [Text(fact) for fact in (record_words(result), *result.steps, method_words(result))]
@@ -52,7 +52,7 @@ def modes_text(result: ModesResult) -> list[RenderableType]:
 
 
 def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
-    """Terminal text of modes merged from several set-ups: heading, warnings and table."""
+    """Terminal text of modes merged from several set-ups: heading, warnings and table; `names` are those of the set-ups."""
     modes, n = merging.modes, merging.modes.n_modes
     heading = f"{', '.join(names)}: {plural(n, 'mode')} at {plural(len(modes.channels), 'sensor')}"
     heading += modes.unknown_words
@@ -72,7 +72,7 @@ def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
 
 
 def left_out_table(result: ModesResult) -> Table | None:
-    """Stable poles that were not taken for modes, with the reason; None where there are none."""
+    """Table of stable poles that were not taken as modes, with the reason; None if there are none."""
     rows = tuple(
         (
             exact(part.frequency, 4),
@@ -87,7 +87,10 @@ def left_out_table(result: ModesResult) -> Table | None:
 
 
 def tones_table(result: ModesResult) -> Table | None:
-    """Table of tones that were taken off before modes were looked for; None where there are none."""
+    """Table of tones that were removed from the record before modes were identified; None if there are none.
+
+    The channel of each row is the one with the largest share of variance from the tone.
+    """
     rows = []
     for tone in result.tones:
         most = int(tone.variance_fraction.argmax())
@@ -108,7 +111,7 @@ def _probability_words(probability: float) -> str:
 
 
 def tracks_table(tracks: ModeTracks) -> Table:
-    """Table of tracked modes: number of records, first and last frequency, change, damping and least MAC."""
+    """Table with a row for each tracked mode: number of records, first and last frequency, change, damping and least MAC."""
     rows = []
     for k in range(tracks.n_tracks):
         seen = np.flatnonzero(tracks.members[:, k] >= 0)
@@ -133,7 +136,7 @@ def tracks_table(tracks: ModeTracks) -> Table:
 
 
 def tracks_text(tracks: ModeTracks) -> list[RenderableType]:
-    """Heading, the table of modes that are followed, and those that one record alone shows."""
+    """Terminal text of tracked modes: heading, table, and the modes that appear in one record only."""
     heading = f"{plural(tracks.n_tracks, 'mode')} followed over {plural(len(tracks.names), 'record')}"
     return [
         Text(heading, style="bold"),
@@ -150,7 +153,7 @@ def _alone_words(tracks: ModeTracks) -> tuple[str, ...]:
 
 
 def tracks_page(tracks: ModeTracks) -> Page:
-    """The page of modes that are followed over records."""
+    """Report page of modes that are tracked over several records, with its figure."""
     words = {
         "title": f"{tracks.names[0]} to {tracks.names[-1]}",
         "tracks": tracks_table(tracks),
@@ -160,7 +163,10 @@ def tracks_page(tracks: ModeTracks) -> Page:
 
 
 def mode_table(result: ModesResult) -> Table:
-    """Table of identified modes with standard deviations, shape complexity and poles; doubtful ones marked."""
+    """Table of identified modes with standard deviations, shape complexity, clusters of poles and remarks.
+
+    Modes with a remark are marked "doubtful".
+    """
     modes, std, n = result.modes, result.std, result.modes.n_modes
     clusters = result.identification.clusters
     notes, probability = remarks(result), result.identification.probability
@@ -194,7 +200,7 @@ def _spread_words(std: float) -> str:
 
 
 def remarks(result: ModesResult) -> list[list[str]]:
-    """Remarks on each mode that is doubtful, in plain words, one list for each mode."""
+    """Remarks on doubtful modes as sentences: one list for each mode, empty if there is nothing to remark."""
     modes, n = result.modes, result.modes.n_modes
     found: list[list[str]] = [[] for _ in range(n)]
     alike = mac(modes.mode_shapes)
@@ -216,14 +222,14 @@ def remarks(result: ModesResult) -> list[list[str]]:
 
 
 def _tone_words(kurtosis: float) -> str:
-    """Words on a mode with hardly any damping, by the kurtosis of its motion."""
+    """Remark on a mode with hardly any damping: a tone if the kurtosis of its motion is small, else a possible tone."""
     if kurtosis < _TONE:
         return f"a steady tone, as of a machine, not a mode under random forces (kurtosis {kurtosis:.2f}, tone 1.5, mode 3)"
     return "hardly damped: a machine or the mains can look like this"
 
 
 def record_words(result: ModesResult) -> str:
-    """Words on the record that modes were identified from, in one line."""
+    """Text of one line on the record that modes were identified from: kind, size, channels, frequencies."""
     record = result.record
     if isinstance(record, FrfRecord):
         return (
@@ -252,7 +258,7 @@ def record_words(result: ModesResult) -> str:
 
 
 def method_words(result: ModesResult) -> str:
-    """Sentence on the method that found the modes: model orders, damping range, band."""
+    """Text on the method that identified the modes: model orders, range of damping ratios, band, source."""
     identification = result.identification
     words = f"method {identification.method}"
     if identification.sweep:
@@ -273,7 +279,7 @@ def scale_sentence(result: ModesResult) -> str:
 
 
 def std_sentence(result: ModesResult) -> str:
-    """Sentence that explains the +- values in the table of modes."""
+    """Sentence that explains the ± values in the table of modes, or says that the method gives none."""
     if result.modes.covariance is None:
         spread = " The spread over the orders of the model is not one." if result.identification.clusters else ""
         return f"This method gives no standard deviations.{spread}"
@@ -284,7 +290,7 @@ def std_sentence(result: ModesResult) -> str:
 
 
 def modes_page(result: ModesResult) -> Page:
-    """The page and its figures; those that the method cannot give are left out."""
+    """Report page of identified modes, with its figures; figures that the method cannot provide are left out."""
     drawn = {
         "stabilization": stabilization_figure(result),
         "mode_shapes": shapes_figure(result),

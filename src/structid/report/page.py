@@ -48,19 +48,21 @@ class Page:
 
     @property
     def text(self) -> str:
-        """The page; the same words and figures give the same bytes."""
+        """The page as HTML text; the same words and figures give the same text."""
         drawn = {"libraries": self._libraries(), "described": packed(embedded(self.figures))} if self.figures else {}
         return _environment().get_template(self.template).render(
             **self.words, figures=self.figures, drawn=drawn, version=__version__
         )  # fmt: skip
 
     def _libraries(self) -> dict[str, str]:
-        """The parts of Plotly that the figures need: that of the plane, that of space, or both."""
+        """Script text of the parts of Plotly that the figures need, by name: ``plane``, ``space`` or both."""
         spatial = {panel.z is not None for figure in self.figures.values() for panel in figure.panels}
         return {name: _library(file) for name, file, is_spatial in PLOTLY_PARTS if is_spatial in spatial}
 
     def write(self, folder: Path, png: bool = False) -> Path:
-        """Write the page into `folder`, with PNG figures if `png`, and return its path.
+        """Write the page into `folder`, created if missing, and return the path of the page.
+
+        With `png` the figures are also written as PNG files, into the folder ``figures`` beside it.
 
         Raises
         ------
@@ -100,7 +102,7 @@ def _library(file: str) -> str:
 
 @cache
 def _environment() -> Environment:
-    """Jinja environment of the report templates, with structid's filters and functions."""
+    """Jinja environment of the report templates, with the filters ``code`` and ``unindented`` and the functions for legends."""
     found = Environment(
         loader=PackageLoader("structid.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,

@@ -33,7 +33,10 @@ _HEADER = (
 
 
 def plan_text(plan: Plan, title: str, notes: tuple[str, ...]) -> list[RenderableType]:
-    """Terminal text of a test plan: options, compared tests, next sensor, sufficient tests, correlated parameters."""
+    """Terminal text of a test plan: options, compared tests, next sensor, sufficient tests, parameters, collinear groups.
+
+    `notes` are remarks on the study, put first.
+    """
     parts: list[RenderableType] = [Text(title, style="bold"), *(Text(f"note: {note}") for note in notes)]
     parts.append(Text(options_text(plan)))
     parts.append(printed(test_table(plan)))
@@ -50,7 +53,7 @@ def plan_text(plan: Plan, title: str, notes: tuple[str, ...]) -> list[Renderable
 
 
 def options_text(plan: Plan) -> str:
-    """Sentence on the candidates and assumptions of a test plan."""
+    """Sentence on the candidates (sensors, loads, lines), noise, criterion and assumptions of a test plan."""
     options = plan.options
     frequency = options.frequency
     interest = f", for {', '.join(options.of_interest)}" if options.of_interest else ""
@@ -64,7 +67,7 @@ def options_text(plan: Plan) -> str:
 
 
 def _noise_words(plan: Plan) -> str:
-    """Words on the noise that a test plan assumes."""
+    """Words on the noise that a test plan assumes, relative and absolute; "" if it assumes none."""
     options = plan.options
     noise = [f"{100 * options.relative_noise:.3g} % of each value"] if options.relative_noise else []
     noise += [f"{options.absolute_noise:.3g} {FRF_UNITS[options.kind]}"] if options.absolute_noise else []
@@ -72,7 +75,7 @@ def _noise_words(plan: Plan) -> str:
 
 
 def assumption_lines(plan: Plan) -> list[str]:
-    """Lines on the assumptions behind the deviations of the table: tolerances, and a model without damping."""
+    """Lines on the assumptions behind the deviations of the table: tolerances, and a model without damping; [] if neither."""
     lines = (
         [
             f"std are of noise alone; the last column is the worst with {plan.assumption} as well, which neither more lines"
@@ -91,7 +94,7 @@ def assumption_lines(plan: Plan) -> list[str]:
 
 
 def test_table(plan: Plan) -> Table:
-    """The tests side by side."""
+    """Table with a row for each planned test: sensors, loads, lines, determined parameters, worst and rms deviations."""
     total = len(plan.parameters.names)
     rows = tuple(
         (
@@ -111,7 +114,7 @@ def test_table(plan: Plan) -> Table:
 
 
 def parameter_table(plan: Plan) -> Table:
-    """Table of the predicted relative standard deviation of each parameter in every compared test."""
+    """Table of the predicted relative standard deviation of each parameter, with one column for each compared test."""
     tests = compared_tests(plan)
     header = ("parameter", "unit", "initial", *(f"std, {test.label}" for test in tests))
     rows = []
@@ -123,7 +126,7 @@ def parameter_table(plan: Plan) -> Table:
 
 
 def choice_lines(plan: Plan) -> list[str]:
-    """Lines of text on the chosen sensors, loads and frequency lines, most informative first."""
+    """Lines of text on the chosen sensors and loads and, if lines were chosen, on these; most informative first."""
     lines = [
         f"chosen sensors: {places(plan.chosen.sensors)}; loads: {places(plan.chosen.loads)}",
         *([] if plan.kammer is None else [f"effective independence would take: {places(plan.kammer.sensors)}"]),
@@ -140,7 +143,7 @@ def choice_lines(plan: Plan) -> list[str]:
 
 
 def enough_lines(plan: Plan) -> list[str]:
-    """Lines of text on how many sensors, lines and averages reach the wanted accuracy."""
+    """Two lines of text on how many sensors, lines and averages reach the wanted accuracy; [] if none was wanted."""
     enough = plan.enough
     if enough is None:
         return []
@@ -160,7 +163,7 @@ def enough_lines(plan: Plan) -> list[str]:
 
 
 def next_lines(plan: Plan) -> list[str]:
-    """Lines of text on the best sensors to add next, and the gain by each."""
+    """At most one line of text: the best sensors to add next, and the worst standard deviation that each would leave."""
     if not plan.next_sensors:
         return []
     base = plan.installed or plan.chosen
@@ -177,7 +180,7 @@ def places(dofs: tuple[Dof, ...]) -> str:
 
 
 def plan_page(plan: Plan, title: str = "", notes: tuple[str, ...] = ()) -> Page:
-    """The page and its figures."""
+    """Report page of a test plan, with its figures; `notes` are remarks on the study. An empty `title` becomes "Structure"."""
     words = {
         "title": title or "Structure",
         "determined": plan.determined,

@@ -42,7 +42,10 @@ def convergence(identification: Identification, axes: Where) -> Picture:
 
 
 def modes(identification: Identification, axes: Where) -> Picture:
-    """Picture of natural frequencies and damping ratios before and after identification, drawn on `axes` if given."""
+    """Picture of natural frequencies and damping ratios before and after identification, on `axes` or, if None, new ones.
+
+    `InputError` if the modes of the model are not known.
+    """
     rows = mode_rows(identification)
     if not len(rows.frequency):
         raise InputError("a solver gave the FRFs of this model alone, so that its modes are not known")
@@ -50,7 +53,10 @@ def modes(identification: Identification, axes: Where) -> Picture:
 
 
 def model_shapes(identification: Identification, mode: int, axes: Where) -> Picture:
-    """Picture of the identified model's shape of `mode` (from 1; 0 for several), drawn on `axes` if given."""
+    """Picture of the identified model's shape of `mode` (from 1; 0 for several), on `axes` or, if None, new ones.
+
+    `InputError` if the model has no such shape.
+    """
     whole = model_shapes_figure(identification.structure, identification.modes)
     if whole is None:
         raise InputError("the model has no modes with shapes in space; `plot_frequencies` shows its frequencies")
@@ -73,9 +79,10 @@ def structure(shown: Structure, axes: Where) -> Picture:
 
 
 def frf(identification: Identification, sensor: str, load: str, record: int, axes: Where) -> Picture:
-    """Picture of a measured FRF with the models' at one sensor and load; the worst fitted one if neither is named.
+    """Picture of a measured FRF with the models' at one sensor and load, on `axes` or, if None, new ones.
 
-    `record` is the number of the record.
+    If only one of `sensor` and `load` is named, the other is the first of the record; if both are "", the worst fitted FRF is
+    drawn. `record` is the number, from 0, among the records of responses.
     """
     fit = _fit(identification, record)
     outputs, inputs = fit.measured.outputs, fit.measured.inputs
@@ -103,7 +110,10 @@ def stabilization(result: ModesResult, axes: Where) -> Picture:
 
 
 def shape(result: ModesResult, mode: int, axes: Where) -> Picture:
-    """Picture of the shape of `mode` (from 1) of a modal survey, drawn on `axes` if given."""
+    """Picture of the shape of `mode` (from 1) of a modal survey, on `axes` or, if None, new ones.
+
+    `InputError` if there is no such mode.
+    """
     whole = shapes_figure(result)
     if not 1 <= mode <= len(whole.panels):
         raise InputError(f"`mode` must be between 1 and {len(whole.panels)}, got {mode}")

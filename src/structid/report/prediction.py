@@ -21,7 +21,7 @@ _ROUNDING = 1e-7
 
 
 def modes_table(prediction: Prediction | PredictedChange) -> Table:
-    """Table of predicted natural frequencies and damping ratios, before and after changes if there are any."""
+    """Table of predicted natural frequencies (Hz) and damping ratios, before and after changes if there are any."""
     parts = parts_of(prediction)
     header: tuple[str, ...]
     if isinstance(prediction, PredictedChange):
@@ -46,7 +46,10 @@ def modes_table(prediction: Prediction | PredictedChange) -> Table:
 
 
 def outputs_table(prediction: Prediction | PredictedChange, title: str = "Largest") -> Table:
-    """Table of a quantity with one value an output, such as the largest predicted motion of each sensor."""
+    """Table of a quantity with one value for each output, such as the largest predicted motion of each sensor.
+
+    `title` heads the column of values; with changes there are columns before, after and for the difference instead.
+    """
     parts = parts_of(prediction)
     first = next(iter(parts.values()))
     names = {"value": title}
@@ -63,7 +66,7 @@ def outputs_table(prediction: Prediction | PredictedChange, title: str = "Larges
 
 
 def _value(part: Prediction, index: tuple[int, ...], size: float = 0.0) -> str:
-    """Value and deviation; 0 where both are rounding of values of this `size`."""
+    """Text of the value at `index` with its deviation; "0" where both are only rounding errors of values as large as `size`."""
     value, std = float(part.values[index]), float(part.std[index])
     return "0" if max(abs(value), std) <= _ROUNDING * size else value_words(value, std)
 
@@ -73,7 +76,7 @@ def _percent(part: Prediction, index: tuple[int, ...]) -> str:
 
 
 def _interval(part: Prediction, index: tuple[int, ...], factor: float = 1.0) -> str:
-    """Text of the interval of the value at `index`, times `factor` (100 for per cent); a dash if not finite."""
+    """Text of the 95 % interval of the value at `index`, times `factor` (100 for per cent); a dash if it is not finite."""
     low, high = factor * float(part.low[index]), factor * float(part.high[index])
     if not np.isfinite([low, high]).all():
         return NOTHING
@@ -94,14 +97,14 @@ def heading(prediction: StudyPrediction) -> str:
 
 
 def _called(frf: Prediction | PredictedChange | None) -> str:
-    """The name of predicted FRFs: motion per motion of supports is no motion per force."""
+    """The name of predicted FRFs in the heading: "FRFs", or "transmissibilities" where supports move."""
     part = frf.before if isinstance(frf, PredictedChange) else frf
     is_moved = part is not None and isinstance(part.quantity, Frf) and part.quantity.kind == "transmissibility"
     return "transmissibilities (motion per motion of the supports)" if is_moved else "FRFs"
 
 
 def width_words(prediction: StudyPrediction) -> str:
-    """Sentence on the median half-width of the predicted FRFs' 95 % bands; "" if no FRF is predicted."""
+    """Sentence on the median half-width of the 95 % bands of predicted FRFs, relative to the magnitude; "" without FRFs."""
     if prediction.frf is None:
         return ""
     words = []
@@ -114,13 +117,13 @@ def width_words(prediction: StudyPrediction) -> str:
 
 
 def damper_table(damper: TunedDamper) -> Table:
-    """Table of the values of a tuned mass damper, best over the uncertainty and for the identified model."""
+    """Table of the values of a tuned mass damper, tuned to be best over the uncertainty and for the identified model alone."""
     shown = damper.overview()
     return Table(tuple(shown.header), tuple(map(tuple, shown.rows)), tuple(range(1, len(shown.header))))
 
 
 def _tables(prediction: StudyPrediction) -> dict[str, Table | None]:
-    """Tables with one row an output, by their names in the page; None of what was not predicted."""
+    """Tables of maxima, root mean squares and extremes with one row for each output, by name; None if not predicted."""
     titles = {
         "maxima": (prediction.maxima, "Largest"),
         "root_mean_square": (prediction.root_mean_square, "Root mean square"),

@@ -30,15 +30,16 @@ _MORE_DECIMALS = 2
 
 
 def write_reproduction(items: Sequence[Item], folder: Path, png: bool = False) -> Path:
-    """Write ``reproduction.html`` and ``reproduction.json`` into `folder`, and return the page's path.
+    """Write ``reproduction.html`` and ``reproduction.json`` into `folder`, and return the path of the page.
 
     Parameters
     ----------
     items : sequence of Item
+        Published results with the values computed here.
     folder : Path
-        Made where it does not exist. Files of the same names are replaced, each whole or not at all; other files stay.
+        Created if missing. Files of the same names are replaced, each whole or not at all; other files stay.
     png : bool
-        Whether the figures are written as PNG files too, in ``figures``.
+        True to write the figures as PNG files too, into ``figures``.
 
     Returns
     -------
@@ -89,7 +90,7 @@ def _rounded_fields(part: Table | Curve) -> dict[str, Plain]:
 
 
 def _rounded(value: Plain) -> Plain:
-    """Numbers, also in lists, to the digits of the JSON file."""
+    """A number, or the numbers in nested lists, rounded to the digits of the JSON file; other values are unchanged."""
     if isinstance(value, list):
         return [_rounded(entry) for entry in value]
     return float(f"{value:.{_JSON_DIGITS}g}") if isinstance(value, float) else value
@@ -107,7 +108,7 @@ def reproduction_page(items: Sequence[Item]) -> Page:
 
 
 def _item_view(item: Item) -> dict[str, object]:
-    """Entries of the template for an item."""
+    """Template values for one reproduced result: title, verdict, largest difference, paragraphs and tables."""
     largest = item.max_abs_difference
     return {
         "slug": _slug(item),
@@ -146,7 +147,11 @@ class TableText:
 
 
 def table_text(table: Table) -> TableText:
-    """Table as plain text; a single row of many integers is transposed."""
+    """A table of printed and computed values as text.
+
+    Each column becomes three, printed, computed and difference, or one if nothing is printed for it. A single row of many
+    integers is transposed.
+    """
     whole = bool(np.isfinite(table.printed).all()) and _is_whole(table.printed)
     if whole and len(table.rows) == 1 and len(table.columns) > 3:
         table = Table(table.columns, table.rows, table.printed.T, table.computed.T)
@@ -185,7 +190,10 @@ class _Digits:
 
     @classmethod
     def of(cls, printed: FloatArray) -> _Digits:
-        """Number format for a table column: decimals and significant digits of its `printed` values (n,)."""
+        """Number format for a table column: the most decimals and most significant digits among its `printed` values, (n,).
+
+        Values that are not finite are ignored; at least one must be finite.
+        """
         given = [float(value) for value in printed[np.isfinite(printed)]]
         digits = [np.format_float_positional(value, unique=True, trim="-") for value in given]
         decimals = max(len(text.partition(".")[2]) for text in digits)
@@ -201,14 +209,14 @@ class _Digits:
 
 
 def _whole(value: float) -> str:
-    """A number of its own: an integer as it is, another one with four digits."""
+    """Text of a number without a printed partner: whole numbers below 1e5 with all digits, others with four digits."""
     if np.isfinite(value) and value == round(value) and abs(value) < 1e5:
         return f"{value:.0f}".replace("-", MINUS)
     return number(value)
 
 
 def _signed(value: float) -> str:
-    """Text of a difference with its sign and two digits."""
+    """Text of a difference with its sign and two significant digits; a dash if it is not finite."""
     if not np.isfinite(value):
         return NOTHING
     if value == 0:

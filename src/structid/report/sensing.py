@@ -11,7 +11,7 @@ from structid.report.tables import Table, printed
 
 
 def sensing_text(sensed: SensedMotion) -> list[RenderableType]:
-    """Terminal text of sensed motion and forces: heading, table and remarks."""
+    """Terminal text of sensed motion and forces: heading, contradiction, table, checks of left-out sensors and remarks."""
     shown = sensed.overview()
     parts: list[RenderableType] = [Text(shown.words.partition(";")[0], style="bold")]
     if sensed.contradiction:

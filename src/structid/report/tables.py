@@ -45,7 +45,7 @@ def printed(table: Table) -> rich.table.Table:
 
 
 def provenance_table(provenance: Mapping[str, object] | None) -> Table:
-    """Table of provenance with a row for each version, input file and setting."""
+    """Table of provenance with a row for each version, input file and setting; without rows for None."""
     rows: list[tuple[str, str]] = []
     for name, value in (provenance or {}).items():
         if isinstance(value, Mapping):

@@ -106,14 +106,14 @@ class Item:
 
     @property
     def max_abs_difference(self) -> float | None:
-        """Largest difference in the first table between computed and printed numbers; None where nothing is printed."""
+        """Largest absolute difference between computed and printed numbers in the first table; None if nothing is printed."""
         if not self.tables or not np.isfinite(self.tables[0].difference).any():
             return None
         return float(np.nanmax(np.abs(self.tables[0].difference)))
 
 
 def unprinted(rows: tuple[str, ...], columns: tuple[str, ...], computed: FloatArray) -> Table:
-    """A table of which the dissertation prints nothing."""
+    """Table of computed numbers alone (n_rows, n_columns): all printed numbers are NaN."""
     return Table(rows, columns, np.full(np.shape(computed), np.nan), computed)
 
 
@@ -124,9 +124,10 @@ Step = tuple[float, str, Callable[[Callable[[float], None]], Sequence[Item]]]
 
 
 def made(steps: Sequence[Step], progress: Progress | None) -> tuple[Item, ...]:
-    """All items that the steps (start fraction, name, function) make, in order.
+    """Items that the steps make, in order.
 
-    `progress` is told the name and the fraction done.
+    A step is (fraction done before it, name, function); the function takes a callable for its progress, 0 to 1, and returns
+    items. `progress`, if not None, is called with the name and the fraction of all steps that is done.
     """
     items: list[Item] = []
     report = progress or (lambda _name, _done: None)
@@ -138,4 +139,5 @@ def made(steps: Sequence[Step], progress: Progress | None) -> tuple[Item, ...]:
 
 
 def _part(report: Progress, name: str, begin: float, end: float, done: float) -> None:
+    """Report the progress of a step as a fraction of all steps: `done`, 0 to 1, is mapped to `begin` to `end`."""
     report(name, begin + (end - begin) * done)

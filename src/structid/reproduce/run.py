@@ -20,19 +20,19 @@ def reproduce(chapters: Iterable[int] = CHAPTERS, progress: Progress | None = No
     Parameters
     ----------
     chapters : iterable of int
-        Of 3, 4 and 5.
+        Any of 3, 4 and 5; repeats are ignored.
     progress : callable, optional
-        Called with the item in work and the part of all chapters that is done, 0 to 1.
+        Called with the name of the item in work and the fraction of all chapters that is done, 0 to 1.
 
     Returns
     -------
     tuple of Item
-        The same every time: random studies state their seeds, and linear algebra runs in one thread.
+        Reproducible: random studies use fixed seeds, and linear algebra runs in one thread.
 
     Raises
     ------
     InputError
-        If `chapters` names none, or another one.
+        If `chapters` is empty or holds another number.
     """
     known = ", ".join(map(str, CHAPTERS))
     wanted = sorted(set(chapters))

@@ -61,12 +61,12 @@ class Pairing:
 
     @property
     def paired(self) -> IntArray:
-        """Measured modes that have a pair."""
+        """Indices of the measured modes that have a partner among the model modes."""
         return np.flatnonzero(self.number >= 0)
 
     @property
     def missing(self) -> IntArray:
-        """Measured modes that have none."""
+        """Indices of the measured modes that have no partner among the model modes."""
         return np.flatnonzero(self.number < 0)
 
     def partners(self, mode: int) -> tuple[int, ...]:
@@ -78,9 +78,10 @@ class Pairing:
 
 
 def likenesses(measured: NDArray[np.inexact], model: NDArray[np.inexact], moves: NDArray[np.bool_]) -> FloatArray:
-    """MAC of each measured shape with each model mode, (n_measured, n_model); shapes are (n_channels, n_modes) at common channels.
+    """MAC of each measured shape with each model mode, (n_measured, n_model).
 
-    0 for model modes that do not move the sensors (`moves`, (n_model,)), NaN for measured shapes without a known entry.
+    `measured` and `model` are (n_channels, n_modes) at common channels. The MAC is 0 for model modes that do not move the
+    sensors (False in `moves`, (n_model,)), and NaN for measured shapes without a known entry.
     """
     unknown = np.isnan(measured).all(axis=0)
     values = np.zeros((measured.shape[1], model.shape[1]))
@@ -107,7 +108,10 @@ def pairing_worth(likeness: FloatArray, measured: FloatArray, model: FloatArray,
 
 
 def assign_pairs(worth: FloatArray) -> tuple[IntArray, IntArray]:
-    """Rows and columns of the pairs whose sum of `worth` is largest, each used once; rows in order."""
+    """Row and column indices of the pairs with the largest sum of `worth`, (n_pairs,) each, rows ascending.
+
+    Each row and each column is used at most once.
+    """
     from scipy.optimize import linear_sum_assignment
 
     rows, columns = linear_sum_assignment(worth, maximize=True)
@@ -124,25 +128,25 @@ def pair_modes(
     closeness: float = 0.02,
     frequency_guard: float = 0.3,
 ) -> Pairing:
-    """Pairing of measured modes with modes of a model, each used once, with the largest sum of `pairing_worth`.
+    """Pairs of measured modes and model modes, each used once, with the largest sum of `pairing_worth`.
 
-    Measured modes closer than `closeness` form a group, and modes of the model that close to a pair, with a part in the
-    measured shapes, belong to it: where single shapes cannot be distinguished, their span can.
+    Measured modes with neighbouring frequencies within `closeness` form a group, compared as a subspace with their model modes
+    and other model modes close to these, where single shapes cannot be distinguished.
 
     Parameters
     ----------
     measured_frequency, model_frequency : (n_measured,) and (n_model,) arrays
-        Hz, in increasing order. Modes of the model below a thousandth of the lowest measured one (rigid bodies) are left
+        Frequencies in Hz, ascending. Model modes below a thousandth of the lowest measured frequency (rigid bodies) are left
         out.
     measured_shapes, model_shapes : (n_channels, n_measured) and (n_channels, n_model) arrays, real or complex
-        At the same channels. NaN where an entry of a measured shape is unknown: the others count, those that all of a group
-        know where modes are close. A mode without a known entry is paired by frequency alone.
+        Shapes at the same channels. Unknown entries of measured shapes are NaN and left out, in a group for all of its
+        modes. A mode without a known entry is paired by frequency alone.
     least_mac : float
-        Below it, or below it in cos^2 of the largest angle of close modes, there is no pair.
+        Smallest MAC of a pair; for a group, smallest cos^2 of the largest angle between the subspaces.
     closeness : float
         Relative distance of neighbouring frequencies within which modes are close.
     frequency_guard : float
-        Logarithmic distance in frequency at which a pair is worth half as much; beyond three times that there is none.
+        Distance |ln(f_model / f_measured)| at which a pair is worth half as much; beyond three times that there is none.
 
     Returns
     -------
@@ -201,7 +205,10 @@ def pair_modes(
 
 
 def _group_close_modes(frequency: FloatArray, modes: list[int], closeness: float) -> list[list[int]]:
-    """Groups of neighbouring modes in `modes` whose frequencies differ by at most `closeness` (relative) from one to the next."""
+    """Groups of the mode indices in `modes`, split where neighbouring frequencies differ by more than `closeness` (relative).
+
+    `frequency` (n_modes,) is ascending, in Hz. A mode without close neighbours is a group of its own.
+    """
     groups: list[list[int]] = []
     for k in modes:
         if groups and frequency[k] - frequency[groups[-1][-1]] <= closeness * frequency[k]:
@@ -214,10 +221,10 @@ def _group_close_modes(frequency: FloatArray, modes: list[int], closeness: float
 def _extend_group(
     members: list[int], number: IntArray, likeness: FloatArray, frequency: FloatArray, closeness: float
 ) -> list[int]:
-    """Model modes that span the measured modes `members`: their pairs, and unpaired modes close to these with enough MAC.
+    """Sorted indices of the model modes of a group: the partners of `members`, and unpaired modes close to these.
 
-    `number` (n_measured,) is the paired model mode or -1, `likeness` the MAC (n_measured, n_model), `frequency`
-    (n_model,) that of the model. `closeness` is the relative frequency distance of close modes.
+    The latter need enough MAC with a member. `number` (n_measured,) is the paired model mode or -1, `likeness` the MAC
+    (n_measured, n_model), `frequency` (n_model,) that of the model, and `closeness` a relative distance of frequencies.
     """
     chosen = [int(k) for k in number[members] if k >= 0]
     others = set(number.tolist()) - set(chosen)
@@ -232,10 +239,10 @@ def _extend_group(
 def _find_ambiguous(
     number: IntArray, likeness: FloatArray, worth: FloatArray, grouped: set[int], least_mac: float
 ) -> dict[int, tuple[int, ...]]:
-    """Model modes that are nearly as good a partner as the pair, for each measured mode outside of groups.
+    """Model modes that fit nearly as well as the partner, by measured mode; modes without such rivals are left out.
 
     `number` (n_measured,) is the paired model mode or -1, `likeness` (MAC) and `worth` are (n_measured, n_model).
-    `grouped` are the measured modes in groups; partners with a MAC below `least_mac` do not count.
+    Measured modes in `grouped`, and rivals with a MAC below `least_mac`, do not count.
     """
     ambiguous = {}
     for i, k in enumerate(number.tolist()):

@@ -10,12 +10,12 @@ from structid.core.errors import InputError
 
 
 def frac(first: ArrayLike, second: ArrayLike) -> FloatArray:
-    """Frequency response assurance criterion (FRAC) of each function: `mac` along the frequency axis.
+    """Frequency response assurance criterion (FRAC) of each pair of functions: their `mac` along the frequency axis.
 
     Parameters
     ----------
     first, second : (n_frequencies, ...) arrays, real or complex
-        Response functions at the same frequencies.
+        Response functions at the same frequencies, paired by their position.
 
     Returns
     -------
@@ -25,7 +25,7 @@ def frac(first: ArrayLike, second: ArrayLike) -> FloatArray:
     Raises
     ------
     InputError
-        If the shapes differ, or a function is zero throughout.
+        If the shapes differ, an entry is not finite, or a function is zero throughout.
 
     References
     ----------
@@ -43,22 +43,22 @@ def frac(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 
 def fdac(first: ArrayLike, second: ArrayLike) -> FloatArray:
-    """Frequency domain assurance criterion (FDAC) of each load: `mac` of the operating shapes at each pair of frequencies.
+    """Frequency domain assurance criterion (FDAC): `mac` of the response shapes under each load at each pair of frequencies.
 
-    FDAC(w, v)_i = |sum_o x_oi(w)^* y_oi(v)|^2 / (sum_o |x_oi(w)|^2  sum_o |y_oi(v)|^2). Where the model is too stiff
+    FDAC(w, v)_i = |sum_o x_oi(w)^* y_oi(v)|^2 / (sum_o |x_oi(w)|^2  sum_o |y_oi(v)|^2). For a model that is too stiff
     throughout, the ridge of ones lies beside the diagonal.
 
     Parameters
     ----------
     first : (n_first, n_outputs, n_inputs) array, real or complex
-        Response functions, outputs and loads those of `second`.
-    second : (n_second, n_outputs, n_inputs) array
-        At frequencies of its own.
+        Response functions, such as measured FRFs.
+    second : (n_second, n_outputs, n_inputs) array, real or complex
+        Response functions of the same outputs and inputs; the frequencies may differ.
 
     Returns
     -------
     (n_inputs, n_first, n_second) float array
-        From 0 to 1; NaN where nothing responds. Of a single output it is 1 everywhere.
+        From 0 to 1; NaN where nothing responds. For a single output it is 1 everywhere.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def fdac(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 
 def energies(name: str, x: NDArray[np.inexact]) -> FloatArray:
-    """Sum of squared moduli of each column of `x`, (n, n_columns); `name` is for the error.
+    """Sum of squared moduli of each column of `x` (n, n_columns), as (n_columns,); `name` is the argument named in errors.
 
     Raises
     ------

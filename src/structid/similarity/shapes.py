@@ -19,10 +19,10 @@ def mac(first: ArrayLike, second: ArrayLike | None = None) -> FloatArray:
     Parameters
     ----------
     first : (n_channels, n_first) array, real or complex
-        Mode shapes; one shape may be given as (n_channels,). Entries that are unknown are NaN: a pair is held against each
-        other where both are known.
+        Mode shapes as columns; a single shape may be (n_channels,). Unknown entries are NaN, and each pair is compared at
+        the channels where both are known.
     second : (n_channels, n_second) array, optional
-        By default `first` against itself.
+        Further mode shapes; by default `first` is compared with itself.
 
     Returns
     -------
@@ -57,14 +57,14 @@ def mac(first: ArrayLike, second: ArrayLike | None = None) -> FloatArray:
 def comac(first: ArrayLike, second: ArrayLike) -> FloatArray:
     """Coordinate modal assurance criterion (COMAC) of each channel: `mac` along the modes of paired shapes.
 
-    COMAC_c = |sum_r x_cr^* y_cr|^2 / (sum_r |x_cr|^2  sum_r |y_cr|^2), each pair of shapes scaled to size 1 and y turned
-    to the phase of x: 1 where a channel follows the other set in every mode. A channel that is only turned round keeps
+    COMAC_c = |sum_r x_cr^* y_cr|^2 / (sum_r |x_cr|^2  sum_r |y_cr|^2), after each shape is scaled to unit norm and y rotated to
+    the phase of x: 1 for a channel that agrees in every mode up to a common factor. A channel with reversed sign keeps
     its COMAC; see `ecomac`.
 
     Parameters
     ----------
     first, second : (n_channels, n_modes) arrays, real or complex
-        Column r of one is paired with column r of the other. NaN where an entry is unknown: the others count.
+        Mode shapes; column r of `first` is paired with column r of `second`. Unknown entries are NaN and left out.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def comac(first: ArrayLike, second: ArrayLike) -> FloatArray:
     Raises
     ------
     InputError
-        If the shapes differ, or a column is zero throughout.
+        If the shapes differ in size, or a column is zero throughout.
 
     References
     ----------
@@ -90,18 +90,23 @@ def comac(first: ArrayLike, second: ArrayLike) -> FloatArray:
 def ecomac(first: ArrayLike, second: ArrayLike) -> FloatArray:
     """Enhanced COMAC of each channel: mean distance of the paired shapes, sum_r |x_cr - y_cr| / (2 n_modes).
 
-    Each pair of shapes is scaled to size 1 (in the mean over channels) and y turned to the phase of x: 0 where a channel
-    agrees in every mode, large where its sense, its gain or its place is wrong.
+    Each shape is scaled to a mean square of 1 over its known channels and y rotated to the phase of x: 0 for a channel that
+    agrees in every mode, large if its sense, gain or position is wrong.
 
     Parameters
     ----------
     first, second : (n_channels, n_modes) arrays, real or complex
-        Column r of one is paired with column r of the other. NaN where an entry is unknown: the others count.
+        Mode shapes; column r of `first` is paired with column r of `second`. Unknown entries are NaN and left out.
 
     Returns
     -------
     (n_channels,) float array
         NaN where a channel is unknown in all modes.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ in size, or a column is zero throughout.
 
     References
     ----------
@@ -114,18 +119,19 @@ def ecomac(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 
 def orthogonality(mass: ArrayLike, first: ArrayLike, second: ArrayLike | None = None) -> FloatArray:
-    """|x_i^H M y_j| / sqrt(x_i^H M x_i  y_j^H M y_j) of every pair of columns: 1 for the same motion, 0 for orthogonal ones.
+    """Mass orthogonality |x_i^H M y_j| / sqrt(x_i^H M x_i  y_j^H M y_j) of every pair of columns: 0 if orthogonal, 1 if equal.
 
-    Of one set (self-orthogonality, second left out) the off-diagonal entries of measured modes stay below 0.1 by the usual
-    rule; of measured and modelled shapes (cross-orthogonality) those of pairs are above 0.9.
+    By the usual rule, off-diagonal entries of a measured set with itself stay below 0.1 (self-orthogonality), and those of
+    pairs of measured and modelled shapes are above 0.9 (cross-orthogonality).
 
     Parameters
     ----------
     mass : (n_channels, n_channels) array
-        Reduced to the channels; see `structid.compare.correlation.expansion`.
+        Mass matrix reduced to the channels; see `structid.compare.correlation.expansion`.
     first : (n_channels, n_first) array, real or complex
+        Mode shapes as columns.
     second : (n_channels, n_second) array, optional
-        By default `first` against itself.
+        Further mode shapes; by default `first` is compared with itself.
 
     Returns
     -------
@@ -134,7 +140,7 @@ def orthogonality(mass: ArrayLike, first: ArrayLike, second: ArrayLike | None = 
     Raises
     ------
     InputError
-        If sizes differ, or a shape has no mass.
+        If sizes differ, an entry is NaN, or a shape has no mass.
 
     References
     ----------
@@ -151,16 +157,16 @@ def orthogonality(mass: ArrayLike, first: ArrayLike, second: ArrayLike | None = 
 
 
 def most_real(shapes: ArrayLike) -> FloatArray:
-    """Shapes turned to the phase in which they are as real as can be, and their real part, (n_channels, n_modes).
+    """Real parts of complex shapes (n_channels, n_modes), each rotated first to the phase that makes it as real as possible.
 
-    Entries that are unknown (NaN) stay so.
+    Unknown entries (NaN) stay NaN; real shapes are returned as they are.
     """
     given = np.asarray(shapes)
     return np.asarray((given * real_turn(given)).real if np.iscomplexobj(given) else given)
 
 
 def real_turn(shapes: NDArray[np.inexact]) -> NDArray[np.inexact]:
-    """The factor of size 1 on each of (n_channels, n_modes) shapes that makes it as real as can be, (n_modes,)."""
+    """Unit phase factor of each shape that makes it as real as possible, (n_modes,); `shapes` is (n_channels, n_modes)."""
     turn: NDArray[np.inexact] = np.exp(-0.5j * np.angle(np.nansum(shapes**2, axis=0)))
     return turn
 
@@ -190,7 +196,10 @@ def subspace_angles(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 
 def _as_columns(name: str, values: ArrayLike) -> NDArray[np.inexact]:
-    """`values` as a float or complex array (n_channels, n_shapes), one shape a column; NaN is allowed, infinity is not."""
+    """`values` as a float or complex array (n_channels, n_shapes), from an array of this shape or (n_channels,).
+
+    `InputError`, naming `name`, for other shapes, an empty array or infinite entries; NaN is allowed.
+    """
     array = np.asarray(values)
     if not np.issubdtype(array.dtype, np.inexact):
         array = array.astype(np.float64)
@@ -204,10 +213,9 @@ def _as_columns(name: str, values: ArrayLike) -> NDArray[np.inexact]:
 def _paired_columns(
     first: ArrayLike, second: ArrayLike
 ) -> tuple[NDArray[np.inexact], NDArray[np.inexact], NDArray[np.bool_]]:
-    """Two sets of shapes with unit columns, the second in phase with the first, and a mask of entries that both have.
+    """Two sets of shapes with columns of unit norm, the second in phase with the first, and a mask of entries known in both.
 
-    Three arrays (n_channels, n_shapes). Entries that are NaN in either set become 0; so does a pair with no common
-    entry.
+    All are (n_channels, n_shapes). Entries that are NaN in either set become 0, also where a pair has no common entry.
     """
     x, y = _as_columns("first", first), _as_columns("second", second)
     if x.shape != y.shape:
@@ -223,7 +231,10 @@ def _paired_columns(
 
 
 def _check_channels(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
-    """The sets of shapes `first` and `second` as columns at the same channels; `first` twice without a second."""
+    """Both sets of shapes as arrays (n_channels, n_shapes) after a check of their channels; `first` twice if `second` is None.
+
+    `InputError` if the numbers of channels differ.
+    """
     x = _as_columns("first", first)
     y = x if second is None else _as_columns("second", second)
     if x.shape[0] != y.shape[0]:
@@ -235,7 +246,10 @@ def _check_channels(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray
 
 
 def _require_complete(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
-    """The sets of shapes `first` and `second` as columns; raises `InputError` if an entry is NaN."""
+    """Both sets of shapes as arrays (n_channels, n_shapes); `first` twice if `second` is None.
+
+    `InputError` if an entry is NaN or infinite, or the numbers of channels differ.
+    """
     x, y = _check_channels(first, second)
     hint = "leave out shapes, or channels, with unknown entries"
     require_finite("first", x, hint)

@@ -45,7 +45,7 @@ def study_table() -> Table:
 
 
 def study_schema() -> dict[str, object]:
-    """The JSON Schema (draft 2020-12) of study files, as plain values."""
+    """The JSON Schema (draft 2020-12) of study files, as plain values; ``record`` may be a table or an array of tables."""
     elements = {name: key.holds for name, key in changes_table().keys.items() if key.listed}
     names = {_text(kind.schema): name for name, kind in (_NAMED | elements).items()}
     parts: dict[str, Schema] = {}
@@ -61,7 +61,10 @@ def _text(schema: Schema) -> str:
 
 
 def _with_references(schema: Schema, names: Mapping[str, str], parts: dict[str, Schema]) -> Schema:
-    """`schema` with a reference in place of each part that `names` (schema text: name) knows; those are added to `parts`."""
+    """The schema `schema` with a reference in place of each part that has a name; these parts are added to `parts` by name.
+
+    `names` are the names by the text of a part without description and default.
+    """
     annotations: Schema = {}
     bare: Schema = {**schema}
     if "description" in bare:

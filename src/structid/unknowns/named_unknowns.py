@@ -79,7 +79,7 @@ class NamedUnknowns:
         return self.transforms.bounds
 
     def sizes(self, physical: FloatArray) -> FloatArray:
-        """Scales (n_params,) with which standard deviations are compared; 0 but for unknowns that may vanish."""
+        """Sizes (n_params,) that standard deviations are compared with: the larger of the absolute value and `scale`."""
         return np.maximum(np.abs(physical), self.scale)
 
     @property
@@ -88,10 +88,10 @@ class NamedUnknowns:
         return self.transforms.reach(self.start, self.sizes(self.start))
 
     def prior_rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whitened residual of priors and couplings at `physical`, (n_rows,), and its derivative, (n_rows, n_params).
+        """Whitened residual of priors and couplings at `physical` (n_params,), (n_rows,), and derivative, (n_rows, n_params).
 
-        One row for each parameter with a prior, then the rows of the couplings; `physical` (n_params,) has the
-        parameters in physical units.
+        One row for each parameter with a prior, then the rows of the couplings. `physical` are the parameters in physical
+        units, and the derivative is by these.
         """
         rows, residual, slope = self.priors.entries(physical)
         jacobian = np.zeros((len(rows), len(physical)))
@@ -105,14 +105,20 @@ class NamedUnknowns:
         return np.concatenate([own, *(coupling.residual(physical) for coupling in self.couplings)])
 
     def sparse_prior_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-        """`prior_rows` with the derivative as a sparse (n_rows, n_params) array."""
+        """Residual (n_rows,) of `prior_rows` and its derivative as a sparse (n_rows, n_params) array."""
         rows, residual, slope = self.priors.entries(physical)
         jacobian = sparse.csr_array((slope, (np.arange(len(rows)), rows)), (len(rows), self.n_params))
         parts = [(residual, jacobian), *(coupling.sparse_rows(physical) for coupling in self.couplings)]
         return np.concatenate([part[0] for part in parts]), sparse.csr_array(sparse.vstack([p[1] for p in parts]))
 
     def started_at(self, physical: FloatArray) -> Self:
-        """A copy with the initial values `physical`, (n_params,), in physical units."""
+        """A copy with the initial values `physical`, (n_params,), in physical units.
+
+        Raises
+        ------
+        InputError
+            If a value does not lie strictly within its range.
+        """
         require_shape("physical", np.asarray(physical), (self.n_params,), "one value a parameter")
         outside = ~((self.transforms.lower < physical) & (physical < self.transforms.upper))
         if outside.any():
@@ -125,7 +131,10 @@ class NamedUnknowns:
         return replace(self, start=locked(physical, np.float64))
 
     def kept_near_start(self, relative: float) -> Self:
-        """A copy in which each parameter without a prior gets one at its start, with `relative` of its size as deviation."""
+        """A copy in which each parameter without a prior gets a Gaussian one at its start.
+
+        Its standard deviation is `relative` times its size, see `sizes`; parameters of size 0 get none.
+        """
         width = relative * self.sizes(self.start)
         free, priors = ~self.priors.stated & (width > 0), self.priors
         mean, std = np.where(free, self.start, priors.mean), np.where(free, width, priors.std)
@@ -133,14 +142,14 @@ class NamedUnknowns:
 
 
 def begun_at(unknowns: N, values: Mapping[str, float]) -> N:
-    """A copy that starts at the `values` of its names, where these lie in their range."""
+    """A copy that starts at `values` (by name) where these lie within the range; other starts stay."""
     start = np.array([values.get(name, own) for name, own in zip(unknowns.names, unknowns.start, strict=True)])
     inside = (start > unknowns.transforms.lower) & (start < unknowns.transforms.upper)
     return unknowns.started_at(np.where(inside, start, unknowns.start))
 
 
 def join_unknowns(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
-    """The unknowns of `first` followed by those of `second`, as one set."""
+    """The unknowns of `first` followed by those of `second`, as one set, with the priors and couplings of both."""
 
     def both(one: FloatArray, other: FloatArray) -> FloatArray:
         return np.concatenate([one, other])

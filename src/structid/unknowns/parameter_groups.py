@@ -73,7 +73,10 @@ class ParameterGroup:
 
     @cached_property
     def is_factor(self) -> np.ndarray:
-        """True for each parameter that multiplies nominal values, (n_params,)."""
+        """True for each parameter that multiplies nominal values instead of being the value, (n_params,).
+
+        As declared in `factor`; by default where its entries differ in property or nominal value, and always for fields.
+        """
         if self.unknown.factor is not None or self.shares is not None:
             return np.full(self.n_params, self.unknown.factor is not False)
         quantities = [item.term.property for item in self.properties]
@@ -108,7 +111,15 @@ class ParameterGroup:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Lower and upper limit of all parameters of the group, in the unit of the parameter."""
+        """Lower and upper limit of all parameters of the group, in the unit of the parameter; infinite where there is none.
+
+        These are the declared bounds, or else the limits of the properties.
+
+        Raises
+        ------
+        InputError
+            If the bounds do not increase, or leave the limits of a node position.
+        """
         lowest, highest = self._property_limits
         if self.unknown.bounds is None:
             return (lowest, highest) if self.unknown.positive or np.isfinite(highest) else (-np.inf, np.inf)
@@ -129,7 +140,10 @@ class ParameterGroup:
 
     @cached_property
     def _property_limits(self) -> tuple[float, float]:
-        """Lower and upper limit that the properties themselves impose; relative to nominal values for factors."""
+        """Lower and upper limit of the group that its properties impose.
+
+        For factors, limits of a property are divided by its largest nominal value.
+        """
         lows, highs = [], []
         for i, item in enumerate(self.properties):
             low, high = (0.0, np.inf) if item.term.limits is None else item.term.limits
@@ -183,6 +197,8 @@ def _select_entries(table: Sequence[Entry], positions: IntArray) -> tuple[Entry,
 def parameter_group(structure: Structure, unknown: Unknown) -> ParameterGroup:
     """The parameters that the declaration `unknown` makes on `structure`, as one group.
 
+    One parameter for all elements, or one for each (group of neighbours) with `each`, or one for each function of a field.
+
     Raises
     ------
     InputError
@@ -214,7 +230,8 @@ def _parameter_per_element(
 ) -> tuple[tuple[str, ...], IntArray]:
     """Labels of the parameters when `each` is set, and the parameter index of each entry, (n_entries,).
 
-    `indices` are the entries' property values, `item` the property of each; one parameter for every `each` elements.
+    `indices` (n_entries,) are the entries' places among the property values, `item` (n_entries,) the index of the property of
+    each in `items`. There is one parameter for every `each` elements, in the order in which they are named.
     """
     single = [len(item_property.term.values) == 1 for item_property in items]
     words = [
@@ -242,9 +259,10 @@ def _parameter_per_element(
 def _neighbour_groups(
     unknown: Unknown, names: Sequence[str], number: IntArray, row: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """First and last element row of the group of neighbours that shares a parameter, (n_entries,) each.
+    """First and last element row, from 0, of the group of neighbours that shares a parameter, (n_entries,) each.
 
-    `number` is the element set and `row` the element row of each entry; `names` are the sets.
+    `number` (n_entries,) is the index of the element set in `names`, and `row` the element row of each entry; `unknown.each`
+    is the size of a group.
 
     Raises
     ------
@@ -283,9 +301,10 @@ def _make_field_group(
     indices: IntArray,
     item: IntArray,
 ) -> ParameterGroup:
-    """The group of a field: one parameter for each shape function of its coarse grid.
+    """The group of a field: one parameter, a factor, for each shape function of its coarse grid that an element sees.
 
-    `indices` are the property values of its entries, `item` the property of each.
+    `indices` (n_entries,) are places among the property values, `item` (n_entries,) the property of each in `items`. Raises
+    `InputError` if `each`, `tied_to` or `factor = false` are set too.
     """
     assert unknown.field is not None
     if unknown.each or unknown.tied_to is not None or unknown.factor is False:
@@ -305,9 +324,9 @@ def _make_field_group(
 def _element_centres(
     structure: Structure, items: tuple[Property, ...], indices: IntArray, item: IntArray
 ) -> FloatArray:
-    """Mean position of the nodes of each entry's element, m, (n_entries, n_coordinates).
+    """Mean position of the nodes of each entry's element, m, (n_entries, n_coordinates); ground nodes are left out.
 
-    `indices` are the property values of the entries, `item` the property of each.
+    `indices` (n_entries,) are places among the property values, `item` (n_entries,) the property of each in `items`.
     """
     tables = {element.name: element.nodes for element in structure.sets}
     labels = np.array(sorted(structure.nodes), dtype=np.int64)
@@ -323,9 +342,10 @@ def _element_centres(
 
 
 def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Property, IntArray]]:
-    """Properties and their element rows that the property `wanted` and `text` (an entry of `elements`) select.
+    """Pairs of a property and its element rows that the property `wanted` and `text`, an entry of `elements`, select.
 
-    `text` is an element set such as ``girder``, or part of one such as ``girder:2-5``; rows count from 0.
+    `text` is an element set such as ``girder``, or part of one such as ``girder:2-5``; rows count from 0. ``stiffness``
+    stands for all stiffnesses of a set that has no property of that name.
 
     Raises
     ------

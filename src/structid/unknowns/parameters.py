@@ -79,7 +79,7 @@ class Parameters(Shown, NamedUnknowns):
     unknowns: tuple[Unknown, ...] = field(default=(), kw_only=True)
 
     def values(self, physical: FloatArray) -> FloatArray:
-        """Property values of the structure for physical parameters, (n_values,)."""
+        """Property values of the structure, (n_values,), for parameters `physical` (n_params,) in physical units."""
         return self.offset + self.design @ physical
 
     def overview(self) -> Overview:
@@ -116,7 +116,13 @@ class Parameters(Shown, NamedUnknowns):
         return replace(self, priors=no_priors(self.n_params), couplings=())
 
     def coupled(self, *couplings: Coupling) -> Parameters:
-        """A copy with additional couplings (knowledge of combinations of parameters)."""
+        """A copy with additional couplings (knowledge of combinations of parameters).
+
+        Raises
+        ------
+        InputError
+            If a coupling is of another number of parameters, or is logarithmic in one that may be negative.
+        """
         for coupling in couplings:
             if coupling.matrix.shape[1] != self.n_params:
                 raise InputError(
@@ -131,7 +137,11 @@ class Parameters(Shown, NamedUnknowns):
 
 
 def _sizes(group: ParameterGroup) -> FloatArray:
-    """Scales with which deviations of parameters that may vanish are compared; 0 for the others."""
+    """Scale of each parameter of the group that deviations are held against even if its value is smaller, (n_params,).
+
+    The initial size of parameters that may be negative, a quarter of it for positive ones that may be absent, such as
+    damping; else 0.
+    """
     part = 1.0 if group.limits[0] < 0 else _ABSENT * (_transform(group) == "log") * np.isin(group.kinds, MAY_VANISH)
     return np.abs(group.start) * part
 
@@ -193,7 +203,9 @@ def parameters(structure: Structure, unknowns: Unknown | Iterable[Unknown]) -> P
 
 
 def redeclared(current: Parameters, structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
-    """The parameters of other declarations or of a changed structure; names that stay begin where they did, and stay coupled.
+    """The parameters of the declarations `unknowns` on `structure`, which may both have changed since `current`.
+
+    Parameters whose names stay begin where they did in `current`, and stay coupled.
 
     Raises
     ------
@@ -212,7 +224,10 @@ def redeclared(current: Parameters, structure: Structure, unknowns: Iterable[Unk
 
 
 def _require_tolerances_of_fixed(structure: Structure, design: sparse.csc_array) -> None:
-    """Raise `InputError` if an element set states a tolerance for a property that is an unknown (has a row in `design`)."""
+    """Raise `InputError` if an element set states a tolerance for a property all of whose values have rows in `design`.
+
+    Such a property is an unknown, and a tolerance is of what is fixed.
+    """
     is_sought = np.diff(design.tocsr().indptr) > 0
     for element in structure.elements:
         stated = element.tolerance
@@ -229,7 +244,10 @@ def _require_tolerances_of_fixed(structure: Structure, design: sparse.csc_array)
 
 
 def _scatter_of(group: ParameterGroup) -> Scatter:
-    """The scatter of a group of parameters that is declared to vary from record to record."""
+    """The scatter of a group of parameters that is declared to vary from record to record.
+
+    Raises `InputError` if the group is fixed, tied or may be negative, or the declared scatter is not above 0.
+    """
     name = group.names[0] if group.n_params == 1 else f"{group.unknown.property}[{label_of(group.unknown)}]"
     if not group.is_free:
         raise InputError(f"{name} must be free to vary from record to record; leave `fixed` and `tied_to` out of it")
@@ -242,7 +260,10 @@ def _scatter_of(group: ParameterGroup) -> Scatter:
 
 
 def _assemble_map(structure: Structure, groups: list[ParameterGroup]) -> tuple[FloatArray, sparse.csc_array]:
-    """Offset (n_values,) and design matrix (n_values, n_params) that turn parameters into property values."""
+    """Offset (n_values,) and design matrix (n_values, n_params): property values are offset + design @ parameters.
+
+    Fixed groups are part of the offset; tied ones have entries in the column of the parameter that they follow.
+    """
     first_column, n_free = {}, 0
     for group in groups:
         if group.is_free:
@@ -272,9 +293,9 @@ def _assemble_map(structure: Structure, groups: list[ParameterGroup]) -> tuple[F
 def _resolve_tie(
     group: ParameterGroup, groups: list[ParameterGroup]
 ) -> tuple[tuple[ParameterGroup, int] | None, float]:
-    """The parameter (group, index) that all parameters of a tied group follow in the end, and the ratio to it.
+    """The parameter (its group, its index there) that a tied group follows in the end, and the ratio to it.
 
-    None and 1.0 for a group that is not tied.
+    None and 1.0 for a group that is not tied. Raises `InputError` if there is no such parameter, or ties run in a circle.
     """
     if group.unknown.tied_to is None:
         return None, 1.0
@@ -315,9 +336,10 @@ def own_name(name: str, title: str) -> str:
 
 
 def own_values(parameters: Parameters, title: str) -> Parameters:
-    """`parameters` extended for the record `title` by an own value of each varying property beside the common one.
+    """Copy of `parameters` extended, for the record `title`, by a value of its own for each parameter that varies by record.
 
-    The properties follow the record's own values; the common ones act only through their scatter.
+    These values come last and make up the property values; the common ones act only through their scatter. Unchanged if
+    nothing varies.
     """
     common = [name for scatter in parameters.scatters for name in scatter.common]
     if not common:

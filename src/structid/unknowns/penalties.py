@@ -95,7 +95,9 @@ def term_name(term: Regularization) -> str:
 
 
 def penalty(structure: Structure, unknown: Parameters, term: Regularization) -> Coupling:
-    """The regularization rows of `term` at strength 1: log ratios of neighbouring parameters, or of parameters to their start.
+    """The regularization rows of `term` at strength 1, as a coupling in logarithms.
+
+    They are log ratios of neighbouring parameters (smoothness), or of parameters to their start (sparsity).
 
     Raises
     ------
@@ -139,7 +141,10 @@ def _require_strength(term: Regularization) -> None:
 
 
 def _parameters_of_term(structure: Structure, unknown: Parameters, term: Regularization) -> tuple[IntArray, IntArray]:
-    """Pairs of parameter index and property-value index, (n_pairs,) each, for the elements of a regularization term."""
+    """Indices of a parameter and of a property value that it enters, (n_pairs,) each, for the elements of a term.
+
+    Raises `InputError` if no parameter enters them.
+    """
     texts = (term.elements,) if isinstance(term.elements, str) else tuple(term.elements)
     members = [member for text in texts for member in named_members(structure, term.property, text)]
     values = np.unique(np.concatenate([item.values.start + rows for item, rows in members]))
@@ -150,7 +155,10 @@ def _parameters_of_term(structure: Structure, unknown: Parameters, term: Regular
 
 
 def _neighbour_pairs(structure: Structure, columns: IntArray, values: IntArray) -> IntArray:
-    """Pairs of parameters whose elements share a node, (n_pairs, 2); `columns` and `values` are those of `_parameters_of_term`."""
+    """Pairs of parameter indices whose elements share a node, (n_pairs, 2), the lower first, each once.
+
+    `columns` and `values` are those of `_parameters_of_term`.
+    """
     tables = {element.name: element.nodes for element in structure.sets}
     owners, nodes = [], []
     for item in structure.properties:

@@ -74,7 +74,7 @@ class Priors:
         return np.isfinite(self.std)
 
     def one(self, index: int) -> Prior | None:
-        """The prior of the parameter `index`, or None."""
+        """The prior of the parameter `index`; None if it has none."""
         if not self.stated[index]:
             return None
         kind: PriorKind = "lognormal" if self.lognormal[index] else "normal"
@@ -90,10 +90,10 @@ class Priors:
         return Priors(*(np.concatenate(pair) for pair in pairs))
 
     def entries(self, physical: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Whitened rows of the priors at `physical`: parameter index, residual and derivative, (n_rows,) each.
+        """Whitened rows of the priors at `physical` (n_params,): parameter index, residual and derivative, (n_rows,) each.
 
-        The residual is (p - mean) / std, or (log p - mu) / s with s^2 = log(1 + (std / mean)^2) and mu = log(mean) -
-        s^2 / 2.
+        One row for each parameter with a prior. The residual is (p - mean) / std, or (log p - mu) / s with s^2 = log(1 + (std
+        / mean)^2) and mu = log(mean) - s^2 / 2 for a log-normal prior.
         """
         rows = np.flatnonzero(self.stated)
         p, m, s, log = physical[rows], self.mean[rows], self.std[rows], self.lognormal[rows]
@@ -138,7 +138,7 @@ class Coupling:
     logarithmic: bool = False
 
     def __post_init__(self) -> None:
-        """Lock the matrix and the target, and check that they are finite and fit each other."""
+        """Lock the matrix and the target; raise `InputError` unless they are finite and fit each other."""
         if sparse.issparse(self.matrix):
             rows = sparse.csr_array(self.matrix, dtype=np.float64, copy=True)
             require_finite("matrix", rows.data)
@@ -160,13 +160,13 @@ class Coupling:
         return np.asarray((self.matrix != 0).any(axis=0))
 
     def residual(self, physical: FloatArray) -> FloatArray:
-        """``matrix @ g(p) - target``, (n_rows,)."""
+        """Residual ``matrix @ g(p) - target`` at the parameters p = `physical` (n_params,), (n_rows,)."""
         if not self.logarithmic:
             return np.asarray(self.matrix @ physical - self.target)
         return np.asarray(self.matrix @ np.log(np.where(self.used, physical, 1.0)) - self.target)
 
     def sparse_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-        """Residual (n_rows,) and its derivative with respect to the physical parameters, sparse (n_rows, n_params)."""
+        """Residual (n_rows,) at `physical` (n_params,), and its derivative by these parameters, sparse (n_rows, n_params)."""
         slope = 1 / np.where(self.used, physical, 1.0) if self.logarithmic else np.ones(self.matrix.shape[1])
         return self.residual(physical), sparse.csr_array(sparse.csr_array(self.matrix) @ sparse.diags_array(slope))
 
@@ -184,14 +184,14 @@ class Coupling:
         return self.at(np.arange(first, first + self.matrix.shape[1]), n_params)
 
     def at(self, index: IntArray, n_params: int) -> Coupling:
-        """The coupling with its parameters at positions `index` among `n_params`."""
+        """The coupling among `n_params` parameters, with its k-th parameter at position ``index[k]``."""
         matrix = sparse.csr_array(self.matrix)
         wide = sparse.csr_array((matrix.data, index[matrix.indices], matrix.indptr), (matrix.shape[0], n_params))
         kept = wide if sparse.issparse(self.matrix) else wide.toarray()
         return Coupling(self.name, kept, self.target, self.logarithmic)
 
     def scaled(self, strengths: FloatArray | float) -> Coupling:
-        """Copy with the information of every row multiplied by its strength."""
+        """Copy with each row multiplied by the square root of its strength; `strengths` is one number or (n_rows,)."""
         root = np.sqrt(np.broadcast_to(strengths, self.target.shape))
         scaled = sparse.diags_array(root) @ self.matrix if sparse.issparse(self.matrix) else self.matrix * root[:, None]
         return Coupling(self.name, scaled, self.target * root, self.logarithmic)

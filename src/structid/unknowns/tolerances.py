@@ -89,9 +89,9 @@ class FixedProperty:
 
 
 def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tolerances) -> tuple[FixedProperty, ...]:
-    """Every property of the structure that no parameter changes and whose value has a tolerance.
+    """Every property of the structure with a tolerance and values that no parameter changes and that are not 0.
 
-    A property with different values of few elements comes once for all of them and then once for each.
+    A property with different values of up to 20 elements comes once for all of them and then once for each.
 
     Parameters
     ----------
@@ -128,7 +128,10 @@ def _own_tolerance(tolerance: float | Mapping[str, float] | None, name: str) -> 
 
 
 def relative_sensitivities(values: FloatArray, properties: tuple[FixedProperty, ...]) -> FloatArray:
-    """Derivatives of all property values by a relative change of each of `properties`, (n_values, n_properties)."""
+    """Derivatives of all property `values` (n_values,) by a relative change of each property, (n_values, n_properties).
+
+    A column has the values of its property and zeros elsewhere.
+    """
     columns = np.zeros((len(values), len(properties)))
     for number, item in enumerate(properties):
         columns[item.indices, number] = values[item.indices]

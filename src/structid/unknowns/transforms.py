@@ -61,7 +61,7 @@ class Transforms:
         return values
 
     def slope(self, theta: FloatArray) -> FloatArray:
-        """Derivative of each physical parameter with respect to its free variable at `theta`, (n_params,)."""
+        """Derivative of each physical parameter by its free variable at `theta` (n_params,), (n_params,)."""
         log, interval = self._masks
         slope = np.ones(len(theta))
         slope[log] = np.exp(theta[log])
@@ -70,7 +70,7 @@ class Transforms:
         return slope
 
     def free(self, values: FloatArray) -> FloatArray:
-        """Free variables, (n_params,), from parameters in physical units, (n_params,)."""
+        """Free variables (n_params,) from `values` (n_params,) in physical units, which must lie within their range."""
         log, interval = self._masks
         theta = np.array(values, dtype=np.float64)
         theta[log] = np.log(theta[log])

@@ -42,7 +42,7 @@ class Field:
     degree: int = 1
 
     def __post_init__(self) -> None:
-        """Make `intervals` a tuple of ints and check it and the degree."""
+        """Make `intervals` a tuple of ints; raise `InputError` unless it and the degree are in range."""
         object.__setattr__(self, "intervals", tuple(int(n) for n in np.atleast_1d(self.intervals)))
         if not 1 <= len(self.intervals) <= 3 or min(self.intervals) < 1:
             raise InputError(f"`intervals` of a field must be 1 to 3 whole numbers of at least 1, got {self.intervals}")
@@ -52,6 +52,8 @@ class Field:
 
 def field_functions(field: Field, middles: FloatArray) -> tuple[sparse.csc_array, tuple[str, ...]]:
     """Values of the shape functions of `field` at the middles of the elements, sparse, and labels of its grid points.
+
+    Axes along which the elements do not extend are left out of the grid.
 
     Parameters
     ----------
@@ -94,7 +96,7 @@ def field_functions(field: Field, middles: FloatArray) -> tuple[sparse.csc_array
 
 
 def _splines(positions: FloatArray, intervals: int, degree: int) -> sparse.csr_array:
-    """B-splines on equal intervals of [0, 1] at `positions`, (n, intervals + degree)."""
+    """Values of B-splines on equal intervals of [0, 1] at `positions` (n,), sparse (n, intervals + degree)."""
     from scipy.interpolate import BSpline
 
     knots = np.concatenate([np.zeros(degree), np.linspace(0.0, 1.0, intervals + 1), np.ones(degree)])

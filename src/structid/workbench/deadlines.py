@@ -23,7 +23,7 @@ class DeadlineProtocol(H11Protocol):
         self._await_headers()
 
     def data_received(self, data: bytes) -> None:
-        """Handle received bytes of a request; the deadline restarts with each request, not with each byte."""
+        """Handle received bytes; the time limit for headers starts with each request, and is not extended by each byte."""
         super().data_received(data)
         if self.conn.their_state is not h11.IDLE:
             self._stop_waiting()
@@ -45,7 +45,7 @@ class DeadlineProtocol(H11Protocol):
             self._waiting = None
 
     def _close_where_waiting(self) -> None:
-        """Close the connection after its deadline, unless an answer is still being sent."""
+        """Close the connection when the time limit for headers has passed, unless a response is still being sent."""
         self._waiting = None
         is_answering = self.cycle is not None and not self.cycle.response_complete
         if not (is_answering or self.transport.is_closing()):

@@ -73,12 +73,12 @@ class OpenFolder:
     root: Path
 
     def inside(self, name: str) -> Path:
-        """Absolute path of `name` in the open folder; raises `OutsideError` if it leads out of the folder.
+        """Absolute path of `name`, a relative path with slashes, in the open folder.
 
         Raises
         ------
         OutsideError
-            If it is absolute, climbs out, or a link leads out.
+            If `name` is empty or absolute, contains "..", or leads out of the folder through a link.
         """
         parts = PurePosixPath(name).parts
         if not name or "\0" in name or "\\" in name or name.startswith("/") or ".." in parts or ":" in name:
@@ -92,7 +92,7 @@ class OpenFolder:
         return path
 
     def name(self, path: Path) -> str:
-        """`path` by slashes from the folder."""
+        """Path relative to the open folder, with slashes; `path` must lie inside."""
         return path.relative_to(self.root).as_posix()
 
     @property
@@ -100,10 +100,11 @@ class OpenFolder:
         return os.access(self.root, os.W_OK)
 
     def listing(self) -> dict[str, Any]:
-        """Studies with their titles, records, other inputs and results of the folder, a few levels deep.
+        """Studies, records, models and results of the folder, up to four levels deep, as lists of mappings with ``path``.
 
-        Only beginnings of ordinary files inside the folder are read. ``unusable`` names files that cannot be used, each with the
-        reason; ``most`` is how many files are looked at where there are more, else None.
+        Studies have ``title`` and ``broken`` (the error, "" if none), records ``bytes`` and ``modes`` (True if they hold
+        modes). ``unusable`` lists files that cannot be used, with the reason; ``most`` is None, or 3000 if more files exist and
+        the rest was left out. Only the beginnings of ordinary files are read.
         """
         files, is_all = self._files()
         lists: dict[str, list[dict[str, Any]]] = {
@@ -139,7 +140,7 @@ class OpenFolder:
         return {"folder": str(self.root), "writable": self.is_writable, "most": None if is_all else _MOST, **lists}
 
     def stamps(self) -> dict[str, str]:
-        """Modification time (ns) and size of each TOML file in the listing, by its name."""
+        """Modification time (ns) and size (bytes) of each TOML file in the folder, joined by a space, by the file's path."""
         stamps = {}
         for path, _ in self._files()[0]:
             if path.suffix == ".toml":
@@ -149,7 +150,7 @@ class OpenFolder:
         return stamps
 
     def _refusal(self, path: Path) -> str:
-        """Reason why the page cannot use the file at `path`, in words; "" if it can."""
+        """Reason in words why the page cannot use the file at `path`, such as a broken link; "" if it can."""
         if not _is_printable(path.name) or any(sign in path.name for sign in ":\\"):
             return "its name holds a sign that is not used here; give it another name"
         if path.is_symlink():
@@ -167,7 +168,10 @@ class OpenFolder:
         return "" if stat.S_ISREG(mode) else "is a folder"
 
     def _files(self) -> tuple[list[tuple[Path, int]], bool]:
-        """Files of the folder with their sizes in bytes, a few levels deep, and True if none was left out."""
+        """Files up to four levels below the folder with their sizes in bytes, and True if none was left out.
+
+        At most 3000 entries are taken. Hidden files and folders, checkpoints and folders of exports are skipped.
+        """
         files: list[tuple[Path, int]] = []
         folders, count = [(self.root, 0)], 0
         while folders:
@@ -197,7 +201,7 @@ class OpenFolder:
         return files, True
 
     def files_in(self, folder: Path, most: int) -> list[Path]:
-        """Ordinary files in `folder` and its subfolders, sorted, at most `most`; no links and no hidden files."""
+        """Sorted paths of at most `most` ordinary files in `folder` and its subfolders; links and hidden files are left out."""
         files: list[Path] = []
         for inner, folders, names in os.walk(folder):
             folders[:] = sorted(
@@ -210,12 +214,12 @@ class OpenFolder:
         return sorted(files[:most])
 
     def text(self, name: str) -> tuple[str, str]:
-        """Text of the study file `name` and its digest.
+        """Text of the study file `name` (UTF-8) and its digest, see `digest`.
 
         Raises
         ------
         FileError
-            If it is not there or no text.
+            If the file is missing, is no text, or is larger than 50 MB.
         """
         path = self.inside(name)
         try:
@@ -229,14 +233,16 @@ class OpenFolder:
             raise FileError(f"{name}: cannot be read as text ({error})") from error
 
     def save(self, name: str, text: str, before: str) -> str:
-        """Save the text of a study whose digest is still `before` ("" for a new one), and return the new digest.
+        """Save the text of a study if the file still has the digest `before` ("" for a new file), and return its new digest.
 
-        Other servers and editors may write at the same time: nothing that they wrote is replaced.
+        Other processes may write at the same time; what they wrote is never overwritten.
 
         Raises
         ------
         ChangedError
-            If it changed since; nothing is written then.
+            If the file was changed or removed since; nothing is written then.
+        InputError
+            If `name` does not end in .toml.
         FileError
             If it cannot be written.
         """
@@ -259,12 +265,12 @@ class OpenFolder:
         return digest(content)
 
     def own(self, *parts: str) -> Path:
-        """Subfolder of the workbench's own data folder, created if missing.
+        """Path of a subfolder `parts` of ``.structid``, the workbench's data folder inside the open folder; created if missing.
 
         Raises
         ------
         FileError
-            If it cannot be made.
+            If it cannot be created, or is a link.
         """
         path = self.root
         try:
@@ -294,7 +300,7 @@ def open_study_folder(path: Path) -> OpenFolder:
     Raises
     ------
     FileError
-        If there is none, or what it holds may not be seen.
+        If there is no such folder, or it cannot be read.
     """
     try:
         if not path.is_dir():
@@ -306,7 +312,7 @@ def open_study_folder(path: Path) -> OpenFolder:
 
 
 def _no_folder(path: Path) -> str:
-    """Words on why `path` is not a folder."""
+    """Reason in words why `path` is not a folder, naming the nearest parent folder that exists."""
     if path.exists():
         return "is a file and no folder"
     there = next((one for one in path.absolute().parents if one.is_dir()), None)
@@ -314,12 +320,12 @@ def _no_folder(path: Path) -> str:
 
 
 def typed_folder(text: str) -> Path:
-    """Path of a folder as typed or pasted by a user: absolute or from ``~``, with or without quotes.
+    """Path of a folder as typed or pasted by a user: absolute or from ``~``, with or without quotes; it need not exist.
 
     Raises
     ------
     InputError
-        If it is empty or no whole path.
+        If it is empty or relative.
     """
     words = text.strip()
     if len(words) > 1 and words[0] == words[-1] and words[0] in "'\"":
@@ -340,12 +346,12 @@ def typed_folder(text: str) -> Path:
 
 
 def upload_name(name: str) -> str:
-    """Safe file name for an uploaded file: one part, no special signs, a known suffix.
+    """Safe file name for an uploaded file: no folders, other signs replaced by "_", at most 120 characters.
 
     Raises
     ------
     InputError
-        If nothing is left, or its suffix is of no file that a study reads.
+        If nothing is left, or a study reads no files of this suffix.
     """
     clean = re.sub(r"[^\w .()+-]", "_", name.replace("\\", "/").rpartition("/")[2]).strip(" .")[:120]
     suffix = Path(clean).suffix.lower()
@@ -355,7 +361,7 @@ def upload_name(name: str) -> str:
 
 
 def _shown_name(name: str) -> str:
-    """A name of a file as text; what is no sign, or steers, as a question mark."""
+    """File name as printable text; bytes and signs that cannot be printed become U+FFFD."""
     text = os.fsencode(name).decode("utf-8", "replace")
     return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)
 
@@ -366,9 +372,10 @@ def _is_printable(name: str) -> bool:
 
 
 def _study(name: str, path: Path, size: int, is_parsed: bool) -> list[dict[str, Any]]:
-    """Listing entry of a TOML study, broken ones included; empty list for other TOML files.
+    """Entry of a TOML study for the listing, in a list; [] if the TOML file is no study. A broken study has an entry too.
 
-    `size` is in bytes; without `is_parsed` the text is not parsed.
+    `name` is its path in the folder, `size` is in bytes. Without `is_parsed`, or above 200 kB, the text is searched for section
+    headers and a title only.
     """
     begin = read_start(path, _STUDY_BYTES)
     try:
@@ -390,7 +397,7 @@ def _study(name: str, path: Path, size: int, is_parsed: bool) -> list[dict[str, 
 
 
 def holds_numbers(path: Path) -> bool:
-    """True if some line near the start of a text file consists of two numbers or more."""
+    """True if a line in the first 4096 bytes of a text file consists of two numbers or more."""
     for line in _begin(path).replace(b"\0", b"").splitlines():
         words = line.translate(_APART).split()
         if len(words) > 1 and all(map(_NUMBER.fullmatch, words)):
@@ -406,7 +413,7 @@ def _begin(path: Path, count: int = 4096) -> bytes:
 
 
 def read_json(path: Path, follow: bool = True) -> Any:
-    """Content of a JSON file; None if it is missing, damaged, too large, or a link while `follow` is False."""
+    """Content of a JSON file; None if it is missing, damaged or larger than 100 MB, or a link and `follow` is False."""
     try:
         content = read_start(path, _MOST_JSON + 1, follow)
     except OSError:
@@ -415,7 +422,7 @@ def read_json(path: Path, follow: bool = True) -> Any:
 
 
 def parse_json(content: bytes | str) -> Any:
-    """Value of a JSON text, with None for numbers that are not finite; None if the text is no JSON."""
+    """Value of a JSON text; None if it is not valid JSON. Numbers that are not finite become None too."""
     try:
         return json.loads(content, parse_constant=lambda _: None, parse_float=_finite)
     except (ValueError, RecursionError):

@@ -76,7 +76,10 @@ class Workbench:
     watcher: Watcher
 
     def version(self, study: str) -> str:
-        """Digest of the modification times and sizes in the folder of `study`, which changes if any of its files does."""
+        """Digest of names, modification times and sizes of the files in the folder of `study`; "" if the study is missing.
+
+        It changes whenever one of these files does, and so serves as a cache key.
+        """
         path = self.opened.inside(study)
         stamps = []
         with suppress(OSError), os.scandir(path.parent) as scan:
@@ -87,11 +90,11 @@ class Workbench:
         return digest(b"|".join(sorted(stamps))) if path.exists() else ""
 
     def shown(self, page: str) -> str:
-        """The address under which a page of results is seen."""
+        """Path of the address under which the report `page`, a file in the open folder, is shown."""
         return f"/view/{self.access.view_key(page)}/{quote(page)}"
 
     async def worked(self, name: str, arguments: dict[str, Any], version: str = "") -> Response:
-        """The answer of a worker."""
+        """Response with the answer of the worker function `name` to `arguments`; cached if `version` is not ""."""
         return _answered(await self.workers(name, arguments, version))
 
 
@@ -124,7 +127,10 @@ async def _step(_: Workbench, request: Request) -> Response:
 
 
 def _static(name: str, folder: str = "") -> Response:
-    """Answer with a file of the web page; names with a slash are not served."""
+    """Response with the file `name` of the web page, from the subfolder `folder` of its static files; 404 if there is none.
+
+    "plotly.js" is the plotting library, which the browser may keep for an hour.
+    """
     own = files("structid.workbench") / "static" / folder / name
     path = files("structid.report") / "plotly_parts" / "plotly-cartesian.min.js" if name == "plotly.js" else own
     if not path.is_file() or Path(name).suffix not in _TYPES:
@@ -177,7 +183,7 @@ async def _sections(_: Workbench, __: Request) -> Response:
 
 
 async def _section(_: Workbench, request: Request) -> Response:
-    """Answer with the properties of an element of a material and cross-section."""
+    """Answer with the properties, in SI units, of an element with the material and cross-section in the request."""
     body = await request.json()
     element, material, shape, sizes = (body[key] for key in ("element", "material", "shape", "sizes"))
     return Json(element_properties(element, material, shape, sizes, bool(body.get("is_turned"))))
@@ -189,7 +195,7 @@ async def _line(bench: Workbench, request: Request) -> Response:
 
 
 async def _save(bench: Workbench, request: Request) -> Response:
-    """Save the text of a study and answer with its new content; refused if it was changed by others."""
+    """Save the text of a study and answer with its new content; a study that was changed in the meantime is not overwritten."""
     given = await request.json()
 
     def saved() -> Response:
@@ -200,11 +206,11 @@ async def _save(bench: Workbench, request: Request) -> Response:
 
 
 async def _edit(bench: Workbench, request: Request) -> Response:
-    """Make the requested edits in a study, save it and answer with its new content."""
+    """Apply the requested edits to a study, save it and answer with its new content; status 409 if it was changed meanwhile."""
     given = await request.json()
 
     def saved() -> Response:
-        """Edited study, saved; raises `ChangedError` if the file was changed since the page read it."""
+        """Response with the edited and saved study; raises `ChangedError` if the file was changed since the page read it."""
         text, mark = bench.opened.text(given["study"])
         if mark != given["digest"]:
             raise ChangedError(f"{given['study']}: was changed by another page or program; what it says now is shown")
@@ -215,10 +221,13 @@ async def _edit(bench: Workbench, request: Request) -> Response:
 
 
 def _of_study(name: str, **numbers: int) -> Handler:
-    """Handler that calls the worker function `name` for a study, with integer query parameters and their defaults."""
+    """Handler that calls the worker function `name` for the study in the query; its answer is cached until a file changes.
+
+    `numbers` are further integer parameters of the query with their defaults.
+    """
 
     async def asked(bench: Workbench, request: Request) -> Response:
-        """Answer of the worker function to a request whose study and numbers are in the query."""
+        """Answer of the worker function `name` for the study and the numbers in the query."""
         study = request.query_params["study"]
         own = {key: int(request.query_params.get(key, default)) for key, default in numbers.items()}
         given: dict[str, Any] = {"study": study, **own}
@@ -228,7 +237,7 @@ def _of_study(name: str, **numbers: int) -> Handler:
 
 
 def _of_body(name: str, *keys: str) -> Handler:
-    """Handler that passes the `keys` of the request's JSON body to the worker function `name`."""
+    """Handler that calls the worker function `name` with the entries `keys` of the request's JSON body; nothing is cached."""
 
     async def asked(bench: Workbench, request: Request) -> Response:
         body = await request.json()
@@ -238,7 +247,7 @@ def _of_body(name: str, *keys: str) -> Handler:
 
 
 async def _facts(bench: Workbench, request: Request) -> Response:
-    """Answer with kind, channels and findings of a data file; cached until the file changes."""
+    """Answer with kind, channels and findings of a data file, see `facts`; cached until the file changes."""
     body = await request.json()
     path = bench.opened.inside(body["record"])
     stamp = path.stat() if path.is_file() else None
@@ -247,7 +256,10 @@ async def _facts(bench: Workbench, request: Request) -> Response:
 
 
 async def _lines(bench: Workbench, request: Request) -> Response:
-    """Answer with the first lines of a table of text as they stand in the file."""
+    """Answer with the first 12 lines of a text file, each cut after 400 characters.
+
+    The body names the ``record`` and may name the ``encoding``, UTF-8 by default.
+    """
     body = await request.json()
     path, encoding = bench.opened.inside(body["record"]), str(body.get("encoding") or "utf-8")
     content = await asyncio.to_thread(read_start, path, _PREVIEW_BYTES)
@@ -260,10 +272,16 @@ async def _lines(bench: Workbench, request: Request) -> Response:
 
 
 def _modes_folder(name: str, *keys: str) -> Handler:
-    """Handler that lets the worker function `name` write a folder of modes and answers with its page."""
+    """Handler that lets the worker function `name` write a folder of modes, and answers with the address of its report.
+
+    `keys` are the entries of the request's JSON body that the function takes.
+    """
 
     async def asked(bench: Workbench, request: Request) -> Response:
-        """Answer of a worker function that writes modes into a new folder, with its page."""
+        """Answer of the worker function with ``page``, the address of the report.
+
+        Raises `ChangedError` if the folder exists and ``replace`` is not set.
+        """
         body = await request.json()
         if bench.opened.inside(body["out"]).exists() and not body.get("replace"):
             raise ChangedError(f"{body['out']}: is there already; give another folder, or replace what is in it")
@@ -276,9 +294,9 @@ def _modes_folder(name: str, *keys: str) -> Handler:
 
 
 async def _histories(bench: Workbench, request: Request) -> Response:
-    """Answer with minimum and maximum of time histories over stretches.
+    """Answer with minimum and maximum of time histories over stretches, see `histories`.
 
-    Starts an overview of a long record that has none yet.
+    If the answer came from short samples of a long record, the record's overview is written in the background.
     """
     body = await request.json()
     given = {key: body[key] for key in ("record", "options", "first", "last", "points")}
@@ -299,7 +317,10 @@ def _later(work: Any) -> None:
 
 
 async def _upload(bench: Workbench, request: Request) -> Response:
-    """Store an uploaded file in the open folder; refused if it is too large, empty or there already."""
+    """Store an uploaded file in the open folder.
+
+    Refused if it is empty, is larger than 4 GB, or exists and is not to be replaced.
+    """
     name = upload_name(request.query_params["name"])
     path, is_replaced = bench.opened.inside(name), request.query_params.get("replace") == "yes"
     if path in _arriving:
@@ -328,7 +349,10 @@ async def _upload(bench: Workbench, request: Request) -> Response:
 
 
 async def _solver(bench: Workbench, study: str) -> dict[str, Any]:
-    """Solver command that a study would run; empty if it runs none."""
+    """Solver command that `study` would run, with its ``confirmation``; {} if it runs none.
+
+    Raises `InputError` if the study cannot be read.
+    """
     command: dict[str, Any] = json.loads(await bench.workers("solver", {"study": study}))
     if "error" in command:
         raise InputError(command["error"])
@@ -336,7 +360,10 @@ async def _solver(bench: Workbench, study: str) -> dict[str, Any]:
 
 
 async def _start_run(bench: Workbench, request: Request) -> Response:
-    """Start a run of a study; one with an unconfirmed solver command is answered with that command."""
+    """Start a run of a study and answer with its summary.
+
+    If the study runs a solver command that the user has not confirmed, status 428 with that command instead.
+    """
     given = await request.json()
     study, confirmed = given["study"], given.get("confirmed", "")
     bench.opened.inside(study)
@@ -365,7 +392,7 @@ async def _run(bench: Workbench, request: Request) -> Response:
 
 
 async def _act(bench: Workbench, request: Request) -> Response:
-    """Stop, pause or continue a run, and answer with its state."""
+    """Stop, pause or continue a run, by the action in the path, and answer with its summary."""
     run, action = bench.runs[request.path_params["id"]], request.path_params["action"]
     if action == "stop":
         run.stop()
@@ -380,7 +407,7 @@ class Watcher:
     """One look at a folder for all pages that are open on it, as long as there are any."""
 
     def __init__(self, opened: OpenFolder, runs: Runs) -> None:
-        """Watcher of the state of folder and runs; it starts with its first listener."""
+        """Watcher of the folder `opened` and its `runs`; it polls only while it has listeners."""
         self._opened, self._runs = opened, runs
         self._state, self._count = "", 0
         self._task: asyncio.Task[None] | None = None
@@ -388,7 +415,7 @@ class Watcher:
         self.n_heard = 0
 
     async def _watch(self) -> None:
-        """Poll folder and runs for ever, and wake listeners when their state has changed."""
+        """Poll folder and runs every 0.5 s until cancelled, and wake all listeners when their state has changed."""
         while True:
             state = json.dumps(await asyncio.to_thread(self._look))
             if state != self._state:
@@ -401,7 +428,10 @@ class Watcher:
         return {"runs": self._runs.summaries(), "studies": self._opened.stamps()}
 
     async def states(self, is_over: Callable[[], Awaitable[bool]]) -> AsyncIterator[str]:
-        """Yield the state as JSON after each change, or "" after a while without change, until `is_over`."""
+        """Yield the state of runs and studies as JSON text at first and after each change, until `is_over` returns True.
+
+        After every 15 s or so without a change, "" is yielded.
+        """
         self.n_heard += 1
         if self._task is None:
             self._task = asyncio.create_task(self._watch())
@@ -425,7 +455,10 @@ class Watcher:
 
 
 async def _events(bench: Workbench, request: Request) -> Response:
-    """Stream of events to the page: run states and file modification times, whenever they change."""
+    """Stream server-sent events to the page: states of runs and stamps of study files, whenever they change.
+
+    Status 503 if 64 pages listen already.
+    """
     if bench.watcher.n_heard >= _MOST_STREAMS:
         return Json({"error": "too many pages of this folder are open; close some"}, 503)
 
@@ -440,7 +473,7 @@ async def _events(bench: Workbench, request: Request) -> Response:
 
 
 async def _results(bench: Workbench, request: Request) -> Response:
-    """Answer with the main results in a folder, its files and the address of its report."""
+    """Answer with the main entries of estimate.json, up to 200 files of the results folder, and the address of its report."""
     name = request.query_params["results"]
     folder = bench.opened.inside(name)
     estimate = await asyncio.to_thread(read_json, bench.opened.inside(f"{name}/estimate.json"))
@@ -473,10 +506,13 @@ async def _results(bench: Workbench, request: Request) -> Response:
 
 
 def _of_results(name: str) -> Handler:
-    """Handler that calls the worker function `name` for a results folder; cached until a file in or beside it changes."""
+    """Handler that calls the worker function `name` for the results folder in the query.
+
+    Its answer is cached until estimate.h5 or a file beside the folder changes.
+    """
 
     async def asked(bench: Workbench, request: Request) -> Response:
-        """Answer of the worker function to a request whose results folder is in the query."""
+        """Answer of the worker function `name` for the results folder in the query."""
         results = request.query_params["results"]
         path = bench.opened.inside(f"{results}/estimate.h5")
         version = f"{bench.version(results)} {path.stat().st_mtime_ns}" if path.is_file() else ""
@@ -486,7 +522,7 @@ def _of_results(name: str) -> Handler:
 
 
 async def _view(bench: Workbench, request: Request) -> Response:
-    """Answer with an HTML report of the open folder; 404 for any other file."""
+    """Answer with an HTML report in the open folder; status 404 for any other file."""
     path = bench.opened.inside(request.path_params["name"])
     if path.suffix != ".html" or not path.is_file():
         return PlainTextResponse("There is no such page.", 404)
@@ -494,7 +530,7 @@ async def _view(bench: Workbench, request: Request) -> Response:
 
 
 async def _download(bench: Workbench, request: Request) -> Response:
-    """Answer with a file of results as a download."""
+    """Answer with a file of results as a download; `FileError` if it is missing or of a kind that is not served."""
     path = bench.opened.inside(request.query_params["path"])
     seen = _EXPORTED if path.parent.name.endswith(EXPORTS) else _SEEN
     if not path.is_file() or path.suffix not in seen:
@@ -503,7 +539,7 @@ async def _download(bench: Workbench, request: Request) -> Response:
 
 
 async def _export(bench: Workbench, request: Request) -> Response:
-    """Answer with a folder of results as one archive file."""
+    """Answer with a results folder as a ZIP archive, which is deleted from the server afterwards; at most 2000 files."""
     folder = bench.opened.inside(request.query_params["results"])
     if not (folder / "estimate.json").is_file():
         raise FileError(f"{request.query_params['results']}: holds no results")

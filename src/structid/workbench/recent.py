@@ -14,27 +14,27 @@ _COMMANDS, _MOST_COMMANDS = "confirmed_commands.json", 500
 
 
 def recent_folders() -> list[str]:
-    """Folders that were open, the last one first; those that are gone are left out."""
+    """Up to 12 folders that were open before and still exist, the latest first."""
     return [path for path in _kept(_FOLDERS) if Path(path).is_absolute() and Path(path).is_dir()][:_MOST_FOLDERS]
 
 
 def remember(folder: Path) -> None:
-    """Put `folder` first; where the list cannot be written it stays as it was."""
+    """Put `folder` first in the list of recent folders; a list that cannot be written is left unchanged."""
     _put_first(_FOLDERS, str(folder), _MOST_FOLDERS)
 
 
 def is_confirmed(confirmation: str) -> bool:
-    """True if the user has confirmed a command, by `structid.external.confirmation.confirmation_of`."""
+    """True if the user has confirmed the command with this `confirmation`, see `confirmation_of`."""
     return confirmation in _kept(_COMMANDS)
 
 
 def remember_confirmed(confirmation: str) -> None:
-    """Note that the user has confirmed a command; where that cannot be written it is asked again."""
+    """Store that the user has confirmed a command; if that fails, the user is asked again next time."""
     _put_first(_COMMANDS, confirmation, _MOST_COMMANDS)
 
 
 def _kept(name: str) -> list[str]:
-    """Texts stored in the JSON file `name` of the user's state folder, without repeats; [] if there is none."""
+    """Texts in the JSON list `name` of the user's state folder, without repeats; [] if it is missing or no list."""
     with suppress(OSError):
         listed = read_json(state_folder() / name)
         return list(dict.fromkeys(text for text in listed if isinstance(text, str))) if isinstance(listed, list) else []

@@ -34,7 +34,11 @@ _WAIT_SECONDS, _STOPPED = 0.2, 130
 
 
 def main() -> None:
-    """Run the command `WORDS`, its words to ``log.txt`` and its end to ``ended.json`` in `FOLDER`."""
+    """Run a structid command as a child process, in its turn, and write how it ended to ``ended.json``.
+
+    ``sys.argv`` holds the folder of the run and the words of the command. ``ended.json`` holds the exit code (130 if stopped
+    before its turn) and ``disk_full``, True if less than 1 MB is free.
+    """
     folder, words = Path(sys.argv[1]), sys.argv[2:]
     (folder / "ended.json").write_text(" " * _ENDED, encoding="utf-8")
     for number in (signal.SIGINT, signal.SIGTERM):  # sent to the whole group: this process waits for the other's end
@@ -47,7 +51,7 @@ def main() -> None:
 
 
 def _run_command(folder: Path, words: list[str]) -> int:
-    """Exit code of the structid command `words`, run with its output in ``log.txt`` of `folder`."""
+    """Exit code of the structid command `words`, run to its end with all output appended to ``log.txt`` in `folder`."""
     with (folder / "log.txt").open("ab") as log:
         child = start_child(python_arguments("-m", "structid", *words), output=log, errors=log, has_group=False)
         (folder / "child.json").write_text(json.dumps({"pid": child.pid}), encoding="utf-8")
@@ -56,7 +60,10 @@ def _run_command(folder: Path, words: list[str]) -> int:
 
 @contextmanager
 def _turn(folder: Path) -> Iterator[bool]:
-    """Context that waits until fewer than `AT_ONCE` runs compute; False if the run is to stop before it begins."""
+    """Context that waits until fewer than two runs of the user compute; yields True then, or False if a stop was requested.
+
+    `folder` is that of the run, which holds the file ``queued`` while it waits. Without file locks there is no waiting.
+    """
     try:
         queue = state_folder() / "runs"
         queue.mkdir(exist_ok=True)
@@ -82,7 +89,7 @@ def _turn(folder: Path) -> Iterator[bool]:
 
 
 def _take_ticket(path: Path) -> tuple[int, Path] | None:
-    """New queue ticket, locked as long as this process lives: its descriptor and path; None without file locks."""
+    """File descriptor and path of a new queue ticket, locked as long as this process lives; None without file locks."""
     if fcntl is None:
         return None
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -91,7 +98,7 @@ def _take_ticket(path: Path) -> tuple[int, Path] | None:
 
 
 def _position(queue: Path, ticket: Path) -> int:
-    """Number of live runs that were queued before `ticket`; tickets of dead runs are removed."""
+    """Number of live runs with a ticket older than `ticket` in the folder `queue`; tickets of dead runs are removed."""
     count = 0
     for path in sorted(queue.iterdir()):
         if path.name >= ticket.name:

@@ -48,7 +48,10 @@ class Run:
 
     @cached_property
     def _told(self) -> dict[str, Any]:
-        """Study, results folder, start time and process of the run, from ``run.json``; invalid entries left out."""
+        """Content of ``run.json``, without invalid entries: study, results, start time, process number and birth time.
+
+        Empty if a path leads out of the folder. Times are in seconds since 1970.
+        """
         told = self._json("run.json")
         texts = {key: told[key] for key in ("study", "results") if isinstance(told.get(key), str)}
         numbers = {
@@ -68,7 +71,7 @@ class Run:
         return content if isinstance(content, dict) else {}
 
     def _process(self) -> psutil.Process | None:
-        """Process of this run, or None if it has ended or its number now belongs to another one."""
+        """Process of this run, or None if it has ended or another process now has its number."""
         told = self._told
         with suppress(psutil.Error, KeyError, TypeError):
             process = psutil.Process(int(told["pid"]))
@@ -78,7 +81,7 @@ class Run:
         return None
 
     def _worker(self, process: psutil.Process | None) -> psutil.Process | None:
-        """Child of `process` that does the computing; None if there is none."""
+        """First child process of `process`, which does the computing; None if there is none or `process` is None."""
         with suppress(psutil.Error):
             children = process.children() if process is not None else []
             return children[0] if children else None
@@ -86,7 +89,10 @@ class Run:
 
     @property
     def state(self) -> str:
-        """State of the run: queued, running, paused, stopping, killed, disk_full, or how it ended."""
+        """State of the run: "queued", "running", "paused", "stopping", or how it ended.
+
+        Ends are "done", "undetermined", "unusable", "wrong_model" and "stopped" by exit code, "killed" and "disk_full".
+        """
         ended = self._json("ended.json")
         if ended:
             code = ended.get("code")
@@ -105,7 +111,10 @@ class Run:
         return "queued" if (self.folder / "queued").exists() else "running"
 
     def summary(self) -> dict[str, Any]:
-        """Summary of the run for lists: study, results, start, state, last progress and what can be done with it."""
+        """Identifier, study, results folder, start time, state and last progress of the run, and what can be done with it.
+
+        ``started`` is in seconds since 1970 (0 if unknown); ``can_resume`` is True if the run has ended and left a checkpoint.
+        """
         told, state = self._told, self.state
         results = str(told.get("results", ""))
         checkpoint = self.opened.root / f"{results}.checkpoint" / "run.json"
@@ -121,7 +130,7 @@ class Run:
         }
 
     def _last(self) -> dict[str, Any]:
-        """Last progress record of the run; empty before the first."""
+        """Last progress record of the run as ``words``, ``done``, ``total`` and ``time``; {} if there is none yet."""
         lines = _tail(self.folder / "progress.jsonl", _MOST_TOLD).splitlines()
         for line in reversed(lines):
             told = parse_json(line)
@@ -131,7 +140,10 @@ class Run:
         return {}
 
     def progress(self, after: int) -> dict[str, Any]:
-        """Progress records of the run from byte `after` on, and the last lines of its log."""
+        """Summary of the run with its progress records from byte `after` of the file on, and the end of its log.
+
+        ``lines`` are the records, at most 4 MB; ``at`` is the byte to continue from; ``log`` holds the last 20 kB.
+        """
         path, at = self.folder / "progress.jsonl", after
         lines: list[dict[str, Any]] = []
         with suppress(OSError, OverflowError):
@@ -142,7 +154,13 @@ class Run:
         return {**self.summary(), "lines": lines, "at": at, "log": _tail(self.folder / "log.txt", _LOG_BYTES)}
 
     def stop(self) -> None:
-        """Ask the run to end as with Ctrl-C; it saves a checkpoint and can be resumed."""
+        """Ask the run to end as with Ctrl-C, so that it saves a checkpoint and can be resumed; returns at once.
+
+        Raises
+        ------
+        InputError
+            If the run has ended already.
+        """
         process = self._process()
         worker = self._worker(process)
         if process is None or (worker is None and self.state != "queued"):
@@ -156,7 +174,13 @@ class Run:
             worker.terminate()
 
     def pause(self, still: bool) -> None:
-        """Suspend the run's processes if `still`, or let them go on."""
+        """Suspend the processes of the run if `still` is True, or let them continue if False.
+
+        Raises
+        ------
+        InputError
+            If the run has ended or computes nothing yet.
+        """
         worker = self._worker(self._process())
         if worker is None:
             raise InputError("this run has ended already")
@@ -175,7 +199,7 @@ class Runs:
         return (Run(self.opened, path) for path in self._folders()[:_MOST_RUNS])
 
     def _folders(self) -> list[Path]:
-        """Folders of all runs, newest first; links are left out."""
+        """Folders of all runs that have a ``run.json``, newest first; links are left out."""
         holder = self.opened.root / OWN
         folder = holder / "runs"
         if holder.is_symlink() or folder.is_symlink():
@@ -192,14 +216,14 @@ class Runs:
         return []
 
     def __getitem__(self, name: str) -> Run:
-        """Run with the identifier `name`; raises `InputError` if there is none."""
+        """Run with the identifier `name` among the 60 newest; raises `InputError` if there is none."""
         found = next((run for run in self if run.id == name), None)
         if found is None:
             raise InputError(f"there is no run {name!r} any more")
         return found
 
     def summaries(self) -> list[dict[str, Any]]:
-        """Summaries of all runs, newest first; only the newest run of a results folder can be resumed."""
+        """Summaries of the 60 newest runs, newest first; only the newest run of a results folder can be resumed."""
         found, taken = [], set[str]()
         for run in self:
             told = run.summary()
@@ -218,31 +242,31 @@ class Runs:
         seconds: float | None = None,
         explain: bool = False,
     ) -> Run:
-        """Start `structid identify` on a study as a new run, which waits in the queue if others compute.
+        """Start `structid identify` on a study in a new process; it waits in a queue while two other runs compute.
 
         Parameters
         ----------
         study, results : str
-            The study file and the folder of results, from the open folder.
+            Study file and results folder, as paths in the open folder.
         resume : bool, optional
-            Whether it goes on from where an interrupted run was.
+            True to continue an interrupted run from its checkpoint.
         replace : bool, optional
-            Whether results that are there may be replaced.
+            True if existing results may be replaced.
         confirmation : str, optional
-            Of the solver's command that may run; any other is refused.
+            Confirmation of the solver command that the run may execute; any other command is refused.
         seconds : float, optional
-            Processor time for the search for causes of a misfit; as the command chooses it by default.
+            Processor time (s) for the search for causes of a misfit; None for the default of the command.
         explain : bool, optional
-            Whether causes are looked for even where the answer is sound.
+            True to search for causes even if the model explains the record.
 
         Raises
         ------
         InputError
-            If a path is outside the folder, the time is no number, or another run writes to the same results.
+            If a path is outside the folder, `seconds` is negative or not finite, or another run writes to the same results.
         ChangedError
-            If the folder of results holds something that is not to be replaced.
+            If the results folder is not empty, and neither `resume` nor `replace` is True.
         FileError
-            If nothing can be written, or a file is in the way of the results.
+            If nothing can be written, or `results` is a file.
         """
         path, out = self.opened.inside(study), self.opened.inside(results)
         self.opened.inside(f"{results}.checkpoint")
@@ -289,7 +313,7 @@ _waited: list[subprocess.Popen[bytes]] = []
 
 
 def reap() -> None:
-    """Take the ends of runs that have ended."""
+    """Collect the exit status of ended runs that this server started, so that no zombie processes remain."""
     _waited[:] = [process for process in _waited if process.poll() is None]
 
 

@@ -45,22 +45,25 @@ class CrossSection:
 
 
 def rectangle(height: float, width: float) -> CrossSection:
-    """A solid rectangle; torsion by Roark's formula, which is within 0.5 %."""
+    """Section properties of a solid rectangle with sides in m; torsion constant by Roark's formula, accurate to 0.5 %."""
     long, short = max(height, width), min(height, width)
     torsion = long * short**3 * (1 / 3 - 0.21 * short / long * (1 - short**4 / (12 * long**4)))
     return CrossSection(height * width, width * height**3 / 12, height * width**3 / 12, torsion)
 
 
 def circle(diameter: float) -> CrossSection:
-    """A solid circle."""
+    """Section properties of a solid circle with `diameter` in m."""
     moment = math.pi * diameter**4 / 64
     return CrossSection(math.pi * diameter**2 / 4, moment, moment, 2 * moment)
 
 
 def tube(diameter: float, wall: float) -> CrossSection:
-    """A round tube of outer `diameter`.
+    """Section properties of a round tube with outer `diameter` and `wall` thickness in m.
 
-    `wall` is the wall thickness; both in m.
+    Raises
+    ------
+    InputError
+        If the wall is thicker than half the diameter.
     """
     inner = diameter - 2 * wall
     if inner < 0:
@@ -70,9 +73,14 @@ def tube(diameter: float, wall: float) -> CrossSection:
 
 
 def box(height: float, width: float, wall: float) -> CrossSection:
-    """A rectangular tube with sharp corners; torsion by Bredt's formula for thin walls.
+    """Section properties of a rectangular tube with sharp corners; torsion constant by Bredt's formula for thin walls.
 
-    Outer `height` and `width`, `wall` thickness, in m.
+    Outer `height` and `width` and `wall` thickness in m.
+
+    Raises
+    ------
+    InputError
+        If the walls leave no hollow.
     """
     if 2 * wall >= min(height, width):
         raise InputError(f"the wall must be less than half of {min(height, width):g} m, got {wall:g} m")
@@ -83,7 +91,7 @@ def box(height: float, width: float, wall: float) -> CrossSection:
 
 
 def rolled_i(height: float, width: float, web: float, flange: float, fillet: float) -> CrossSection:
-    """A rolled I or H profile with parallel flanges and round fillets; torsion as tables of profiles give it.
+    """Section properties of a rolled I or H profile with parallel flanges and round fillets.
 
     `web` and `flange` are thicknesses, `fillet` is the radius; all in m.
     """
@@ -134,13 +142,15 @@ PROFILES: dict[str, tuple[float, float, float, float, float]] = {
 
 
 def presets() -> dict[str, Any]:
-    """Materials, shapes with the sizes (mm) that they ask for, and rolled profiles that the page offers."""
+    """Materials, shapes and rolled profiles that the page offers; shapes with their sizes (mm) to begin with."""
     shapes = {**{name: shape.sizes for name, shape in SHAPES.items()}, **{name: {} for name in PROFILES}}
     return {"materials": list(MATERIALS), "shapes": [{"name": name, "sizes": sizes} for name, sizes in shapes.items()]}
 
 
 def cross_section(shape: str, sizes: Mapping[str, float]) -> CrossSection:
-    """The cross-section of a shape with `sizes` in mm, or of a rolled profile by its name.
+    """Section properties of the cross-section `shape`, a key of `SHAPES` or `PROFILES`.
+
+    `sizes` are the dimensions of a shape by name, in mm; they are ignored for rolled profiles.
 
     Raises
     ------
@@ -165,10 +175,10 @@ def cross_section(shape: str, sizes: Mapping[str, float]) -> CrossSection:
 def element_properties(
     element: str, material: str, shape: str, sizes: Mapping[str, float], is_turned: bool = False
 ) -> dict[str, float]:
-    """Properties of a ``beam``, ``bar`` or ``space_beam`` of one material and cross-section, in SI units.
+    """Properties of a beam element by name, in SI units, from material and cross-section, rounded to six digits.
 
-    The height lies in the plane of a beam, and along local y (the side of `orientation`) of a space beam; with `is_turned`
-    the width does.
+    `element` is "beam", "bar" or "space_beam"; `sizes` are in mm, see `cross_section`. The height of the section lies in the
+    plane of a beam, or along local y of a space beam; with `is_turned` the width does.
 
     Raises
     ------

@@ -62,11 +62,11 @@ class Access:
         return f"http://127.0.0.1:{self.port}/{self.token}/"
 
     def view_key(self, path: str) -> str:
-        """Key that opens a page of results and nothing else: such a page knows its own address."""
+        """Key for the report at `path`, 40 hexadecimal digits derived from the token; it opens nothing else."""
         return hmac.new(self.token.encode(), path.encode(), hashlib.sha256).hexdigest()[:40]
 
     def is_token(self, token: str) -> bool:
-        """True if `token` is the token; as long for a wrong one as for the right one."""
+        """True if `token` is the token of this access; compared in constant time."""
         return hmac.compare_digest(token.encode(), self.token.encode())
 
     def is_view_key(self, key: str, path: str) -> bool:
@@ -90,7 +90,10 @@ class Guard:
         self.app, self.port, self.opened = app, port, opened
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handle one ASGI request: refuse it, or pass it on with the folder that it may see."""
+        """Handle one ASGI request: refuse it with a message, or pass it on with ``scope["opened"]``, the folder of its token.
+
+        Bodies may have 2 MB, uploads (PUT) 4 GB.
+        """
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
@@ -123,7 +126,11 @@ class Guard:
 
 
 def _refusal(scope: Scope, port: int) -> tuple[int, str] | None:
-    """HTTP status and words for a request that is refused; None for one that is admitted."""
+    """HTTP status and message for a request that is refused; None if it is admitted.
+
+    It must come from this machine, name it and `port` as the host, not be sent by a page of another site, and use a known
+    method.
+    """
     hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")}
     headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
     if not _is_loopback(scope.get("client")):
@@ -146,7 +153,7 @@ def _refusal(scope: Scope, port: int) -> tuple[int, str] | None:
 
 
 def _is_loopback(client: tuple[str, int] | None) -> bool:
-    """True if a client (address, port) is on this machine."""
+    """True if `client` (address, port) is on this machine; False if None."""
     if client is None:
         return False
     try:
@@ -156,11 +163,11 @@ def _is_loopback(client: tuple[str, int] | None) -> bool:
 
 
 def _limit_body(receive: Receive, most: int) -> Receive:
-    """Receiver that ends a request whose body has more than `most` bytes or arrives too slowly."""
+    """ASGI receive function that reports a disconnect after more than `most` bytes of body, or 30 s without a part of it."""
     taken, is_whole = 0, False
 
     async def counted() -> Message:
-        """Next message of the request; a disconnect after too many bytes or too long a wait."""
+        """Next ASGI message of the request, or a disconnect after too many bytes or too long a wait."""
         nonlocal taken, is_whole
         try:
             async with asyncio.timeout(
@@ -177,10 +184,10 @@ def _limit_body(receive: Receive, most: int) -> Receive:
 
 
 def _with_policy(send: Send, policy: str) -> Send:
-    """Sender that adds the content security policy and other security headers to each answer."""
+    """ASGI send function that adds the content security policy `policy` and other security headers to each response."""
 
     async def sent(message: Message) -> None:
-        """Send a message, with the security headers added at the start of an answer."""
+        """Send an ASGI message; the first message of a response gets the security headers."""
         if message["type"] == "http.response.start":
             own = {"content-security-policy": policy, **_ALWAYS}
             given = {name.lower() for name, _ in message.get("headers", [])}
@@ -195,7 +202,7 @@ def _with_policy(send: Send, policy: str) -> Send:
 
 
 async def _answer(send: Send, status: int, words: str) -> None:
-    """Send a plain-text answer with this HTTP status."""
+    """Send a complete response with the HTTP status `status` and the plain text `words`."""
     body = words.encode()
     headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
     await send({"type": "http.response.start", "status": status, "headers": headers})

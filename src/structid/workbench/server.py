@@ -43,14 +43,14 @@ class Workbenches:
     """Folders that are open on a port, each behind a token of its own; one opens others when its page asks for it."""
 
     def __init__(self, port: int) -> None:
-        """Server state without open folders, for a server at `port` of this machine."""
+        """No open folders yet, for a server at `port` of this machine."""
         self.port = port
         self.opened: dict[Access, Workbench] = {}
         self.ending = Event()
         self._opening = Lock()
 
     def open(self, folder: Path) -> Access:
-        """Access (address with its secret) to `folder`, which is opened if it is not yet.
+        """Access to `folder`, with its address and token; a folder that is open already keeps its access.
 
         Raises
         ------
@@ -70,17 +70,17 @@ class Workbenches:
         return access
 
     def close(self) -> None:
-        """End what works for them."""
+        """End the worker processes of all open folders."""
         for bench in list(self.opened.values()):
             bench.workers.close()
 
 
 def application(benches: Workbenches) -> Guard:
-    """ASGI application that serves all open folders, with access checks."""
+    """ASGI application that serves all folders of `benches`, behind checks of port and token."""
 
     @asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
-        """Lifespan of the server: housekeeping runs until the server ends and all folders are closed."""
+        """Context of the server's life: housekeeping runs inside, and all folders are closed at the end."""
         task = asyncio.create_task(_housekeeping(benches))
         yield
         task.cancel()
@@ -104,7 +104,7 @@ class _Server(uvicorn.Server):
 
 
 async def _housekeeping(benches: Workbenches) -> None:
-    """End idle workers and collect ended processes every five seconds, for ever."""
+    """End idle workers and collect ended runs every five seconds, until cancelled."""
     while True:
         await asyncio.sleep(5)
         for bench in list(benches.opened.values()):
@@ -113,10 +113,14 @@ async def _housekeeping(benches: Workbenches) -> None:
 
 
 def _told(handler: Handler) -> Callable[[Request], Awaitable[Response]]:
-    """Request handler that turns the errors of `handler` into JSON answers with an HTTP status."""
+    """Request handler that answers errors of `handler` as JSON ``{"error": message}`` with an HTTP status.
+
+    409 for a changed file, 403 for a path outside the folder, 422 for other errors of structid, 400 for a wrong request, 507
+    for a full disk and 500 for other errors of the system.
+    """
 
     async def handled(request: Request) -> Response:
-        """Answer of the handler, with errors turned into JSON and an HTTP status."""
+        """Response of the handler, or an error as JSON with its HTTP status."""
         bench: Workbench = request.scope["opened"]
         try:
             return await handler(bench, request)
@@ -136,7 +140,9 @@ def _told(handler: Handler) -> Callable[[Request], Awaitable[Response]]:
 
 
 def serve(folder: Path, port: int = 0, browser: bool = True) -> None:
-    """Serve `folder` on this machine until it is interrupted.
+    """Serve `folder` on this machine until interrupted, print its address, and open it in a browser if `browser`.
+
+    `port` 0 takes any free port.
 
     Raises
     ------
@@ -181,7 +187,10 @@ def serve(folder: Path, port: int = 0, browser: bool = True) -> None:
 
 
 def _redirect_page(address: str) -> Path:
-    """Private temporary HTML file that leads a browser to `address`."""
+    """Path of a new private HTML file that leads a browser to `address`.
+
+    It keeps the address, which holds a secret, off the browser's command line. Such files older than a day are removed.
+    """
     text = (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><meta name="referrer" content="no-referrer">'
         f'<meta http-equiv="refresh" content="0; url={address}"><title>structid workbench</title></head>'
@@ -203,7 +212,7 @@ def _redirect_page(address: str) -> Path:
 
 
 def _is_read_by_others(stream: TextIO) -> bool:
-    """True if `stream` is a file that other users may read."""
+    """True if `stream` is a file whose permissions let other users read it; False on Windows."""
     with suppress(OSError, ValueError):
         mode = os.fstat(stream.fileno()).st_mode
         return os.name == "posix" and stat.S_ISREG(mode) and bool(mode & 0o044)
@@ -211,7 +220,7 @@ def _is_read_by_others(stream: TextIO) -> bool:
 
 
 def _socket(port: int) -> socket.socket:
-    """Socket bound to `port` of this machine, 0 for any free one; `InputError` if it is taken."""
+    """Socket bound to `port` of 127.0.0.1, or to any free port for 0; raises `InputError` if the port is taken."""
     made = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

@@ -17,10 +17,9 @@ _LONG = 3_000_000
 
 
 def study_answer(text: str, digest: str) -> dict[str, Any]:
-    """Content of a study for the web page: its text, digest, parsed table, and where the text is broken.
+    """Study for the web page: ``text``, ``digest``, parsed ``table``, and ``broken``, the line and message of a TOML error.
 
-    ``table`` is None, and ``broken`` says line and words, where the text is no TOML. Of a very long study the tables of
-    nodes and elements are left out.
+    ``table`` is None if the text is broken, else ``broken`` is None. Above 3 million characters, ``table`` lacks ``structure``.
     """
     try:
         table = parse_toml(text)
@@ -35,7 +34,10 @@ def study_answer(text: str, digest: str) -> dict[str, Any]:
 
 @cache
 def reading_keys() -> list[dict[str, Any]]:
-    """Options of ``[record]`` and ``[record.csv]`` for reading a file, with words, defaults and choices."""
+    """Options of ``[record]`` and ``[record.csv]`` for reading a file, each with name, description, default and choices.
+
+    ``within`` is "csv" for keys of ``[record.csv]``, else ""; ``is_list`` and ``is_number`` tell the type.
+    """
     found = []
     for name, key in table_of(ReadOptions).keys.items():
         inner = key.holds.keys if isinstance(key.holds, Table) else {name: key}
@@ -56,7 +58,7 @@ def reading_keys() -> list[dict[str, Any]]:
 
 
 def _plain(value: Any) -> Any:
-    """`value` with dates and non-finite numbers as text, so that it can be written as JSON."""
+    """Copy of `value` that can be written as JSON: dates, times and non-finite numbers become text."""
     if isinstance(value, dict):
         return {key: _plain(one) for key, one in value.items()}
     if isinstance(value, list):

@@ -7,14 +7,14 @@ from pathlib import Path
 
 
 def state_folder() -> Path:
-    """Folder of structid in the user's state directory, private to the user, created if missing.
+    """Folder of structid in the user's state directory, readable by the user alone; created if missing.
 
-    It lies in the state directory (XDG Base Directory Specification 0.8; on Windows in the local application data).
+    It is ``structid`` in ``$XDG_STATE_HOME``, by default ``~/.local/state``; on Windows in the local application data.
 
     Raises
     ------
     OSError
-        If it cannot be made.
+        If it cannot be created.
     """
     base = os.environ.get("XDG_STATE_HOME") or (os.environ.get("LOCALAPPDATA") if os.name == "nt" else None)
     folder = (Path(base) if base else Path.home() / ".local" / "state") / "structid"
@@ -24,7 +24,7 @@ def state_folder() -> Path:
 
 
 def write_private(path: Path, text: str) -> None:
-    """Write `text` to a file that only the user may read, complete or not at all."""
+    """Write `text` to a file that only the user may read; an existing file is replaced as a whole."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     temporary.unlink(missing_ok=True)
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

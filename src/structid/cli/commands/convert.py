@@ -138,7 +138,7 @@ def _words(kind: str) -> str:
 
 
 def _contents_of(source: Path, target: Path) -> str:
-    """The contents of `source` (record, matrices or modes) by its suffix and first lines, or by that of `target`."""
+    """Kind of data in `source`: "record", "matrices" or "modes", by its suffix and content, or by the suffix of `target`."""
     suffix = source.suffix.lower()
     if suffix in JSON_SUFFIXES or holds_modes(source):
         return "modes"
@@ -153,7 +153,7 @@ def _contents_of(source: Path, target: Path) -> str:
 
 
 def _record(source: Path, target: Path, options: ReadOptions) -> list[str]:
-    """Convert a record file, and return the lines to print."""
+    """Convert the record file `source` to `target`, and return the lines to print."""
     record = read_record(source, options)
     write_record(target, record)
     read = [f"read: {record.source}"] if how_read(record.source, source) else []
@@ -161,7 +161,7 @@ def _record(source: Path, target: Path, options: ReadOptions) -> list[str]:
 
 
 def _record_size(record: Record) -> str:
-    """A phrase with the kind and the size of a record."""
+    """Kind and size of a record in words, such as "accelerance, 400 lines, 8 outputs, 1 inputs"."""
     if isinstance(record, FrfRecord):
         return (
             f"{record.kind}, {len(record.frequency)} lines, {len(record.outputs)} outputs, {len(record.inputs)} inputs"
@@ -171,7 +171,10 @@ def _record_size(record: Record) -> str:
 
 
 def _modes(source: Path, target: Path, options: ModeFileOptions) -> list[str]:
-    """Convert a file of modes, and return the lines to print, with what the new format loses."""
+    """Convert the file of modes `source` to `target`, and return the lines to print.
+
+    A line names the data that the format of `target` cannot hold.
+    """
     record = read_modes(source, options)
     write_modes(target, record)
     is_told = source.suffix.lower() not in JSON_SUFFIXES and "; " in record.source
@@ -182,7 +185,7 @@ def _modes(source: Path, target: Path, options: ModeFileOptions) -> list[str]:
 
 
 def _lost_of_modes(record: ModalRecord, target: Path) -> list[str]:
-    """Names of the data in a record of modes that the format of `target` cannot hold."""
+    """Names of the data in `record` that the format of `target` cannot hold; [] if nothing is lost."""
     suffix = target.suffix.lower()
     lost = []
     if suffix in UFF_SUFFIXES:
@@ -231,7 +234,10 @@ def _matrix_size(item: ImportedMatrix) -> str:
 
 
 def _with_row_numbering(item: ImportedMatrix, table: np.ndarray, path: Path) -> ImportedMatrix:
-    """The matrix with node and component of its rows from `table`, which was read from the file `path`."""
+    """Matrix with node and component of its rows from `table`, one row each, which was read from the file `path`.
+
+    Raises `InputError` if the matrix has them already, or the number of rows differs.
+    """
     if item.dofs is not None:
         raise InputError(f"{item.name!r} has node and component of its rows in its own file; leave `dofs` out", "dofs")
     if len(table) != item.matrix.shape[0]:
@@ -240,7 +246,10 @@ def _with_row_numbering(item: ImportedMatrix, table: np.ndarray, path: Path) -> 
 
 
 def _write_numbering(path: Path, items: Sequence[ImportedMatrix]) -> str:
-    """Write node and component of the matrices' rows to a file, one line a row, and return the line to print."""
+    """Write node and component of each row of the matrices to the file `path`, and return the line to print.
+
+    Raises `InputError` if there are no matrices or their rows differ.
+    """
     if not items:
         raise InputError("no matrix has node and component of its rows; leave `write_dofs` out", "write_dofs")
     first = items[0]

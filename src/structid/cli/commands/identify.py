@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 
 
 def _least_time(seconds: float) -> float:
-    """`seconds` unchanged; the command fails if it is negative or no number."""
+    """Value `seconds` unchanged; the command fails if it is negative or NaN."""
     if not seconds >= 0:
         fail(f"--checkpoint must be at least 0, got {seconds:g}; 0 writes every checkpoint", UNUSABLE_INPUT)
     return seconds
 
 
 def _time_limit(seconds: float | None) -> float | None:
-    """`seconds` unchanged; the command fails if no search ends in it."""
+    """Value `seconds` unchanged, None included; the command fails if it is not positive."""
     if seconds is not None and not seconds > 0:
         remedy = "leave it out, or give --no-explain to `structid identify` for no search"
         fail(f"--seconds must be greater than 0, got {seconds:g}; {remedy}", UNUSABLE_INPUT)
@@ -135,7 +135,7 @@ def identify(
     is_answered = False
 
     def write(answer: StudyResult, fits: Sequence[Fitted]) -> str:
-        """Write the results and suggested studies into the results folder, and return the file to read first."""
+        """Write results and suggested studies into the results folder, and return the name of the file to read first."""
         with staged_folder(folder) as staged:
             page = _write(answer, staged, report, png)
             write_suggestions(answer, fits, staged, folder)
@@ -185,7 +185,7 @@ def identify(
 
 
 def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
-    """Write the results into `folder`, and return the name of the file to read first."""
+    """Write the results into `folder`, with a report if `report`, and return the name of the file to read first."""
     from structid.study.results.folder import write_results
 
     write_results(result, folder)
@@ -203,9 +203,9 @@ def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
 
 
 def _interruption_message(run: LongRun, kept: Checkpoint, again: str) -> str:
-    """A message on how far an interrupted run came and how to go on; its values are written to the checkpoint.
+    """Message on how far an interrupted run came and how to continue; the values reached are written to the checkpoint.
 
-    `again` is the command that resumes the run.
+    `again` is the text that tells how to resume. Nothing is written before the first iteration.
     """
     if not run.reached.search and not kept.n_found:
         return "interrupted before the first iteration; nothing was written"
@@ -214,6 +214,6 @@ def _interruption_message(run: LongRun, kept: Checkpoint, again: str) -> str:
 
 
 def _resume_command(study: Path, flags: Sequence[str], **options: object) -> str:
-    """Command line that resumes the run: the words of the command with the options that were given."""
+    """Text with the command line that resumes the run; `options` with the value None are left out, `flags` are appended."""
     given = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
     return f"go on with: {shlex.join(['structid', 'identify', str(study), *given, *flags, '--resume'])}"

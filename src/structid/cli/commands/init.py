@@ -50,7 +50,10 @@ def init(
 
 
 def _parse_settings(pairs: list[str]) -> dict[str, str]:
-    """Values by name from texts NAME=VALUE."""
+    """Values by name from texts ``NAME=VALUE``; hyphens in names become underscores.
+
+    Raises `InputError` if a text has no "=".
+    """
     found = {}
     for pair in pairs:
         name, equals, value = pair.partition("=")
@@ -61,7 +64,7 @@ def _parse_settings(pairs: list[str]) -> dict[str, str]:
 
 
 def _ask_values(kind: type[Template], answered: set[str]) -> dict[str, str]:
-    """Values by name that the user types for the numbers of a template, without the `answered` ones."""
+    """Values by name, as text, that the user types for the numbers of a template; those `answered` are not asked for."""
     found = {}
     for one in asked_of(kind):
         if one.name not in answered:
@@ -73,7 +76,7 @@ def _ask_values(kind: type[Template], answered: set[str]) -> dict[str, str]:
 
 
 def _check_answer(question: Asked, text: str) -> str:
-    """`text` unchanged if it is a value for the question; otherwise raises the error after which typer asks again."""
+    """Answer `text` unchanged if it is valid for the question; else raises the error after which typer asks again."""
     try:
         asked_value(question, text)
     except InputError as error:

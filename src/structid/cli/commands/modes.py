@@ -99,7 +99,10 @@ def _track(
     report: bool,
     png: bool,
 ) -> None:
-    """Follow modes over records or files of modes in the order given (those of a folder by name), and write them."""
+    """Track modes over several records or files of modes, in the order given, and write the tracks.
+
+    A folder in `results` stands for its files, sorted by name.
+    """
     from structid.cli.tables import show  # the help needs none of these
     from structid.core.display import file_names
     from structid.modal.formats.files import read_modes
@@ -136,7 +139,7 @@ def _files_of(folder: Path) -> list[Path]:
 def _merge(
     paths: list[Path], options: ModesOptions, read: ReadOptions, geometry: Path | None, out: Path | None
 ) -> None:
-    """Merge modes of set-ups from files of modes, and write them as files that a study takes as a record."""
+    """Merge the modes of several set-ups from files of modes, and write them in the formats that a study can read."""
     from structid.cli.tables import show
     from structid.core.display import file_names
     from structid.modal.formats.files import read_modes

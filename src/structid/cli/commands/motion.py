@@ -80,7 +80,7 @@ def _told(done: int, whole: int) -> None:
 
 
 def motion_lines(result: MotionResult) -> list[str]:
-    """The lines to print: size, identified parameters, message, wall times and memory."""
+    """Lines to print: size of the problem, number of identified parameters, message, wall times (s) and memory."""
     solution, structure = result.solution, result.study.structure
     lines = [
         f"{structure.n_dofs} degrees of freedom, {len(solution.values)} parameters, {solution.n_samples} samples"

@@ -83,7 +83,10 @@ def _changes(
     supports: list[str] | tuple[()],
     removed: list[str] | tuple[()],
 ) -> list[Change]:
-    """Changes of the structure from the texts of the flags, such as ``5@12`` for a mass."""
+    """Changes of the structure from the texts of the flags, such as "5@12" for a mass of 5 kg at node 12.
+
+    Raises `InputError` if a text has another form.
+    """
     from structid.prediction.changes import AddMass, AddSupport, AddTunedMassDamper, Remove, Scale
 
     changes: list[Change] = []

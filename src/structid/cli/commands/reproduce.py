@@ -44,7 +44,7 @@ def reproduce(
 
 
 def _summary(items: Iterable[Item]) -> list[RenderableType]:
-    """A table with the verdict and the largest difference of every table and figure."""
+    """Table of all items with verdict and largest difference between computed and printed numbers, in a list."""
     from structid.cli.tables import new_table
     from structid.core.display import format_number
 

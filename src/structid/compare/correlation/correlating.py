@@ -60,12 +60,19 @@ class StudyCorrelation:
 
     @property
     def is_paired(self) -> bool:
-        """True if a measured mode has a pair, or responses are held against each other."""
+        """True if a measured mode has a pair, or if there is a record of responses."""
         return bool(self.responses) or any(part.n_paired for part in self.modes)
 
 
 def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None = None) -> StudyCorrelation:
-    """Comparison of the records of `study` with its model at the start values, or at the values stored in the results folder `at`.
+    """Compare the records of `study` with its model, at the start values or at the values of a results folder.
+
+    Parameters
+    ----------
+    study : Study
+    options : CorrelateOptions
+    at : Path, optional
+        Results folder of `structid identify`; its values replace start values of the same names.
 
     Raises
     ------
@@ -109,7 +116,15 @@ def _compare_modes(
 def _compare_responses(
     name: str, setup: AnySetup, study: Study, values_of_study: Mapping[str, float]
 ) -> ResponsesCorrelation:
-    """Measured and modelled FRFs of one record; `values_of_study` has parameter values that replace start values, by name."""
+    """Measured and modelled FRFs of one record, on its evaluation band.
+
+    `values_of_study` has the parameter values, by name, that replace start values.
+
+    Raises
+    ------
+    InputError
+        If the record has no responses that the model can be compared with.
+    """
     problem = setup.prepared(study.options).problem
     values = values_at(problem.names, problem.unknowns.start, values_of_study)
     fit = setup.response_fit(name, problem, Own(problem.theta_start, values, values), study.options)
@@ -119,12 +134,12 @@ def _compare_responses(
 
 
 def values_at(names: tuple[str, ...], start: FloatArray, values: Mapping[str, float]) -> FloatArray:
-    """Start values, replaced by `values` of the same names.
+    """Start values (n,), replaced by the values of the same names in `values`.
 
     Raises
     ------
     InputError
-        If values are known, and none of them is of these names.
+        If `values` is not empty and has none of the names.
     """
     if values and not any(name in values for name in names):
         raise InputError("the results folder holds none of the study's parameters; give the folder of this study's run")
@@ -136,9 +151,10 @@ def before_and_after(
 ) -> tuple[
     tuple[tuple[ModesCorrelation, ModesCorrelation], ...], tuple[tuple[ResponsesCorrelation, ResponsesCorrelation], ...]
 ]:
-    """Comparisons of each record of modes, and of each record of responses, with the initial and with the identified model.
+    """Comparisons of each record with the initial and with the identified model: of modes, then of responses.
 
-    A record whose model cannot be evaluated, as after a search that failed, is left out.
+    Both parts hold one pair (initial, identified) for each record of their kind. A record whose model cannot be evaluated, as
+    after a search that failed, is left out.
     """
     modal, responses = [], []
     for modal_fit in identification.modal_fits:
@@ -161,7 +177,7 @@ def _fitted_modes(fit: ModalFit, physical: FloatArray) -> ModesCorrelation:
 
 
 def correlation_summary(correlation: StudyCorrelation) -> dict[str, Entry]:
-    """The content of correlation.json, before what is not finite becomes null. Modes count from 1."""
+    """Content of correlation.json; numbers that are not finite are kept here, and modes count from 1."""
     return {
         "title": correlation.study.title,
         "at": "start values" if correlation.at is None else correlation.at.name,
@@ -174,7 +190,7 @@ def correlation_summary(correlation: StudyCorrelation) -> dict[str, Entry]:
 
 
 def _modes_summary(part: ModesCorrelation) -> dict[str, Entry]:
-    """Content of correlation.json for one record of modes."""
+    """Content of correlation.json for one record of modes; modes count from 1, and a mode without a pair has None."""
     pairing, expanded = part.pairing, part.expanded
     number = pairing.number
     rows = [
@@ -227,9 +243,10 @@ def _modes_summary(part: ModesCorrelation) -> dict[str, Entry]:
 
 
 def expansion_sizes(part: ModesCorrelation) -> list[tuple[float, float]]:
-    """Relative residual at the sensors and relative median deviation of each expanded shape; empty without an expansion.
+    """Pairs (relative residual at the sensors, relative median deviation) of each expanded shape; empty without an expansion.
 
-    The residual is relative to the measured shape, the deviation to the largest entry.
+    The residual is relative to the norm of the measured shape, the deviation to the largest entry of the expanded one. NaN
+    where these are zero or unknown.
     """
     expanded = part.expanded
     if expanded is None:
@@ -263,7 +280,7 @@ def _responses_summary(part: ResponsesCorrelation) -> dict[str, Entry]:
 
 
 def expanded_record(part: ModesCorrelation) -> ModalRecord | None:
-    """Measured modes with shapes at all degrees of freedom of the model; None without an expansion."""
+    """The measured modes as a record with shapes at all degrees of freedom at nodes of the model; None without an expansion."""
     if part.expanded is None:
         return None
     in_model = np.array([dof.node in part.structure.nodes for dof in part.structure.dofs])

@@ -20,9 +20,9 @@ _WORST = 100.0
 
 
 def constrained_shapes(dynamic_stiffness: sparse.csc_array, sensors: sparse.csc_array) -> FloatArray:
-    """Static or dynamic shapes for a unit motion of each sensor, the others at 0, without other forces, (n_dofs, n_channels).
+    """Shapes of a model with a unit motion at one sensor, 0 at the others and no other forces, (n_dofs, n_channels).
 
-    The solution x of Z x = S f, S' x = e for every unit vector e: with Z = K it is Guyan's (1965) reduction, with
+    Column c is for sensor c: the solution x of Z x = S f, S' x = e. With Z = K it is Guyan's (1965) reduction, with
     Z = K - omega^2 M the dynamic expansion of Kidder (1973). Sensors may read sums of degrees of freedom.
 
     Parameters
@@ -35,7 +35,7 @@ def constrained_shapes(dynamic_stiffness: sparse.csc_array, sensors: sparse.csc_
     Raises
     ------
     InputError
-        If sensors read the same.
+        If there is no sensor, or sensors read the same motion.
     SingularModelError
         If the sensors leave a motion without stiffness free.
 
@@ -62,7 +62,9 @@ def constrained_shapes(dynamic_stiffness: sparse.csc_array, sensors: sparse.csc_
 
 
 def serep_basis(seen: FloatArray, mode_shapes: FloatArray) -> FloatArray:
-    """The combination of modes that each sensor at 1 and all others at 0 makes, T = Phi (S' Phi)^+, (n_dofs, n_channels).
+    """Sums of modes that are 1 at one sensor and 0 at the others, as closely as they can be, (n_dofs, n_channels).
+
+    This is T = Phi (S' Phi)^+, exact where there are as many modes as sensors, else in the sense of least squares.
 
     Parameters
     ----------
@@ -79,7 +81,7 @@ def serep_basis(seen: FloatArray, mode_shapes: FloatArray) -> FloatArray:
 
 
 def reduced_mass(mass: sparse.csc_array, basis: FloatArray) -> FloatArray:
-    """T' M T, (n_channels, n_channels), of a basis T of `constrained_shapes` or `serep_basis`."""
+    """Reduced mass matrix T' M T, (n_channels, n_channels), for a basis T of `constrained_shapes` or `serep_basis`."""
     return np.asarray(basis.T @ (mass @ basis))
 
 
@@ -120,7 +122,7 @@ def expand(
     model_error: float = 0.0,
     dynamic: tuple[sparse.csc_array, sparse.csc_array] | None = None,
 ) -> ExpandedShapes:
-    """Shapes psi = S' x + n measured at sensors as shapes x = G psi of all degrees of freedom.
+    """Measured shapes psi = S' x + n, known at sensors, expanded to shapes x = G psi at all degrees of freedom.
 
     SEREP takes G = Phi_b (S' Phi_b)^+ with the modes b of `basis`: shapes are sums of those modes. The dynamic expansion
     takes the motion at the measured frequency without force where no sensor is, see `constrained_shapes`.
@@ -134,21 +136,22 @@ def expand(
     Parameters
     ----------
     measured : (n_channels, n_modes) float array
-        Real shapes psi, see `structid.similarity.shapes.most_real`; NaN where an entry is unknown: each shape is carried on
-        from the sensors at which it is known.
+        Real shapes psi, see `structid.similarity.shapes.most_real`; NaN where an entry is unknown: each shape is expanded from
+        the sensors at which it is known.
     frequency : (n_modes,) float array
-        Measured, Hz.
+        Measured natural frequencies, Hz.
     sensors : (n_dofs, n_channels) sparse array
         S, see `Structure.selection`.
     modes : Modes
-        Of the model; those that an error of the model may bring in.
+        Modes of the model: those of `basis`, and those that an error of the model may bring in.
     basis : sequence of sequence of int
-        Of each shape the modes b, counted from 0, first the one that it is: as many as the sensors tell apart are used.
+        For each measured shape the model modes b, counted from 0, its partner first. Modes that the sensors do not tell from
+        earlier ones are not used.
     shape_std : (n_channels, n_modes) float array, optional
         Standard deviation of every entry; from the residual of SEREP where sensors are more than modes, else unknown.
     model_error : float
-        eps, 1. Elements that are each off by 10 % on their own make about 0.1 over the root of their number. The error is
-        taken to second order: n eps^2, the variance that a stiffness errs by in parts of its own, is to stay below 0.1.
+        eps, relative. Elements that are each off by 10 % independently make about 0.1 over the root of their number. It is
+        taken to second order: n eps^2, the relative variance of a stiffness error, is to stay below 0.1.
     dynamic : (mass, stiffness), optional
         Matrices (n_dofs, n_dofs) for the dynamic expansion; without them it is SEREP.
 
@@ -204,7 +207,16 @@ def expand(
 
 
 def _distinguishable(seen: FloatArray, modes: Sequence[int]) -> tuple[int, ...]:
-    """Mode indices of `modes`, in order, whose shapes at the sensors (columns of `seen`) are linearly independent enough."""
+    """Positions from `modes`, in order, whose shapes at the sensors are independent enough (condition number up to 100).
+
+    `seen` (n_channels, n_modes) are the shapes of all modes of the model at the sensors. A mode that depends on earlier ones is
+    left out.
+
+    Raises
+    ------
+    InputError
+        If none of `modes` moves the sensors.
+    """
     size = np.abs(seen).max(axis=0)
     chosen: list[int] = []
     for k in modes:
@@ -218,9 +230,9 @@ def _distinguishable(seen: FloatArray, modes: Sequence[int]) -> tuple[int, ...]:
 
 
 def _mixing_variance(modes: Modes, index: int, model_error: float) -> FloatArray:
-    """Variance of the contribution of each model mode to a measured one, relative to that of the mode `index`, (n_modes,).
+    """Variance of each model mode's part in a measured shape, relative to the squared part of the mode `index`, (n_modes,).
 
-    A relative stiffness error `model_error` mixes modes the more, the closer their frequencies are.
+    A relative stiffness error `model_error` mixes modes the more, the closer their frequencies are; it is 1 for `index` itself.
     """
     squares = (2 * np.pi * modes.frequency) ** 2
     together = model_error**2 * (1 + 3 * len(squares) * model_error**2)

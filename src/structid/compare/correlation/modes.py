@@ -68,12 +68,12 @@ class ModesCorrelation:
 
     @cached_property
     def sensors(self) -> sparse.csc_array:
-        """(n_dofs, n_channels)."""
+        """Selection of the sensors among the degrees of freedom of the model, a sparse array (n_dofs, n_channels)."""
         return self.structure.selection(self.measured.channels)
 
     @cached_property
     def shapes(self) -> FloatArray:
-        """Measured, as real as can be, (n_channels, n_measured); NaN where an entry is unknown."""
+        """Measured shapes turned to be as real as they can be, (n_channels, n_measured); NaN where an entry is unknown."""
         return most_real(self.measured.mode_shapes)
 
     @cached_property
@@ -98,20 +98,20 @@ class ModesCorrelation:
 
     @cached_property
     def _pairs_at_sensors(self) -> tuple[FloatArray, FloatArray]:
-        """Measured shapes of pairs that the sensors see, and the model's likes of them, (n_channels, n) each."""
+        """Measured shapes of pairs that the sensors see, and the model shapes fitted to them, (n_channels, n) each."""
         pairs, like = self.pairing.paired, self.seen @ self.coefficients[:, self.pairing.paired]
         moving = np.abs(np.where(np.isnan(self.shapes[:, pairs]), 0.0, like)).max(axis=0, initial=0.0) > 0
         return self.shapes[:, pairs[moving]], like[:, moving]
 
     @property
     def comac(self) -> FloatArray:
-        """COMAC of each sensor over the pairs and the entries that are known, (n_channels,); NaN without one."""
+        """COMAC of each sensor over all pairs and known entries, (n_channels,); NaN where there is none."""
         x, y = self._pairs_at_sensors
         return comac(x, y) if x.size else np.full(len(x), np.nan)
 
     @property
     def ecomac(self) -> FloatArray:
-        """Enhanced COMAC of each sensor over the pairs and the entries that are known, (n_channels,); NaN without one."""
+        """Enhanced COMAC of each sensor over all pairs and known entries, (n_channels,); NaN where there is none."""
         x, y = self._pairs_at_sensors
         return ecomac(x, y) if x.size else np.full(len(x), np.nan)
 
@@ -121,7 +121,11 @@ class ModesCorrelation:
 
     @cached_property
     def shown(self) -> IntArray:
-        """Indices of the model modes to show beside the measured ones: pairs, and all near the measured range."""
+        """Indices of the model modes to show beside the measured ones, ascending.
+
+        These are all with a pair, and those that move a sensor and lie between 0.6 times the lowest and 1.4 times the highest
+        measured frequency.
+        """
         f, g = self.measured.frequency, self.model.frequency
         near = (g >= _SHOWN[0] * f[0]) & (g <= _SHOWN[1] * f[-1]) & _moving(self.pairing)
         near[self.pairing.number[self.pairing.paired]] = True
@@ -129,13 +133,16 @@ class ModesCorrelation:
 
     @property
     def frequency_difference(self) -> FloatArray:
-        """Model / measured less 1 of every measured mode, (n_measured,); NaN without a pair."""
+        """Relative frequency difference, model / measured - 1, of every measured mode, (n_measured,); NaN without a pair."""
         number = self.pairing.number
         ratio = self.model.frequency[number] / self.measured.frequency - 1
         return np.where(number >= 0, ratio, np.nan)
 
     def remark(self, mode: int) -> str:
-        """A remark on the pair of the measured mode `mode` (missing, grouped, ambiguous); "" if there is none."""
+        """A remark on the pair of a measured mode (missing, grouped, ambiguous); "" if there is none.
+
+        `mode` counts from 0, the modes in the text from 1.
+        """
         pairing, f, i = self.pairing, self.model.frequency, mode
         has_no_entry = not self.measured.known[:, i].any()
         if pairing.number[i] < 0:
@@ -162,7 +169,7 @@ class ModesCorrelation:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about missing, surplus and ambiguous modes, and about sensors with the wrong sense."""
+        """Sentences on what could not be computed, missing, surplus and ambiguous modes, and reversed sensors."""
         messages = list(self.notes)
         surplus, far = self.pairing.surplus, _too_far(self)
         missing = [i for i in self.pairing.missing.tolist() if i not in far]
@@ -192,7 +199,10 @@ class ModesCorrelation:
 
 
 def _too_far(correlation: ModesCorrelation) -> dict[int, int]:
-    """Measured modes whose shape matches a free model mode at a frequency too far off for a pair, with that model mode."""
+    """Measured modes without a pair whose shape matches a model mode (MAC 0.9) too far off in frequency.
+
+    A mapping from the index of the measured mode to that of the model mode, which is in no pair.
+    """
     free = np.ones(len(correlation.model.frequency), dtype=bool)
     free[[k for i in correlation.pairing.paired.tolist() for k in correlation.pairing.partners(i)]] = False
     far = {}
@@ -204,7 +214,10 @@ def _too_far(correlation: ModesCorrelation) -> dict[int, int]:
 
 
 def _reversed_sensor(correlation: ModesCorrelation) -> list[str]:
-    """A warning that names the sensor whose reversed sign raises the mean MAC most, if it does so clearly; else empty."""
+    """A sentence on the sensor whose reversed sign raises the mean MAC most; empty unless it rises by 0.05 or more.
+
+    Empty as well for fewer than two modes or three sensors, and where the mean MAC stays below the least MAC of a pair.
+    """
     use = np.flatnonzero(correlation.pairing.nearness.any(axis=0))
     if correlation.measured.n_modes < 2 or len(correlation.shapes) < 3 or not len(use):
         return []
@@ -242,16 +255,21 @@ def correlated_modes(
 ) -> ModesCorrelation:
     """Comparison of the modes of `record` with those of `structure` at the property values `values`.
 
+    What cannot be computed, as orthogonality or expansion, is None in the result, with a note why.
+
     Parameters
     ----------
     structure : Structure
         Structure that has the record's channels.
     values : (n_values,) float array
+        Property values in the order of the structure, in SI units.
     record : ModalRecord
+        Measured modes; those at 0 Hz are left out.
     options : CorrelateOptions
     settings : ModalSettings
         Only `closeness`, `frequency_guard` and `shape_error` are used.
     name : str
+        Name of the record in the result.
 
     Raises
     ------
@@ -312,9 +330,11 @@ def _moving(pairing: Pairing) -> NDArray[np.bool_]:
 
 
 def _expansion_basis(model: Modes, n_known: int, pairing: Pairing, mode: int, frequency: float) -> tuple[int, ...]:
-    """Model modes in which a measured shape is expanded: its partners, then paired modes near it in frequency.
+    """Indices of the model modes in which a measured shape is expanded: its partners, then others by distance in frequency.
 
-    There are at most half as many as known entries.
+    The others are modes of pairs, or, where there are no pairs, all that move the sensors. There are at most half as many
+    (rounded up) as known entries `n_known`, but all partners. `mode` is the index of the measured mode, `frequency` its
+    frequency in Hz.
     """
     partners = pairing.partners(mode)
     first = (int(pairing.number[mode]), *(k for k in partners if k != pairing.number[mode])) if partners else ()
@@ -339,8 +359,14 @@ def _sensor_mass(
 ) -> FloatArray:
     """Mass matrix reduced to the sensors, (n_sensors, n_sensors), by Guyan or SEREP reduction.
 
-    `seen` (n_sensors, n_modes) are the model's shapes at the sensors, `pairs` the paired measured modes that SEREP
-    uses.
+    `sensors` (n_dofs, n_sensors) selects their motion, `seen` (n_sensors, n_modes) are the model's shapes at the sensors, and
+    `pairs` the indices of the paired measured modes that SEREP uses. SEREP replaces Guyan for more than 30 000 degrees of
+    freedom.
+
+    Raises
+    ------
+    InputError
+        If SEREP is used and there is no pair.
     """
     if options.reduction == "guyan" and sensors.shape[0] <= _STATIC_UP_TO:
         return reduced_mass(mass, constrained_shapes(stiffness, sensors))
@@ -351,7 +377,10 @@ def _sensor_mass(
 
 
 def _shape_std(record: ModalRecord, shapes: FloatArray, stated: float) -> FloatArray | None:
-    """Standard deviations of the entries of `shapes`: the record's own, and `stated` times the largest entry; or None."""
+    """Standard deviations of the entries of `shapes`, (n_channels, n_modes); None if the record has none and `stated` is 0.
+
+    Those of the record and `stated` times the largest entry of each shape are added as independent errors.
+    """
     if record.shape_std is None and stated == 0:
         return None
     of_record = np.zeros(shapes.shape) if record.shape_std is None else record.shape_std

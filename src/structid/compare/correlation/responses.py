@@ -36,7 +36,7 @@ class ResponsesCorrelation:
 
     @cached_property
     def frac(self) -> FloatArray:
-        """FRAC of each function, (n_outputs, n_inputs); NaN where one is zero throughout."""
+        """FRAC of each function, (n_outputs, n_inputs); NaN where the measured or the modelled one is zero at all lines."""
         x, y = self.record.values, self.model
         moving = (np.abs(x).max(axis=0) > 0) & (np.abs(y).max(axis=0) > 0)
         values = np.full(moving.shape, np.nan)
@@ -46,24 +46,27 @@ class ResponsesCorrelation:
 
     @cached_property
     def resonances(self) -> tuple[Resonance, ...]:
-        """Peaks of the record, and the model's nearest."""
+        """Resonance peaks of the record, each with the nearest peak of the model."""
         return resonances(self.record, self.model)
 
     @cached_property
     def map_lines(self) -> np.ndarray:
-        """Places of the lines of `fdac`, evenly spread, (n_shown,)."""
+        """Positions of the lines of `fdac`, at most 90, evenly spread, (n_shown,)."""
         return evenly_spaced_indices(len(self.record.frequency), _MOST_LINES)
 
     @cached_property
     def fdac(self) -> FloatArray | None:
-        """Measured lines by the model's, of every load, (n_inputs, n_shown, n_shown); None with a single output."""
+        """FDAC of the measured lines (rows) with those of the model (columns), for every load, (n_inputs, n_shown, n_shown).
+
+        None with a single output. The lines are those of `map_lines`.
+        """
         if self.record.values.shape[1] < 2:
             return None
         return fdac(self.record.values[self.map_lines], self.model[self.map_lines])
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """A warning with the measured resonances that the model lacks, if there are any."""
+        """A sentence with the measured resonances (up to six) that the model lacks, as a tuple; empty if there are none."""
         missing = [f"{resonance.measured:.5g}" for resonance in self.resonances if np.isnan(resonance.predicted)]
         if not missing:
             return ()
@@ -77,8 +80,9 @@ def correlated_responses(record: FrfRecord, model: ComplexArray, name: str = "")
     ----------
     record : FrfRecord
     model : (n_frequencies, n_outputs, n_inputs) complex array
-        At the same lines, of the same kind.
+        FRFs of the model at the lines of the record, of the same kind.
     name : str
+        Name of the record in the result.
 
     Raises
     ------

@@ -78,7 +78,7 @@ class ComparisonResult:
 
     @property
     def basis_words(self) -> str:
-        """Sentence on how the two states were brought together."""
+        """A clause on how the two states were identified: independently, with a prior from the baseline, or jointly."""
         kinds = Counter(name.split("[")[0] for name in self.comparison.carried)
         shared = ", ".join(f"{kind} ({count})" for kind, count in kinds.items())
         return {
@@ -94,21 +94,30 @@ def compare(
     options: CompareOptions | None = None,
     progress: StageProgress | None = None,
 ) -> ComparisonResult:
-    """The changes of the parameters from the state `baseline` to the state `later`, with tests of their significance.
+    """Changes of the parameters from the state `baseline` to the state `later`, with tests of their significance.
+
+    Without unchanged parameters the states are independent estimates. With them, the result of a baseline folder is the prior
+    of the later study, or, where both are studies, all data are fitted at once.
 
     Parameters
     ----------
     baseline, later : path
         A study file, which is run, or a results folder of `structid identify`. With unchanged parameters the later
-        one must be a study; if both are, all data are fitted at once.
+        one must be a study.
     options : CompareOptions, optional
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
+
+    Returns
+    -------
+    ComparisonResult
 
     Raises
     ------
     InputError
         If a file cannot be used, or the states have nothing in common to compare.
+    SearchFailedError
+        If the search of both states at once fails.
     """
     chosen = options or CompareOptions()
     settings: _Settings = {
@@ -150,7 +159,13 @@ def compare(
 
 
 def _least_cost(state: State) -> float:
-    """Sum of squares at the answer of a state that was run, with its priors, fixed values being free within their tolerances."""
+    """Sum of squares at the answer of a state that was run, priors included, with fixed values free within their tolerances.
+
+    Raises
+    ------
+    InputError
+        If the state was fitted in time.
+    """
     assert state.result is not None
     answer = state.result.identification
     if answer.target is None:
@@ -167,7 +182,8 @@ def _unchanged_test(
 ) -> UnchangedTest:
     """Test that the parameters `names` are the same in both states, against states in which they are free.
 
-    `cost` is the sum of squares with them the same, `separate_cost` with them free; `n_fixed` fixed values are common to both.
+    `cost` is the sum of squares with them the same, `separate_cost` with them free; `n_fixed` is the number of
+    fixed values that both states share in the first, which count as conditions too.
     """
     shared = [name for name in names if name in later.estimate.names]
     tests = compare_states(baseline.estimate, later.estimate, ())
@@ -183,14 +199,17 @@ def _unchanged_test(
 
 
 def _problems_with_free_values(state: State) -> tuple[RecordProblem, ...]:
-    """The problems of a state that was run with what its model holds among the unknowns."""
+    """Problems of a state, one for each record, with fixed values among the unknowns; empty for a results folder."""
     return () if state.result is None else state.result.identification.freed
 
 
 def _fixed_in_both(
     baseline: Sequence[RecordProblem], later: Sequence[RecordProblem], shared: Sequence[str]
 ) -> FixedValues | None:
-    """Fixed values of both states and their tolerances, shared where they have one name; None if there are none."""
+    """Fixed values of both states with their tolerances, common where they have the same name; None if a state has none.
+
+    `baseline` and `later` are the problems with fixed values among the unknowns, `shared` the parameters common to both states.
+    """
     if not baseline or not later:
         return None
     first, second = joint_problem(baseline), joint_problem(later)
@@ -215,7 +234,13 @@ def _state(path: Path, progress: StageProgress | None) -> State:
 
 
 def _run_study(study: Study, progress: StageProgress | None) -> State:
-    """The state that `study` gives when it is run; raises `InputError` if the search is matrix-free."""
+    """The state that a run of `study` gives; its mesh and solver are refined as in `structid identify`.
+
+    Raises
+    ------
+    InputError
+        If the search is matrix-free.
+    """
     ready = relinearize_solver(prepare_study(study), progress)
     if is_matrix_free(ready):
         raise InputError(
@@ -227,7 +252,10 @@ def _run_study(study: Study, progress: StageProgress | None) -> State:
 
 
 def _from_baseline(study: Study, baseline: State, names: Sequence[str]) -> Study:
-    """The study begun at the baseline's answer, which is the prior of `names`, stated with the first record."""
+    """The study with its starts at the baseline's answer, whose covariance is the prior of the parameters `names`.
+
+    The prior is stated with the first record only; without `names` there is none.
+    """
     made = [
         replace(source, parameters=carried(baseline.estimate, source.parameters, () if number else names))
         for number, source in enumerate(study.setups)
@@ -236,7 +264,9 @@ def _from_baseline(study: Study, baseline: State, names: Sequence[str]) -> Study
 
 
 def _restart_problem(state: State, fallback: State | None = None) -> Problem:
-    """The joint problem of a state that was run, started at its answer, or at that of a `fallback` where it did not converge.
+    """The joint problem of a state that was run, with its start at the answer of that state.
+
+    The start is at the answer of `fallback` where the search of `state` did not converge.
 
     Raises
     ------
@@ -255,7 +285,7 @@ def _restart_problem(state: State, fallback: State | None = None) -> Problem:
 
 
 def _warnings(comparison: Comparison, baseline: State, later: State) -> tuple[str, ...]:
-    """Warnings about the comparison: failed or doubtful states, parameters that were not tested or cannot show a change."""
+    """Sentences on failed or doubtful states, parameters not tested or too uncertain to show a change, and common files."""
     warnings = []
     for word, state in (("baseline", baseline), ("later state", later)):
         if state.estimate.status is not Status.CONVERGED:

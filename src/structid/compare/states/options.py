@@ -42,7 +42,7 @@ class CompareOptions:
 
 
 def least_part(value: float | str) -> float:
-    """The smallest change of interest as a fraction, from a number or a text such as ``1 %``.
+    """The smallest change of interest as a fraction of the parameter, from a number such as 0.01 or a text such as ``1 %``.
 
     Raises
     ------

@@ -104,7 +104,7 @@ class State:
 
     @property
     def doubt(self) -> str:
-        """The verdict in words, where the answer is not sound."""
+        """The verdict in words; "" where the answer is sound."""
         return "" if self.judgement.verdict == "sound" else self.judgement.words
 
     @property
@@ -114,7 +114,7 @@ class State:
 
 
 def state_of(result: StudyResult) -> State:
-    """The state that a run of a study identified."""
+    """The state of a study, from the result of a run; its verdict is without a search for causes."""
     identification = result.identification
     drawn = Drawn(identification.structure, identification.parameters, identification.sensors, identification.loads)
     study = result.study
@@ -138,12 +138,12 @@ def _on_mesh(warnings: Iterable[object]) -> tuple[str, ...]:
 
 
 def stored_state(folder: Path) -> State:
-    """The state stored in a results folder of `structid identify`.
+    """The state stored in a results folder of `structid identify`, for comparison with another.
 
     Raises
     ------
     InputError
-        If estimate.json or estimate.h5 is missing, or is none of structid's.
+        If estimate.json or estimate.h5 is missing or cannot be read, or the search was matrix-free (`FileError`).
     """
     texts = {}
     for name in ("estimate.json", "estimate.h5"):
@@ -175,7 +175,15 @@ def stored_state(folder: Path) -> State:
 
 
 def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEstimate, dict[str, tuple[str, ...]]]:
-    """The estimate stored in estimate.h5, and the names of its output and input channels; `basis` names the covariance used."""
+    """The estimate stored in estimate.h5, and the names of its channels under ``outputs`` and ``inputs``.
+
+    `basis` is "noise" or "model_error" and chooses the covariance, to which that of fixed values is added.
+
+    Raises
+    ------
+    ValueError
+        If arrays differ in their number of parameters.
+    """
     names, matrix = ("names", "kinds", "units"), f"covariance_{basis}"
     record = "frf/" if "frf/outputs" in hdf5_datasets(path) else "modal_record_1/"
     channel_fields = ("outputs", "inputs") if record == "frf/" else ("channels",)
@@ -208,7 +216,10 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
 
 
 def _read_drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | None:
-    """Structure, parameters and channels of the study in `folder`, for a drawing; None if files that it names are elsewhere."""
+    """Structure, parameters and channels of study.toml in `folder`, for a drawing; None if they cannot be read.
+
+    `channels` has the names of the channels under ``outputs`` and ``inputs``.
+    """
     try:
         source = read_study_text(folder / "study.toml")
         root = Section(source, (), source.table)
@@ -223,7 +234,9 @@ def _read_drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | N
 
 
 def unchanged_parameters(baseline: Identified, later: Parameters, patterns: Sequence[str]) -> tuple[str, ...]:
-    """Names in both states that match `patterns`: a full name, a kind such as ``mass``, or a pattern with ``*``.
+    """Names of parameters in both states that match any of `patterns`, each once, in the order of the patterns.
+
+    A pattern is a full name, a kind such as ``mass``, or a text in which ``*`` stands for any characters.
 
     Raises
     ------
@@ -246,7 +259,7 @@ def unchanged_parameters(baseline: Identified, later: Parameters, patterns: Sequ
 
 
 def carried(baseline: Identified, later: Parameters, unchanged: Sequence[str]) -> Parameters:
-    """The later state's parameters, started at the baseline, with its result as prior of the unchanged ones.
+    """The later state's parameters, started at the baseline's values, with its result as the prior of the unchanged ones.
 
     Parameters
     ----------
@@ -254,8 +267,8 @@ def carried(baseline: Identified, later: Parameters, unchanged: Sequence[str]) -
     later : Parameters
     unchanged : sequence of str
         Names; see `unchanged_parameters`. Their prior is the Gaussian of the baseline with all its correlations, so
-        that what the baseline does not know of them is not known later either. Pass the same names to
-        `compare_states` as `carried`.
+        that what the baseline does not know of them is not known later either; without names there is no prior. Pass the
+        same names to `compare_states` as `carried`.
 
     Raises
     ------

@@ -85,29 +85,37 @@ def candidates(records: Sequence[Receptances], record_names: Sequence[str] = (""
     Parameters
     ----------
     records : sequence of Receptances
-        The first gives the structure; a change of it is one of all.
+        The first gives the structure; a change of the structure is one in all records.
     record_names : sequence of str
-        Names of the records. Where there are several, each may have masses of its own.
+        Name of each record. Where there are several, each may have additional masses alone.
+
+    Returns
+    -------
+    list of Candidate
+        Without those of nodes and elements where the model is too large for them.
     """
     kinds = (*OF_MODEL, *OF_CHANNELS, *OF_PLACES) if has_places(records[0].problem) else OF_CHANNELS
     return list(chain.from_iterable(kind.from_receptances(records, record_names) for kind in kinds))
 
 
 def exchanged_channels(records: Sequence[Receptances]) -> list[Candidate]:
-    """Exchanged and turned channels: changes without a strength, far from a model that was bent to them."""
+    """Candidates for exchanged and reversed sensors and loads, which have no strength to fit.
+
+    A model that was fitted to such channels is bent to them, so that they are looked for at the initial model.
+    """
     kinds = (SensorPolarity, LoadPolarity, SwappedSensors, SwappedLoads)
     return list(chain.from_iterable(kind.from_receptances(records, ("",)) for kind in kinds))
 
 
 def set_candidates(model: TestedModel, problems: Sequence[RecordProblem]) -> list[Candidate]:
-    """Changes of whole sets, of the mesh, and of what differs among records."""
+    """Candidates whose effect needs the changed model itself: those of whole sets, the mesh, the records, and nodes."""
     return list(chain.from_iterable(kind.from_model(model, problems) for kind in OF_SETS))
 
 
 def data_candidates(
     problems: Sequence[RecordProblem], record_names: Sequence[str]
 ) -> Iterator[FaultyChannel | OtherState]:
-    """Channels and records, by these names, that may be left out."""
+    """Candidates that leave out a record, then those that leave out a channel; `record_names` has the name of each record."""
     yield from OtherState.from_data(problems, record_names)
     yield from FaultyChannel.from_data(problems, record_names)
 
@@ -118,7 +126,10 @@ def residual_candidates(problems: Sequence[RecordProblem], residual: FloatArray)
 
 
 def rows_left_out(candidate: Candidate, problems: Sequence[RecordProblem]) -> np.ndarray:
-    """A mask (n_rows,) of the data rows of all problems that a candidate leaves out."""
+    """A mask (n_rows,) over the data rows of all problems, True where `candidate` leaves them out.
+
+    `candidate` must be of a kind that leaves data out.
+    """
     assert isinstance(candidate, LeftOut)
     return np.concatenate([
         candidate.rows_left_out(problem) if number == candidate.record else np.zeros(problem.n_data, dtype=bool)

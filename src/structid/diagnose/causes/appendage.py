@@ -39,7 +39,10 @@ class Appendage(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate appendages at chosen degrees of freedom of the first record, one for each frequency."""
+        """Candidate appendages at up to 24 nodes of the first record's model and those of its channels, one for each frequency.
+
+        Rotations count only at nodes that do not translate, as in drive trains.
+        """
         first = records[0]
         nodes = set(spread(sorted(chosen_nodes(first)), _MOST_NODES))
         moving = {dof.node for dof in first.columns if not dof.is_rotation}
@@ -52,7 +55,10 @@ class Appendage(Candidate):
                 yield cls(where=(dof.place,), strengths=scale * _MASSES, frequency=frequency)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF: a unit mass on a spring k = (2 pi f)^2 (1 + i eta) adds s^2 k / (s^2 + k) to Z."""
+        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by masses (kg) on a spring.
+
+        A unit mass on a spring k = (2 pi f)^2 (1 + i eta) adds s^2 k / (s^2 + k) to Z.
+        """
         k = (2 * np.pi * self.frequency) ** 2 * (1 + 1j * _LOSS)
         law = receptances.laplace**2 * k / (receptances.laplace**2 + k)
         return effect_of_addition(receptances, self._direction, law, strengths)
@@ -65,7 +71,10 @@ class Appendage(Candidate):
         return self._direction, (self.kind, self.frequency, self.strengths.tobytes())
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that add the appendage: a new node, a mass there, and a spring to it, with three unknowns."""
+        """The edits that add the appendage: a new node, a mass there, and a spring to it, with three unknowns.
+
+        These are the mass (or rotary inertia), which starts at `strength`, and the stiffness and loss factor of the spring.
+        """
         dof, label = parse_dof(self.where[0]), model.new_node()
         mass, spring = (model.unique_name(f"{words} {dof.place}") for words in ("appendage", "appendage spring"))
         if dof.is_rotation:
@@ -91,7 +100,10 @@ class Appendage(Candidate):
 
 
 def _frequencies(receptances: Receptances) -> list[float]:
-    """Frequencies, Hz, at which an appendage may resonate alone: peaks of the misfit, and some over the band."""
+    """Frequencies, Hz, ascending, at which an appendage may resonate alone: peaks of the misfit, and some over the band.
+
+    These are the ten highest peaks, and ten frequencies in equal ratios from the lowest line above 0 Hz to the highest.
+    """
     problem = receptances.problem
     frequency = problem.frequency
     misfit = misfit_of_lines(problem, problem.data_rows(receptances.frf))

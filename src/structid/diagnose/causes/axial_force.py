@@ -32,7 +32,7 @@ class AxialForce(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """A candidate axial force for each beam or bar set that has none; no candidates for many sets."""
+        """A candidate axial force for each beam or bar set that has none; no candidates where there are more than six."""
         structure = model.setups[0].structure
         slack = [
             one
@@ -53,7 +53,7 @@ class AxialForce(Candidate):
 
 
 def _first_guess(structure: Structure, element: ElementSet) -> float:
-    """A first guess of a set's axial force, N: its Euler load as one strut, or that of a small strain for bars."""
+    """A first guess of a set's axial force, N: its Euler load as one strut, or for bars the force of a strain of 0.001."""
     values = vars(element)
     bending = next((values[key] for key in _BENDING if key in values), None)
     if bending is None:

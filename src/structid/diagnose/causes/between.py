@@ -28,18 +28,19 @@ _BOUNDS = (0.0, 1.0)
 def following(ends: Sequence[FloatArray], axis: int, fraction: float, bends: bool) -> FloatArray:
     """Weights (2, 6) by which a translation at a point between two nodes follows the six motions of each node.
 
-    Along the line it is interpolated linearly, across it by cubic beam shape functions where a beam bends between them.
+    Rows are the nodes, columns the translations X, Y, Z, then the rotations. Along the line the motion is interpolated
+    linearly, across it by cubic beam shape functions where a beam bends between the nodes.
 
     Parameters
     ----------
     ends : two (n_axes,) float arrays
-        Positions of the two nodes, m.
+        Positions of the two nodes, m, which must differ.
     axis : int
         Axis of the translation: 0, 1 or 2.
     fraction : float
         Distance of the point from the first node, as a fraction of the distance between the nodes.
     bends : bool
-        Whether a beam joins the nodes; a bar otherwise.
+        True if a beam joins the nodes, False for a bar.
     """
     line = np.zeros(3)
     line[: len(ends[0])] = ends[1] - ends[0]
@@ -108,7 +109,7 @@ class LoadBetween(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate places of each measured force on the lines from its node to the next ones."""
+        """Candidate places of each measured force on bars and beams from its node to neighbours; none for support motions."""
         for channel, other, bends in _lines(records, 2):
             if records[channel.record].problem.facts.measures_force:
                 where = (channel.dof.place, other.place)
@@ -125,9 +126,10 @@ class LoadBetween(Candidate):
 
 
 def _lines(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Channel, Dof, bool]]:
-    """Pairs of a channel and a neighbouring node: sensors for axis 1, loads for axis 2.
+    """Pairs of a channel and a neighbouring node, with the kind of element between: sensors for axis 1, loads for axis 2.
 
-    Each is the channel, its direction at the neighbour that an element joins to its node, and whether that is a beam.
+    Each is (channel, degree of freedom in its direction at the neighbour, True for a beam or False for a bar). Rotations have
+    none.
     """
     for receptances, channel in channels(records, axis):
         bends: dict[int, bool] = {}
@@ -146,7 +148,7 @@ def _lines(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Channel,
 
 
 def _ends(structure: Structure, dof_names: Sequence[str]) -> tuple[tuple[Dof, Dof], list[FloatArray]]:
-    """The degrees of freedom named by two `dof_names`, and the positions (m) of their nodes."""
+    """The two degrees of freedom named in `dof_names`, such as ``3X``, and the positions (m) of their nodes."""
     first, second = (parse_dof(place) for place in dof_names)
     return (first, second), [np.atleast_1d(structure.nodes[dof.node]) for dof in (first, second)]
 
@@ -174,8 +176,9 @@ def _edits(
 ) -> Edits:
     """Edits that move a channel of a record to a new node between the nodes of two degrees of freedom.
 
-    The first of `dof_names` is the channel's own; `fraction` is of the way to the second. The new node moves with both as a beam
-    (`bends`) or bar does. `role_prefix` is "load " for a load, "" for a sensor.
+    `dof_names` are the channel's present degree of freedom and the one at the neighbour; `fraction` is that of the way between.
+    The new node moves with both nodes as a beam (`bends`) or bar does. `role_prefix` is "load " for a load, "" for a sensor,
+    and `record` the position of the record.
     """
     structure = model.setups[record].structure
     (first, second), ends = _ends(structure, dof_names)

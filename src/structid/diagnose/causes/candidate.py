@@ -56,16 +56,22 @@ class Candidate:
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidates for records of one structure whose effects follow from its receptances; none by default."""
+        """Candidates for records of one structure whose effects follow from its receptances; empty by default.
+
+        `records` are the receptances of each record, and `record_names` their names.
+        """
         yield from ()
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """Candidates whose effect is that of the changed model itself, evaluated anew; none by default."""
+        """Candidates whose effect needs the changed model itself, evaluated anew; empty by default.
+
+        `problems` has one problem for each record.
+        """
         yield from ()
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs); none of a change that only a fit shows."""
+        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs); 0 by default, where only a fit shows the change."""
         return np.zeros((len(strengths), *receptances.frf.shape), dtype=np.complex128)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
@@ -79,7 +85,7 @@ class Candidate:
         raise NotImplementedError
 
     def sentence(self, value: float | None) -> str:
-        """Clause that states the change; `value` is the fitted value of its parameter."""
+        """Clause that states the change; `value` is the fitted value of its parameter, None where it has none."""
         raise NotImplementedError
 
     def named_kind(self, value: float | None) -> str:
@@ -93,7 +99,7 @@ class Candidate:
 
     @property
     def key(self) -> Hashable:
-        """Kind, place and record, of which one strength is fitted."""
+        """Kind, place and record: of candidates with the same key only one is fitted."""
         return self.place, self.record
 
     @property
@@ -108,7 +114,7 @@ class Candidate:
 
     @property
     def handicap(self) -> float:
-        """Penalty on the criterion, by which the change loses to a simpler cause with the same effect."""
+        """Penalty on the criterion in the order of causes, by which the change loses to a simpler one with the same effect."""
         return 0.0
 
     @property
@@ -117,5 +123,8 @@ class Candidate:
         return self.n_hidden
 
     def alike_by(self) -> tuple[Directions, tuple[object, ...]] | None:
-        """Key of the effect where directions and a few values alone determine it; candidates of one key share it."""
+        """Directions and values that determine the effect completely; None where these alone do not.
+
+        Candidates whose directions move alike and whose values are equal have the same effect.
+        """
         return None

@@ -30,7 +30,7 @@ class Channel(NamedTuple):
 
 
 def channels(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Receptances, Channel]]:
-    """Every sensor (axis 1) or load (axis 2) of all records, each with the receptances of its record."""
+    """Pairs (receptances of the record, channel) of every sensor (axis 1) or load (axis 2) of all records."""
     for number, receptances in enumerate(records):
         dofs = receptances.problem.record.outputs if axis == 1 else receptances.problem.record.inputs
         for index, dof in enumerate(dofs):
@@ -38,13 +38,22 @@ def channels(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Recept
 
 
 def index_of(receptances: Receptances, axis: int, place: str) -> int:
-    """Position among the sensors (axis 1) or loads (axis 2) of the one at a place such as ``3X``."""
+    """Position of the channel at a place such as ``3X`` among the sensors (axis 1) or loads (axis 2) of the record.
+
+    Raises
+    ------
+    ValueError
+        If there is no channel at the place.
+    """
     dofs = receptances.problem.record.outputs if axis == 1 else receptances.problem.record.inputs
     return [dof.place for dof in dofs].index(place)
 
 
 def other_directions(receptances: Receptances, dof: Dof) -> Iterator[tuple[str, FloatArray]]:
-    """Names of the other directions in which the node of `dof` moves, with their weights (n_dofs,)."""
+    """Pairs (name, weights) of the other directions in which the node of `dof` moves, weights (n_dofs,).
+
+    Of a translation these are the other translations, of a rotation the other rotations.
+    """
     for other, column in receptances.columns.items():
         if other.node == dof.node and other.direction != dof.direction and other.is_rotation == dof.is_rotation:
             yield other.place, column

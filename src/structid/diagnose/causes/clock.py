@@ -39,7 +39,7 @@ class Clock(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """One candidate a factor: a fit begun at another does not come to it, and a linear step says nothing of either."""
+        """One candidate for each factor: a fit that starts at another does not reach it, and a linear step cannot tell them."""
         for factor in _FACTORS:
             yield cls(strengths=np.array([factor]))
 
@@ -51,7 +51,7 @@ class Clock(Candidate):
         return [ScaleAxis(strength)]
 
     def sentence(self, value: float | None) -> str:
-        """A clause that says by what factor the time or frequency axis is off, and which unit that may be."""
+        """A clause that states the factor `value` on the time or frequency axis, and the unit that it may come from."""
         size, stiffness = (
             ("one factor", "one factor") if value is None else (f"a factor of {value:.4g}", f"{value**-2:.4g} times")
         )

@@ -39,7 +39,7 @@ class DampingLaw(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """A candidate for the other damping law of each element set, and one for all sets that may be viscous."""
+        """A candidate for the other damping law of each element set, and one for all sets that may be viscous, if several."""
         middle = float(np.median(np.concatenate([problem.frequency for problem in problems])))
         laws = [one for element in model.setups[0].structure.elements for one in cls._of_set(element, middle)]
         yield from laws
@@ -50,7 +50,11 @@ class DampingLaw(Candidate):
 
     @classmethod
     def _of_set(cls, element: ElementSet, middle: float) -> Iterator[DampingLaw]:
-        """The candidate for the damping law that a set does not have; `middle` is a frequency in mid-band, Hz."""
+        """The candidate for the damping law that a set does not have, viscous or loss factor; none for sets without either.
+
+        `middle` is a frequency in mid-band, Hz, at which the viscous damping of the first guess is 30 % of that of the loss
+        factor.
+        """
         known = declarations(element)
         if "loss_factor" not in known:
             return
@@ -63,7 +67,11 @@ class DampingLaw(Candidate):
             yield cls(where=(element.name, "loss factor"), strengths=np.array([_FIRST_LOSS]))
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that give the sets a loss factor, or viscous damping beside their loss factor, as unknowns."""
+        """The edits that give the sets a loss factor, or viscous damping beside their loss factor, as unknowns.
+
+        `strength` is the loss factor, or the viscous damping over the stiffness in s. Springs get dashpots beside them, other
+        sets half of it by stiffness and half by mass.
+        """
         *names, law = self.where
         edits: list[Edit] = []
         if law == "loss factor":
@@ -95,7 +103,7 @@ class DampingLaw(Candidate):
 
 
 def _plain(values: list[float]) -> float | list[float]:
-    """One number where all values are the same, otherwise the list of them."""
+    """The value itself where all `values` are equal, otherwise the list of them."""
     return values[0] if len(set(values)) == 1 else values
 
 
@@ -110,9 +118,9 @@ def _unknown(prop: str, names: list[str], **more: bool) -> AddUnknown:
 
 
 def _viscous(element: ElementSet, prop: str, weight: float) -> list[float]:
-    """Nominal viscous damping of each element: `weight` times its stiffness, or its mass for `mass_damping`.
+    """Nominal viscous damping of each element: `weight` times its stiffness, or its mass for ``mass_damping``.
 
-    `prop` is the name of the damping property.
+    `prop` is the name of the damping property; a single 0 where the set does not have it.
     """
     known = declarations(element)
     key = next((key for key in (("mass", "density") if prop == "mass_damping" else _STIFFNESSES) if key in known), "")

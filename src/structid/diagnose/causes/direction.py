@@ -58,7 +58,13 @@ class SensorDirection(Candidate):
         return _effect(receptances, 1, self.where, 1, strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that rename a sensor turned by a right angle, or aim it along a direction in between."""
+        """The edits for a sensor that is turned by `strength` rad: another channel name at a right angle, else a direction.
+
+        Raises
+        ------
+        InputError
+            If the sensor measures a rotation and is not at a right angle.
+        """
         record, names = self.record or 0, self.where
         dofs = [parse_dof(name) for name in names]
         if abs(abs(strength) - np.pi / 2) < _SQUARE:
@@ -89,7 +95,7 @@ class LoadDirection(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate turns of each measured force towards every other direction of its node."""
+        """Candidate turns of each measured force towards every other direction of its node; none for motions of supports."""
         for receptances, channel in channels(records, 2):
             if not receptances.problem.facts.measures_force:
                 continue
@@ -101,7 +107,10 @@ class LoadDirection(Candidate):
         return _effect(receptances, 2, self.where, self.sign, strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that let the load act on a new node, whose motion is the weighted sum of both directions."""
+        """The edits that let the load act on a new node, whose motion is a weighted sum of both directions.
+
+        The weights are cosine and sine of `strength`, the angle in rad.
+        """
         dof, label = parse_dof(self.where[0]), model.new_node()
         weights = (np.cos(strength), np.sin(strength))
         pairs = [[name, rounded(float(part))] for name, part in zip(self.where, weights, strict=True)]
@@ -131,7 +140,7 @@ def follower(
         Position of the record.
     tie_name : str
     dof : Dof
-        The channel's degree of freedom, whose direction the new node has.
+        The channel's present degree of freedom; the new node moves in its direction.
     new_label : int
         Label of the new node, supported in all other directions.
     weighted_dofs : sequence of (name, weight)
@@ -140,6 +149,11 @@ def follower(
         The edit that adds the node.
     role_prefix : str
         "load " for a load, "" for a sensor.
+
+    Returns
+    -------
+    list of Edit
+        In this order: the node, the tie, the supports, and the new name of the channel.
     """
     acts = f"{new_label}{dof.direction}"
     active = model.setups[record].structure.active or DIRECTIONS

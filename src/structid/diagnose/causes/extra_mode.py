@@ -48,7 +48,7 @@ class ExtraMode(Candidate):
                     yield cls(where=where, record=number, mode=mode, others=others)
 
     def rows_left_out(self, problem: RecordProblem) -> np.ndarray:
-        """A mask (n_data,) of the data rows that belong to the mode."""
+        """A mask (n_data,) of the data rows that belong to the mode; `problem` is that of its record."""
         taken: np.ndarray = problem.rows.lines == self.mode
         return taken
 

@@ -29,7 +29,10 @@ class FixedValue(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """A candidate for each mass, stiffness or damping that no parameter changes, and for all of a property."""
+        """A candidate for each mass, stiffness or damping that no parameter changes, and one for all sets of a property.
+
+        The latter is there only where several sets have the property fixed.
+        """
         setup = model.setups[0]
         single = [
             *fixed_values(setup.structure, setup.parameters),
@@ -46,7 +49,10 @@ class FixedValue(Candidate):
         return _OF_ALL if len(self.where) > 1 else 0.0
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edit that makes the fixed property an unknown: its value, or one factor where several sets share it."""
+        """The edit that makes the fixed property an unknown: its value, or one factor where several sets share it.
+
+        `strength` is not used.
+        """
         names = [text.rstrip("]").partition("[")[2] for text in self.where]
         if len(names) == 1:
             return [AddUnknown({"property": _property(self), "elements": names[0]})]
@@ -59,7 +65,10 @@ class FixedValue(Candidate):
 
 
 def fixed_values(structure: Structure, unknown: Parameters, kinds: Sequence[str] = ELASTIC) -> tuple[FixedValue, ...]:
-    """Candidates for the properties of element sets, of the `kinds` given, that no parameter changes."""
+    """Candidates for the properties of element sets, of the given kinds, that are not zero and that no parameter changes.
+
+    `unknown` are the parameters of `structure`; `kinds` are by default masses, stiffnesses and rotary inertias.
+    """
     design = unknown.design.tocsr()
     return tuple(
         FixedValue(where=(f"{item.term.property}[{item.element}]",))

@@ -34,7 +34,7 @@ class SensorGain(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate gains of each sensor that is not the only one: calibrations and mistaken units."""
+        """Candidate gains, as logarithms, of each sensor in records of several: errors of calibration and mistaken units."""
         for _, channel in channels(records, 1):
             if channel.n_alike > 1:
                 units = np.log([factor for factor, _, _ in mistaken_motions(channel.dof.is_rotation)])
@@ -51,7 +51,7 @@ class SensorGain(Candidate):
         return [AddChannelError(self.record or 0, entry)]
 
     def mistaken_unit(self, gain: float | None) -> str:
-        """The unit, in words, that a sensor of this gain was read in by mistake; "" where no unit fits."""
+        """The unit, in words, that a sensor with the factor `gain` was read in by mistake; "" where none fits within 5 %."""
         if gain is None or gain <= 0:
             return ""
         return mistaken_unit(math.log(gain), mistaken_motions(parse_dof(self.where[0]).is_rotation), _UNIT)
@@ -78,7 +78,7 @@ class LoadGain(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate gains of each load: calibrations and mistaken units of the force, or of the motion of a support."""
+        """Candidate gains, as logarithms, of each load or driven support: errors of calibration and mistaken units."""
         for receptances, channel in channels(records, 2):
             is_motion = receptances.problem.record.is_per_motion
             table = mistaken_motions(channel.dof.is_rotation) if is_motion else MISTAKEN_FORCES
@@ -100,7 +100,10 @@ class LoadGain(Candidate):
         return [AddChannelError(self.record or 0, {"property": "gain", "inputs": list(self.where), "start": start})]
 
     def mistaken_unit(self, gain: float | None) -> str:
-        """The unit, in words, that a load of this gain was read in by mistake; "" where no unit fits."""
+        """The unit, in words, that a load with the factor `gain` was read in by mistake; "" where none fits within 5 %.
+
+        For a force it is the inverse of `gain` that is compared with factors of units.
+        """
         if gain is None or gain <= 0:
             return ""
         if self.is_motion:
@@ -118,7 +121,10 @@ class LoadGain(Candidate):
 
 
 def gain_sentence(channel: str, unit: str, gain: float | None) -> str:
-    """A clause that says that a channel is in another `unit`, or that its calibration is off by the `gain`."""
+    """A clause that the channel is in another `unit`, or, where that is "", that its calibration is off by the factor `gain`.
+
+    Without a number if `gain` is None.
+    """
     if unit:
         return f"{channel} is in another unit than stated: {unit}"
     return f"the calibration of {channel} is off" + ("" if gain is None else f" by a factor of {gain:.4g}")

@@ -43,7 +43,7 @@ class FlexibleJoint(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate flexible joints at the rotations of element ends that have a bending stiffness."""
+        """Candidate flexible joints at the rotations of element ends that have a bending stiffness, at most 150 of them."""
         first = records[0]
         ends: dict[tuple[str, int, int], list[_Column]] = {}
         for one in first.elements(("mass", "rotary_inertia", "viscous_damping", "stiffness", "axial_force")):
@@ -65,7 +65,10 @@ class FlexibleJoint(Candidate):
         return 0.5
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that put a rotational spring of unknown stiffness between the element's end and its node."""
+        """The edits that put a rotational spring between the element's end and its node, with an unknown stiffness.
+
+        It starts at the inverse of `strength`, a compliance in rad/(N m).
+        """
         element, place = self.where
         name = model.unique_name(f"joint {element} {place}")
         entry = {"name": name, "element": element, "at": place, "stiffness": rounded(1 / strength)}
@@ -80,7 +83,10 @@ class FlexibleJoint(Candidate):
 
 
 def _couplings(receptances: Receptances, columns: Sequence[_Column]) -> tuple[ComplexArray, ComplexArray]:
-    """Dynamic stiffness between a released element end and the free degrees of freedom, (n_lines, n_dofs), and of the end alone."""
+    """Dynamic stiffness between a released element end and the free degrees of freedom, and that of the end alone.
+
+    Shapes are (n_lines, n_dofs) and (n_lines,). `columns` are those of the element's matrices for the released rotation.
+    """
     coupling = np.zeros((len(receptances.laplace), receptances.structure.n_dofs), dtype=np.complex128)
     own = np.zeros(len(receptances.laplace), dtype=np.complex128)
     for part in columns:

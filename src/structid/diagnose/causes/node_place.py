@@ -26,7 +26,10 @@ class NodePlace(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """A candidate for each node, some of very many, where bars and beams meet in a straight line or one ends."""
+        """A candidate for each node that may slide, at most 20, evenly chosen of more.
+
+        Bars and beams meet there in a straight line, or an element ends.
+        """
         structure = model.setups[0].structure
         for node in spread(_nodes_that_may_slide(structure), MOST_NODE_PLACES):
             yield cls(where=(str(node),))
@@ -40,7 +43,7 @@ class NodePlace(Candidate):
 
 
 def _nodes_that_may_slide(structure: Structure) -> list[int]:
-    """Labels of the nodes whose position may become a property; none of structures with components."""
+    """Labels of the nodes whose position may become a property; empty for structures with components."""
     nodes = []
     for node in structure.nodes if not structure.components else ():
         if node not in structure.sliding:

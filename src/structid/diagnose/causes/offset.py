@@ -49,7 +49,10 @@ class MassOffset(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate offsets of each point mass along each axis, where rotations of its node would move it."""
+        """Candidate offsets of each point mass along each axis, where a rotation of its node would then move the mass.
+
+        Levers are at most the largest extent of the structure; at most 60 masses are tried.
+        """
         first = records[0]
         nodes = {one.name: one.nodes.ravel() for one in first.structure.elements if isinstance(one, PointMass)}
         size = float(np.ptp(list(first.structure.nodes.values()), axis=0).max())
@@ -68,7 +71,7 @@ class MassOffset(Candidate):
                     )  # fmt: skip
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Exact changes of the FRF by levers q (m): with them the mass moves by u + q lever theta instead of u.
+        """Changes of the FRF, exact, by levers q (m): with them the mass moves by u + q lever theta instead of u.
 
         `strengths` (n_strengths,) are the levers; the shape is (n_strengths, n_lines, n_outputs, n_inputs).
         """
@@ -80,7 +83,13 @@ class MassOffset(Candidate):
         return effect_of_coupling(receptances, Directions(codes, np.eye(6)), k)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that move the mass to a new node, with a rigid link to the node where it was."""
+        """The edits that move the mass to a new node `strength` m away, with a rigid link to the node where it was.
+
+        Raises
+        ------
+        InputError
+            If the model has no element set of this name.
+        """
         element, direction = self.where
         name, _, number = element.rpartition(":")
         sets = [one for setup in model.setups for one in setup.structure.elements if one.name == name]

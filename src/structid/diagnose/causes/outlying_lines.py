@@ -27,7 +27,10 @@ class OutlyingLines(Candidate):
 
     @classmethod
     def from_residual(cls, problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
-        """A candidate for each record of FRFs with lines that stand out of the whitened data rows (n_rows,) of all."""
+        """A candidate for each record of FRFs some of whose lines stand out, all such lines of the record together.
+
+        `residual` (n_rows,) are the whitened data rows of all problems.
+        """
         for number, (problem, own) in enumerate(rows_of(problems, residual)):
             spans = outlying_spans(problem, own) if isinstance(problem, FrfProblem) else ()
             if spans:
@@ -43,7 +46,7 @@ class OutlyingLines(Candidate):
         return tuple((float(low), float(high)) for low, high in pairs)
 
     def rows_left_out(self, problem: RecordProblem) -> np.ndarray:
-        """A mask (n_data,) of the data rows on the outlying lines."""
+        """A mask (n_data,) of the data rows on the outlying lines; `problem` is that of the record."""
         is_out = np.zeros(len(problem.frequency), dtype=bool)
         for low, high in self._spans:
             is_out |= (problem.frequency >= low) & (problem.frequency <= high)

@@ -27,16 +27,16 @@ _SHOWN = 3
 
 
 def spread(items: Sequence[T], most: int) -> list[T]:
-    """All items, or `most` of them, evenly chosen, where there are more."""
+    """All items, or `most` of them, evenly chosen with the first and the last, where there are more."""
     if len(items) <= most:
         return list(items)
     return [items[i] for i in np.linspace(0, len(items) - 1, most).round().astype(int)]
 
 
 def chosen_nodes(receptances: Receptances) -> set[int]:
-    """Labels of the nodes where something may be added, those inside elements apart; of many nodes some, evenly chosen.
+    """Labels of the nodes where something may be added: up to 60 evenly chosen ones that move, and those of channels.
 
-    Nodes of sensors and loads are always among them: what is mounted there is forgotten most easily.
+    What is mounted at sensors and loads is forgotten most easily. Nodes inside elements do not count.
     """
     known = receptances.structure.nodes
     movable = dict.fromkeys(dof.node for dof in receptances.columns if dof.node in known)
@@ -46,14 +46,17 @@ def chosen_nodes(receptances: Receptances) -> set[int]:
 
 
 def has_places(problem: FrfProblem) -> bool:
-    """True of models that are small enough for changes at their nodes and elements to be looked at."""
+    """True of models small enough for changes at nodes and elements: up to 3000 degrees of freedom.
+
+    The limit is 1200 for models with components, measured components or supports that drive them.
+    """
     structure = problem.structure
     is_plain = not (structure.components or structure.measured or driving_bases(structure, problem.record))
     return structure.n_dofs <= (MOST_SCREENED_DOFS if is_plain else MOST_DOFS)
 
 
 def chosen_dofs(receptances: Receptances) -> Iterator[tuple[Dof, Directions]]:
-    """Degrees of freedom where something may be added, each with its direction in the model."""
+    """Pairs (degree of freedom, its unit direction in the model) of the places where something may be added."""
     nodes = chosen_nodes(receptances)
     for dof in receptances.columns:
         if dof.node in nodes:
@@ -61,22 +64,22 @@ def chosen_dofs(receptances: Receptances) -> Iterator[tuple[Dof, Directions]]:
 
 
 def inertia(receptances: Receptances) -> ComplexArray:
-    """s^2, by which a mass enters the dynamic stiffness, (n_lines,)."""
+    """The square s^2 of the Laplace variable, by which a mass enters the dynamic stiffness, (n_lines,)."""
     return receptances.laplace**2
 
 
 def velocity(receptances: Receptances) -> ComplexArray:
-    """s, by which a damper does, (n_lines,)."""
+    """The Laplace variable s in 1/s, by which a damper enters the dynamic stiffness, (n_lines,)."""
     return receptances.laplace
 
 
 def constant(receptances: Receptances, loss: float = 0.0) -> ComplexArray:
-    """1 + i times a loss factor, by which a stiffness does, (n_lines,)."""
+    """1 + i times a loss factor, by which a stiffness enters the dynamic stiffness, (n_lines,)."""
     return np.full_like(receptances.laplace, 1 + 1j * loss)
 
 
 def spring_ends(receptances: Receptances) -> Iterator[tuple[tuple[str, str], Directions]]:
-    """Names of the two ends of each spring between moving ends, and the direction in which they move apart."""
+    """Pairs (names of the two ends, direction in which they move apart) of each spring of which both ends can move."""
     for element in receptances.structure.elements:
         if isinstance(element, Spring) and element.second is not None:
             for first, second in zip(element.first, element.second, strict=True):
@@ -87,14 +90,17 @@ def spring_ends(receptances: Receptances) -> Iterator[tuple[tuple[str, str], Dir
 
 
 def moved_elements(receptances: Receptances) -> Iterator[tuple[ElementMatrix, tuple[int, ...]]]:
-    """Stiffness and mass matrices of elements, each with the positions of the parameters that change it."""
+    """Stiffness and mass matrices of elements, each with the positions of the parameters that change it; () if none does."""
     design = receptances.problem.parameters.design.tocsr()
     for one in receptances.elements(("stiffness", "mass")):
         yield one, tuple(design.indices[design.indptr[one.row] : design.indptr[one.row + 1]].tolist())
 
 
 def summed(items: Sequence[ElementMatrix]) -> ElementMatrix:
-    """The sum of several element matrices over all of their degrees of freedom; its property may be their kind."""
+    """The sum of several element matrices over all of their degrees of freedom, with the data of the first.
+
+    Its `property` is their kind, such as ``stiffness``, if theirs differ; `items` must not be empty.
+    """
     first, *more = items
     if not more:
         return first
@@ -124,7 +130,7 @@ def factored(
 ) -> Factored | None:
     """An element matrix as D D' with the directions D in which it acts; None where D does not move or is too wide.
 
-    It is too wide with more than `most_directions` columns.
+    It is too wide with more than `most_directions` columns. D has one column for each eigenvalue that is not zero.
     """
     size, vectors = np.linalg.eigh(element_matrix.matrix)
     keep = size > 1e-9 * max(size[-1], 0.0)
@@ -140,5 +146,5 @@ def record_words(title: str) -> str:
 
 
 def few_words(places: tuple[str, ...]) -> str:
-    """The places in words: all of a few, otherwise the first three and how many more there are."""
+    """The places as a list in words: up to four, otherwise the first three and how many more there are."""
     return join_words(places) if len(places) <= _SHOWN + 1 else f"{join_words(places, _SHOWN)} stretches"

@@ -45,7 +45,10 @@ class SensorMass(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """One candidate mass common to all sensors, where these are at several nodes and move in few independent ways."""
+        """One candidate, a mass common to all sensors, where these are at several nodes; else none.
+
+        It is left out too where the sensors of a record can move in more than 60 ways.
+        """
         nodes = list(dict.fromkeys(node for one in records for node in _sensed(one)))
         most = max(len(_translations(one, _sensed(one))) for one in records)
         if len(nodes) > 1 and most <= _MOST_WAYS:
@@ -56,14 +59,17 @@ class SensorMass(Candidate):
             yield cls(where=tuple(map(str, nodes)), strengths=strengths_about(scale, (1, -1)), nodes=of_record)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by one mass (kg) at each sensor."""
+        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by masses `strengths` (kg) at each sensor node."""
         directions = [direction_of((dof, 1.0)) for dof in _translations(receptances, _sensed(receptances))]
         if not directions:
             return np.zeros((len(strengths), *receptances.frf.shape), complex)
         return effect_of_addition(receptances, all_directions(directions), inertia(receptances), strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits of model and study that add one unknown mass at every sensor, in each record at its own sensors."""
+        """The edits that add one unknown mass, common to all sensors, at the sensor nodes of each record.
+
+        One element set is added where all records have the same sensor nodes, otherwise one for each record.
+        """
         name = model.unique_name("mass of each sensor")
         is_same = len(set(self.nodes)) == 1
         edits: list[Edit] = []

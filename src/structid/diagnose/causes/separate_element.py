@@ -97,7 +97,10 @@ class DifferingElement(Differing):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidates for the stiffness, the mass and all stiffnesses of each element in a set of several, and for mounts."""
+        """Candidates for the stiffness, the mass, and all stiffnesses of each element in a set of several, and for mounts.
+
+        Of many, at most 300 for a single property and 150 for all stiffnesses are tried, evenly chosen.
+        """
         first = records[0]
         moved = list(moved_elements(first))
         items = list(_of_elements(moved))
@@ -144,7 +147,7 @@ class DifferingElement(Differing):
         return self.matrices[0].kind if self.matrices else "stiffness"
 
     def sentence(self, value: float | None) -> str:
-        """A clause that says which element or mount differs from its group; `value` is not part of it."""
+        """A clause that says which element or mount differs from its group; `value` is not used."""
         if self.nodes:
             ends = " and ".join(map(str, self.nodes))
             ends = f"at node {ends}" if len(self.nodes) == 1 else f"between nodes {ends}"
@@ -155,9 +158,9 @@ class DifferingElement(Differing):
 
 
 def _separation(model: TestedModel, differing: DifferingProperty, start_factor: float) -> SeparateElement:
-    """The edit that gives one property of an element or set a parameter of its own.
+    """The edit that gives the property of an element or set in `differing` a separate parameter.
 
-    The parameter starts at `start_factor` times the nominal value.
+    The parameter is a factor that starts at `start_factor` times the nominal value, or follows another parameter.
     """
     where, prop, follows = differing
     nominal: dict[str, tuple[float, ...]] = {}
@@ -176,9 +179,10 @@ def _label(one: ElementMatrix) -> str:
 
 
 def _of_elements(moved: Sequence[Moved]) -> Iterator[ElementMatrix]:
-    """Element matrices of stiffness and mass, one for each element and group of properties that the same parameters change.
+    """Element matrices of stiffness and mass, summed over the properties of an element that the same parameters change.
 
-    `moved` are pairs of an element matrix and the numbers of the parameters that change it.
+    `moved` are pairs of an element matrix and the positions of the parameters that change it. Properties that no parameter
+    changes are not summed.
     """
     parts: dict[tuple[object, ...], list[ElementMatrix]] = {}
     for element_matrix, moved_by in moved:
@@ -191,7 +195,7 @@ def _of_elements(moved: Sequence[Moved]) -> Iterator[ElementMatrix]:
 
 
 def _mounts(structure: Structure) -> dict[tuple[str, int], tuple[int, ...]]:
-    """Nodes that each spring joins, the ground apart, by set and number of the spring."""
+    """Node labels that each spring joins, by (set name, number from 0); one label for a spring to the ground."""
     return {
         (element.name, number): tuple(sorted({node for node in ends if node >= 0}))
         for element in structure.elements
@@ -201,7 +205,7 @@ def _mounts(structure: Structure) -> dict[tuple[str, int], tuple[int, ...]]:
 
 
 def stiff_parts(receptances: Receptances, moved: Sequence[Moved]) -> list[Moved]:
-    """Element matrices that are stiffnesses of something that moves."""
+    """Element matrices among `moved` that are stiffnesses, are not zero, and act on something that moves."""
     return [
         (one, moved_by)
         for one, moved_by in moved
@@ -216,16 +220,16 @@ def groups_of_stiffnesses(
 ) -> Iterator[list[Moved]]:
     """Groups of stiffness matrices, one group for each element, set or mount that can change in two ways or more.
 
-    Groups with a parameter of their own are left out. A single fixed stiffness does not count (a beam's axial one hardly
+    Groups with a separate parameter already are left out. A single fixed stiffness does not count (a beam's axial one hardly
     matters in bending), except at a mount, whose springs have a label each.
 
     Parameters
     ----------
-    stiff : sequence of (ElementMatrix, numbers of the parameters that change it)
+    stiff : sequence of (ElementMatrix, positions of the parameters that change it)
     unit_of : callable
-        Gives the key of the element, set or mount that a matrix belongs to.
+        Returns the key of the element, set or mount that a matrix belongs to.
     label : callable
-        Gives the name of a matrix's element or set.
+        Returns the name of a matrix's element or set.
     """
     groups: dict[Hashable, list[Moved]] = {}
     moving: dict[int, set[Hashable]] = {}
@@ -245,15 +249,16 @@ def groups_of_stiffnesses(
 def differing_properties(
     group: Sequence[Moved], label: Callable[[ElementMatrix], str]
 ) -> tuple[DifferingProperty, ...]:
-    """Properties of one group of stiffness matrices, each with the factor that it shares.
+    """Properties of one group of stiffness matrices, each with the parameter whose factor it shares, if any.
 
-    Properties that the same parameters change share one factor, and all fixed properties share another.
+    Properties that the same parameters change share one factor, and all fixed properties share another. If all are fixed and of
+    one element or set, they are together its ``stiffness``.
 
     Parameters
     ----------
-    group : sequence of (ElementMatrix, numbers of the parameters that change it)
+    group : sequence of (ElementMatrix, positions of the parameters that change it)
     label : callable
-        Gives the name of a matrix's element or set.
+        Returns the name of a matrix's element or set.
     """
     if not any(moved_by for _, moved_by in group) and len({label(element_matrix) for element_matrix, _ in group}) == 1:
         return (DifferingProperty(label(group[0][0]), "stiffness"),)

@@ -35,7 +35,10 @@ class DifferingSet(Differing):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidates for the stiffness or mass of each set that one parameter ties to others, and for all its stiffnesses."""
+        """Candidates for the stiffness or mass of each set that shares a parameter with others, and for all its stiffnesses.
+
+        Springs are left out of the latter; of many sets 150 of each are tried, evenly chosen.
+        """
         first = records[0]
         moved = list(moved_elements(first))
         groups: dict[tuple[str, tuple[int, ...]], dict[str, list[ElementMatrix]]] = {}
@@ -66,7 +69,8 @@ class DifferingSet(Differing):
     ) -> Iterator[Candidate]:
         """The candidate that an element set differs in its `element_matrix`; none where the matrix is too large.
 
-        It multiplies the `properties` of the set; `is_whole` says that these are all of its stiffnesses.
+        It multiplies the `properties` of the set; `is_whole` says that these are all of its stiffnesses. Too large are more
+        than 300 degrees of freedom, or more than 60 ways to move.
         """
         matrix = factored(receptances, element_matrix, _MOST_WAYS) if len(element_matrix.codes) <= _MOST_CODES else None
         if matrix is not None:
@@ -74,7 +78,7 @@ class DifferingSet(Differing):
             yield cls(where=where, strengths=PARTS, properties=properties, matrices=(matrix,), is_whole=is_whole)
 
     def sentence(self, value: float | None) -> str:
-        """A clause that says in which stiffness a whole set differs from its group; `value` is not part of it."""
+        """A clause that says in which stiffness a whole set differs from its group; `value` is not used."""
         if self.is_whole and len(self.properties) == 1:  # the study fixes all of them
             return f"the stiffnesses of all of {self.where[0]}, which the study fixes, are off by one factor"
         if self.is_whole:

@@ -50,7 +50,10 @@ class ShearFlexibility(Candidate):
 
     @classmethod
     def of_structure(cls, structure: Structure) -> Iterator[ShearFlexibility]:
-        """Candidates for the slender beam sets of each bending plane: all of them together, and each of a few."""
+        """Candidates for the beam sets without shear in each bending plane: all together, and each alone.
+
+        Sets are not tried alone where there are more than six.
+        """
         bends = [one for one in structure.properties if one.term.property in _SHEARS.values() and _acts(structure, one)]
         acting = {(one.element, one.term.property) for one in bends}
         for shear, bending in _SHEARS.items():
@@ -81,13 +84,13 @@ class ShearFlexibility(Candidate):
 
 
 def _acts(structure: Structure, item: Property) -> bool:
-    """True where a stiffness property acts on free degrees of freedom: its assembled matrix is not zero."""
+    """True where a stiffness property acts on free degrees of freedom, so that its assembled matrix is not zero."""
     own = [part for part in structure.contributions if part.matrix_kind == "stiffness" and part.value == item.values]
     return any(part.blocks.assemble(part.weights(structure.values)).count_nonzero() for part in own)
 
 
 def _first_guess(structure: Structure, element: ElementSet, bending: str) -> float:
-    """A first guess of a set's shear stiffness, N, from its bending stiffness and its total length."""
+    """A first guess of a set's shear stiffness, N, from its total length and the property `bending`, N m^2."""
     ends = np.array([[structure.nodes[n] for n in pair] for pair in element.nodes.tolist()])
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
     return float(np.mean(vars(element)[bending]) / (_SHEAR * length**2))

@@ -50,5 +50,5 @@ class SpringToGround(Candidate):
         return f"something holds {self.where[0]}: a spring to the ground"
 
     def is_clamp(self, held_nodes: Collection[int]) -> bool:
-        """True if it holds one more direction of a node that is held: a pin may be a clamp."""
+        """True if its node is in `held_nodes`: supported in some directions, it may be clamped in this as well."""
         return parse_dof(self.where[0]).node in held_nodes

@@ -48,7 +48,7 @@ class Support(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """A candidate flexible support for each direction that is fixed or driven in some record."""
+        """A candidate flexible support for each direction that is fixed or driven in some record and can give way."""
         inputs = [{dof.unsigned for dof in one.problem.record.inputs} for one in records]
         scales = {
             dof.unsigned: float(1 / np.median(np.abs(own)))
@@ -60,7 +60,10 @@ class Support(Candidate):
             yield cls(where=(dof.place,), strengths=strengths_about(scale), driven=driven)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by compliances of the support."""
+        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by compliances of the support.
+
+        Of several directions the first counts alone. Zero for a record that neither holds nor drives it.
+        """
         held, coupling, own = receptances.loose
         dof = parse_dof(self.where[0])
         index = [i for i, one in enumerate(held) if one.unsigned == dof]
@@ -69,7 +72,15 @@ class Support(Candidate):
         return effect_of_release(receptances, coupling[:, :, index[0]], own[:, index[0]], strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that replace the support by a spring to the ground, or to a new node that the base moves."""
+        """The edits that replace the support by a spring to the ground, or to a new node that the base moves.
+
+        Its stiffness is unknown and starts at the inverse of the compliance `strength`.
+
+        Raises
+        ------
+        InputError
+            If no record holds the support.
+        """
         dof = parse_dof(self.where[0])
         held = {one.unsigned for setup in model.setups for one in setup.structure.fixed}
         if not held.issuperset(parse_dof(place) for place in self.where):
@@ -82,9 +93,9 @@ class Support(Candidate):
         return [*to_base, *released, *added_spring("spring", entry, self.loss_factor)]
 
     def _driving_end(self, model: TestedModel, dof: Dof) -> tuple[list[Edit], dict[str, str]]:
-        """The edits for a driven support, and the second end of its spring.
+        """The edits for a driven support, and the argument ``second`` of its spring; both empty if it is not driven.
 
-        That end is a new node, in the place of the first, that moves with the base.
+        The second end is a new node, in the place of the first, that moves with the base.
         """
         if not any(base.moves(dof) for setup in model.setups for base in setup.structure.bases):
             return [], {}

@@ -26,7 +26,10 @@ class Tone(Candidate):
 
     @classmethod
     def from_residual(cls, problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
-        """A candidate for each record of histories with steady tones in the whitened data rows (n_rows,)."""
+        """A candidate for each record of histories fitted as spectra in which steady tones show, all its tones together.
+
+        `residual` (n_rows,) are the whitened data rows of all problems.
+        """
         for number, (problem, own) in enumerate(rows_of(problems, residual)):
             heard = tones(problem, own) if isinstance(problem, SpectraProblem) else ()
             if heard:

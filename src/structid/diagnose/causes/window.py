@@ -23,7 +23,7 @@ class ExponentialWindow(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """One candidate, where all records are FRFs and no decay of a window is an unknown yet."""
+        """One candidate where all records are FRFs and the decay of a window is not an unknown already; else none."""
         responses = [problem for problem in problems if isinstance(problem, FrfProblem)]
         is_unknown = any(p.channels is not None and "window_decay" in p.channels.kinds for p in responses)
         if len(responses) == len(problems) and not is_unknown:

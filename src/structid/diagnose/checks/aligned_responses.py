@@ -65,22 +65,20 @@ class Aligned:
 
     @property
     def level(self) -> FloatArray:
-        """Logarithm of measured over model, medians over the lines, (n_outputs, n_inputs); NaN where there are none."""
+        """Logarithm of measured over modelled magnitude, median over lines, (n_outputs, n_inputs); NaN without any."""
         size = np.abs(self.measured) / np.maximum(np.abs(self.model), np.finfo(float).tiny)
         return median(np.log(np.maximum(size, np.finfo(float).tiny)), 0)
 
     @property
     def accord(self) -> FloatArray:
-        """Mean cosine of the angle between the two, (n_outputs, n_inputs): 1 where they agree, -1 where one is turned round."""
+        """Mean cosine of the phase angle between measured and model, (n_outputs, n_inputs); 1 in phase, -1 if reversed."""
         return accord(self.measured, self.model)
 
 
 def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
-    """Cosine of the phase angle between two complex arrays, averaged over the first axis.
+    """Cosine of the phase angle between two complex arrays (n_lines, ...), averaged over the lines, (...).
 
-    NaN where there are no values.
-
-    Both are (n_lines, ...), and the mean is (...).
+    NaN in either array leaves that line out; NaN where no line is left.
     """
     product = measured * model.conj()
     cosine = product.real / np.maximum(np.abs(product), np.finfo(float).tiny)
@@ -90,7 +88,7 @@ def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
 
 
 def median(values: FloatArray, axis: int) -> FloatArray:
-    """Median along an axis without NaN values; NaN where all are NaN."""
+    """Median along an axis, which is dropped, NaN values left out; NaN where all are NaN."""
     moved = np.moveaxis(values, axis, 0)
     flat = moved.reshape(len(moved), -1)
     found: FloatArray = np.full(flat.shape[1], np.nan)
@@ -103,13 +101,19 @@ def aligned(problem: FrfProblem, predicted: ComplexArray) -> Aligned:
     """Measured and modelled FRFs with the model's frequency axis warped so that their resonances coincide.
 
     The magnitudes then differ by the level of the mass lines between resonances, which does not depend on stiffness, and by
-    the gains of the channels.
+    the gains of the channels. At most 400 lines above 0 Hz are used.
 
     Parameters
     ----------
     problem : FrfProblem
+        The record, and the model at its start values.
     predicted : (n_lines, n_outputs, n_inputs) complex array
         FRFs of the initial model on the problem's lines.
+
+    Returns
+    -------
+    Aligned
+        Both as accelerances; measured values are NaN where noise hides them, or where an FRF cannot judge its sensor.
     """
     record = problem.record
     pairs = resonance_pairs(record, predicted)
@@ -144,8 +148,9 @@ def aligned(problem: FrfProblem, predicted: ComplexArray) -> Aligned:
 def _tells(model: ComplexArray, measured: ComplexArray) -> np.ndarray:
     """A mask (n_outputs, n_inputs) of FRFs that can judge their sensor: enough clear lines, and no strong cancellation.
 
-    Both FRFs are (n_lines, n_outputs, n_inputs), with NaN on lines that are not clear. An FRF far below what its row and
-    column suggest is a small difference of large terms, which any error of the start values changes completely.
+    Both FRFs are (n_lines, n_outputs, n_inputs), `measured` with NaN on lines that are not clear. Ten clear lines are enough.
+    An FRF far below what its row and column suggest is a small difference of large terms, which any error of the start values
+    changes completely.
     """
     clear = np.isfinite(measured).sum(axis=0)
     enough: np.ndarray = clear >= min(_FEWEST_LINES, len(measured))
@@ -158,7 +163,10 @@ def _tells(model: ComplexArray, measured: ComplexArray) -> np.ndarray:
 
 
 def _between(wanted: FloatArray, frequency: FloatArray, values: ComplexArray) -> ComplexArray:
-    """FRFs interpolated linearly at the frequencies `wanted` (Hz), from their `values` at the lines `frequency` (Hz)."""
+    """FRFs at the frequencies `wanted` (Hz), interpolated linearly from `values` at the ascending lines `frequency` (Hz).
+
+    The lines are the first axis of `values`; beyond the first and last line the values there are kept.
+    """
     after = np.clip(np.searchsorted(frequency, wanted), 1, len(frequency) - 1)
     part = np.clip((wanted - frequency[after - 1]) / (frequency[after] - frequency[after - 1]), 0, 1)[:, None, None]
     interpolated: ComplexArray = (1 - part) * values[after - 1] + part * values[after]
@@ -166,9 +174,9 @@ def _between(wanted: FloatArray, frequency: FloatArray, values: ComplexArray) ->
 
 
 def resonance_pairs(record: FrfRecord, predicted: ComplexArray) -> tuple[ResonancePair, ...]:
-    """Peaks of a record and of a model on its lines, paired in order by frequency and shape, by measured frequency.
+    """Peaks of a record and of a model on its lines, paired in order by frequency and shape, sorted by frequency.
 
-    `predicted` are the model's FRFs, shaped as those of the record.
+    Peaks without a partner have NaN in its place. `predicted` (n_lines, n_outputs, n_inputs) are the model's FRFs.
     """
     (f, own), (g, other) = (_shapes(record, values) for values in (record.values, predicted))
     likeness = np.nan_to_num(mac(own.T, other.T)) if len(f) and len(g) else np.zeros((len(f), len(g)))
@@ -190,7 +198,8 @@ def resonance_pairs(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonan
 def _shapes(record: FrfRecord, values: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """Peak frequencies (n_peaks,) in Hz of FRFs, and their quadrature parts there (n_peaks, n_frfs).
 
-    `values` are the FRFs on the lines of a record.
+    `values` (n_lines, n_outputs, n_inputs) are FRFs on the lines of `record`. The quadrature part is the imaginary one, of
+    mobilities the real one.
     """
     peak_frequencies = peaks(record.frequency, values, record.kind)
     near = np.abs(record.frequency[:, None] - peak_frequencies).argmin(axis=0)
@@ -201,7 +210,7 @@ def _shapes(record: FrfRecord, values: ComplexArray) -> tuple[FloatArray, FloatA
 def in_order(
     cost: FloatArray, unpaired_cost: float, initial_cost: float = 0.0
 ) -> tuple[Sequence[tuple[int | None, int | None]], float]:
-    """The cheapest pairing of two sequences that keeps their order, as pairs of positions (None where unpaired), and its cost.
+    """The cheapest pairing of two sequences that keeps their order: pairs of positions (None where unpaired), and its cost.
 
     Parameters
     ----------
@@ -210,7 +219,7 @@ def in_order(
     unpaired_cost : float
         Cost of each item that is left without a partner.
     initial_cost : float
-        Added to the total cost where unpaired items stand at the start of either sequence.
+        Cost added to the total of every pairing.
 
     References
     ----------

@@ -58,7 +58,10 @@ class ChannelWarnings(NamedTuple):
 
 
 def channel_warnings(comparison: Aligned) -> ChannelWarnings:
-    """Warnings about channels of a record, from its comparison with the initial model and from reciprocity."""
+    """Warnings about channels of a record, from its comparison with the initial model and from reciprocity of the record.
+
+    Of FRFs per motion of a support all but those of reciprocity count as warnings of sensors.
+    """
     record, level, agreement = comparison.record, comparison.level, comparison.accord
     of_pairs = tuple(_reciprocity(record))
     if not np.isfinite(level).any():
@@ -71,7 +74,7 @@ def channel_warnings(comparison: Aligned) -> ChannelWarnings:
 
 
 def _whole_record(comparison: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
-    """Warnings about a factor or a sign that all channels share.
+    """Sentences on a factor or a sign that all channels share; a power of ten in units hides the others.
 
     `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
     (n_outputs, n_inputs).
@@ -133,7 +136,7 @@ def _whole_record(comparison: Aligned, level: FloatArray, agreement: FloatArray)
 
 
 def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
-    """Warnings about loads or driven supports whose level or sign differs from that of the others.
+    """Sentences on loads or driven supports whose level or sign differs from that of the others; none for a single load.
 
     `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
     (n_outputs, n_inputs).
@@ -161,7 +164,7 @@ def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -
 
 
 def _sensors(comparison: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
-    """Warnings about sensors whose level or sign differs from that of the others, or that look exchanged.
+    """Sentences on sensors whose level or sign differs from that of the others, that look exchanged, or that fit far worse.
 
     `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
     (n_outputs, n_inputs).
@@ -201,10 +204,11 @@ def _sensors(comparison: Aligned, level: FloatArray, agreement: FloatArray) -> I
 def _faults(
     level: FloatArray, agreement: FloatArray
 ) -> Iterator[tuple[int, Literal["turned", "level", "apart"], float]]:
-    """Sensors that fit worse than the others: position, fault, and logarithm of the level relative to the others.
+    """Sensors that fit worse than the others, as (position, fault, logarithm of the level relative to the others).
 
-    `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
-    (n_outputs, n_inputs).
+    Faults are "turned" (opposite sense), "level", and "apart" (a far worse fit). There are none for fewer than three sensors,
+    or where the others do not fit well. `level` is the logarithm of measured over modelled magnitude, `agreement` the mean
+    cosine of their phase angle, both (n_outputs, n_inputs).
     """
     levels, goes = median(level - median(level, 0), 1), median(agreement, 1)
     if len(levels) < 3:
@@ -223,9 +227,9 @@ def _faults(
 
 
 def _exchanged(comparison: Aligned, misfits: Sequence[int]) -> list[tuple[int, int]]:
-    """Pairs of sensors, by position, that agree with the model once exchanged.
+    """Pairs of sensors, by position, that agree with the model once exchanged, each sensor in one pair at most.
 
-    They are sought among the positions `misfits`.
+    Candidates are the positions `misfits`, those of sensors that fit far worse than the others.
     """
     pairs: list[tuple[int, int]] = []
     for a, b in combinations(misfits, 2):
@@ -237,7 +241,10 @@ def _exchanged(comparison: Aligned, misfits: Sequence[int]) -> list[tuple[int, i
 
 
 def _reciprocity(record: FrfRecord) -> Iterator[str]:
-    """Warnings about pairs of channels that are both driven and measured and whose FRFs are not reciprocal."""
+    """Sentences on pairs of channels that are both driven and measured and whose FRFs are not reciprocal.
+
+    They must differ by 5 % and six standard errors in the median, or in sign, on at least eight clear lines.
+    """
     sensors = {dof.unsigned: o for o, dof in enumerate(record.outputs)}
     loads = {dof.unsigned: i for i, dof in enumerate(record.inputs)}
     for one, other in combinations([dof for dof in loads if dof in sensors], 2):
@@ -267,7 +274,7 @@ def _signed(record: FrfRecord, o: int, i: int) -> ComplexArray:
 
 
 def _decade_remedy(decades: int) -> str:
-    """A sentence on the units that a factor of 10^`decades` points to, and how to state them."""
+    """A sentence on the units that a factor of 10^`decades` (measured over modelled) points to, and how to state them."""
     if decades == 3:
         cause = "The record may be in mm (or per kN), or the model's nodes in mm, or its masses in t and stiffnesses in kN/m"
     elif decades == -3:

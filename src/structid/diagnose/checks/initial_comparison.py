@@ -32,7 +32,9 @@ class InitialComparison:
 
 
 def compare_with_initial_model(setup: AnySetup, problem: RecordProblem, options: IdentifyOptions) -> InitialComparison:
-    """The resonances and channels of a record beside those of the initial model.
+    """The resonances and channels of a record beside those of the initial model, with warnings about the channels.
+
+    Of modes only the resonances are compared; histories as averaged FRFs, and where there are none the result is empty.
 
     Raises
     ------
@@ -60,7 +62,7 @@ def _compare_responses(problem: FrfProblem, predicted: ComplexArray) -> InitialC
 
 
 def _compare_modes(problem: ModalProblem) -> InitialComparison:
-    """Measured modes beside those of the initial model, with the modes of either that are unmatched."""
+    """Measured modes beside those of the initial model, followed by the model's unmatched modes with NaN as measured."""
     theta = np.asarray(problem.theta_start)
     problem.residual(theta)
     pairs = paired_modes(problem, theta)

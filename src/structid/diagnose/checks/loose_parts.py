@@ -41,14 +41,17 @@ class PlacedFinding:
 
 
 def structure_findings(structure: Structure, values: FloatArray) -> tuple[PlacedFinding, ...]:
-    """Findings about supports that hold nothing, and parts that neither the rest nor a support holds."""
+    """Findings on supports of nodes without elements, and on parts joined neither to the rest nor to a support.
+
+    `values` (n_values,) are the property values. Empty for structures without matrices.
+    """
     if not structure.has_matrices:
         return ()
     return (*_idle_supports(structure), *_loose_parts(structure, values))
 
 
 def _idle_supports(structure: Structure) -> list[PlacedFinding]:
-    """A finding about supported nodes that no element or tie reaches."""
+    """A list with one finding on the supported nodes that no element or tie reaches; empty if there are none."""
     used = set((structure.numbering.codes // 6).tolist())
     idle = tuple(dict.fromkeys(dof.node for dof in structure.fixed if dof.node not in used))
     if not idle:
@@ -57,9 +60,9 @@ def _idle_supports(structure: Structure) -> list[PlacedFinding]:
 
 
 def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding]:
-    """Findings about parts that are joined to nothing and that no stiffness restrains.
+    """Findings on parts that are joined to nothing else and that no stiffness restrains, one for each part.
 
-    `values` (n_values,) are the property values.
+    `values` (n_values,) are the property values. Empty for a single part; where no part is held, the largest is left out.
     """
     codes = np.array(structure.numbering.free, dtype=np.int64)
     label, node = np.unique(codes // 6, return_inverse=True)
@@ -91,11 +94,10 @@ def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding
 
 
 def coarse_elements(structure: Structure, values: FloatArray, mesh: MeshErrors) -> PlacedFinding | None:
-    """A finding that names the elements with half of the energy of the mode with the largest mesh error.
+    """A finding that names the elements with half of the elastic energy of the mode with the largest mesh error.
 
-    None without such a mode.
-
-    `values` (n_values,) are the property values.
+    None if the mesh is fine enough or no mode was judged. `values` (n_values,) are the property values, `mesh` the errors of
+    the same structure.
     """
     if not mesh.words or not mesh.number.size:
         return None

@@ -73,7 +73,7 @@ class MeshErrors:
 
     @cached_property
     def needed(self) -> int:
-        """Number of pieces to cut each element into (along each edge) so that no mode in the band is off by more than allowed.
+        """Number of pieces to cut each element into, along each edge, so that no mode in the band is off by more than allowed.
 
         0 where the elements are fine enough.
         """
@@ -99,7 +99,10 @@ class MeshErrors:
 
     @property
     def words(self) -> str:
-        """A sentence on the mode that is farthest off and what would mend it; "" where the mesh is fine enough."""
+        """A clause on the mode that is farthest off and a remedy; "" where the mesh is fine enough.
+
+        Modes that the mesh lacks are named instead if there are any.
+        """
         if not self.needed and not self.passed_over.size:
             return ""
         if self.passed_over.size:
@@ -135,7 +138,7 @@ class MeshErrors:
 def mesh_errors(
     structure: Structure, values: FloatArray, band: tuple[float, float], deviation: float = np.inf
 ) -> MeshErrors | str:
-    """Discretization errors of the natural frequencies in `band`, or a sentence on why they are not known; "" without a mesh.
+    """Discretization errors of the natural frequencies in `band`, or a sentence on why they are not known.
 
     The model is solved again with elements a half and a quarter as long; the error is extrapolated with the power of the
     element length that the three solutions show (Richardson).
@@ -146,9 +149,14 @@ def mesh_errors(
     values : (n_values,) float array
         Property values.
     band : (float, float)
-        Frequency band, Hz.
+        Lower and upper end of the frequency band, Hz.
     deviation : float
         Smallest relative standard deviation of the measured frequencies: a larger mesh error matters.
+
+    Returns
+    -------
+    MeshErrors or str
+        The text is "" for a structure without a mesh.
 
     References
     ----------
@@ -190,8 +198,8 @@ def mesh_errors(
 def _limit(frequency: FloatArray, refined_frequencies: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
     """Natural frequencies (n,) extrapolated to elements of zero length, and the orders of convergence (n,).
 
-    `frequency` (n,) are those of the given mesh, `refined_frequencies` those with elements a half and, if known, a quarter as
-    long.
+    `frequency` (n,) are those of the present mesh, `refined_frequencies` one or two arrays (n,) for elements a half and a
+    quarter as long. The order is between 1 and 6, and 2 where only one refinement is known or the changes are rounding.
     """
     first = frequency - refined_frequencies[0]
     order = np.full(len(frequency), _USUAL)
@@ -215,10 +223,10 @@ def _paired(
     refined: Refined,
     refined_modes: Modes,
 ) -> IntArray:
-    """Number of the refined model's mode that matches each of the modes `mode_numbers` by MAC; -1 where none does.
+    """Number, from 0, of the refined model's mode that matches each of the modes `mode_numbers` by MAC; -1 without a match.
 
-    `modes` and `refined_modes` are those of the structure and of the `refined` one. `values` (n_values,) are the
-    property values.
+    A match has a MAC of at least 0.5. `modes` and `refined_modes` are those of the structure and of the `refined` one. `values`
+    (n_values,) are the property values.
     """
     rows = refined.places(structure)
     mass = structure.matrix("mass", values)

@@ -21,9 +21,10 @@ Child = tuple[tuple[int, ...], ...]
 
 
 def _boxes(corners: Sequence[tuple[int, ...]]) -> tuple[Child, ...]:
-    """Elements into which a line, quadrilateral or hexahedron is halved, one at each of its `corners` (parametric coordinates).
+    """Elements into which a line, quadrilateral or hexahedron is halved along each edge, one at each of its corners.
 
-    A child is a tuple of its nodes; each node is the tuple of parent corners in whose middle it lies.
+    `corners` are parametric coordinates, 0 or 1. A child is a tuple of its nodes; each node is the tuple of parent corners
+    (positions in `corners`) in whose middle it lies.
     """
 
     def middle_of(at: tuple[int, ...], to: tuple[int, ...]) -> tuple[int, ...]:
@@ -38,7 +39,10 @@ def _boxes(corners: Sequence[tuple[int, ...]]) -> tuple[Child, ...]:
 
 
 def _at_corners(n: int) -> tuple[Child, ...]:
-    """One child at each corner of a triangle or tetrahedron, numbered as its parent."""
+    """One child at each of the `n` corners of a triangle or tetrahedron, its nodes in the order of the parent's corners.
+
+    A node is the tuple of one or two parent corners in whose middle it lies.
+    """
     return tuple(tuple((at,) if at == to else (min(at, to), max(at, to)) for to in range(n)) for at in range(n))
 
 
@@ -82,7 +86,7 @@ class Refined:
     inside: Mapping[int, int]
 
     def places(self, structure: Structure) -> IntArray:
-        """Positions of the original structure's degrees of freedom among those of the refined one, (n_dofs,)."""
+        """Positions of the degrees of freedom of `structure`, the original one, among those of the refined one, (n_dofs,)."""
         place = {code: i for i, code in enumerate(self.structure.numbering.free)}
         own = (divmod(code, 6) for code in structure.numbering.free)
         return np.array([place[6 * self.inside.get(node, node) + axis] for node, axis in own])
@@ -100,7 +104,7 @@ def n_split(structure: Structure) -> int:
 
 
 def obstacle(structure: Structure) -> str | None:
-    """A sentence on why a structure cannot be refined; "" where no element has a size, None where it can be."""
+    """A sentence on why a structure cannot be refined; "" where it has no mesh, None where it can be refined."""
     if not structure.has_matrices:
         return ""
     if structure.measured:
@@ -126,14 +130,14 @@ def obstacle(structure: Structure) -> str | None:
 
 
 def refined(structure: Structure, values: FloatArray, times: int, most_dofs: int) -> Refined | None:
-    """`structure` with elements 1/`times` as long; None where it then has more than `most_dofs` degrees of freedom.
+    """The structure with elements 1/`times` as long; None where it then has more than `most_dofs` degrees of freedom.
 
-    A new node between supported nodes of one free side is supported as they are.
+    A new node is supported if it lies between nodes of a free side that are all supported in that direction.
 
     Parameters
     ----------
     structure : Structure
-        One for which `obstacle` gives None.
+        Structure for which `obstacle` returns None.
     values : (n_values,) float array
         Property values.
     times : int
@@ -156,7 +160,7 @@ def refined(structure: Structure, values: FloatArray, times: int, most_dofs: int
 def _inside(structure: Structure, times: int) -> dict[int, int]:
     """New labels by old ones, for nodes inside subdivided elements and at released ends.
 
-    Each piece is cut into `times`.
+    Each piece is cut into `times` pieces.
     """
     first = max(structure.nodes) + 1
     pieces, n_lines = structure.subdivide, sum(len(made.nodes) for made in structure.divisible)
@@ -190,14 +194,17 @@ class _Middles:
     """Labels of the nodes amid others, each made when it is first asked for."""
 
     def __init__(self, structure: Structure) -> None:
-        """New nodes begin after all labels of the structure and its mesh points."""
+        """An empty table of midway nodes; new labels follow the largest label of the nodes and mesh points of `structure`."""
         self.positions = dict(structure.nodes)
         self.labels: dict[frozenset[int], int] = {}
         ties = [tie.label for tie in structure.ties if isinstance(tie, MeshPoint)]
         self.next = max([*self.positions, *ties]) + 1
 
     def label(self, corners: frozenset[int]) -> int:
-        """Label of the node in the middle of some corner nodes, made at their mean position where it is new."""
+        """Label of the node midway between the nodes `corners`, made at their mean position at the first call.
+
+        A single corner is its own node.
+        """
         if len(corners) == 1:
             return next(iter(corners))
         if corners not in self.labels:
@@ -208,7 +215,10 @@ class _Middles:
 
 
 def _split(refined: Refined) -> Refined:
-    """A refined structure with all areas and solids halved along each edge, and lines where their halves stay stable."""
+    """The structure with all areas and solids halved along each edge, and lines where their halves stay stable.
+
+    Lines are halved if they may be subdivided, or lie along an edge of an area or solid.
+    """
     structure = refined.structure
     middles, edges = _Middles(structure), _edges(structure)
     divisible = {made.name for made in structure.divisible}
@@ -245,7 +255,7 @@ def _split(refined: Refined) -> Refined:
 
 
 def _edges(structure: Structure) -> set[frozenset[int]]:
-    """Pairs of nodes with a node of cells amid them once these are split."""
+    """Pairs of node labels between which a new node of an area or solid lies after a split."""
     return {
         frozenset(int(row[i]) for i in corners)
         for made in structure.elements
@@ -258,7 +268,10 @@ def _edges(structure: Structure) -> set[frozenset[int]]:
 
 
 def _held(structure: Structure, middles: _Middles) -> list[Dof]:
-    """Supports of new nodes on free sides whose nodes are all supported in the same direction."""
+    """Supports of the new nodes in `middles` on free sides between nodes that are all supported in the same direction.
+
+    A side is free if it belongs to a single area or solid.
+    """
     sides: dict[frozenset[int], int] = {}
     for made in structure.elements:
         if made.cells:

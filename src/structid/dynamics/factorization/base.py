@@ -62,7 +62,7 @@ class Factorizer(Protocol):
 
 
 def usable_threads(n: int) -> int:
-    """Number of threads for a factorization of `n` unknowns: one for small ones, at most the processors allowed.
+    """Number of threads for a factorization of `n` unknowns: STRUCTID_THREADS if set, else 1 below 20,000, else all processors.
 
     Raises
     ------

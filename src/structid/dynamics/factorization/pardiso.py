@@ -31,7 +31,7 @@ _ERRORS = {-1: "inconsistent input", -2: "not enough memory", -3: "reordering fa
 
 @cache
 def _load_library() -> ctypes.CDLL | str:
-    """The MKL runtime library, or the reason why it cannot be loaded."""
+    """MKL runtime library, or the reason, as words, why it cannot be loaded."""
     folders = [Path(sys.prefix) / "lib", Path(sys.prefix) / "Library" / "bin", Path(sys.base_prefix) / "lib"]
     names = ("libmkl_rt.so*", "libmkl_rt*.dylib", "mkl_rt*.dll")
     candidates = [str(path) for place in folders for name in names for path in sorted(place.glob(name))]
@@ -196,7 +196,13 @@ class PardisoAnalysis:
         return {**self.__dict__, "handles": {}}
 
     def factor(self, entries: NumberArray) -> PardisoFactor:
-        """Factorization of the matrix with these `entries` of the pattern; it invalidates the previous one."""
+        """Factorization of the matrix with `entries` (n_entries,), in pattern order; it invalidates the previous one.
+
+        Raises
+        ------
+        SingularMatrixError
+            If an entry is not finite, or PARDISO reports an error.
+        """
         if not np.isfinite(entries).all():
             raise SingularMatrixError("the matrix has entries that are not finite")
         is_complex = bool(np.iscomplexobj(entries))
@@ -224,7 +230,15 @@ class PardisoFactor:
     n_changed: int
 
     def solve(self, right: NumberArray) -> NumberArray:
-        """Solution X, (n, n_right), of A X = `right`, real or complex."""
+        """Solution X, (n, n_right), of A X = `right`, real or complex.
+
+        Raises
+        ------
+        SingularMatrixError
+            If pivots are 0 to rounding.
+        RuntimeError
+            If a later factorization of the same analysis was made.
+        """
         if self.count != self.analysis.count:
             raise RuntimeError("this factorization has ended: another one of the same analysis was made after it")
         is_complex = self.handle.kind == _COMPLEX
@@ -235,12 +249,12 @@ class PardisoFactor:
         return self.solve(right.real) + 1j * self.solve(right.imag)
 
     def _is_sparse(self, right: NumberArray) -> bool:
-        """True if right-hand sides have entries where the analysis was told of alone."""
+        """True if `right` has entries only where the analysis expects them (`loaded`), and no pivot was changed."""
         loaded = self.analysis.loaded
         return loaded is not None and not self.n_changed and not right[~loaded].any()
 
     def _check_solution(self, right: NumberArray, solution: NumberArray | None) -> NumberArray:
-        """`solution` as it is; raises `SingularMatrixError` if pivots were changed and the residual is too large.
+        """`solution` unchanged; raises `SingularMatrixError` if pivots were changed and the relative residual exceeds 1e-6.
 
         `right` are the right-hand sides (n, n_right).
         """
@@ -251,9 +265,9 @@ class PardisoFactor:
 
 
 def _backward_error(handle: _Handle, values: NumberArray, right: NumberArray, solution: NumberArray) -> float:
-    """Largest relative residual |b - A x| / |b| over the columns.
+    """Largest relative residual |b - A x| / |b| over the columns of `right` (n, n_right) and `solution`.
 
-    The common denominator |A| |x| + |b| would hide singular matrices.
+    `values` are the entries of the upper triangle. The common denominator |A| |x| + |b| would hide singular matrices.
     """
     from scipy import sparse
 

@@ -42,7 +42,10 @@ class SuperLuAnalysis:
 
     @cached_property
     def _ordering(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-        """Fill-reducing order of the unknowns, source of each reordered entry, and the reordered pattern (indices, indptr)."""
+        """Fill-reducing order of the unknowns, source of each reordered entry, and the reordered pattern (indices, indptr).
+
+        `right[order]` is in the new order; `entries[source]` are those of the new pattern in compressed columns.
+        """
         n = len(self.indptr) - 1
         columns = np.repeat(np.arange(n), np.diff(self.indptr))
         dominant = np.where(self.indices == columns, 2.0 * np.diff(self.indptr)[columns], -1.0)
@@ -59,7 +62,13 @@ class SuperLuAnalysis:
         return np.argsort(new_position), entry, (keys[entry] % n).astype(np.int32), indptr.astype(np.int32)
 
     def factor(self, entries: NumberArray) -> SuperLuFactor:
-        """Factorization of the matrix with these `entries` of the pattern."""
+        """Factorization of the matrix with `entries` (n_entries,), in the order of the pattern.
+
+        Raises
+        ------
+        SingularMatrixError
+            If an entry is not finite or the matrix is singular.
+        """
         order, entry, indices, indptr = self._ordering
         n = len(indptr) - 1
         if not np.isfinite(entries).all():

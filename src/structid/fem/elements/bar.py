@@ -59,9 +59,9 @@ class Bar(ElementSet):
         return {"N": element_vectors(self.name, self.nodes, positions)[1]}
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices of mass, axial stiffness and axial force, by property.
+        """Element matrices of mass, axial stiffness and, if it is stated, axial force, by property.
 
-        `positions` of nodes in m; `used_codes` are not needed.
+        `positions` of nodes in m; `used_codes` are not needed. Raises `InputError` for an axial force of bars on a line.
         """
         length, direction = element_vectors(self.name, self.nodes, positions)
         dimensions = direction.shape[1]

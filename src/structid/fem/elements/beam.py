@@ -42,7 +42,9 @@ SHEAR = "G times the shear area; without it, or infinite, the beam does not shea
 
 
 def hermite_mass(length: FloatArray) -> FloatArray:
-    """Consistent mass of unit mass per length, (n, 4, 4), order w1 theta1 w2 theta2 with theta = dw/dx.
+    """Consistent mass for unit mass per length, (n, 4, 4), in the order w1 theta1 w2 theta2 with theta = dw/dx.
+
+    `length` (n,) is in m.
 
     References
     ----------
@@ -59,7 +61,9 @@ def hermite_mass(length: FloatArray) -> FloatArray:
 
 
 def hermite_stiffness(length: FloatArray) -> FloatArray:
-    """Bending stiffness of unit EI, (n, 4, 4), order w1 theta1 w2 theta2 with theta = dw/dx.
+    """Bending stiffness for unit EI, (n, 4, 4), in the order w1 theta1 w2 theta2 with theta = dw/dx.
+
+    `length` (n,) is in m.
 
     References
     ----------
@@ -112,9 +116,9 @@ class BendingPlane:
     def stiffness(self) -> tuple[ElementMatrixTerm, ...]:
         """Element matrices of bending for unit EI, reduced by the shear deformation where there is shear.
 
-        Hermite's matrix is a sum of two: a uniform curvature e = theta2 - theta1 with the stiffness EI / L, and one
-        that grows along the beam, a, with 12 EI / L^3. Of the two only the second goes with a shear force, whose
-        compliance L / GA adds to L^3 / 12 EI.
+        One term without shear, otherwise two. Hermite's matrix is a sum of two: a uniform curvature e = theta2 - theta1 with
+        the stiffness EI / L, and one that grows along the beam, a, with 12 EI / L^3. Of the two only the second goes with a
+        shear force, whose compliance L / GA adds to L^3 / 12 EI.
         """
         if self.shear[1] is None:
             return (self._matrix_term(hermite_stiffness(self.length)),)
@@ -125,7 +129,10 @@ class BendingPlane:
 
     @property
     def mass(self) -> tuple[ElementMatrixTerm, ...]:
-        """Consistent mass matrices for unit mass per length."""
+        """Consistent mass matrices for unit mass per length.
+
+        One term without shear, otherwise one for each power 0, 1, 2 of the ratio s.
+        """
         if self.shear[1] is None:
             return (self._matrix_term(hermite_mass(self.length)),)
         x, one = _POINTS[:, None], np.ones(len(self.length))
@@ -135,7 +142,10 @@ class BendingPlane:
 
     @property
     def rotary_inertia(self) -> tuple[ElementMatrixTerm, ...]:
-        """Element matrices of the rotary inertia of the sections, for unit inertia per length."""
+        """Element matrices of the rotary inertia of the sections, for unit inertia per length.
+
+        One term without shear, otherwise one for each power 0, 1, 2 of the ratio s.
+        """
         x, one = _POINTS[:, None], np.ones(len(self.length))
         plain = np.stack([0 * x * one, (1 - x) * one, 0 * x * one, x * one], axis=-1)
         bent = (-6 * x * (1 - x) / self.length)[..., None] * self._odd
@@ -145,7 +155,9 @@ class BendingPlane:
 
     @property
     def axial_force(self) -> tuple[ElementMatrixTerm, ...]:
-        """Geometric stiffness of unit tension, consistent with the deflection: the integral of w' w'.
+        """Geometric stiffness for unit tension, consistent with the deflection: the integral of w' w'.
+
+        One term without shear, otherwise one for each power 0, 1, 2 of s.
 
         References
         ----------
@@ -161,12 +173,15 @@ class BendingPlane:
 
     @property
     def _odd(self) -> FloatArray:
-        """a of w1 theta1 w2 theta2, (n, 4)."""
+        """Coefficients of a = w1 - w2 + (theta1 + theta2) L / 2 in the order w1 theta1 w2 theta2, (n, 4)."""
         one = np.ones_like(self.length)
         return np.stack([one, self.length / 2, -one, self.length / 2], axis=1)
 
     def _consistent(self, plain: FloatArray, bent: FloatArray) -> tuple[ElementMatrixTerm, ...]:
-        """Consistent matrix terms of shapes `plain` + s `bent` at the points, (n_points, n, 4)."""
+        """Matrix terms of the shapes `plain` + s `bent`: those of s^0, s^1 and s^2, in this order.
+
+        Both are values at the integration points, (n_points, n, 4), in the order w1 theta1 w2 theta2.
+        """
         mixed = self._product(plain, bent)
         return (
             self._matrix_term(self._product(plain, plain)),
@@ -180,7 +195,10 @@ class BendingPlane:
         return found
 
     def _matrix_term(self, local: FloatArray, power: int = 0) -> ElementMatrixTerm:
-        """An element matrix term from local matrices (n_elements, 4, 4), which go with a `power` of the shear ratio."""
+        """An element matrix term from local matrices (n_elements, 4, 4), which go with a `power` of the shear ratio s.
+
+        They are turned to the coordinates `codes`, and multiplied by the nominal s^power.
+        """
         name, values = self.shear
         if power == 0 or values is None:
             return ElementMatrixTerm(self.codes, rotate_matrices(local, self.across))
@@ -225,9 +243,9 @@ class Beam(ElementSet):
     axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
 
     def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
-        """Unit vectors, on the motions of a node, of shear force V and bending moment M, in a plane of axial force N too.
+        """Unit vectors of the internal forces on the motions of a node: V and M on a line, N, V and M in a plane.
 
-        They are (n_elements, n_coordinates) by the name of the force; `positions` of nodes in m.
+        They are (n_elements, 2) on Y RZ or (n_elements, 3) on X Y RZ, by the name of the force; `positions` of nodes in m.
         """
         _, direction = element_vectors(self.name, self.nodes, positions)
         if direction.shape[1] == 1:
@@ -237,9 +255,14 @@ class Beam(ElementSet):
         return {"N": along[:, 0, :3], "V": across[:, 0, :3], "M": across[:, 1, :3]}
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices by property, from mass to axial force.
+        """Element matrices by property: mass, bending stiffness, and in a plane or where stated the others.
 
         `positions` of nodes in m; `used_codes` are not needed.
+
+        Raises
+        ------
+        InputError
+            If nodes are in space, or beams on a line do not run along +X.
         """
         length, direction = element_vectors(self.name, self.nodes, positions)
         bending, shear = ("bending_stiffness", self.bending_stiffness), ("shear_stiffness", self.shear_stiffness)

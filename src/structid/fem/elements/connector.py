@@ -40,7 +40,10 @@ class Connector(ElementSet):
     second: OtherEnds = declared("The other end; the ground where left out", default=None)
 
     def __post_init__(self) -> None:
-        """Store and check the ends, and derive the node table (-1 for the ground)."""
+        """Store and check the ends, and derive the node table (n_elements, 2), with -1 in the second column for the ground.
+
+        Raises `InputError` if the ends differ in number or kind of motion, or coincide.
+        """
         for key in ("first", "second"):
             named = getattr(self, key)
             object.__setattr__(self, key, named if named is None else dofs_stored(self.name, named))
@@ -50,9 +53,10 @@ class Connector(ElementSet):
         super().__post_init__()
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices d d' with d = +1 at the first end and -1 at the second, each times the sign of its degree of freedom.
+        """Element matrices d d' with d = +1 at the first end and -1 at the second, times the signs of their degrees of freedom.
 
-        Positions and other elements' degrees of freedom have no influence.
+        They are the same for all properties, (n_elements, 2, 2), or (n_elements, 1, 1) to the ground. The arguments have no
+        influence.
         """
         columns = [self.first] if self.second is None else [self.first, self.second]
         codes = np.array([[dof_code(d.node, d.direction) for d in ends] for ends in columns]).T
@@ -62,15 +66,15 @@ class Connector(ElementSet):
         return dict.fromkeys(declarations(self), matrix_terms)
 
     def unit(self, what: Declared) -> str:
-        """The unit that fits all degrees of freedom; both where translations and rotations mix."""
+        """The unit of a property that fits all degrees of freedom; "A or B" where translations and rotations mix."""
         units = {what.about_axes or what.unit if dof.is_rotation else what.unit for dof in self.first}
         return units.pop() if len(units) == 1 else f"{what.unit} or {what.about_axes}"
 
 
 def _require_ends(name: str, first: tuple[Dof, ...], second: tuple[Dof, ...] | None) -> None:
-    """Raise `InputError` unless both ends are as many, of one kind of motion, and differ.
+    """Raise `InputError` unless both ends are equally many, each pair is of the same kind of motion, and its ends differ.
 
-    `second` is None for the ground.
+    `name` is that of the set; `second` is None for the ground.
     """
     if not first:
         raise InputError(f"`first` of {name!r} must name at least one degree of freedom")

@@ -131,7 +131,10 @@ class Declared:
 
 
 def checked_tolerance(name: str, tolerance: float | Mapping[str, float]) -> float | Mapping[str, float]:
-    """The `tolerance` of a set, after a check that its numbers lie between 0 and 1."""
+    """The `tolerance` of the set `name` as a float, or as a dict by property, after a check.
+
+    Raises `InputError` unless all of its numbers lie from 0 to 1.
+    """
     parts = tolerance if isinstance(tolerance, Mapping) else {"": tolerance}
     for key, part in parts.items():
         if not 0 <= part <= 1:
@@ -172,7 +175,10 @@ def declarations(kind: type[ElementSet] | ElementSet) -> dict[str, Declared]:
 
 @dataclass_transform(field_specifiers=(declared,), eq_default=False)  # frozen, mypy forgets `Given` of inherited fields
 def element(cls: type[E]) -> type[E]:
-    """Class decorator: makes an element type a frozen dataclass and writes its fields into the docstring."""
+    """Class decorator that makes an element type a frozen dataclass and lists its fields as parameters in the docstring.
+
+    The parameters come after the summary, before sections of notes and references.
+    """
     decorated = dataclass(frozen=True, eq=False)(cls)
     types, rows = declared_types(decorated), []
     for item in fields(decorated):
@@ -209,7 +215,10 @@ class ShearRatio:
 
 
 def shear_ratio(bending: FloatArray, shear: FloatArray, ratio: FloatArray) -> FloatArray:
-    """Ratio s of `ShearRatio`: the part of the flexibility that is bending, (n_elements,)."""
+    """Ratio s = shear / (shear + ratio bending) of `ShearRatio`: the part of the flexibility that is bending, (n_elements,).
+
+    `bending` is EI in N m^2, `shear` G A_s in N and `ratio` 12 / length^2, (n_elements,) each.
+    """
     return shear / (shear + ratio * bending)
 
 
@@ -324,7 +333,11 @@ class ElementSet:
     )
 
     def __post_init__(self) -> None:
-        """Convert and check each declared field: values of properties, limits, choices, tolerances."""
+        """Convert and check each declared field: values of properties, limits, choices, tolerances.
+
+        Raises `InputError`, which names the field and the set. An infinite value of a property without limit is stored as
+        None.
+        """
         types = declared_types(type(self))
         for name, declaration in declarations(self).items():
             value = getattr(self, name)
@@ -342,7 +355,7 @@ class ElementSet:
         self._require_properties_of_tolerance()
 
     def _require_properties_of_tolerance(self) -> None:
-        """Raise `InputError` if `tolerance` names something that is no property of the type."""
+        """Raise `InputError` if `tolerance` names something that is no property of the type, nor `length` of bars or beams."""
         properties = [name for name, what in declarations(self).items() if what.kind is not None]
         named = self.tolerance if isinstance(self.tolerance, Mapping) else {}
         properties += [LENGTH] if self.is_line else []
@@ -359,7 +372,10 @@ class ElementSet:
 
     @property
     def loosened(self) -> tuple[str, Dof] | None:
-        """The element whose end it lets go, and in what; its matrices then have -1 for that end. None for most."""
+        """The element, such as ``girder:1``, and the degree of freedom that the set releases; None except for joints.
+
+        Matrices of a joint have code -1 in place of the released end.
+        """
         return None
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
@@ -370,20 +386,23 @@ class ElementSet:
         raise NotImplementedError
 
     def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
-        """Unit vector of each internal force on the coordinates of a node, (n_elements, n_coordinates); none but of lines.
+        """Unit vector of each internal force on the coordinates of a node, (n_elements, n_coordinates), by name of the force.
 
-        Local x runs from the first node to the second. A force is that on the section whose normal is local x.
+        Empty except for lines. Local x runs from the first node to the second; a force is that on the section whose normal is
+        local x.
         """
         return {}
 
     def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
-        """The properties of the set, each with the element matrices that it multiplies.
+        """The properties of the set, in the order of their declaration, each with the element matrices that it multiplies.
+
+        Optional properties that are not stated are left out.
 
         Parameters
         ----------
         positions : mapping of node label to position in m
         used_codes : (n,) int array
-            Codes of the degrees of freedom that elements other than those that follow use.
+            Codes of the degrees of freedom that the other elements use, but for those that follow others (masses, joints).
         """
         made = {
             name: self._at_nominal_thickness(matrix_terms)
@@ -411,7 +430,10 @@ class ElementSet:
         return joined_codes([matrix_term.codes for term in terms for matrix_term in term.matrix_terms])
 
     def _at_nominal_thickness(self, matrix_terms: Sequence[ElementMatrixTerm]) -> tuple[ElementMatrixTerm, ...]:
-        """Element matrix terms at the nominal thickness: each matrix times the power of the thickness that it goes with."""
+        """Copies of `matrix_terms` at the nominal thickness: each matrix times the power of the thickness that it goes with.
+
+        They are unchanged if none goes with a power of a thickness.
+        """
         if not any(matrix_term.power for matrix_term in matrix_terms):
             return tuple(matrix_terms)
         [name] = [name for name, what in declarations(self).items() if what.kind == "thickness"]
@@ -433,20 +455,27 @@ def dof_of_code(code: int) -> Dof:
 
 
 def joined_codes(tables: Sequence[IntArray]) -> IntArray:
-    """All codes of `tables`, each once, in order, without -1."""
+    """Sorted distinct codes of all `tables` of any shape, without -1, (n_codes,)."""
     codes: IntArray = np.unique(np.concatenate([np.zeros(0, np.int64), *(table.ravel() for table in tables)]))
     return codes[codes >= 0]
 
 
 def node_codes(nodes: IntArray, directions: Sequence[str]) -> IntArray:
-    """Codes of all `directions` at each node of each element, node by node; -1 where a label is -1."""
+    """Codes of `directions` at each node of each element, (n_elements, n_nodes n_directions); -1 where a label is -1.
+
+    `nodes` (n_elements, n_nodes) are labels. Codes go node by node, directions in their order within a node.
+    """
     axes = np.array([DIRECTIONS.index(d) for d in directions])
     codes = np.where(nodes[:, :, None] >= 0, 6 * nodes[:, :, None] + axes, -1)
     return codes.reshape(len(nodes), -1)
 
 
 def node_table(columns: int) -> Store:
-    """A function that stores node labels of elements with `columns` nodes each; a single element may be one row."""
+    """A function that checks and stores node labels of elements with `columns` nodes each, as (n_elements, columns).
+
+    It takes the name of the set, for errors, and the labels; a single element may be one row, and single nodes a flat list.
+    It raises `InputError` unless there are `columns` whole numbers an element.
+    """
 
     def stored(name: str, nodes: ArrayLike) -> IntArray:
         """The table of `nodes` of the set `name`, checked, (n_elements, columns)."""
@@ -465,9 +494,10 @@ def node_table(columns: int) -> Store:
 def property_values(
     element: str, name: str, values: ArrayLike, n_elements: int, positive: bool = False, signed: bool = False
 ) -> FloatArray:
-    """`values` of the property `name` as one number for each element, (n_elements,), negative only where they are `signed`.
+    """`values` of the property `name` as one number for each element, (n_elements,); a single number holds for all.
 
-    With `positive`, zero is refused too.
+    `element` is the name of the set, for errors. Raises `InputError` for text, a wrong number of values, values that are not
+    finite, negative ones unless `signed`, and zeros if `positive`.
     """
     if np.asarray(values).dtype.kind in "USO" and any(isinstance(item, str | bytes) for item in np.ravel(values)):
         raise InputError(f"`{name}` of {element!r} must be one number or {n_elements}, got text: {values!r}")
@@ -487,7 +517,11 @@ def property_values(
 
 
 def element_vectors(name: str, nodes: IntArray, positions: Positions) -> tuple[FloatArray, FloatArray]:
-    """Lengths in m (n_elements,) and unit vectors (n_elements, n_dimensions) from first to second node."""
+    """Lengths in m (n_elements,) and unit vectors (n_elements, n_dimensions) from first to second node.
+
+    `nodes` (n_elements, 2 or more) are labels and `positions` theirs, m. Raises `InputError`, which names the set, if two
+    ends coincide.
+    """
     start = np.array([positions[int(n)] for n in nodes[:, 0]])
     end = np.array([positions[int(n)] for n in nodes[:, 1]])
     difference = end - start
@@ -499,5 +533,5 @@ def element_vectors(name: str, nodes: IntArray, positions: Positions) -> tuple[F
 
 
 def rotate_matrices(local: FloatArray, rotation: FloatArray) -> FloatArray:
-    """rotation' local rotation for every element: (n, a, a) and (n, a, b) to (n, b, b)."""
+    """R' B R for every element, with B = `local` (n, a, a) and R = `rotation` (n, a, b); the result is (n, b, b)."""
     return np.swapaxes(rotation, 1, 2) @ local @ rotation

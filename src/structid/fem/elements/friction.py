@@ -49,7 +49,9 @@ class Friction(Connector):
     )
 
     def sliding(self, receptance: np.ndarray) -> FloatArray:
-        """Smoothed measured sliding amplitude, (n_frequencies,), from the receptance of the `measured_by` sensors.
+        """Smoothed sliding amplitude, (n_frequencies,), from measured receptances of the `measured_by` sensors.
+
+        It is the size of their mean, averaged geometrically over `smoothing` lines, per unit of load.
 
         Parameters
         ----------

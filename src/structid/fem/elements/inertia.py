@@ -26,7 +26,7 @@ from structid.fem.elements.element import (
 
 
 def _checked_translations(name: str, directions_given: Iterable[str]) -> tuple[str, ...] | None:
-    """`directions_given` directions as a tuple, after a check that they are translations."""
+    """`directions_given` as a tuple; raises `InputError`, which names the set, unless all are among X, Y, Z."""
     directions = tuple(directions_given)
     if not set(directions) <= set(TRANSLATIONS):
         raise InputError(f"`directions` of {name!r} must be among X Y Z, got {directions}")
@@ -50,9 +50,10 @@ class PointMass(ElementSet):
     )
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Diagonal mass matrices in the translations that the node has.
+        """Diagonal 3 x 3 mass matrices, with ones in the translations in which the node moves and code -1 in the others.
 
-        `positions` of nodes in m; `used_codes` are the degrees of freedom that other elements use, among them these translations.
+        These are the `directions` if stated, else those in `used_codes`, which other elements use; a node without any has all
+        translations that `positions` (m) have coordinates for.
         """
         codes = node_codes(self.nodes, TRANSLATIONS)
         moves = np.isin(codes, used_codes)

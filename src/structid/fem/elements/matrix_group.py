@@ -61,7 +61,10 @@ class MatrixGroup(ElementSet):
     loss_factor: Values = declared("Structural damping of `stiffness`", "loss_factor", "1", default=0.0)
 
     def __post_init__(self) -> None:
-        """Derive the nodes from the rows, and check that the matrices are symmetric and of their size."""
+        """Derive the nodes from the rows, and check that the matrices are finite, symmetric and of their size.
+
+        Raises `InputError` otherwise, and if no matrix is stated.
+        """
         dofs = parse_dofs(self.dofs)
         object.__setattr__(self, "dofs", dofs)
         object.__setattr__(self, "nodes", locked(np.unique([d.node for d in dofs])[None, :], np.int64))
@@ -78,9 +81,9 @@ class MatrixGroup(ElementSet):
         return {key: matrix for key, matrix in every.items() if matrix is not None}
 
     def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
-        """The group's factors as properties with the matrices that they multiply.
+        """The group's factors as properties, nominally 1, with the matrices that they multiply; then its loss factor.
 
-        Positions and other elements have no influence.
+        A group without stiffness has no loss factor. The arguments have no influence.
         """
         matrix_terms_of, unit = self.matrices(positions, used_codes), np.ones(1)
         terms = [Term(key, _KINDS[key], "1", unit, matrix_terms) for key, matrix_terms in matrix_terms_of.items()]
@@ -88,7 +91,10 @@ class MatrixGroup(ElementSet):
         return (*terms, *loss)
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """The group's matrices by property, each as one element; positions and other elements have no influence."""
+        """The group's matrices by "mass", "stiffness" and "damping", each as one element; signs of the rows are taken out.
+
+        The arguments have no influence.
+        """
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
         signed = {key: sparse.csc_array(sign @ matrix @ sign) for key, matrix in self.given.items()}
@@ -96,7 +102,7 @@ class MatrixGroup(ElementSet):
 
 
 def _require_symmetric(group: str, name: str, matrix: sparse.csc_array, size: int) -> None:
-    """Raise `InputError` unless the matrix is of the right size, finite and symmetric.
+    """Raise `InputError` unless the matrix is (size, size), finite and symmetric to 1e-8 of its largest entry.
 
     `group` and `name` are named in the message.
     """

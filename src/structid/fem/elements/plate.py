@@ -96,9 +96,9 @@ class Plate(ThinSet):
         }
 
     def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
-        """Maps from the motion of the element in `row` to in-plane strains, and to strains per height, at its centre.
+        """Maps from the motion of the element in `row` to in-plane strains, which are zero, and to strains per height (1/m).
 
-        `positions` of nodes in m.
+        Both are (3, 3 n_corners), at the centre, as in `ThinSet.centre_strains`; `positions` of nodes in m.
         """
         nodes = self.nodes[row][self.nodes[row] >= 0][None]
         corners = cell_positions(self.name, nodes, positions, 2)

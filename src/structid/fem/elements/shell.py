@@ -43,10 +43,10 @@ class Facets:
     height: FloatArray
 
     def in_space(self, local: FloatArray) -> FloatArray:
-        """Matrices on (u, v, w, rotations) of each corner in the facet's axes, turned to global axes, (n_cells, 6 n, 6 n).
+        """Matrices on all six motions of each corner, turned from the facet's axes to global axes, (n_cells, 6 n, 6 n).
 
-        Nodes out of the plane are joined to it by rigid links along the normal. `local` (n_cells, 6 n, 6 n) are those
-        matrices.
+        `local` (n_cells, 6 n, 6 n) are those in the facet's axes, corner by corner. Nodes out of the plane are joined to it
+        by rigid links along the normal.
         """
         n_cells, n = self.height.shape
         if self.height.any():
@@ -58,13 +58,13 @@ class Facets:
         return turned.reshape(local.shape)
 
     def to_facet(self, maps: FloatArray) -> FloatArray:
-        """Maps (..., 6 n) of the first facet's motion, in its axes, as maps of motion in global axes."""
+        """Maps of motion in the first facet's axes as maps of motion in global axes, (..., 6 n) both."""
         n = self.height.shape[1]
         linked = maps @ self._links()[0]
         return (linked.reshape(*maps.shape[:-1], 2 * n, 3) @ self.axes[0]).reshape(maps.shape)
 
     def _links(self) -> FloatArray:
-        """Maps from motion at the nodes to motion of the corners in the facet plane, (n_cells, 6 n, 6 n)."""
+        """Maps from motion at the nodes to motion of the corners in the facet plane, (n_cells, 6 n, 6 n), in facet axes."""
         n_cells, n = self.height.shape
         links = np.tile(np.eye(6 * n), (n_cells, 1, 1))
         for k in range(n):
@@ -74,7 +74,10 @@ class Facets:
 
 
 def facets(name: str, nodes: IntArray, positions: FloatArray) -> Facets:
-    """Flat facets of cells in space: their axes, and their corners in the plane.
+    """Flat facets of cells in space: their axes, corners in the plane and heights above it.
+
+    The first axis runs along the first side of a triangle, and between the midpoints of two opposite sides of a
+    quadrilateral.
 
     Parameters
     ----------
@@ -88,7 +91,7 @@ def facets(name: str, nodes: IntArray, positions: FloatArray) -> Facets:
     Raises
     ------
     InputError
-        If a facet has no area, or is too far from flat.
+        If a facet has no area, or a corner is farther from its plane than a tenth of the square root of the area.
     """
     n = positions.shape[1]
     if n == 3:
@@ -144,7 +147,7 @@ class Shell(ThinSet):
     )
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices of density and Young's modulus, for stretching and bending, by property.
+        """Element matrices by property: density for mass and rotary inertia, Young's modulus for stretching and bending.
 
         `positions` of nodes in m; `used_codes` are not needed.
         """
@@ -167,7 +170,7 @@ class Shell(ThinSet):
     def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
         """Maps from the motion of the element in `row` to in-plane strains, and to strains per height, at its centre.
 
-        `positions` of nodes in m.
+        Both are (3, 6 n_corners), 1 and 1/m, as in `ThinSet.centre_strains`; `positions` of nodes in m.
         """
         nodes = self.nodes[row][self.nodes[row] >= 0][None]
         flat = facets(self.name, nodes, cell_positions(self.name, nodes, positions, 3))
@@ -183,9 +186,10 @@ class Shell(ThinSet):
 
 
 def _turned_strains(axes: FloatArray) -> FloatArray:
-    """Map (3, 3) of strains (xx, yy, engineering xy) in a facet's axes to those whose x is the part of global X in its plane.
+    """Map (3, 3) of strains (xx, yy, engineering xy) from a facet's axes to axes in its plane with x near global X.
 
-    Where the normal runs along X, to less than half a degree, it is the part of global Y. `axes` (3, 3) has the facet's as rows.
+    That x is the part of global X in the plane, or of global Y where the normal runs along X to about half a degree. `axes`
+    (3, 3) has the facet's axes as rows.
     """
     c, s = axes[:2, 0]
     if np.hypot(c, s) < _ALONG_NORMAL:
@@ -226,9 +230,9 @@ def _rotary_inertia(name: str, nodes: IntArray, points: FloatArray, cell: str) -
 
 
 def _on_all_coordinates(small: FloatArray, axes: tuple[int, ...]) -> FloatArray:
-    """Matrices on some coordinates (`axes`) of each corner as matrices on all six, (n_cells, 6 n, 6 n).
+    """Matrices on some coordinates (`axes`, 0 to 5) of each corner as matrices on all six, (n_cells, 6 n, 6 n).
 
-    `small` (n_cells, m n, m n) are those matrices.
+    `small` (n_cells, m n, m n) are those matrices, corner by corner, m the number of `axes`; other entries are zero.
     """
     n = small.shape[1] // len(axes)
     rows = np.ravel([[6 * k + axis for axis in axes] for k in range(n)])

@@ -80,7 +80,7 @@ class SolverModel(ElementSet):
     loss_factor: Values = declared("Structural damping of the stiffness", "loss_factor", "1", default=0.0)
 
     def __post_init__(self) -> None:
-        """Derive the nodes from the degrees of freedom, and check the names of the parameters."""
+        """Derive the nodes from the degrees of freedom; raise `InputError` if a parameter has the name of a factor."""
         object.__setattr__(self, "nodes", locked(np.unique([d.node for d in self.dofs])[None, :], np.int64))
         super().__post_init__()
         reserved = {*_KINDS, "loss_factor"}
@@ -91,9 +91,10 @@ class SolverModel(ElementSet):
                 )
 
     def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
-        """The model's properties (factors and parameters) with the matrices that they multiply.
+        """The model's properties with the matrices that they multiply: its parameters, then its factors, then the loss factor.
 
-        The arguments have no influence.
+        A part that depends on parameters is multiplied by the first of them; its other powers weigh it besides. The arguments
+        have no influence.
         """
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
@@ -131,7 +132,10 @@ class SolverModel(ElementSet):
         return (*parameter_terms, *terms)
 
     def matrix(self, matrix_of: str, values: Mapping[str, float]) -> sparse.csc_array:
-        """The ``mass``, ``damping`` or ``stiffness`` matrix for parameter `values` by name, sparse (n_dofs, n_dofs), SI units."""
+        """The ``mass``, ``damping`` or ``stiffness`` matrix, sparse (n_dofs, n_dofs) in SI units; zero if it has no parts.
+
+        `values` are the values of all parameters by name, each in its unit.
+        """
         references = {parameter.name: parameter.reference for parameter in self.parameters}
         total = sparse.csc_array((len(self.dofs), len(self.dofs)))
         for part in self.parts:
@@ -170,7 +174,10 @@ class FrfRuns:
     runs: ComplexArray
 
     def mapped(self, frequency: FloatArray, convert: Callable[[ComplexArray], ComplexArray]) -> FrfRuns:
-        """A copy whose receptances (n_lines, ...) of all runs went through `convert`; `frequency` are the new lines, Hz."""
+        """A copy with new lines `frequency` (Hz) and the receptances of every run put through `convert`.
+
+        `convert` takes (n_lines, n_outputs, n_inputs), once for the centre and once for each run.
+        """
         centre = convert(self.centre)
         transformed = np.zeros((*self.runs.shape[:2], *centre.shape), dtype=np.complex128)
         for index in np.ndindex(*self.runs.shape[:2]):
@@ -178,12 +185,12 @@ class FrfRuns:
         return replace(self, frequency=frequency, centre=centre, runs=transformed)
 
     def lines(self, frequency: FloatArray) -> IntArray:
-        """Indices of the lines `frequency`, Hz, among those of the runs; raises `InputError` if one is missing.
+        """Indices (n,) of the lines `frequency` (n,), Hz, among those of the runs; they must match exactly.
 
         Raises
         ------
         InputError
-            If one is not there.
+            If a line is not there.
         """
         index = np.clip(np.searchsorted(self.frequency, frequency), 0, len(self.frequency) - 1)
         missing = frequency[self.frequency[index] != frequency]
@@ -195,7 +202,10 @@ class FrfRuns:
 
     @cached_property
     def _derivatives(self) -> ComplexArray:
-        """Derivatives of the receptances by the parameters at the centre, (n_lines, n_outputs, n_inputs, n_params)."""
+        """Derivatives of the receptances by the parameters at the centre, (n_lines, n_outputs, n_inputs, n_params).
+
+        Each is the slope of the parabola through the centre and the two runs of the parameter.
+        """
         derivatives = np.zeros((*self.centre.shape, len(self.changes)), dtype=np.complex128)
         for k, ((a, b), (run_a, run_b)) in enumerate(zip(self.changes, self.runs, strict=True)):
             up, down = (run_a - self.centre) / a, (run_b - self.centre) / b
@@ -203,7 +213,10 @@ class FrfRuns:
         return derivatives
 
     def evaluated(self, values: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Receptances and their derivatives, (n_lines, n_outputs, n_inputs) and (..., n_params), for values of all parameters."""
+        """Receptances (n_lines, n_outputs, n_inputs), and their derivatives by the parameters, (..., n_params).
+
+        `values` (n_params,) are those of all parameters, in the order of `at`. SI units per unit of each parameter.
+        """
         return self.centre + self._derivatives @ (values - np.array(list(self.at.values()))), self._derivatives
 
 
@@ -227,7 +240,7 @@ class SolverFrfs(ElementSet):
         return tuple(dict.fromkeys(dof.unsigned for dof in (*self.table.outputs, *self.table.inputs)))
 
     def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
-        """The parameters as properties with empty matrices, since the model has FRFs alone.
+        """The parameters as properties with zero matrices, since the model has FRFs alone.
 
         The arguments have no influence.
         """
@@ -241,12 +254,14 @@ class SolverFrfs(ElementSet):
         )
 
     def channel_indices(self, dofs: tuple[Dof, ...], role: str) -> tuple[IntArray, FloatArray]:
-        """Indices of sensors (`role` ``output``) or loads (``input``) among the solver's channels, and their relative sign.
+        """Indices of sensors or loads among the solver's channels, and signs +1 or -1 relative to these; (n,) each.
+
+        `dofs` are the n sensors or loads; `role` is ``output`` for sensors and ``input`` for loads.
 
         Raises
         ------
         InputError
-            If it has no such channel.
+            If the solver has no such channel.
         """
         channels = self.table.outputs if role == "output" else self.table.inputs
         index_and_sign = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(channels)}
@@ -260,7 +275,10 @@ class SolverFrfs(ElementSet):
 
 
 def _split_powers(part: Part) -> tuple[str, Powers]:
-    """The property that multiplies a part of a matrix, and the remaining powers that multiply it."""
+    """The property that multiplies a part of a matrix, and the remaining (name, exponent) powers that weigh it besides.
+
+    It is the first parameter of `part.powers`, whose exponent is lowered by 1; without powers, the kind of the matrix.
+    """
     if not part.powers:
         return part.matrix_of, ()
     (name, exponent), *others = part.powers
@@ -269,7 +287,11 @@ def _split_powers(part: Part) -> tuple[str, Powers]:
 
 
 def _kind_of_parameter(name: str, parts: Sequence[Part]) -> Kind:
-    """``mass`` or ``stiffness`` for a parameter to which parts of one matrix alone are proportional, else ``parameter``."""
+    """Kind of the property of a parameter: that of the one matrix that is proportional to it, else ``parameter``.
+
+    ``mass``, ``viscous_damping`` or ``stiffness`` if all parts with the parameter belong to that matrix and have it to the
+    first power, alone.
+    """
     of_parameter = [part for part in parts if any(name == other for other, _ in part.powers)]
     kinds = {part.matrix_of for part in of_parameter}
     if len(kinds) == 1 and all(part.powers == ((name, 1),) for part in of_parameter):

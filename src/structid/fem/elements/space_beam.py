@@ -98,9 +98,9 @@ class SpaceBeam(ElementSet):
     axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
 
     def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
-        """Unit vectors, on the motions of a node, of N, shear forces VY and VZ, torque T, and moments MY and MZ.
+        """Unit vectors of N, shear forces VY and VZ, torque T and moments MY and MZ on the motions X Y Z RX RY RZ of a node.
 
-        They are (n_elements, 6) by the name of the force; `positions` of nodes in m.
+        They are (n_elements, 6) by the name of the force, in local axes; `positions` of nodes in m.
         """
         axes = _local_axes(self.name, element_vectors(self.name, self.nodes, positions)[1], self.orientation)
         wide = np.zeros((len(axes), 6, 6))
@@ -108,9 +108,9 @@ class SpaceBeam(ElementSet):
         return {name: wide[:, row] for row, name in enumerate(("N", "VY", "VZ", "T", "MY", "MZ"))}
 
     def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
-        """Element matrices of mass, axial, torsional and bending stiffness and axial force, by property.
+        """Element matrices by property: mass, axial, torsional and bending stiffness, polar inertia, and where stated others.
 
-        `positions` of nodes in m; `used_codes` are not needed.
+        `positions` of nodes in m, which must be in space, else `InputError`; `used_codes` are not needed.
         """
         length, direction = element_vectors(self.name, self.nodes, positions)
         if direction.shape[1] != 3:
@@ -144,7 +144,11 @@ class SpaceBeam(ElementSet):
 
 
 def _local_axes(name: str, x: FloatArray, orientation: FloatArray | None) -> FloatArray:
-    """Local axes as rows, (n_elements, 3, 3), from unit vectors `x` along the beams and the orientation of local y."""
+    """Local axes as rows, (n_elements, 3, 3), from unit vectors `x` (n_elements, 3) along the beams.
+
+    Local y is the part of `orientation` (3,) across the beam; by default (None) of global Y, or of global X for beams along
+    Y. Raises `InputError`, which names the set, if `orientation` runs along a beam.
+    """
     if orientation is not None:
         guide = np.broadcast_to(orientation, x.shape)
     else:
@@ -158,9 +162,10 @@ def _local_axes(name: str, x: FloatArray, orientation: FloatArray | None) -> Flo
 
 
 def _space_maps(axes: FloatArray) -> dict[str, FloatArray]:
-    """Maps from the twelve global coordinates to axial, twist and bending coordinates, (n_elements, 2 or 4, 12) by name.
+    """Maps (n_elements, 2 or 4, 12) from the twelve global coordinates of a beam to its local ones, by name.
 
-    `axes` (n_elements, 3, 3) are the local axes as rows.
+    ``along`` and ``twist`` give axial motion and rotation at both ends; ``about_y`` and ``about_z`` give w1 theta1 w2 theta2
+    of each bending plane. `axes` (n_elements, 3, 3) are the local axes as rows.
     """
     n = len(axes)
     maps: dict[str, FloatArray] = {

@@ -68,7 +68,7 @@ def read(path: Path) -> list[ImportedMatrix]:
 def _read_table(path: Path, content: bytes) -> tuple[FloatArray, bool]:
     """Numbers of all lines except comments and keywords, (n_lines, 3 to 6), and True if they are separated by commas.
 
-    `content` is the text of the file.
+    `content` is the text of the file. Raises `FileError` for a line that differs from the first in length, or is no number.
     """
     if b"*" in content:
         lines = content.split(b"\n")
@@ -116,7 +116,10 @@ def _require_whole(path: Path, labels: FloatArray) -> None:
 
 
 def _matrix_of_coordinates(path: Path, name: str, table: FloatArray) -> ImportedMatrix:
-    """A matrix from rows of (row, column, value), counted from 1."""
+    """A matrix without numbering from rows (row, column, value), counted from 1; the other triangle is added if it is missing.
+
+    Raises `FileError` if a row or column is below 1.
+    """
     row, column = table[:, 0].astype(np.int64) - 1, table[:, 1].astype(np.int64) - 1
     if min(row.min(), column.min()) < 0:
         entry = int(np.argmax((row < 0) | (column < 0)))
@@ -135,7 +138,10 @@ def _labels(name: str, table: FloatArray) -> ImportedMatrix:
 
 
 def _without_constrained(item: ImportedMatrix) -> ImportedMatrix:
-    """The matrix without rows whose huge diagonal marks a constrained degree of freedom; these are kept in `constrained`."""
+    """The matrix without rows whose diagonal of 1e30 or more marks a constrained degree of freedom.
+
+    Node and component of these rows are kept in `constrained`.
+    """
     assert item.dofs is not None
     constrained = item.matrix.diagonal() >= _HELD
     if not constrained.any():
@@ -145,7 +151,10 @@ def _without_constrained(item: ImportedMatrix) -> ImportedMatrix:
 
 
 def _matrix_of_elements(name: str, table: FloatArray) -> ImportedMatrix:
-    """The assembled matrix, with the entries of each element (both triangles), from rows of (element, labels, value)."""
+    """The assembled matrix, with the entries of each element (both triangles), from rows of a file.
+
+    `table` (n_entries, 6) has element, node and component of the row, node and component of the column, and value.
+    """
     labels = table[:, 1:5].astype(np.int64)
     element, value = table[:, 0].astype(np.int64), table[:, 5]
     codes, index = np.unique(np.concatenate([codes_of(labels[:, :2]), codes_of(labels[:, 2:])]), return_inverse=True)
@@ -165,10 +174,18 @@ def _matrix_of_elements(name: str, table: FloatArray) -> ImportedMatrix:
 def file_text(path: Path, item: ImportedMatrix, form: Form = "labels") -> str:
     """Text of an Abaqus matrix file of `item` in the given form; only the lower triangle of a symmetric matrix.
 
+    Parameters
+    ----------
+    path : Path
+        The file, for errors.
+    item : ImportedMatrix
+    form : {"labels", "coordinate", "elements"}
+        Entries by node and component, by row and column from 1, or by element with node and component.
+
     Raises
     ------
     FileError
-        If it has no numbering or elements, where the form needs them, or is complex.
+        If it has no numbering or elements, where the form needs them, or is complex or rectangular.
     """
     if form not in ("labels", "coordinate", "elements"):
         raise InputError(f"`form` must be 'labels', 'coordinate' or 'elements', got {form!r}")
@@ -194,7 +211,10 @@ def _entry(row: list[int], column: list[int], value: float) -> str:
 
 
 def _element_text(path: Path, item: ImportedMatrix) -> str:
-    """Text of an Abaqus matrix file with the lower triangle of each element; `FileError` if the matrix is only assembled."""
+    """Text of an Abaqus matrix file with the lower triangle of each element of the matrix `item`.
+
+    Raises `FileError`, which names `path`, if the matrix is only assembled or has no numbering.
+    """
     if item.elements is None or item.dofs is None:
         raise FileError(f"{path}: {item.name!r} is assembled; its elements cannot be written apart")
     parts: ElementEntries = item.elements

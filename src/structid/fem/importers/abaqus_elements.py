@@ -33,7 +33,7 @@ class _Element:
 
 
 def read_user_elements(path: Path, content: bytes) -> list[ImportedMatrix]:
-    """One matrix for each kind (stiffness, mass) from the element matrices in `content`, in upper case.
+    """One matrix for each kind (stiffness, mass, damping) of the element matrices in `content`, the file in upper case.
 
     Raises
     ------
@@ -50,7 +50,10 @@ def read_user_elements(path: Path, content: bytes) -> list[ImportedMatrix]:
 
 
 def _read_elements(path: Path, content: bytes) -> list[_Element]:
-    """Every element matrix in `content` with its nodes and degrees of freedom; an element may have two matrices."""
+    """Every element matrix in `content` with its nodes and degrees of freedom; an element with two matrices comes twice.
+
+    `content` is the file in upper case. Elements without a number in comments are counted from 1.
+    """
     elements: list[_Element] = []
     label, nodes_follow = 0, False
     current: _Element | None = None
@@ -84,7 +87,10 @@ def _read_elements(path: Path, content: bytes) -> list[_Element]:
 
 
 def _with_kind(path: Path, number: int, line: bytes, current: _Element | None) -> _Element:
-    """A new element matrix of the kind that the *MATRIX `line` states, on the nodes of `current`."""
+    """A new element matrix of the kind that the *MATRIX `line` states, on the nodes of `current`.
+
+    Raises `FileError`, with the line's `number`, if `current` is None or the kind is unknown.
+    """
     kind = _TYPE.search(line)
     name = kind[1].replace(b" ", b"").decode() if kind else ""
     if current is None or name not in _KINDS:
@@ -107,7 +113,8 @@ def _whole_numbers(path: Path, number: int, line: bytes) -> list[int]:
 def _row_dofs(path: Path, element: _Element) -> IntArray:
     """Node and component of each row of the element matrix, (n_rows, 2).
 
-    The first line's components hold until a later line changes them.
+    The components of the first line of degrees of freedom hold until a later line changes them. Raises `FileError` if nodes
+    or that line are missing.
     """
     where = f"{path}, line {element.line}: element {element.label}"
     if len(element.nodes) != element.n_nodes:
@@ -127,7 +134,10 @@ def _row_dofs(path: Path, element: _Element) -> IntArray:
 
 
 def _full_matrix(path: Path, element: _Element, n: int) -> FloatArray:
-    """The element matrix (n, n) from its values, a lower triangle or all of them."""
+    """The element matrix (n, n) from its values, which are a lower triangle by rows or all columns.
+
+    Raises `FileError` for another number of values.
+    """
     text = b" ".join(element.values).translate(bytes.maketrans(b",D", b" E"))
     try:
         values = np.array(text.split()).astype(np.float64)

@@ -49,7 +49,10 @@ def read(path: Path) -> list[ImportedMatrix]:
 
 
 def _assembled_matrices(content: Mapping[str, Any]) -> list[ImportedMatrix]:
-    """Matrices of a ``.full`` file: one triangle, rows named by (node, component from 0); constrained rows are empty."""
+    """Stiffness and mass from the `content` of a ``.full`` file, both triangles, on the free degrees of freedom.
+
+    `content` has node and component (from 0) of each row, those that are constrained, and one triangle of each matrix.
+    """
     table = content["dofs"] + np.array([0, 1])
     constrained = content["held"].reshape(-1, 2) + np.array([0, 1])
     free = ~np.isin(codes_of(table), codes_of(constrained))
@@ -63,7 +66,11 @@ def _assembled_matrices(content: Mapping[str, Any]) -> list[ImportedMatrix]:
 
 
 def _element_matrices(content: Mapping[str, Any]) -> list[ImportedMatrix]:
-    """Matrices of a ``.emat`` file: lower triangles by rows, at (index of the node, component), both from 0."""
+    """Assembled matrices, with the entries of each element, from the `content` of a ``.emat`` file.
+
+    `content` has lower triangles by rows, or diagonals, with numbers of equations: (index of the node) n_dof + component,
+    both from 0.
+    """
     parts: dict[str, list[tuple[int, IntArray, FloatArray]]] = {}
     nodes, labels, n_dof = content["nodes"], content["labels"].tolist(), content["n_dof"]
     for label, (equations, data) in zip(labels, content["elements"], strict=True):

@@ -53,7 +53,10 @@ def _as_imported(path: Path, name: str, matrix: AnyArray | sparse.csc_array) -> 
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
-    """The matrix that `scipy.sparse.save_npz` wrote, in any form with explicit indices."""
+    """The matrix that `scipy.sparse.save_npz` wrote, by the name of the file in capitals.
+
+    Raises `ValueError` unless its form is csc, csr, coo or dia.
+    """
     parts = npz_arrays(path, "a whole matrix in NPZ", "write it with scipy.sparse.save_npz")
     form = _text(parts["format"])
     n_rows, n_columns = (int(n) for n in parts["shape"])

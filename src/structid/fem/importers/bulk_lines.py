@@ -78,13 +78,19 @@ class BulkLines:
     origins: Origins | None = None
 
     def take(self, lines: IntArray, column: IntArray | int, width: IntArray | int) -> Bytes:
-        """`width` characters from `column` of each of `lines`, blanks behind the line's end."""
+        """Characters from `column` (from 0) on of each of `lines` (indices), (n, width) uint8; blanks behind the line's end.
+
+        Where widths differ, the table is as wide as the widest, and at least eight.
+        """
         start = self.start[lines] + column
         end = np.minimum(self.end[lines], start + width)
         return fields_at(self.buffer, start, end, int(np.max(width, initial=8)))
 
     def integers(self, lines: IntArray, column: IntArray | int, width: IntArray | int, what: str) -> IntArray:
-        """Whole numbers in one field (first column, width) of each of `lines`, 0 where blank; `what` names the field in errors."""
+        """Whole numbers (n,) in the field of `width` characters at `column` (from 0) of each of `lines`; 0 where blank.
+
+        `lines` are indices. Raises `FileError`, which names the field `what` and the line, if it is no whole number.
+        """
         values = np.zeros(len(lines), dtype=np.int64)
         for part in chunks(len(lines)):
             try:
@@ -94,7 +100,10 @@ class BulkLines:
         return values
 
     def reals(self, lines: IntArray, column: IntArray | int, width: IntArray | int, what: str) -> np.ndarray:
-        """Real numbers in one field (first column, width) of each of `lines`, 0 where blank; `what` names the field in errors."""
+        """Real numbers (n,) in the field of `width` characters at `column` (from 0) of each of `lines`; 0 where blank.
+
+        `lines` are indices. Raises `FileError`, which names the field `what` and the line, if it is no number.
+        """
         values = np.zeros(len(lines))
         for part in chunks(len(lines)):
             try:
@@ -134,18 +143,24 @@ def bulk_lines(
     whole_lines: bool = False,
     origins: Origins | None = None,
 ) -> BulkLines:
-    """The lines of the cards called `names` in the file at `path`, comments and all other cards left out.
+    """The lines of the cards called `names` in the file at `path`; comments and all other cards are left out.
 
     Parameters
     ----------
     path : Path
     names : tuple of str
+        In capitals.
     content : bytes, optional
         Text to take instead of that of the file.
     whole_lines : bool
         True if a free-field line always becomes two lines of four fields, so that fields keep their column in a card.
     origins : Origins, optional
         File and line number that each line of `content` comes from.
+
+    Raises
+    ------
+    FileError
+        If a continuation line does not follow the line that it continues.
     """
     content = (path.read_bytes() if content is None else content).upper()
     if b"\t" in content:
@@ -159,10 +174,7 @@ def bulk_lines(
 
 
 def _split_lines(content: bytes) -> tuple[Bytes, IntArray, IntArray, IntArray]:
-    """Bytes, first and last byte (exclusive) of each line without its comment, and line numbers from 1.
-
-    `content` is the text of the deck.
-    """
+    """The bytes of `content`, first and last byte (exclusive) of each line without its comment, and line numbers from 1."""
     buffer = np.frombuffer(content, dtype=np.uint8)
     ends = np.flatnonzero(buffer == ord("\n"))
     if not len(ends) or ends[-1] != len(buffer) - 1:
@@ -184,9 +196,10 @@ def _with_comma(buffer: Bytes, start: IntArray, end: IntArray) -> NDArray[np.boo
 def _widen_free_lines(
     content: bytes, free: NDArray[np.bool_], number: IntArray, whole_lines: bool
 ) -> tuple[bytes, IntArray]:
-    """Text in which each free-field line (`free`) is rewritten in wide fixed fields, and the source line number of each line.
+    """Text in which each free-field line is rewritten in wide fixed fields, and the source line number of each of its lines.
 
-    `whole_lines` gives every such line two lines of four fields.
+    `free` (n_lines,) marks such lines and `number` has their numbers; `whole_lines` gives each of them two lines of four
+    fields.
     """
     lines, numbers = [], []
     for line, is_free, source in zip(content.split(b"\n"), free.tolist(), number.tolist(), strict=False):
@@ -197,7 +210,10 @@ def _widen_free_lines(
 
 
 def _widen_line(line: bytes, whole: bool) -> list[bytes]:
-    """A free-field line as lines in wide fixed fields; `whole` keeps blank continuation fields."""
+    """A free-field line as lines with four fixed fields of 24 characters each.
+
+    Blank continuation lines are left out unless `whole`.
+    """
     fields = [field.strip() for field in line.split(b"$")[0].split(b",")]
     is_large = b"*" in fields[0]
     name, most = fields[0].rstrip(b"*"), 4 if is_large else 8
@@ -232,9 +248,9 @@ def _select_cards(
     names: tuple[str, ...],
     origins: Origins | None,
 ) -> BulkLines:
-    """The lines of the cards called `names`, with the index of the card that each belongs to.
+    """The lines of the cards called `names`, with the index of the line at which the card of each begins.
 
-    `start` and `end` are the first and last byte of each line in `buffer`, `number` its line number.
+    `start` and `end` are the first and last byte (exclusive) of each line in `buffer`, `number` its line number.
     """
     head = np.concatenate([fields_at(buffer, start[part], end[part], 8) for part in chunks(len(start))])
     blank_line = (head <= ord(" ")).all(axis=1) & (end - start <= 8)
@@ -255,7 +271,10 @@ def _select_cards(
 
 
 def _require_order(lines: BulkLines) -> None:
-    """Raise `FileError` if a continuation line has another mark than the line before it ends in."""
+    """Raise `FileError` if a continuation line begins with another mark than the line before it ends in.
+
+    Lines in free field, and lines without a mark, are passed over.
+    """
     all_lines = np.arange(len(lines.start))
     follows = all_lines[(lines.card != all_lines) & (lines.width != _WIDE)]
     follows = follows[lines.width[follows - 1] != _WIDE]

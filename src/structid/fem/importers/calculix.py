@@ -44,7 +44,10 @@ def read(path: Path) -> list[ImportedMatrix]:
 
 
 def _read_entries(path: Path) -> FloatArray:
-    """Row, column and value of each entry in the file, (n_entries, 3)."""
+    """Row, column (from 1) and value of each entry in the file, (n_entries, 3).
+
+    Raises `FileError` if a line is cut or holds something else, or a value is not finite.
+    """
     content = path.read_bytes()
     if not content.endswith(b"\n"):
         raise FileError(f"{path}: ends within a line; the file is cut short, {_REMEDY}")

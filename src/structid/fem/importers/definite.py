@@ -17,11 +17,11 @@ _ZERO = 1e-5
 
 
 def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof]) -> None:
-    """Raise `InputError` if a symmetric matrix has negative eigenvalues, and say where as far as that can be found.
+    """Raise `InputError` if a symmetric matrix has negative eigenvalues; the message says where, as far as that is known.
 
-    The matrix is scaled to a unit diagonal, so that translations and rotations count alike. Every pair of rows is
-    looked at; up to 20,000 rows the whole matrix is factorized and the signs of the pivots are counted (Sylvester's law of
-    inertia).
+    The matrix is scaled to a unit diagonal, so that translations and rotations count alike; eigenvalues down to -1e-5 pass.
+    Every pair of rows is looked at; up to 20,000 rows the whole matrix is factorized and the signs of the pivots are counted
+    (Sylvester's law of inertia).
 
     Parameters
     ----------
@@ -29,6 +29,7 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
         Name of the matrix, for the message.
     matrix : (n, n) sparse array
     dofs : n degrees of freedom
+        Degree of freedom of each row, for the message.
     """
     diagonal = matrix.diagonal()
     low = int(np.argmin(diagonal)) if len(diagonal) else 0
@@ -61,7 +62,10 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
 
 
 def _count_negative_pivots(matrix: sparse.csc_array) -> int:
-    """Number of negative eigenvalues of a symmetric matrix, by L D L'; at least one if a diagonal pivot vanishes."""
+    """Number of negative eigenvalues of a symmetric matrix, by L D L'.
+
+    At least 1 if a diagonal pivot vanishes; 1 if the matrix is singular.
+    """
     try:
         factors = splu(matrix, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError:  # exactly singular

@@ -85,7 +85,11 @@ def _select_entries(entries: _Entries, keep: np.ndarray) -> _Entries:
 
 
 def _read_headers(lines: BulkLines, line_indices: IntArray, names: np.ndarray) -> dict[str, _Header]:
-    """The header of each DMIG matrix by its name; `line_indices` are the header lines, `names` their matrices."""
+    """The header of each DMIG matrix by its name, in order.
+
+    `line_indices` are the header lines, `names` their matrices. Raises `FileError` for a second header, or an unknown form or
+    type.
+    """
     headers: dict[str, _Header] = {}
     for line, name in zip(line_indices.tolist(), names.tolist(), strict=True):
         where = f"{lines.path}, line {lines.number[line]}"
@@ -105,7 +109,10 @@ def _read_headers(lines: BulkLines, line_indices: IntArray, names: np.ndarray) -
 
 
 def _read_header_fields(lines: BulkLines, line: int) -> tuple[int, int, int, int]:
-    """Form, type, polar flag and number of columns of the header on a line: fields 4, 5, 7 and 9."""
+    """Form, type, polar flag and number of columns of the header on line index `line`: fields 4, 5, 7 and 9.
+
+    The last two are 0 where a header in large or free field has no second line.
+    """
     first = np.array([line])
     width = int(lines.width[line])
     if width == 8:
@@ -122,7 +129,7 @@ def _read_header_fields(lines: BulkLines, line: int) -> tuple[int, int, int, int
 
 
 def _read_entries(lines: BulkLines, wanted: np.ndarray) -> _Entries:
-    """Entries on the `wanted` lines: groups of four fields (grid point and component of the row, real and imaginary part)."""
+    """Entries on the `wanted` lines (mask): the row's grid point and component, real and imaginary part of each."""
     is_start = lines.card == np.arange(len(lines.card))
     parts = []
     for first, width, chosen in (
@@ -153,7 +160,11 @@ def _read_entries(lines: BulkLines, wanted: np.ndarray) -> _Entries:
 def _make_matrix(
     lines: BulkLines, header: _Header, entries: _Entries, node: IntArray, component: IntArray
 ) -> ImportedMatrix:
-    """The matrix of one header from its entries; `node` and `component` are those of the column of each card."""
+    """The matrix of one header from its entries.
+
+    `node` and `component` are those of the column, by the line on which its card begins. Raises `FileError` if there are no
+    entries, one is not possible or comes twice, or a symmetric matrix is not symmetric.
+    """
     if not len(entries.line):
         raise FileError(
             f"{lines.path}, line {lines.number[header.line]}: DMIG {header.name!r} has a header but no column; the file "
@@ -190,9 +201,9 @@ def _complex_values(entries: _Entries, polar: bool) -> np.ndarray:
 
 
 def _require_single(lines: BulkLines, header: _Header, entries: _Entries, rows: IntArray, columns: IntArray) -> None:
-    """Raise `FileError` if an entry is given twice.
+    """Raise `FileError` if an entry of the matrix comes twice.
 
-    `rows` and `columns` are the indices of each entry.
+    `rows` and `columns` (n_entries, 2) are node and component of the row and column of each entry.
     """
     order = np.lexsort((codes_of(rows), codes_of(columns)))
     is_repeated = (np.diff(codes_of(rows)[order]) == 0) & (np.diff(codes_of(columns)[order]) == 0)
@@ -206,7 +217,10 @@ def _require_single(lines: BulkLines, header: _Header, entries: _Entries, rows: 
 
 
 def _rectangular_matrix(name: str, rows: IntArray, columns: IntArray, values: np.ndarray) -> ImportedMatrix:
-    """A rectangular matrix from entries; `rows` and `columns` are (n_entries, 2) tables of node and component."""
+    """A rectangular matrix called `name` from entries; its rows and columns are the nodes and components in them, sorted.
+
+    `rows` and `columns` (n_entries, 2) are node and component of each entry, `values` (n_entries,).
+    """
     row_codes, row = np.unique(codes_of(rows), return_inverse=True)
     column_codes, column = np.unique(codes_of(columns), return_inverse=True)
     matrix = sparse.coo_array((values, (row, column)), (len(row_codes), len(column_codes)))
@@ -214,15 +228,15 @@ def _rectangular_matrix(name: str, rows: IntArray, columns: IntArray, values: np
 
 
 def file_text(path: Path, matrices: Sequence[ImportedMatrix], field: Field = "large") -> str:
-    """DMIG cards of `matrices`; only the lower triangle of a symmetric one.
+    """DMIG cards of `matrices` as text, only the lower triangle of a symmetric one; `path` is for errors.
 
-    Large fields hold twelve digits of a positive number, small ones five; free fields are written with all digits,
-    which structid reads and a solver may round.
+    Large fields hold twelve digits of a positive number, small ones five; free fields are written with all digits, which
+    structid reads and a solver may round.
 
     Raises
     ------
     FileError
-        If a matrix has no numbering, or a name more than eight characters.
+        If a matrix has no numbering, or a name that is not 1 to 8 letters and digits.
     """
     if field not in ("large", "small", "free"):
         raise InputError(f"`field` must be 'large', 'small' or 'free', got {field!r}")
@@ -239,7 +253,10 @@ def file_text(path: Path, matrices: Sequence[ImportedMatrix], field: Field = "la
 
 
 def _card_lines(item: ImportedMatrix, dofs: IntArray, field: Field) -> list[str]:
-    """Lines of the DMIG cards of one matrix, header first; `dofs` (n_rows, 2) are node and component of its rows."""
+    """Lines of the DMIG cards of the matrix `item`, header first, then one card for each column with entries.
+
+    `dofs` (n_rows, 2) are node and component of its rows; `field` is "large", "small" or "free".
+    """
     is_complex = np.iscomplexobj(item.matrix.data)
     rectangular = not item.is_square
     symmetric = not rectangular and abs(item.matrix - item.matrix.T).nnz == 0
@@ -267,7 +284,10 @@ def _card_lines(item: ImportedMatrix, dofs: IntArray, field: Field) -> list[str]
 def _column_lines(
     name: str, column: list[int], rows: list[list[int]], values: list[complex], field: Field
 ) -> list[str]:
-    """Lines of one column's DMIG card: node and component of the column, then those of each row with its value."""
+    """Lines of the DMIG card of one column: node and component of the column, then those of each row with its value.
+
+    `column` is (node, component), `rows` are those of the entries, and `values` are real or complex.
+    """
     if field == "free":
         groups = [f"{n},{c},{v.real!r},{v.imag!r}" for (n, c), v in zip(rows, map(complex, values), strict=True)]
         lines = [f"DMIG,{name},{column[0]},{column[1]},,{groups[0]}"]

@@ -70,7 +70,9 @@ def total_mass(mass: Any, dofs: Sequence[str | Dof], direction: str = "X") -> fl
 
 
 def require_total_mass(total: float, declared: float, left_aside: str = "") -> None:
-    """Raise `InputError` if the mass `total` in the matrices differs from the `declared` one; the message names the factor.
+    """Raise `InputError` if the mass `total` in the matrices differs from the `declared` one by more than a tenth.
+
+    The message names the factor between them and its likely cause, such as a wrong unit.
 
     Parameters
     ----------
@@ -199,7 +201,10 @@ def _require_factor(name: str, factor: float) -> None:
 
 
 def _matrix_difference(name: str, base: Any, changed: Any, digits: int) -> sparse.csc_array:
-    """changed - base without entries below their rounding (`digits`); `name` is for errors."""
+    """The sparse matrix `changed` - `base` without entries below their rounding to `digits` significant digits.
+
+    `name` is that of `changed` in errors: `InputError` if the shapes differ or nothing is left.
+    """
     first, second = sparse.csc_array(base, dtype=np.float64), sparse.csc_array(changed, dtype=np.float64)
     if first.shape != second.shape:
         raise InputError(

@@ -26,7 +26,7 @@ class FieldError(ValueError):
 
 
 def fields_at(buffer: Bytes, start: IntArray, end: IntArray, width: int) -> Bytes:
-    """`width` characters from each of `start`, blanks from `end` on, (n, width)."""
+    """Table (n, width) of `width` characters from each byte `start` (n,) of `buffer`; blanks from byte `end` (n,) on."""
     at = start[:, None] + np.arange(width)
     inside = at < np.minimum(end, len(buffer))[:, None]
     return np.where(inside, buffer[np.minimum(at, len(buffer) - 1)], np.uint8(_BLANK))

@@ -44,7 +44,10 @@ def read(path: Path) -> list[ImportedMatrix]:
 
 
 def _parse_matrix(path: Path, lines: list[bytes]) -> ImportedMatrix:
-    """The matrix in the `lines` of the file; `ValueError` if the numbers do not fit together."""
+    """The matrix in the `lines` of the file, named as the file in capitals, without numbering; symmetric ones complete.
+
+    Raises `FileError` for a type that is not read, and `ValueError` if the numbers do not fit together.
+    """
     counts = [int(word) for word in lines[1].split()]
     n_right = counts[4] if len(counts) > 4 else 0
     kind, *sizes = lines[2].split()
@@ -84,9 +87,10 @@ def _read_block(
     count: int,
     convert: Callable[[np.ndarray], np.ndarray],
 ) -> tuple[np.ndarray, int]:
-    """`count` numbers from line index `first` on in the Fortran format `form`, and the index of the line behind them.
+    """Numbers (count,) from line index `first` on in a Fortran format, and the index of the line behind them.
 
-    `convert` turns the texts of fields into numbers.
+    `form` has the parts of the format: numbers a line, letter and width. `convert` turns a table of text fields into numbers.
+    Raises `ValueError` if there are fewer numbers, `FileError` for a field that is none.
     """
     per_line, width = int(form[0] or b"1"), int(form[2])
     stop = first + -(-count // per_line)

@@ -67,7 +67,10 @@ class ImportedMatrix:
     constrained: IntArray | None = None
 
     def __post_init__(self) -> None:
-        """Convert the matrix to compressed columns and the tables to (n, 2), and check their sizes."""
+        """Convert the matrix to compressed columns, and the tables to read-only arrays (n, 2).
+
+        Raises `InputError` if a table has another number of rows than the matrix has rows or columns.
+        """
         dtype = np.complex128 if np.iscomplexobj(self.matrix.data) else np.float64
         matrix = sparse.csc_array(self.matrix, dtype=dtype)
         matrix.sum_duplicates()
@@ -86,7 +89,7 @@ class ImportedMatrix:
 
 
 def of_elements(imported: ImportedMatrix, elements: Iterable[int]) -> ImportedMatrix:
-    """The sum of the matrices of some `elements` (labels) only, on the degrees of freedom of all.
+    """The matrix of some `elements` (labels) only, summed, on the degrees of freedom of the whole matrix `imported`.
 
     Raises
     ------
@@ -163,7 +166,9 @@ def tables_of(codes: IntArray) -> IntArray:
 
 
 def on_dofs(imported: ImportedMatrix, table: IntArray) -> sparse.csc_array:
-    """The matrix with rows in the order of `table` (node, component), (n, n), zero where it has none.
+    """The matrix with rows and columns in the order of `table`, (n, n), zero where it has no entries.
+
+    `table` (n, 2) has node and component (1 to 6) of each row.
 
     Raises
     ------
@@ -194,7 +199,7 @@ def on_dofs(imported: ImportedMatrix, table: IntArray) -> sparse.csc_array:
 
 
 def complete_triangles(matrix: sparse.sparray, name: str, symmetric: bool | None = None) -> sparse.csc_array:
-    """`matrix` with its other triangle added, if only one entry of each off-diagonal pair is stored.
+    """`matrix` with its other triangle added, if no off-diagonal entry has its mirror image stored; else as it is.
 
     Parameters
     ----------
@@ -202,12 +207,12 @@ def complete_triangles(matrix: sparse.sparray, name: str, symmetric: bool | None
     name : str
         Name of the matrix, for the error.
     symmetric : bool, optional
-        True where the file declares symmetry, so that pairs must then agree; False: left as it is.
+        True where the file declares symmetry, so that pairs must then agree; False: left as it is; None: not known.
 
     Raises
     ------
     InputError
-        If declared symmetric, and entries of a pair differ.
+        If declared symmetric, and entries of a pair differ by more than 1e-8 of the largest entry.
     """
     full = sparse.csc_array(matrix)
     full.sum_duplicates()
@@ -231,7 +236,7 @@ def complete_triangles(matrix: sparse.sparray, name: str, symmetric: bool | None
 
 
 def _is_one_triangle(matrix: sparse.csc_array) -> bool:
-    """True if no off-diagonal entry has its mirror image stored as well."""
+    """True if no off-diagonal entry has its mirror image stored as well; also for a diagonal matrix."""
     column = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
     below, above = matrix.indices > column, matrix.indices < column
     if not (below.any() and above.any()):
@@ -250,9 +255,10 @@ def _is_one_triangle(matrix: sparse.csc_array) -> bool:
 def matrix_from_entries(
     name: str, rows: IntArray, columns: IntArray, values: np.ndarray[Any, Any], symmetric: bool | None
 ) -> ImportedMatrix:
-    """A square matrix from entries whose rows and columns are tables of node and component, (n_entries, 2) each.
+    """A square matrix called `name` from entries; its rows are all nodes and components in them, sorted.
 
-    `symmetric` is True where one triangle is stored, None where that is unknown.
+    `rows` and `columns` (n_entries, 2) are node and component; entries at the same place add up. `symmetric` is as in
+    `complete_triangles`.
     """
     codes, index = np.unique(np.concatenate([codes_of(rows), codes_of(columns)]), return_inverse=True)
     n = len(rows)
@@ -261,7 +267,10 @@ def matrix_from_entries(
 
 
 def from_elements(name: str, parts: Sequence[tuple[int, IntArray, FloatArray]]) -> ImportedMatrix:
-    """The assembled matrix of element matrices `parts`: (label, node and component of rows (n, 2), matrix (n, n)) of each."""
+    """The assembled matrix called `name` of element matrices, with the entries of each element.
+
+    `parts` are (label, node and component of the rows (n, 2), matrix (n, n)) of each element; rows of the result are sorted.
+    """
     codes = [codes_of(dofs) for _, dofs, _ in parts]
     all_codes = np.unique(np.concatenate(codes))
     indices = [np.searchsorted(all_codes, element_codes) for element_codes in codes]
@@ -275,7 +284,10 @@ def from_elements(name: str, parts: Sequence[tuple[int, IntArray, FloatArray]]) 
 
 
 def from_triangle(values: FloatArray, n: int) -> FloatArray | None:
-    """Symmetric matrix (n, n) from its lower triangle by rows, or matrix from all columns; None for any other number of values."""
+    """Matrix (n, n) from `values`: n (n + 1) / 2 of the lower triangle by rows (symmetric), or n^2 column by column.
+
+    None for any other number of values.
+    """
     if len(values) == n * (n + 1) // 2:
         square = np.zeros((n, n))
         square[np.tril_indices(n)] = values

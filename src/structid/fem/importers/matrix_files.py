@@ -29,7 +29,10 @@ FORMATS: tuple[FormatModule, ...] = (OP4, DMIG, ABAQUS, ANSYS, ARRAYS, HARWELL_B
 
 
 def _format_of(path: Path) -> FormatModule:
-    """The module that reads matrices of the file at `path`, by its suffix (for .mtx by its first bytes)."""
+    """The module that reads matrices of the file at `path`, by its suffix (for .mtx by its first bytes).
+
+    Raises `FileError` for an unknown suffix.
+    """
     suffix = path.suffix.lower()
     if suffix == ".mtx":
         with path.open("rb") as stream:

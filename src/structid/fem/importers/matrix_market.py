@@ -43,7 +43,10 @@ class _WordTable(NamedTuple):
         return self._numbers(word, "a finite number", real_numbers)
 
     def _numbers(self, word, wanted, convert):  # type: ignore[no-untyped-def]
-        """Numbers in the column `word` of the table, by `convert`; `FileError` with the line for the first that is not `wanted`."""
+        """Numbers (n_lines,) in the column `word` of the table, by `convert`.
+
+        Raises `FileError`, with the line, for the first word that is not what `wanted` says.
+        """
         start, end = self.start[:, word], self.end[:, word]
         width = int((end - start).max(initial=1))
         parts = []
@@ -100,7 +103,10 @@ def matrix_market(path: Path) -> sparse.csc_array:
 
 
 def _indices(words: _WordTable, word: int, side: str, count: int) -> IntArray:
-    """Indices from 0 of the entries' rows or columns (`side`), which the file counts from 1 to `count`."""
+    """Indices from 0 (n_entries,) of the rows or columns of the entries, which are column `word` of the table `words`.
+
+    The file counts from 1 to `count`; raises `FileError`, which says `side` ("row" or "column"), for others.
+    """
     numbers = words.whole(word)
     outside = (numbers < 1) | (numbers > count)
     if outside.any():
@@ -113,7 +119,10 @@ def _indices(words: _WordTable, word: int, side: str, count: int) -> IntArray:
 
 
 def _read_banner(path: Path, line: bytes) -> tuple[str, str, str]:
-    """Layout (coordinate or array), field and symmetry from the first line of the file."""
+    """Layout (coordinate or array), field (real, integer or complex) and symmetry from the first line of the file.
+
+    Raises `FileError` if it is no banner of MatrixMarket.
+    """
     words = line.decode("latin-1").lower().split()
     good = len(words) == 5 and words[:2] == ["%%matrixmarket", "matrix"] and words[2] in ("coordinate", "array")
     if not good or words[3] not in _WORDS or words[4] not in _MIRRORS:
@@ -127,7 +136,8 @@ def _read_banner(path: Path, line: bytes) -> tuple[str, str, str]:
 def _read_lines(path: Path, body: bytes, n_sizes: int, per_line: int) -> tuple[list[int], _WordTable]:
     """The sizes, and a table of the words in the lines behind them; comments and blank lines are passed over.
 
-    `body` follows the banner; `n_sizes` numbers are on its first line, and `per_line` words on the others.
+    `body` follows the banner; `n_sizes` numbers are on its first line, and `per_line` words on each other. Raises `FileError`
+    for a line with another number of words.
     """
     buffer = np.frombuffer(body.replace(b"\r", b" ") + b"\n", dtype=np.uint8)
     word = buffer > ord(" ")
@@ -162,9 +172,10 @@ def _read_lines(path: Path, body: bytes, n_sizes: int, per_line: int) -> tuple[l
 def _array_positions(
     path: Path, n_rows: int, n_columns: int, symmetry: str, n_entries: int
 ) -> tuple[IntArray, IntArray]:
-    """Row and column of each of `n_entries` of an array layout: whole columns, or the part on and below the diagonal.
+    """Row and column, from 0, of each of `n_entries` entries of an array layout, (n_entries,) each.
 
-    `symmetry` is the word in the banner.
+    The entries are whole columns, or the part on and below the diagonal (below, if skew); `symmetry` is the word in the
+    banner. Raises `FileError` for another number of entries.
     """
     if symmetry == "general":
         wanted = n_rows * n_columns
@@ -184,7 +195,8 @@ def _require_triangle(
 ) -> None:
     """Raise `FileError` unless the matrix is square and its entries are on one side of the diagonal.
 
-    `row` and `column` are the indices of the entries, `symmetry` is the word in the banner.
+    `row` and `column` (n_entries,) are the indices of the entries, `n_rows` and `n_columns` the sizes of the matrix. `words`
+    has the lines of the entries, and `symmetry` is the word in the banner, both for messages.
     """
     if n_rows != n_columns:
         raise FileError(f"{path}: is called {symmetry} and has {n_rows} rows and {n_columns} columns; {_REMEDY}")

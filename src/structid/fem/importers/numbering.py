@@ -58,7 +58,7 @@ def write_numbering(path: Path, table: IntArray) -> None:
 
 
 def _read_names(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
-    """Degrees of freedom named by the words of the lines (number, text)."""
+    """Degrees of freedom named by the words of the lines (number, text), in order; `FileError` for another word."""
     dofs = []
     for number, line in lines:
         for word in line.replace(",", " ").split():
@@ -70,7 +70,7 @@ def _read_names(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
 
 
 def _read_mapping(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
-    """Degrees of freedom in the lines (number, text) of an Ansys mapping file."""
+    """Degrees of freedom in the lines (number, text) of an Ansys mapping file; lines before the first are passed over."""
     dofs = []
     for number, line in lines:
         match = _MAPPING.match(line)
@@ -85,7 +85,7 @@ def _read_mapping(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
 
 
 def _read_nastran_sets(path: Path) -> tuple[Dof, ...]:
-    """Degrees of freedom on EXTRN cards in their order, else those of ASET and the like, sorted."""
+    """Degrees of freedom on EXTRN cards in their order; without such cards those of ASET and the like, sorted, each once."""
     ordered = _read_pairs(bulk_lines(path, ("EXTRN",)))
     if ordered:
         return dofs_of(np.array(_single(ordered)))
@@ -113,7 +113,7 @@ def _card_fields(lines: BulkLines) -> list[list[str]]:
 
 
 def _read_pairs(lines: BulkLines) -> list[tuple[int, str]]:
-    """Grid point and components from cards on which they alternate."""
+    """Pairs of grid point and components (digits) from cards on which they alternate."""
     pairs = []
     for fields in _card_fields(lines):
         for node, components in zip(fields[::2], fields[1::2], strict=False):
@@ -123,7 +123,7 @@ def _read_pairs(lines: BulkLines) -> list[tuple[int, str]]:
 
 
 def _read_lists(lines: BulkLines) -> list[tuple[int, str]]:
-    """Grid point and components from cards with components first, then grid points, possibly with THRU."""
+    """Pairs of grid point and components (digits) from cards with components first, then grid points, possibly with THRU."""
     pairs: list[tuple[int, str]] = []
     for fields in _card_fields(lines):
         components, nodes = _components(lines, fields[0]), [field for field in fields[1:] if field]

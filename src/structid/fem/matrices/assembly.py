@@ -41,7 +41,10 @@ class Assembly:
     maps: tuple[sparse.csc_array, ...]
 
     def data(self, values: FloatArray) -> FloatArray:
-        """Entries of each matrix in the shared pattern at the property `values`, (n_matrices, n_entries), as in `matrix_kinds`."""
+        """Entries of each matrix in the shared pattern at the property `values` (n_values,), (n_matrices, n_entries).
+
+        Rows are in the order of `matrix_kinds`; zeros where the structure has no such matrix.
+        """
         rows = np.zeros((len(self.matrix_kinds), len(self.indices)))
         for part, entries in zip(self.structure.contributions, self.maps, strict=True):
             weights = part.weights(values)
@@ -59,7 +62,7 @@ def structure_matrix_kinds(structure: Structure) -> tuple[str, ...]:
 
 
 def assembly(structure: Structure) -> Assembly:
-    """The shared sparsity pattern of the matrices of `structure`, with maps from element weights to entries; made once.
+    """The shared sparsity pattern of the matrices of `structure`, with maps from element weights to its entries.
 
     Notes
     -----
@@ -77,7 +80,10 @@ def assembly(structure: Structure) -> Assembly:
 
 
 def _union_pattern(n: int, families: Collection[ElementMatrices]) -> sparse.csr_array:
-    """Union of the sparsity patterns of all element matrices and the diagonal, (n, n); its columns are stored as rows."""
+    """Union of the sparsity patterns of all element matrices and the diagonal, boolean (n, n), indices sorted.
+
+    Its rows are the columns of the matrices.
+    """
     total = sparse.csr_array(sparse.eye_array(n, dtype=np.bool_, format="csr"))
     small = [blocks for blocks in families if isinstance(blocks, Blocks)]
     full = {b.dofs.tobytes(): b.dofs for b in small if np.count_nonzero(b.local) > _FULL * b.local.size}
@@ -101,7 +107,10 @@ def _boolean_pattern(row: IntArray, column: IntArray, n: int) -> sparse.csr_arra
 
 
 def _element_pattern(dofs: IntArray, n: int) -> sparse.csr_array:
-    """Pattern of all pairs of degrees of freedom of one element, for elements (n_elements, n_local), -1 where constrained."""
+    """Boolean pattern (n, n) of all pairs of degrees of freedom that belong to the same element.
+
+    `dofs` (n_elements, n_local) are those of each element, -1 where constrained.
+    """
     free = dofs >= 0
     indptr = np.concatenate([[0], np.cumsum(free.sum(axis=1))])
     kind = index_kind(max(n, int(indptr[-1])))
@@ -113,7 +122,8 @@ def _element_pattern(dofs: IntArray, n: int) -> sparse.csr_array:
 def _weight_map(blocks: ElementMatrices, numbered: sparse.csr_array) -> sparse.csc_array:
     """Sparse map from element weights to the entries of the pattern, (n_entries, n_elements).
 
-    It shares the array `local` of the blocks where none of its entries is left out.
+    `numbered` is the pattern with its entries counted from 1, columns stored as rows. The map shares the array `local` of the
+    blocks where none of its entries is left out.
     """
     n_entries, n_elements = len(numbered.indices), blocks.n_elements
     if not isinstance(blocks, Blocks):
@@ -142,7 +152,10 @@ def _weight_map(blocks: ElementMatrices, numbered: sparse.csr_array) -> sparse.c
 
 
 def _entry_indices(numbered: sparse.csr_array, row: IntArray, column: IntArray) -> IntArray:
-    """Indices of entries (row, column) in the pattern, whose columns are the rows of `numbered`, which counts from 1."""
+    """Indices from 0 of the entries (row, column), (n,) each, in the pattern `numbered`.
+
+    `numbered` holds the number of each entry, counted from 1, and its rows are the columns of the matrices.
+    """
     kind = numbered.indices.dtype
     if not len(row):
         return np.zeros(0, dtype=kind)

@@ -35,7 +35,7 @@ class ElementMatrices(Protocol):
     def n_dofs(self) -> int: ...
 
     def entries(self) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-        """Row, column, element and value of every stored entry."""
+        """Row, column, element and value of every stored entry, (n_entries,) each."""
         ...
 
     def assemble(self, weights: np.ndarray) -> sparse.csc_array:
@@ -43,7 +43,10 @@ class ElementMatrices(Protocol):
         ...
 
     def bilinear(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """y' B_e x (no conjugate): y (..., n_dofs, n_y), x (..., n_dofs, n_x) to (..., n_elements, n_y, n_x)."""
+        """Products y' B_e x with each element matrix, without conjugate, (..., n_elements, n_y, n_x).
+
+        `y` is (..., n_dofs, n_y) and `x` (..., n_dofs, n_x).
+        """
         ...
 
     def take(self, elements: IntArray) -> ElementMatrices:
@@ -70,7 +73,7 @@ class Blocks:
     n_dofs: int
 
     def __post_init__(self) -> None:
-        """Lock the arrays and check that shapes and degrees of freedom fit."""
+        """Lock the arrays; raise `InputError` if shapes do not fit or a degree of freedom is out of range."""
         object.__setattr__(self, "dofs", locked(self.dofs, np.int64))
         object.__setattr__(self, "local", locked(self.local, np.float64))
         require_shape("dofs", self.dofs, (None, None))
@@ -93,9 +96,10 @@ class Blocks:
         return row[keep], column[keep], element[keep], self.local[keep]
 
     def stored(self, chosen: slice | IntArray) -> tuple[IntArray, IntArray, NDArray[np.bool_]]:
-        """Row and column of the non-zero entries of the elements `chosen`, and the mask of these entries, like `local`.
+        """Row and column (n_entries,) of the non-zero entries of the elements `chosen`, and their mask, shaped as `local`.
 
-        Indices are as narrow as they can be, for models whose entries are many.
+        Entries at held degrees of freedom are left out. Indices are as narrow as they can be, for models whose entries are
+        many.
         """
         dofs: IntArray = self.dofs[chosen].astype(index_kind(self.n_dofs))
         is_stored, free = self.local[chosen] != 0, dofs >= 0
@@ -113,7 +117,10 @@ class Blocks:
         return summed.tocsc()
 
     def bilinear(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """y' B_e x (no conjugate): y (..., n_dofs, n_y), x (..., n_dofs, n_x) to (..., n_elements, n_y, n_x)."""
+        """Products y' B_e x with each element matrix, without conjugate, (..., n_elements, n_y, n_x).
+
+        `y` is (..., n_dofs, n_y) and `x` (..., n_dofs, n_x).
+        """
         products = self.local @ self._gather(x)
         return np.swapaxes(self._gather(y), -1, -2) @ products
 
@@ -139,14 +146,20 @@ class Pattern:
     value: FloatArray
 
     def summed(self, weights: np.ndarray) -> sparse.csc_array:
-        """The sum of weights[e] B_e over all elements, in order, as a sparse (n_dofs, n_dofs) array."""
+        """The sum of weights[e] B_e as a sparse (n_dofs, n_dofs) array, without entries that are zero.
+
+        `weights` hold those of all elements, family by family.
+        """
         size = len(self.starts) - 1
         total = sparse.csc_array((self._data(weights), self.indices.copy(), self.starts.copy()), (size, size))
         total.eliminate_zeros()
         return total
 
     def dense(self, weights: np.ndarray) -> FloatArray:
-        """The sum of weights[e] B_e over all elements, in order, as a dense (n_dofs, n_dofs) array."""
+        """The sum of weights[e] B_e as a dense (n_dofs, n_dofs) array.
+
+        `weights` hold those of all elements, family by family.
+        """
         size = len(self.starts) - 1
         total = np.zeros(size * size)
         total[self._flat] = self._data(weights)
@@ -163,7 +176,10 @@ class Pattern:
 
 
 def pattern(families: Sequence[ElementMatrices]) -> Pattern:
-    """The sparsity pattern of the weighted sum of several sets of element matrices, one or more."""
+    """The sparsity pattern of the weighted sum of `families` of element matrices, at least one, all on the same n_dofs.
+
+    Elements are counted through all families in their order.
+    """
     parts, n = [family.entries() for family in families], families[0].n_dofs
     row, column, value = (np.concatenate([part[k] for part in parts]) for k in (0, 1, 3))
     firsts = np.cumsum([0, *(family.n_elements for family in families)])
@@ -187,7 +203,7 @@ class MatrixBlocks:
     matrices: tuple[sparse.csc_array, ...]
 
     def __init__(self, matrices: Sequence[sparse.sparray | sparse.spmatrix | np.ndarray]) -> None:
-        """Convert the matrices to compressed columns, and check that they are square and of one size."""
+        """Convert the matrices to compressed columns; raise `InputError` unless they are square and of equal size."""
         converted = tuple(sparse.csc_array(matrix, dtype=np.float64) for matrix in matrices)
         object.__setattr__(self, "matrices", converted)
         for index, matrix in enumerate(converted):
@@ -203,7 +219,7 @@ class MatrixBlocks:
         return int(self.matrices[0].shape[0])
 
     def entries(self) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-        """Row, column, element and value of every stored entry."""
+        """Row, column, element and value of every stored entry, (n_entries,) each, matrix by matrix."""
         coordinates = [matrix.tocoo() for matrix in self.matrices]
         return (
             np.concatenate([c.row for c in coordinates]).astype(np.int64),
@@ -220,7 +236,10 @@ class MatrixBlocks:
         return total
 
     def bilinear(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Bilinear forms y' B_e x (no conjugate): y (..., n_dofs, n_y), x (..., n_dofs, n_x) to (..., n_elements, n_y, n_x)."""
+        """Products y' B_e x with each matrix, without conjugate, (..., n_elements, n_y, n_x).
+
+        `y` is (..., n_dofs, n_y) and `x` (..., n_dofs, n_x).
+        """
         batch = x.shape[:-2]
         flat = np.moveaxis(x, -2, 0).reshape(self.n_dofs, -1)
         adjoint = np.swapaxes(y, -1, -2)

@@ -58,7 +58,7 @@ class Factor(Protocol):
         ...
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
-        """Derivatives of the factors with respect to the values at `value_indices[number]`, (n_elements,)."""
+        """Derivatives of the factors by the values at `value_indices[number]`, (n_elements,), at `values` (n_values,)."""
         ...
 
     def touched(self, changing: np.ndarray) -> np.ndarray:
@@ -67,7 +67,10 @@ class Factor(Protocol):
         return mask
 
     def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
-        """Derivatives of the factors with respect to parameters that change values by `design`, (n_elements, n_params)."""
+        """Derivatives of the factors by parameters at the property `values`, sparse (n_elements, n_params).
+
+        `design` (n_values, n_params) is the derivative of the values by the parameters.
+        """
         slopes = ((index, self.slope(values, number)) for number, index in enumerate(self.value_indices))
         return sum_of(design[index].multiply(slope[:, None]) for index, slope in slopes)
 
@@ -106,9 +109,9 @@ class ShearFactor(Factor):
         return shares
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
-        """Derivative of the factor by a stiffness of each element; see `Factor.slope`.
+        """Derivative of the factor of each element by its bending (`number` 0) or shear stiffness (1), (n_elements,).
 
-        `number` is 0 for the bending stiffness and 1 for the shear stiffness.
+        See `Factor.slope`.
         """
         bending, shear = values[self.bending], values[self.shear]
         total = shear + self.ratio * bending
@@ -145,7 +148,7 @@ class Monomial(Factor):
         return math.prod(others, start=first)
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
-        """Derivative of the product by the value with index `number`, (n_elements,); see `Factor.slope`."""
+        """Derivative of the product by the values at `value_indices[number]`, (n_elements,); see `Factor.slope`."""
         powers = self._powers(values)
         rows, reference, exponent = self._parts[number]
         slope = exponent * (values[rows] / reference) ** (exponent - 1) / reference
@@ -232,13 +235,16 @@ class Contribution:
         return weights if self.scale is None else weights * self.scale.of(values)
 
     def touched(self, changing: np.ndarray) -> np.ndarray:
-        """True for each element whose weight changes with the values marked in `changing` (n_values,), (n_elements,)."""
+        """True for each element whose weight depends on a value marked in `changing` (n_values,), (n_elements,)."""
         value_indices = (self.value,) if self.factor is None else (self.value, self.factor)
         mask: np.ndarray = np.any([changing[index] for index in value_indices], axis=0)
         return mask if self.scale is None else mask | self.scale.touched(changing)
 
     def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
-        """Derivative of the weights by parameters that change the values by `design`, sparse (n_elements, n_params)."""
+        """Derivative of the weights by parameters at the property `values`, sparse (n_elements, n_params).
+
+        `design` (n_values, n_params) is the derivative of the values by the parameters.
+        """
         if not self.is_product:
             return design[self.value]
         value, factor = values[self.value], 1.0 if self.factor is None else values[self.factor]
@@ -250,7 +256,7 @@ class Contribution:
         return sum_of(parts)
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
-        """Derivative of the weights by the values at one of `value_indices` (its index), (n_elements,)."""
+        """Derivative of the weights by the values at `value_indices[number]`, (n_elements,), at `values` (n_values,)."""
         factor = 1.0 if self.factor is None else values[self.factor]
         value, before = values[self.value], 1 if self.factor is None else 2
         if self.scale is not None and number >= before:
@@ -272,13 +278,15 @@ def weigh_properties(
 ) -> tuple[Contribution, ...]:
     """The contributions of all properties: element matrices with the values that weigh them, one for each matrix term.
 
+    Those of structural damping, one for each stiffness that a loss factor multiplies, come last.
+
     Parameters
     ----------
     properties : sequence of Property
     blocks_of : callable
-        The matrices of a matrix term on free degrees of freedom.
+        Returns the element matrices of a matrix term, such as those on free degrees of freedom.
     length_dependences : mapping of str to LengthDependence
-        Change of lengths of the element sets with an end at a node of variable position, by name.
+        By name of the element set, for those whose lengths depend on properties.
     """
     found: list[Contribution] = []
     stiffness: dict[str, list[Contribution]] = {}
@@ -311,7 +319,8 @@ def rigid_mass(
 ) -> tuple[float, FloatArray]:
     """Mass in kg in rigid motion along the first of `directions` that has any, and its derivative by every value, (n_values,).
 
-    See `Structure.mass_of`. `length_dependences` are the changes of lengths by element set.
+    Both are 0 if none has. Reduced models, whose rigid motion does not show their mass, are left out. `length_dependences`
+    are those of element lengths, by set. See `Structure.mass_of`.
     """
     total, gradient = 0.0, np.zeros(len(values))
     pairs = [(item, matrix_term) for item in properties for matrix_term in item.term.matrix_terms]
@@ -342,9 +351,9 @@ def _factor_of(
     matrix_term: ElementMatrixTerm,
     length_dependences: Mapping[str, LengthDependence],
 ) -> Factor | None:
-    """The factor on the weights of a matrix term that depends on thickness, length, powers of values or shear; None for 1.
+    """The factor on the weights of a matrix term that depends on length, shear, powers of values or thickness; None for 1.
 
-    `element` is the name of the set; `length_dependences` are the changes of lengths by element set.
+    Only the first of these that applies counts. `element` is the name of the set; `length_dependences` are by set.
     """
     if matrix_term.length_power:
         return LengthFactor(length_dependences[element], matrix_term.length_power)
@@ -364,7 +373,7 @@ def _factor_of(
 
 
 def _rigid_motion_mass(matrix_term: ElementMatrixTerm, axis: int) -> FloatArray:
-    """r' B_e r for rigid translation r along `axis`, (n_elements,)."""
+    """Products r' B_e r for the unit translation r along `axis` (0, 1, 2 for X, Y, Z), (n_elements,)."""
     motion = ((matrix_term.codes >= 0) & (matrix_term.codes % 6 == axis)).astype(np.float64)
     if matrix_term.whole is not None:
         return np.array([motion[0] @ (matrix_term.whole @ motion[0])])

@@ -26,7 +26,9 @@ _ROUNDING = 1e-11
 
 
 def strain_operator(contributions: Sequence[Contribution], values: FloatArray, n_dofs: int) -> sparse.csr_array | None:
-    """The matrix B with K = B'B, (n_strains, n_dofs); None where an element matrix is not a sum of squares.
+    """The matrix B with K = B'B, sparse (n_strains, n_dofs), without rows that are zero.
+
+    None if an element matrix has a negative eigenvalue beyond rounding, or is a whole matrix of a group.
 
     Parameters
     ----------
@@ -35,6 +37,7 @@ def strain_operator(contributions: Sequence[Contribution], values: FloatArray, n
     values : (n_values,) float array
         Property values of the structure.
     n_dofs : int
+        Number of free degrees of freedom.
     """
     summed: dict[tuple[tuple[int, ...], bytes], tuple[IntArray, FloatArray]] = {}
     for part in contributions:
@@ -65,10 +68,10 @@ def strain_operator(contributions: Sequence[Contribution], values: FloatArray, n
 
 
 def _strains(local: FloatArray) -> FloatArray | None:
-    """B of each of the symmetric matrices `local` = B'B, (n_elements, n_local, n_local); None where one has no such root.
+    """B of each of the symmetric matrices `local` = B'B, both (n_elements, n_local, n_local).
 
-    Degrees of freedom of an element are scaled to a diagonal of 1 before, as rotations of a short beam are far softer
-    than its displacements.
+    None if a matrix has a negative eigenvalue below -1e-11 of the largest. Degrees of freedom of an element are scaled to a
+    diagonal of 1 before, as rotations of a short beam are far softer than its displacements.
     """
     diagonal = np.diagonal(local, axis1=1, axis2=2)
     if (diagonal < 0).any():

@@ -86,7 +86,10 @@ class _Reader:
         return self._finish()
 
     def _take_keyword(self, block: KeywordBlock) -> None:
-        """Take up one keyword: enter or leave a part, an instance or the assembly, or add its data to the current one."""
+        """Take up a keyword: enter or leave a part, an instance or the assembly, or add its data to the current one.
+
+        Raises `ValueError` or `KeyError` if its lines cannot be read.
+        """
         own, name = self._assembly.own, block.options.get("NAME", "")
         if block.keyword == "PART":
             self._scope = self._parts.setdefault(name.upper(), Scope(name))
@@ -105,7 +108,10 @@ class _Reader:
             self._scope.take(block, _node_counts(block))
 
     def _begin_instance(self, block: KeywordBlock, name: str) -> None:
-        """Enter an instance called `name`, with a copy of the mesh of its part."""
+        """Enter an instance called `name`, with a copy of the mesh of its part; its data lines are kept for `Scope.move`.
+
+        Raises `ValueError` if it is imported, or its part has not been read.
+        """
         if "LIBRARY" in block.options or "INSTANCE" in block.options:
             raise ValueError("it is imported from another analysis; write its mesh into the file")
         part = block.options.get("PART", "")
@@ -117,7 +123,11 @@ class _Reader:
         self._owners[name.upper()] = part or name
 
     def _finish(self) -> Assembly:
-        """The assembly when all keywords were read; a flat file, or parts without instances, become one unnamed instance."""
+        """The assembly when all keywords were read, with its labels numbered.
+
+        A flat file, or parts without instances, become a single unnamed instance. Raises `FileError` if nodes repeat between
+        parts without instances, or there are no nodes or elements.
+        """
         if not self._assembly.scopes:
             for part in self._parts.values():
                 for field in ("nodes", "elements"):
@@ -156,7 +166,10 @@ def _kind(name: str) -> tuple[str, int]:
 
 
 def _make_mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
-    """The mesh of an assembly: nodes, cells, groups, other parts and displacement axes, in SI units."""
+    """The mesh of an assembly: nodes, cells, groups, other parts and displacement axes, in SI units.
+
+    Raises `FileError`, which names `path`, if nodes of an element cannot be read.
+    """
     scopes = [*assembly.scopes, *([assembly.own] if assembly.own is not None else [])]
     tables: dict[tuple[str, int, bool], dict[int, list[int]]] = {}
     for scope in scopes:
@@ -202,7 +215,7 @@ def _make_mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
 def _mesh_nodes(assembly: Assembly, blocks: Iterable[CellBlock], factor: float) -> tuple[IntArray, FloatArray]:
     """Labels (n,) and positions in m (n, 3) of the nodes of instances, and of those nodes of the assembly that cells use.
 
-    `factor` turns lengths of the file into m.
+    `blocks` are the cells; `factor` turns lengths of the file into m.
     """
     labels: list[int] = []
     positions: list[list[float]] = []
@@ -230,7 +243,10 @@ def _reference_points(assembly: Assembly, factor: float) -> dict[int, FloatArray
 
 
 def _cell_groups(assembly: Assembly, rows_of: list[dict[int, int]]) -> dict[str, tuple[IntArray, ...]]:
-    """Rows of each element set in each block."""
+    """Cells of each element set, by its name: one array of row indices for each cell block.
+
+    `rows_of` maps element labels to rows in each block.
+    """
     return {
         name: tuple(_rows_of_members(members, rows) for rows in rows_of)
         for name, members in _members_of_sets(assembly, False).items()
@@ -244,10 +260,10 @@ def _node_groups(assembly: Assembly) -> dict[str, IntArray]:
 
 
 def _members_of_sets(assembly: Assembly, is_nodes: bool) -> dict[str, set[int]]:
-    """Members (labels) of each node or element set, by its name.
+    """Labels in the mesh of the members of each set, by its name: node sets if `is_nodes`, else element sets.
 
-    A set of an instance is INSTANCE.SET where there are several instances or the assembly has one of its name (of a
-    single instance PART.SET too); the bare name is then the set of the assembly, or that of all instances together.
+    A set of an instance is called INSTANCE.SET where there are several instances or the assembly has a set of that name (of a
+    single instance PART.SET too). The bare name is then the set of the assembly, or that of all instances together.
     """
     shared = assembly.node_sets if is_nodes else assembly.cell_sets
     sets: dict[str, set[int]] = {}
@@ -278,7 +294,10 @@ def _rows_of_members(members: set[int], rows: dict[int, int]) -> IntArray:
 
 
 def _notes(assembly: Assembly, axes: Mapping[int, FloatArray]) -> tuple[str, ...]:
-    """Sentences on what was changed or not read: supports, overlong lines, shifted numbers, turned directions."""
+    """Sentences on what was changed or not read: supports, overlong lines, shifted numbers, turned directions.
+
+    `axes` are the directions of motion of nodes that have their own, by label. Empty if there is nothing to say.
+    """
     notes = []
     scopes = [*assembly.scopes, *([assembly.own] if assembly.own is not None else [])]
     if any(block.keyword == "BOUNDARY" for scope in scopes for block in scope.blocks):

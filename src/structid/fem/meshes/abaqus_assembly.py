@@ -54,7 +54,11 @@ class Scope:
     overlong: set[str] = field(default_factory=set)
 
     def take(self, block: KeywordBlock, counts: Mapping[str, int]) -> None:
-        """Take up a keyword; `counts` maps element types whose data fill several lines to their numbers of nodes."""
+        """Take up a keyword with its data lines: nodes, elements, a set or a system; others are kept in `blocks`.
+
+        `counts` maps element types whose data fill several lines to their numbers of nodes. Raises `ValueError` or `KeyError`
+        if labels repeat, a set is not there, or a line cannot be read.
+        """
         options, rows = block.options, block.rows
         if block.keyword == "NODE":
             self._take_nodes(options, rows)
@@ -83,7 +87,7 @@ class Scope:
     def _take_nodes(self, options: dict[str, str], rows: list[list[str]]) -> None:
         """Take up the data lines of a *NODE, in the current coordinate system.
 
-        `options` are those of the keyword, `rows` the words of its data lines.
+        `options` are those of the keyword, `rows` the words of its data lines. Raises `ValueError` if a node repeats.
         """
         labels = [int(row[0]) for row in rows]
         for label in labels:
@@ -111,7 +115,10 @@ class Scope:
         return sets.setdefault(name.upper(), set())
 
     def members(self, row: list[str], generate: bool, sets: Sets) -> set[int]:
-        """Labels on one data line of a set: numbers, names of other `sets`, or a range if `generate`."""
+        """Labels on a data line `row` of a set: numbers and names of other `sets`, or first, last and step if `generate`.
+
+        Raises `ValueError` if a named set is not there, or a range has too many members.
+        """
         if generate:
             first, last, step = ([int(word) for word in row if word] + [1])[:3]
             if (last - first) // step > _MOST_MEMBERS:
@@ -147,9 +154,10 @@ class Scope:
         )
 
     def move(self, rows: list[list[str]]) -> None:
-        """Move the nodes to the place of the instance: by a shift, then by a rotation about a line.
+        """Move the nodes to the place of the instance: by a shift, then by a rotation about a line, which sets `turn`.
 
-        `rows` are the words of the data lines.
+        `rows` are the words of the data lines: the shift, then two points of the line and an angle in degrees; none if not
+        moved.
         """
         numbers = [[float(word) for word in row if word] for row in rows if any(row)]
         if not numbers or not self.nodes:
@@ -165,9 +173,10 @@ class Scope:
 
 
 def _read_system(rows: list[list[str]]) -> CoordinateSystem | None:
-    """The coordinate system of a *SYSTEM keyword; None if it ends one.
+    """The rectangular coordinate system of a *SYSTEM keyword; None if it has no data, which ends the system before.
 
-    `rows` are the words of its data lines.
+    `rows` are the words of its data lines: origin and a point on x, then a point in x-y, by default in the global x-y plane.
+    Raises `ValueError` if the points lie on a line.
     """
     lines = [[float(word or 0) for word in row] for row in rows if any(row)]
     if not lines:
@@ -200,8 +209,8 @@ def _rotation_matrix(axis: FloatArray, degrees: float) -> FloatArray:
 def element_rows(rows: list[list[str]], count: int) -> tuple[dict[int, list[str]], bool]:
     """Nodes (as words) of each element by label, and True if lines have more nodes than the element (CalculiX accepts that).
 
-    With `count` nodes an element, or lines that end in a comma, its data run over several lines. `rows` are the words
-    of the data lines.
+    With `count` nodes an element, its data run over several lines until it is complete; with 0, over lines that end in a
+    comma. `rows` are the words of the data lines. Raises `ValueError` if a label repeats or nodes are missing.
     """
     table: dict[int, list[str]] = {}
     pending: list[str] = []
@@ -249,7 +258,10 @@ class Assembly:
     owners: dict[str, str] = field(default_factory=dict)
 
     def number(self) -> None:
-        """Give each instance a shift of its labels: 0 if they do not repeat, else its index times a power of ten."""
+        """Set the shift of the labels of each instance and of the assembly itself, in `shifts`.
+
+        It is 0 if no node or element label repeats those before, else the index of the instance times a power of ten.
+        """
         scopes = [*self.scopes, *([self.own] if self.own is not None else [])]
         labels = [_labels(scope) for scope in scopes]
         highest = max((max(pair[k], default=0) for pair in labels for k in (0, 1)), default=0)
@@ -263,7 +275,7 @@ class Assembly:
                 labels_used.update(label + shift for label in new)
 
     def scope(self, name: str) -> Scope:
-        """The instance called `name`, in any case."""
+        """The instance called `name`, in upper or lower case; raises `ValueError` if there is none."""
         for scope in self.scopes:
             if scope.name.upper() == name.upper():
                 return scope
@@ -273,17 +285,17 @@ class Assembly:
         return self.shifts[scope.name.upper()]
 
     def node(self, scope: Scope, word: str) -> int:
-        """The label in the mesh of a node that a scope names: ``12``, or ``INSTANCE.12`` in an assembly."""
+        """The label in the mesh of the node that `word` names in a scope: ``12``, or ``INSTANCE.12`` in an assembly."""
         owner, dot, label = word.strip('"').rpartition(".")
         return int(label) + self.shift(self.scope(owner) if dot else scope)
 
     def nodes(self, scope: Scope, word: str) -> list[int]:
-        """Labels in the mesh, sorted, of the node or node set called `word` (``12``, ``TOP``, ``PART-1.TOP``) in a scope.
+        """Labels in the mesh, sorted, of the node or node set called `word` in a scope: ``12``, ``TOP``, ``PART-1.TOP``.
 
         Raises
         ------
         ValueError
-            If there is none of that name.
+            If there is no node set or instance of that name.
         """
         if _NUMBER.fullmatch(word.strip('"').rpartition(".")[2]):
             return [self.node(scope, word)]
@@ -299,7 +311,11 @@ class Assembly:
         return sorted(label + self.shift(holder) for label in holder.node_sets[name])
 
     def take_set(self, block: KeywordBlock) -> None:
-        """Take up a set of the assembly: of one instance, or of its own labels, sets, INSTANCE.LABEL and INSTANCE.SET."""
+        """Add the members of a *NSET or *ELSET block of the assembly to its sets.
+
+        They are labels or sets of one instance (option INSTANCE), or of the assembly, or INSTANCE.LABEL and INSTANCE.SET.
+        Raises `ValueError` if a named set or instance is not there.
+        """
         assert self.own is not None
         is_nodes = block.keyword == "NSET"
         every = self.node_sets if is_nodes else self.cell_sets
@@ -320,9 +336,9 @@ class Assembly:
                     members.setdefault(owner, set()).update(labels)
 
     def _members_of_name(self, word: str, is_nodes: bool) -> dict[str, set[int]]:
-        """Labels that `word` stands for, by instance: a set of the assembly, INSTANCE.SET or INSTANCE.LABEL.
+        """Labels that `word` stands for, by instance name in capitals: a set of the assembly, INSTANCE.SET or INSTANCE.LABEL.
 
-        `is_nodes` says that node sets are meant, not element sets.
+        `is_nodes` says that node sets are meant, not element sets. Raises `ValueError` if there is none.
         """
         assert self.own is not None
         every = self.node_sets if is_nodes else self.cell_sets

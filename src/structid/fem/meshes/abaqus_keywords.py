@@ -37,7 +37,9 @@ class KeywordBlock:
 
 
 def keyword_blocks(path: Path) -> Iterator[KeywordBlock]:
-    """Every keyword of the input file with its data lines, included files (*INCLUDE) and data files (INPUT=) read too.
+    """Every keyword of the input file with its data lines, in order.
+
+    Included files (*INCLUDE) and data files (INPUT=) are read in place; lines before the first keyword are skipped.
 
     Raises
     ------
@@ -70,7 +72,8 @@ def keyword_options(words: list[str]) -> dict[str, str]:
 def _read_lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]:
     """Line number and text of each line that is no comment or blank; continued keyword lines are joined.
 
-    `root` is the folder of the job; `depth` counts nested includes.
+    Lines of included files come in place. `root` is the folder of the job; `depth` counts nested includes, and `FileError` is
+    raised above 20.
     """
     if depth > _MOST_INCLUDES:
         raise FileError(f"{path}: includes itself, or more than {_MOST_INCLUDES} files in one another; write one file")
@@ -96,9 +99,10 @@ def _read_lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]
 def _included_lines(
     path: Path, root: Path, number: int, options: dict[str, str], depth: int
 ) -> Iterator[tuple[int, str]]:
-    """The lines of an included file, looked for in the folder of the job, then in that of the including file.
+    """Line number and text of each line of an included file, looked for in the job's folder, then the including file's.
 
-    `number` is the line of the keyword with these `options`; `depth` counts nested includes.
+    `root` is the folder of the job, `path` the including file, and `number` the line of the keyword with these `options`;
+    `depth` counts nested includes. Raises `FileError` if the file cannot be read.
     """
     name = options.get("INPUT", "").replace("\\", "/")
     try:

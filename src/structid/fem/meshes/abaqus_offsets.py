@@ -45,7 +45,10 @@ class SectionOffsets:
         self._positions, self._length = positions, length
 
     def parts(self) -> list[DeckPart]:
-        """A part of each kind of section that has offsets."""
+        """Deck parts of the offsets: by kind of section, apart for those that cannot be read, and then centroids of beams.
+
+        Parts that cannot be taken say why in `obstacle`.
+        """
         parts = []
         every = [*self._assembly.scopes, *([self._assembly.own] if self._assembly.own is not None else [])]
         for keyword in _SECTIONS:
@@ -63,9 +66,9 @@ class SectionOffsets:
         return [*parts, *([DeckPart("BEAM CENTROID", count, obstacle="move the nodes")] if count else [])]
 
     def _offsets(self, scope: Scope, block: KeywordBlock) -> list[CellOffsets]:
-        """The offsets of the cells of one section block, by cell block.
+        """The offsets of the cells of one section block, one `CellOffsets` for each cell block that has some of them.
 
-        `ValueError` if cells of its element set cannot have offsets.
+        Raises `ValueError` if cells of its element set cannot have offsets.
         """
         members = self._members(scope, block.options.get("ELSET", ""))
         chosen = []
@@ -82,7 +85,7 @@ class SectionOffsets:
         return [self._beam_offsets(scope, block, index, rows) for index, rows in chosen]
 
     def _members(self, scope: Scope, name: str) -> set[int]:
-        """Labels in the mesh of the elements of a set."""
+        """Labels in the mesh of the elements of the set `name` in a scope; raises `ValueError` if there are none."""
         key, labels = name.upper(), set[int]()
         by_owner = self._assembly.cell_sets.get(key, {}) if scope is self._assembly.own else {}
         for owner, members in by_owner.items():
@@ -93,9 +96,10 @@ class SectionOffsets:
         return labels
 
     def _shell_offsets(self, block: KeywordBlock, chosen: Sequence[tuple[int, IntArray]]) -> list[CellOffsets]:
-        """Shells whose nodes are on a surface so many thicknesses above their middle.
+        """Offsets in m of shells whose nodes lie on a surface some thicknesses above their middle.
 
-        `chosen` are cell blocks, by index, with the rows of the section.
+        `chosen` are cell blocks, by index, with the rows of the section. They run along the mean normal at each node, or
+        along the cell's where normals there differ too much.
         """
         part, thickness = _share(block.options["OFFSET"]), self._length * _thickness(block)
         corners = [self._corners(index, rows) for index, rows in chosen]
@@ -116,9 +120,10 @@ class SectionOffsets:
         return offsets
 
     def _beam_offsets(self, scope: Scope, block: KeywordBlock, index: int, rows: IntArray) -> CellOffsets:
-        """Beams of CalculiX whose line is so many widths along the local directions 1 and 2 off their axis.
+        """Offsets in m of beams of CalculiX whose line lies some widths along the local directions 1 and 2 off their axis.
 
-        `index` is that of the cell block, `rows` are its cells in the section.
+        `index` is that of the cell block, `rows` are its cells in the section. Raises `ValueError` if the section has no
+        widths.
         """
         shape = block.options.get("SECTION", "").upper()
         words = [[float(word) for word in row if word] for row in block.rows if any(row)]
@@ -155,10 +160,7 @@ def _is_zero(word: str) -> bool:
 
 
 def _share(word: str) -> float:
-    """An offset in thicknesses.
-
-    `word` is a number, or SPOS, SNEG or MIDDLE.
-    """
+    """An offset in thicknesses from `word`: a number, or SPOS (0.5), SNEG (-0.5) or MIDDLE (0); `ValueError` for others."""
     side = _SIDES.get(word.upper())
     if side is not None:
         return side
@@ -169,7 +171,10 @@ def _share(word: str) -> float:
 
 
 def _thickness(block: KeywordBlock) -> float:
-    """Thickness of a shell section, in the unit of the file."""
+    """Thickness of a shell section, in the unit of the file; the sum of the layers of a composite.
+
+    Raises `ValueError` if it varies over the section or is not stated.
+    """
     if "NODAL THICKNESS" in block.options or block.options.get("SHELL THICKNESS"):
         raise ValueError("its thickness varies")
     firsts = [float(row[0]) for row in block.rows if any(row)]
@@ -179,7 +184,7 @@ def _thickness(block: KeywordBlock) -> float:
 
 
 def _mean_direction(normals: Sequence[FloatArray]) -> FloatArray | None:
-    """The mean of unit vectors that differ by 20 degrees at most; None where they differ more."""
+    """The unit mean (3,) of unit vectors; None if one of them is more than 20 degrees from it."""
     total = np.sum(normals, axis=0)
     size = float(np.linalg.norm(total))
     if size == 0 or min(float(normal @ total) for normal in normals) < _SMOOTH * size:

@@ -126,9 +126,9 @@ class _Deck:
                     yield scope, block
 
     def read(self, keyword: str, reader: Callable[[_Deck, Scope, KeywordBlock], Items]) -> list[DeckPart]:
-        """The parts that `reader` makes of the blocks of a keyword.
+        """Deck parts that `reader` makes of the blocks of a keyword: one for all that can be taken, one for each obstacle.
 
-        Blocks that it cannot read become one part with that obstacle.
+        Blocks that cannot be read count as parts with that obstacle.
         """
         items: Items = []
         for scope, block in self.blocks(keyword):
@@ -139,7 +139,10 @@ class _Deck:
         return split_by_obstacle(keyword, items)
 
     def elements_of(self, scope: Scope, name: str, kinds: Sequence[str]) -> list[tuple[str, list[int]]]:
-        """Type and nodes of the elements in the set `name` that are of one of the types `kinds`."""
+        """Type and node labels of each element in the set `name` of a scope that is of one of the types `kinds`.
+
+        Raises `ValueError` if there is no such set.
+        """
         is_assembly = scope is self.assembly.own
         by_owner = self.assembly.cell_sets.get(name.upper(), {}) if is_assembly else {}
         members = dict(by_owner)
@@ -158,7 +161,9 @@ class _Deck:
 
 
 def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
-    """Directions of motion (rows, (3, 3)) of each node that a *TRANSFORM turns, by label.
+    """Directions of motion (3, 3), as rows, of each node that a *TRANSFORM turns, by label.
+
+    Nodes whose directions are the global ones are left out. `positions` are those of all nodes by label.
 
     Raises
     ------
@@ -184,7 +189,7 @@ def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, Fl
 
 
 def _axes_at(form: str, a: FloatArray, b: FloatArray, position: FloatArray) -> FloatArray:
-    """Directions (rows, (3, 3)) of a *TRANSFORM at a node.
+    """Directions (3, 3), as rows, of a *TRANSFORM at a node in `position`; `ValueError` if its points lie on a line.
 
     `form` R: points `a` on x and `b` in x-y; C: `a` and `b` on the axis; S: centre `a` and pole `b`.
     """
@@ -213,12 +218,8 @@ def read_parts(
 ) -> list[DeckPart]:
     """The parts of an input file beside its cells: those that structid has elements for, and others with the obstacle.
 
-    `axes` are the displacement axes of nodes by label.
-
-    Raises
-    ------
-    FileError
-        If a keyword cannot be read.
+    `positions` (m) and `axes` (displacement axes, those that differ from the global ones) are by node label; `units` are
+    those of the file. Blocks that cannot be read become parts with that obstacle.
     """
     deck = _Deck(path, assembly, positions, axes, units, surfaces)
     parts = [
@@ -246,7 +247,7 @@ def read_parts(
 
 
 def _read_point_masses(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """Parts of a *MASS block: one point mass for each element of its set."""
+    """Parts of a *MASS block, each with its obstacle ("" if none): one point mass for each element of its set."""
     name = block.options.get("ELSET", "")
     values = [float(word) for word in block.rows[0] if word]
     mass = deck.units.mass * values[0]
@@ -257,7 +258,7 @@ def _read_point_masses(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 
 
 def _read_rotary_inertias(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """Parts of a *ROTARY INERTIA block: one inertia for each element of its set, turned with the instance."""
+    """Parts of a *ROTARY INERTIA block, each with its obstacle ("" if none): one for each element, turned with the instance."""
     name = block.options.get("ELSET", "")
     values = [deck.units.inertia * float(word) for word in block.rows[0] if word]
     xx, yy, zz, xy, xz, yz = [*values, *[0.0] * 6][:6]
@@ -270,7 +271,11 @@ def _read_rotary_inertias(deck: _Deck, scope: Scope, block: KeywordBlock) -> Ite
 
 
 def _read_springs(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """Parts of a *SPRING or *DASHPOT block: of one node to the ground (1), between two degrees of freedom (2), along a line (A)."""
+    """Parts of a *SPRING or *DASHPOT block, each with its obstacle ("" if none): one for each element of its set.
+
+    Types ending in 1 act between a node and the ground, in 2 between two degrees of freedom, in A along the line of two
+    nodes.
+    """
     name = block.options.get("ELSET", "")
     rows = [row for row in block.rows if any(row)]
     obstacle = "it is nonlinear" if "NONLINEAR" in block.options else ""
@@ -292,9 +297,9 @@ def _read_springs(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 def _spring_weights(
     deck: _Deck, scope: Scope, kind: str, nodes: Sequence[int], row: Sequence[str]
 ) -> tuple[dict[tuple[int, str], float], str, bool]:
-    """Weights of displacements by (node, direction) on which a spring acts, an obstacle or "", and True if it is rotational.
+    """Weights by (node, direction) of the displacements that a spring acts on, an obstacle ("" if none), True if rotational.
 
-    `kind` is the type of the spring, `row` the data line with its degrees of freedom.
+    `kind` is the element type of the spring, `nodes` are its nodes, and `row` is the data line with its degrees of freedom.
     """
     if kind.endswith("A"):
         along = deck.positions[nodes[1]] - deck.positions[nodes[0]]
@@ -320,7 +325,10 @@ Ties = list[RigidLink | Constraint]
 
 
 def _read_equations(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """Parts of an *EQUATION block; the first term of each linear equation is the dependent one."""
+    """Parts of an *EQUATION block, each with its obstacle ("" if none); the first term of an equation is the dependent one.
+
+    Raises `ValueError` if terms are missing.
+    """
     items: Items = []
     rows = [[word for word in row if word] for row in block.rows if any(row)]
     while rows:
@@ -334,7 +342,10 @@ def _read_equations(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 
 
 def _make_equation(deck: _Deck, scope: Scope, terms: Sequence[Sequence[str]]) -> Items:
-    """Parts of one equation, or of one for each node of the sets that its terms (node, component, factor) name."""
+    """Parts of an equation, each with its obstacle ("" if none): one for each node where terms name node sets.
+
+    `terms` are (node or set, component from 1, factor) in words. Raises `ValueError` if the sets differ in size.
+    """
     if np.abs(scope.turn - np.eye(3)).max() > 1e-12:
         return [(_TURNED, DeckPart("EQUATION", 1))]
     nodes = [deck.assembly.nodes(scope, term[0]) for term in terms]
@@ -361,7 +372,10 @@ def _make_equation(deck: _Deck, scope: Scope, terms: Sequence[Sequence[str]]) ->
 
 
 def _read_multi_point(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """Parts of an *MPC block of type BEAM, TIE or PIN; the first node is the dependent one."""
+    """Parts of an *MPC block, each with its obstacle ("" if none); types BEAM, TIE and PIN are taken.
+
+    The first node or set of a line is the dependent one.
+    """
     items: Items = []
     for row in block.rows:
         words = [word for word in row if word]
@@ -388,7 +402,10 @@ def _make_ties(kind: str, main: int, dependent: int) -> Ties:
 
 
 def _read_rigid_body(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """Parts of a *RIGID BODY block: nodes of its sets move with the reference node."""
+    """One part, with its obstacle ("" if none), of a *RIGID BODY block: nodes of its sets move with the reference node.
+
+    Nodes of the pinned set follow in translations only.
+    """
     options = block.options
     if options.get("ROT NODE") or "ANALYTICAL SURFACE" in options:
         return [("it turns with a node of its own (ROT NODE) or is a surface", DeckPart("RIGID BODY", 1))]
@@ -410,7 +427,10 @@ def _named_nodes(deck: _Deck, scope: Scope, name: str) -> list[int]:
 
 
 def _nodes_of_elements(deck: _Deck, scope: Scope, name: str) -> list[int]:
-    """Labels of the nodes of all elements in the set `name`, sorted; empty without a name."""
+    """Labels of the nodes of all elements in the set `name` of a scope, sorted.
+
+    Empty if `name` is ""; raises `ValueError` if there is no such set.
+    """
     if not name:
         return []
     kinds = sorted({kind for holder in deck.scopes for kind in holder.elements})
@@ -418,7 +438,10 @@ def _nodes_of_elements(deck: _Deck, scope: Scope, name: str) -> list[int]:
 
 
 def _read_kinematic_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """Parts of a *KINEMATIC COUPLING block: nodes that follow a reference node in some components."""
+    """Parts of a *KINEMATIC COUPLING block, each with its obstacle ("" if none): one for each data line.
+
+    Its nodes follow the reference node in the components of the line.
+    """
     [main] = deck.assembly.nodes(scope, block.options["REF NODE"])
     items: Items = []
     for row in block.rows:
@@ -429,7 +452,7 @@ def _read_kinematic_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> 
 
 
 def _read_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """Parts of a *COUPLING block of a surface, with the *KINEMATIC or *DISTRIBUTING keyword behind it."""
+    """One part, with its obstacle ("" if none), of a *COUPLING block with the *KINEMATIC or *DISTRIBUTING keyword behind it."""
     next_blocks = scope.blocks[scope.blocks.index(block) + 1 :][:1]
     law = next_blocks[0].keyword if next_blocks else ""
     if law not in ("KINEMATIC", "DISTRIBUTING"):
@@ -452,9 +475,9 @@ def _read_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 def _mean_constraints(
     deck: _Deck, main: int, weights: Mapping[int, float], chosen: Sequence[int]
 ) -> tuple[str, DeckPart]:
-    """Refusal ("" if none) and deck part from a reference node that moves as the weighted mean of other nodes.
+    """Obstacle ("" if none) and deck part of a reference node that moves as the weighted mean of other nodes.
 
-    `main` is the reference node, `weights` are those of the others, `chosen` its components (0 to 5).
+    `main` is the reference node, `weights` maps the others to their weights, `chosen` are its components (0 to 5).
     """
     if main in weights:
         return "its reference node is one of its surface", DeckPart("COUPLING", 1)
@@ -473,7 +496,10 @@ def _mean_constraints(
 
 
 def _read_surface_tie(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """Parts of a *TIE block: nodes of one surface that move with the faces of another, where these are near."""
+    """Parts of a *TIE block, each with its obstacle ("" if none), for each pair of surfaces.
+
+    Nodes of the first surface that are near the faces of the second move with these; others are counted as left free.
+    """
     if block.options.keys() & {"CYCLIC SYMMETRY", "MULTIPHYSICS", "FLUID-STRUCTURE", "TIED NSET"}:
         return [("it ties something other than two surfaces", DeckPart("TIE", 1))]
     items: Items = []
@@ -499,7 +525,8 @@ def _tie_near_nodes(
 ) -> tuple[list[RigidLink | Constraint], int, float]:
     """Constraints of the nodes that lie near a surface, the number of nodes that do not, and the distance that is near, m.
 
-    `followers` are the nodes, `carriers` the surface.
+    `followers` are the nodes, `carriers` is the surface; nodes of that surface itself are passed over. Near is the POSITION
+    TOLERANCE of the block, or 5 % of the mean side of the faces. Raises `ValueError` if nodes have directions of their own.
     """
     from scipy.spatial import cKDTree
 
@@ -528,7 +555,10 @@ def _tie_near_nodes(
 
 
 def _tie_to_face(node: int, face: tuple[tuple[int, ...], bool], point: Footpoint, is_turning: bool) -> list[Constraint]:
-    """Constraints of a `node` that moves with a face (labels, whether of a shell) at a point; rotations too if both have them."""
+    """Constraints by which `node` moves with a face at `point`: three translations, and rotations for a shell if `is_turning`.
+
+    `face` is the labels of its nodes, and True if it is a shell.
+    """
     labels, is_shell = face
     ties = []
     for i, direction in enumerate(DIRECTIONS[:3]):
@@ -558,7 +588,7 @@ def _component_range(words: Sequence[str]) -> list[int]:
 def _follow_rigidly(
     deck: _Deck, block: KeywordBlock, scope: Scope, main: int, nodes: Sequence[int], components: Sequence[int]
 ) -> tuple[str, DeckPart]:
-    """Refusal ("" if none) and deck part from nodes that follow the node `main` rigidly in some components (0 to 5)."""
+    """Obstacle ("" if none) and deck part of `nodes` that follow the node `main` rigidly in some components (0 to 5)."""
     kind = block.keyword
     if block.options.get("ORIENTATION"):
         return "its directions have an orientation", DeckPart(kind, 1)

@@ -90,9 +90,9 @@ class Surfaces:
         return Surface(faces, list(dict.fromkeys(node for face, _ in faces for node in face)))
 
     def _block(self, scope: Scope, name: str) -> tuple[Scope, KeywordBlock]:
-        """The *SURFACE block called `name` and its scope, looked for in `scope` first.
+        """The scope and *SURFACE block called `name`, looked for in `scope` first, then in the assembly and its instances.
 
-        `ValueError` if there is none.
+        Raises `ValueError` if there is none.
         """
         own = self._assembly.own
         owner, dot, bare = name.strip('"').upper().rpartition(".")
@@ -105,7 +105,10 @@ class Surfaces:
         raise ValueError(f"there is no surface {name!r}")
 
     def _members(self, scope: Scope, word: str) -> Iterable[tuple[Scope, int]]:
-        """Elements of a set, or the one with a label, each with the scope that its label belongs to."""
+        """Elements that `word` names, a set or a label, as pairs of the scope that the label belongs to and the label.
+
+        Raises `ValueError` if there is no such set.
+        """
         owner, dot, bare = word.strip('"').rpartition(".")
         holder = self._assembly.scope(owner) if dot else scope
         if bare.isdigit():
@@ -123,7 +126,11 @@ class Surfaces:
         return [(holder, label) for label in sorted(holder.cell_sets[key])]
 
     def _face(self, scope: Scope, label: int, side: str) -> tuple[tuple[int, ...], bool]:
-        """Nodes of one face of an element, and whether it is a shell."""
+        """Labels in the mesh of the nodes of a face, corners before middles, and True if the element is a shell.
+
+        `side` is S1, S2, ... of a solid, or a side of a shell such as SPOS. Raises `ValueError` if there is no such element
+        or face.
+        """
         for name, table in scope.elements.items():
             if label in table:
                 kind = self._kind_of(name)[0]
@@ -150,7 +157,10 @@ class Surfaces:
 
 
 def nodal_areas(surface: Surface, positions: Callable[[int], FloatArray]) -> dict[int, float]:
-    """Area that belongs to each node of a surface of linear faces, by their interpolation."""
+    """Area that belongs to each node of a surface, the integral of its interpolation, by label.
+
+    In the square of the unit of `positions`, which returns that of a label. Raises `ValueError` for quadratic faces.
+    """
     areas: dict[int, float] = {}
     for face, _ in surface.faces:
         if len(face) > 4:
@@ -183,7 +193,10 @@ class Footpoint:
 
 
 def footpoint(point: FloatArray, corners: FloatArray) -> Footpoint:
-    """The point of a face nearest to a `point` (3,); the face has its nodes at `corners` (n_nodes, 3)."""
+    """The point of a face nearest to `point` (3,), with the interpolation there and the motion of a point carried by the face.
+
+    `corners` (n_nodes, 3) are positions of all nodes of the face, 3, 4, 6 or 8, in the unit of `point`.
+    """
     shape = CELLS[_FACETS[len(corners)]]
     local = _nearest(shape, point, corners)
     weights = shape.values(local[None])[0]
@@ -204,7 +217,7 @@ def footpoint(point: FloatArray, corners: FloatArray) -> Footpoint:
 
 
 def _nearest(shape: CellShape, point: FloatArray, corners: FloatArray) -> FloatArray:
-    """Reference coordinates of the nearest point of a face, by Gauss-Newton steps that stay on it."""
+    """Reference coordinates (2,) of the point of a face nearest to `point`, by Gauss-Newton steps that stay on it."""
     local = shape.corners.mean(axis=0)
     for _ in range(_STEPS):
         tangents = shape.slopes(local[None])[0] @ corners
@@ -218,7 +231,10 @@ def _nearest(shape: CellShape, point: FloatArray, corners: FloatArray) -> FloatA
 
 
 def _on_face(shape: CellShape, local: FloatArray, tangents: FloatArray) -> FloatArray:
-    """The point of a reference square or triangle nearest to `local`, by distances that `tangents` (2, 3) give."""
+    """The point (2,) of the reference square or triangle nearest to `local`, itself if it is inside.
+
+    Distances are those that `tangents` (2, 3), the derivatives of the position, give.
+    """
     is_square = shape.name.startswith("quad")
     sides = [((-1, -1), (1, -1)), ((1, -1), (1, 1)), ((1, 1), (-1, 1)), ((-1, 1), (-1, -1))]
     sides = sides if is_square else [((0, 0), (1, 0)), ((1, 0), (0, 1)), ((0, 1), (0, 0))]
@@ -236,7 +252,7 @@ def _on_face(shape: CellShape, local: FloatArray, tangents: FloatArray) -> Float
 
 
 def mean_side(faces: Sequence[FloatArray]) -> float:
-    """Mean length of the sides of faces by their corners."""
+    """Mean length of the sides of `faces`, by their corners alone; each is an array (3, 4, 6 or 8 nodes, 3) of positions."""
     lengths = []
     for positions in faces:
         corners = positions[: {3: 3, 6: 3, 4: 4, 8: 4}[len(positions)]]

@@ -46,10 +46,10 @@ def rigid_motion(arm: FloatArray) -> FloatArray:
 def mean_motion(
     reference: FloatArray, components: Sequence[Component], positions: Mapping[int, FloatArray]
 ) -> FloatArray | None:
-    """The rigid motion at `reference` (3,) that fits components best by least squares, (6, n_components).
+    """Map (6, n_components) from components to the rigid motion at `reference` (3,) that fits them best by least squares.
 
     Weights of rotations are multiplied by the square of the mean distance of the nodes, as in Nastran, so that those of
-    translations and rotations compare. None where the components do not determine the motion.
+    translations and rotations compare. None if the components do not determine the motion.
     """
     nodes = list(dict.fromkeys(component.node for component in components))
     distances = [float(np.linalg.norm(positions[node] - reference)) for node in nodes]
@@ -70,9 +70,10 @@ def mean_motion(
 
 
 def global_directions(axes: FloatArray, components: Sequence[int]) -> list[str] | None:
-    """Global directions that span the same motions as some of a node's own, 0 to 5 along `axes` (rows); None where none do.
+    """Global directions, such as "X", that span the same motions as some of a node's own; None if no global ones do.
 
-    `components` are the indices of those motions.
+    `axes` (3, 3) are its own directions as rows; `components` are those motions, 0 to 2 translations and 3 to 5 rotations
+    along them.
     """
     directions: list[str] = []
     for start in (0, 3):
@@ -91,9 +92,10 @@ Row = dict[tuple[int, str], float]
 def mean_rows(
     reference: int, axes: FloatArray, chosen: Sequence[int], components: Sequence[Component], mean: FloatArray
 ) -> list[Row]:
-    """Equations, each a sum that is 0: components of the reference node along `axes` less those of the mean motion.
+    """Equations, each a sum that is 0: a component of the reference node less that of the mean motion.
 
-    `chosen` are these components (0 to 5); `mean` (6, n_components) is the mean motion.
+    A row maps (node, direction) to its factor. `axes` are the reference node's own directions (rows), `chosen` its components
+    (0 to 5); `mean` (6, n_components) is the map of `mean_motion`.
     """
     rows = []
     for component in chosen:
@@ -110,7 +112,10 @@ def mean_rows(
 def solved_constraints(
     name: str, rows: Sequence[Row], dependents: Sequence[tuple[int, str]]
 ) -> list[Constraint] | None:
-    """Equations solved for as many of their degrees of freedom; None where these are not determined."""
+    """Equations, each a sum of `rows` that is 0, solved for `dependents` (node, direction): one constraint for each.
+
+    None if there are not as many equations as dependents, or these are not determined.
+    """
     others = list(dict.fromkeys(key for row in rows for key in row if key not in set(dependents)))
     table = np.array([[row.get(key, 0.0) for key in (*dependents, *others)] for row in rows])
     square, rest = table[:, : len(dependents)], table[:, len(dependents) :]
@@ -127,12 +132,14 @@ def solved_constraints(
 def rigid_constraints(
     name: str, main: int, dependent: int, arm: FloatArray, axes: FloatArray, components: Sequence[int]
 ) -> list[Constraint] | None:
-    """Constraints of a node that follows a main node rigidly along some of its own `axes`; None where they are oblique.
+    """Constraints of a node that follows a main node rigidly in some of its own directions; None if these are oblique.
 
     Parameters
     ----------
     name : str
+        Name of the constraints.
     main, dependent : int
+        Node labels.
     arm : (3,) float array
         From the main node to the dependent one, m.
     axes : (3, 3) float array

@@ -75,7 +75,9 @@ class _Lines:
 
 
 def bulk_text(path: Path) -> BulkText:
-    """The bulk data of the deck at `path`, included files read too; without BEGIN BULK and CEND the whole file is bulk data.
+    """The bulk data of the deck at `path`, with included files in place and replicated cards written out.
+
+    Without BEGIN BULK and CEND the whole file is bulk data.
 
     Raises
     ------
@@ -106,9 +108,10 @@ def bulk_text(path: Path) -> BulkText:
 
 
 def _require_one_section(lines: _Lines, row: int, match: re.Match[bytes], begun: bool) -> None:
-    """Raise `FileError` if a line begins the bulk data of a superelement or the like, which is a model of its own.
+    """Raise `FileError` if a BEGIN line starts the bulk data of a superelement or the like, a model of its own.
 
-    `row` is the index of the line; `begun` says that bulk data have begun.
+    `row` is the index of the line in `lines`, `match` the parts of it (word and number); `begun` says that bulk data have
+    begun.
     """
     word, name = match[1].decode("latin-1"), match[2].decode("latin-1")
     if not word or (word == "SUPER" and not begun and not name.strip("0")):
@@ -123,7 +126,7 @@ def _require_one_section(lines: _Lines, row: int, match: re.Match[bytes], begun:
 def _take_lines(lines: _Lines, path: Path, root: Path, depth: int) -> None:
     """Append the lines of the file at `path` to `lines`, with those of included files in place of INCLUDE.
 
-    `depth` counts nested includes.
+    `root` is the folder of the deck; `depth` counts nested includes, and `FileError` is raised above 20.
     """
     if depth > _MOST_INCLUDES:
         raise FileError(f"{path}: includes itself, or more than {_MOST_INCLUDES} files in one another; write one file")
@@ -153,7 +156,10 @@ def _take_lines(lines: _Lines, path: Path, root: Path, depth: int) -> None:
 
 
 def _included_file(name: str, root: Path, parent: Path) -> Path:
-    """The file that an INCLUDE names, looked for in the folder of the deck, then in that of the including file."""
+    """Path of the file that an INCLUDE names, looked for in the folder `root` of the deck, then in that of the including file.
+
+    A name ``SYMBOL:rest`` begins at the folder in the environment variable SYMBOL. Raises `FileError` if it cannot be read.
+    """
     symbol = _SYMBOL.fullmatch(name)
     if symbol is not None:
         folder = next((os.environ[key] for key in (symbol[1], symbol[1].upper()) if key in os.environ), None)
@@ -220,7 +226,10 @@ class Cards:
         return [bytes(field).decode("latin-1").strip() for field in self.fields[row]]
 
     def _convert_field(self, field: int, convert: Callable[[np.ndarray], np.ndarray], wanted: str) -> np.ndarray:
-        """Numbers in the field with index `field` of all cards, by `convert`; zeros if no card has it. `wanted` is for errors."""
+        """Numbers (n_cards,) in the field with index `field` of all cards, by `convert`; zeros if no card has that field.
+
+        Raises `FileError`, which names the line and `wanted`, if a field is no such number.
+        """
         if field >= self.fields.shape[1]:
             return np.zeros(len(self))
         try:
@@ -230,7 +239,7 @@ class Cards:
 
 
 def cards_of(text: BulkText, names: tuple[str, ...]) -> dict[str, Cards]:
-    """The cards of each of `names` that the text has, by name."""
+    """The cards of each of `names` that the text has, by name; names without cards are left out."""
     lines = bulk_lines(text.path, names, text.content, whole_lines=True, origins=text.origins)
     if not len(lines.start):
         return {}

@@ -31,7 +31,7 @@ class CoordinateSystem:
         return self.origin + rectangular(self.form, coordinates) @ self.axes
 
     def directions_at(self, positions: FloatArray) -> FloatArray:
-        """Unit vectors of the three directions at points in basic coordinates, (n, 3) to (n, 3, 3).
+        """Unit vectors of the three directions, as rows, at `positions` (n, 3) in basic coordinates, (n, 3, 3).
 
         On the z axis, where radial directions have no meaning, those of angle 0 are taken, as Nastran does.
         """
@@ -52,7 +52,10 @@ class CoordinateSystem:
 
 
 def axes_of_points(origin: FloatArray, on_z: FloatArray, in_xz: FloatArray) -> FloatArray | None:
-    """Axes (rows, (3, 3)) from the origin, a point on z and one in the half plane of x and z; None if they lie on a line."""
+    """Axes x, y, z as rows (3, 3) by three points (3,): the origin, one on z and one in the half plane of z and +x.
+
+    None if the points lie on a line.
+    """
     z = on_z - origin
     y = np.cross(z, in_xz - origin)
     axes = np.stack([np.cross(y, z), y, z])
@@ -61,7 +64,10 @@ def axes_of_points(origin: FloatArray, on_z: FloatArray, in_xz: FloatArray) -> F
 
 
 def rectangular(form: str, coordinates: FloatArray) -> FloatArray:
-    """Rectangular coordinates (n, 3) of coordinates in the form R, C (r, theta in deg, z) or S (r, theta, phi in deg)."""
+    """Rectangular coordinates (n, 3) from `coordinates` (n, 3) in the form R, C or S; angles are in degrees.
+
+    R is x, y, z; C is r, theta, z; S is r, the angle from the z axis, and the angle about it from x.
+    """
     if form == "R":
         return coordinates
     first, second = coordinates[:, 0], np.radians(coordinates[:, 1])
@@ -73,9 +79,9 @@ def rectangular(form: str, coordinates: FloatArray) -> FloatArray:
 
 
 def unit_normals(corners: FloatArray) -> FloatArray:
-    """Normals of triangles and quadrilaterals by the order of their corners, (n_cells, 3 or 4, 3) to (n_cells, 3).
+    """Unit normals (n_cells, 3) of triangles and quadrilaterals `corners` (n_cells, 3 or 4, 3), by the order of their corners.
 
-    That of a quadrilateral is across both of its diagonals.
+    That of a quadrilateral is across both of its diagonals; zero for cells without area.
     """
     if corners.shape[1] == 3:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -169,7 +169,10 @@ class DeckPart:
 
     @property
     def joined_pairs(self) -> frozenset[tuple[int, int]]:
-        """Pairs of node labels, the lower first, that a spring or a tie of the part joins."""
+        """Pairs of node labels, the lower first, that a spring between two nodes or a tie of the part joins.
+
+        A rigid link joins its main node to each dependent, a constraint its dependent node to each other.
+        """
         groups = [{node for node, _ in spring.weights} for spring in self.springs]
         for tie in self.ties:
             if isinstance(tie, RigidLink):
@@ -179,7 +182,10 @@ class DeckPart:
         return frozenset((min(group), max(group)) for group in groups if len(group) == 2)
 
     def elements(self) -> list[ElementSet]:
-        """Element sets of the part's masses, springs and dashpots, named by kind and property in lower case."""
+        """Element sets of the part's masses, springs and dashpots, named by kind in lower case and property.
+
+        Empty if it has none, as a part of ties.
+        """
         sets: list[ElementSet] = []
         for name in dict.fromkeys(mass.set_name for mass in self.masses):
             sets += _mass_sets(self._named(name), [mass for mass in self.masses if mass.set_name == name])
@@ -188,7 +194,10 @@ class DeckPart:
         return sets
 
     def renumbered(self, stands_for: Mapping[int, int]) -> DeckPart:
-        """The part with node labels replaced by `stands_for`, after nodes were merged; ties of a node with itself are dropped."""
+        """The part with node labels replaced by `stands_for` (old label: new label), after nodes were merged.
+
+        Labels that are not in it stay. Ties of a node with itself, and springs that no longer act, are dropped.
+        """
         masses = tuple(replace(mass, node=stands_for.get(mass.node, mass.node)) for mass in self.masses)
         springs = []
         for spring in self.springs:
@@ -206,7 +215,7 @@ class DeckPart:
 
 
 def choose_parts(parts: Sequence[DeckPart], take: str | Sequence[str], source: str) -> tuple[DeckPart, ...]:
-    """The parts whose kinds `take` names, and the parts that the mesh needs.
+    """The parts that can be taken and whose kinds `take` names, and those that the mesh needs; in the order of `parts`.
 
     Parameters
     ----------
@@ -256,7 +265,10 @@ def describe_left_aside(parts: Iterable[DeckPart], taken: Sequence[DeckPart], so
 
 
 def split_by_obstacle(kind: str, items: Sequence[tuple[str, DeckPart]]) -> list[DeckPart]:
-    """One part of all `items` (obstacle, part) without an obstacle, and one part for each obstacle."""
+    """One part called `kind` of all `items` (obstacle, part) without an obstacle, and one for each obstacle.
+
+    Parts with an obstacle keep only their count and mass.
+    """
     by_obstacle: dict[str, list[DeckPart]] = {}
     for obstacle, part in items:
         by_obstacle.setdefault(obstacle, []).append(part)
@@ -282,7 +294,10 @@ def split_by_obstacle(kind: str, items: Sequence[tuple[str, DeckPart]]) -> list[
 
 
 def mass_matrix(mass: float, arm: FloatArray, inertia: FloatArray) -> FloatArray:
-    """Mass matrix (6, 6) of a rigid body about a node; `arm` (3,) leads to its centre, `inertia` (3, 3) is about the centre."""
+    """Mass matrix (6, 6) of a rigid body about a node, translations before rotations.
+
+    `arm` (3,) leads from the node to its centre of gravity, about which `inertia` (3, 3) is.
+    """
     x, y, z = arm
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     matrix = np.zeros((6, 6))
@@ -303,7 +318,10 @@ def turned_matrix(matrix: FloatArray, axes: FloatArray) -> FloatArray:
 def weights_along(
     node: int, vector: FloatArray, rotation: bool = False, factor: float = 1.0
 ) -> dict[tuple[int, str], float]:
-    """Weights of a node's displacement (or rotation) along a unit vector; what is rounding is left out."""
+    """Weights {(node, direction): weight} of a node's displacement along a unit vector (3,), times `factor`.
+
+    Its rotation instead if `rotation`. Parts below 1e-12 are left out.
+    """
     directions = DIRECTIONS[3:] if rotation else DIRECTIONS[:3]
     return {
         (node, direction): factor * float(part)
@@ -313,7 +331,10 @@ def weights_along(
 
 
 def _mass_sets(name: str, masses: Sequence[NodalMass]) -> list[ElementSet]:
-    """Point masses and rotary inertias of `masses`, and one matrix group of those with eccentricity or products of inertia."""
+    """Element sets of `masses`: point masses, rotary inertias for each axis, and a matrix group of the others.
+
+    The others have eccentricity, products of inertia or masses that differ by direction. `name` begins the names of all sets.
+    """
     simple = [mass for mass in masses if _is_simple(mass.matrix)]
     sets: list[ElementSet] = []
     with_mass = [mass for mass in simple if mass.matrix[0, 0]]
@@ -348,7 +369,10 @@ def _is_simple(matrix: FloatArray) -> bool:
 
 
 def _spring_sets(name: str, springs: Sequence[DeckSpring]) -> list[ElementSet]:
-    """Springs and dashpots between degrees of freedom or to the ground, and one matrix group of those in other directions."""
+    """Element sets of `springs`: springs and dashpots between degrees of freedom or to the ground, and oblique ones.
+
+    Those in oblique directions become a matrix group for each loss factor. `name` begins the names of all sets.
+    """
     sets: list[ElementSet] = []
     ends = [_spring_dofs(spring.weights) for spring in springs]
     for grounded in (False, True):
@@ -404,7 +428,10 @@ def _spring_sets(name: str, springs: Sequence[DeckSpring]) -> list[ElementSet]:
 
 
 def _spring_dofs(weights: Mapping[tuple[int, str], float]) -> tuple[Dof, Dof | None] | None:
-    """The two degrees of freedom of a spring along global axes, or one and None for the ground; None if it is oblique."""
+    """The two degrees of freedom of a spring along global axes, the second None for the ground; None if it is oblique.
+
+    `weights` maps (node, direction) to the weight. If both have the same sign, the second points the other way.
+    """
     pairs = [(Dof(node, direction), weight) for (node, direction), weight in weights.items() if weight]
     if any(abs(abs(weight) - 1) > _ROUNDING for _, weight in pairs) or len(pairs) not in (1, 2):
         return None
@@ -419,9 +446,9 @@ def _spring_dofs(weights: Mapping[tuple[int, str], float]) -> tuple[Dof, Dof | N
 def _matrix_of(
     triples: Sequence[tuple[int, str, int, str, float]], codes: Sequence[tuple[int, str]] | None = None
 ) -> tuple[list[Dof], sparse.csc_array]:
-    """Degrees of freedom, and the matrix of summed entries (node, direction, node, direction, value).
+    """Degrees of freedom, and the sparse matrix on them of summed entries (node, direction, node, direction, value).
 
-    The degrees of freedom are sorted, or those of `codes`.
+    The degrees of freedom are those of `codes` (node, direction), by default all in the entries, sorted.
     """
     if codes is None:
         codes = sorted({(node, direction) for node, direction, *_ in triples})
@@ -434,7 +461,10 @@ def _matrix_of(
 
 
 def _renumbered_tie(tie: DeckTie, stands_for: Mapping[int, int]) -> DeckTie | None:
-    """The tie with node labels replaced by `stands_for`; None if it joins a node with itself."""
+    """The tie with node labels replaced by `stands_for` (old label: new label); None if it then joins a node with itself only.
+
+    A constraint whose dependent then follows itself is solved anew.
+    """
     if isinstance(tie, MiddleNode):
         label = stands_for.get(tie.label, tie.label)
         start, end = (stands_for.get(node, node) for node in tie.ends)

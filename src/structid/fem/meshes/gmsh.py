@@ -108,7 +108,10 @@ def read(path: Path, units: DeckUnits) -> Mesh:
 
 
 def _is_swapped(data: bytes, offset: int) -> bool:
-    """True if the number one behind the header of a binary file is in the other byte order."""
+    """True if the whole number 1 behind the header of a binary file is not in the byte order of this machine.
+
+    `offset` is its byte in `data`; raises `ValueError` if there is something else.
+    """
     marker = data[offset : offset + 4]
     if marker not in (b"\x01\0\0\0", b"\0\0\0\x01"):
         raise ValueError("the number one is missing behind $MeshFormat")
@@ -122,7 +125,7 @@ def _names(content: _Content, numbers: Numbers) -> None:
 
 
 def _read_entities(content: _Content, numbers: Numbers) -> None:
-    """Read the $Entities section: physical groups of each geometric entity."""
+    """Read the $Entities section into `content`: physical groups of each geometric entity, by (dimension, tag)."""
     counts = numbers.sizes(4).tolist()
     for dimension, count in enumerate(counts):
         for _ in range(count):
@@ -135,7 +138,7 @@ def _read_entities(content: _Content, numbers: Numbers) -> None:
 
 
 def _read_nodes(content: _Content, numbers: Numbers) -> None:
-    """Read the $Nodes section of version 4.1: labels and positions."""
+    """Read the $Nodes section of version 4.1 into `content`: labels and positions, in the unit of the file."""
     for _ in range(int(numbers.sizes(4)[0])):
         dimension, _tag, parametric = numbers.integers(3).tolist()
         count = int(numbers.sizes(1)[0])
@@ -145,7 +148,7 @@ def _read_nodes(content: _Content, numbers: Numbers) -> None:
 
 
 def _read_elements(content: _Content, numbers: Numbers) -> None:
-    """Read the $Elements section of version 4.1: cells by type, and the physical groups of their entities."""
+    """Read the $Elements section of version 4.1 into `content`: cells by type, and the physical groups of their entities."""
     for _ in range(int(numbers.sizes(4)[0])):
         dimension, tag, kind = numbers.integers(3).tolist()
         count = int(numbers.sizes(1)[0])
@@ -162,7 +165,10 @@ def _old_nodes(content: _Content, numbers: Numbers) -> None:
 
 
 def _read_elements_2(content: _Content, numbers: Numbers) -> None:
-    """Read the $Elements section of version 2, where a cell is repeated for each of its physical groups; it counts once."""
+    """Read the $Elements section of version 2 into `content`.
+
+    A cell that is repeated for each of its physical groups counts once, with all of them.
+    """
     total = int(numbers.counts(1)[0])
     by_kind: dict[int, list[tuple[IntArray, IntArray]]] = {}
     for kind, tags, rows in numbers.old_elements(total, lambda kind: _known(kind)[1]):
@@ -187,7 +193,10 @@ def _known(kind: int) -> tuple[str, int, int, tuple[int, ...]]:
 
 
 def _make_mesh(path: Path, content: _Content, factor: float) -> Mesh:
-    """The mesh of the content that was read; `factor` turns its lengths into m."""
+    """The mesh of the content that was read; `factor` turns its lengths into m.
+
+    Raises `FileError` if there are no nodes, or cells name nodes that are not there.
+    """
     labels = np.concatenate(content.labels) if content.labels else np.zeros(0, np.int64)
     if not len(labels):
         raise FileError(f"{path}: holds no whole table of nodes; {_AGAIN}")
@@ -221,7 +230,10 @@ def _require_nodes(path: Path, name: str, rows: IntArray, labels: IntArray) -> N
 
 
 def _group_rows(content: _Content, dimension: int, tags: Iterable[tuple[int, list[int]]]) -> dict[str, IntArray]:
-    """Rows of each physical group (by name) in one block; `tags` has pairs (number of cells, their groups)."""
+    """Row indices of the cells of each physical group, by its name, in one block; its number where it has no name.
+
+    `tags` has pairs (number of neighbouring cells, their groups), `dimension` is that of the cells.
+    """
     rows_of: dict[str, list[IntArray]] = {}
     first = 0
     for count, groups in tags:

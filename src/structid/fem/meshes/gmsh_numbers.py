@@ -83,7 +83,10 @@ class Ascii:
         return int(self._next(1)[0])
 
     def groups(self) -> list[tuple[int | None, int, str]]:
-        """Dimension, number and name of each physical group; None where the file does not say its dimension."""
+        """Dimension, number and name of each physical group; the dimension is None if the file does not say it.
+
+        Raises `ValueError` if a group cannot be read.
+        """
         head = re.match(rb"\s*(\d+)", self._text)
         if head is None:
             raise ValueError("the names of physical groups begin with no count")
@@ -103,9 +106,10 @@ class Ascii:
         return table[:, 0].astype(np.int64), table[:, 1:].astype(np.float64)
 
     def old_elements(self, count: int, width: Callable[[int], int]) -> Iterator[Cells]:
-        """Blocks of equal elements in a section of version 2: type, tags (n, 2) and nodes (n, width).
+        """Runs of neighbouring elements of one type in a section of version 2: type, tags (n, 2) and nodes (n, n_nodes).
 
-        `width` depends on the type.
+        Tags are the physical group and the entity, 0 where absent. `count` is the number of elements; `width` returns the
+        number of nodes of a type.
         """
         assert self._words is not None
         numbers = self._words[self._at :].astype(np.int64)
@@ -172,7 +176,11 @@ class Binary:
         return table["label"].astype(np.int64), table["at"].astype(np.float64)
 
     def old_elements(self, count: int, width: Callable[[int], int]) -> Iterator[Cells]:
-        """Blocks of elements in a section of version 2: type, tags (n, 2) and nodes (n, width); `width` depends on the type."""
+        """Blocks of elements in a section of version 2: type, tags (n, 2) and nodes (n, n_nodes).
+
+        Tags are the physical group and the entity, 0 where absent. `count` is the number of elements; `width` returns the
+        number of nodes of a type.
+        """
         done = 0
         while done < count:
             kind, n_elements, n_tags = self.integers(3).tolist()

@@ -98,7 +98,10 @@ class Mesh:
         return max((CELL_DIMENSIONS.get(block.kind, 0) for block in self.blocks if not block.is_beside), default=0)
 
     def chosen(self, group: str | None = None) -> list[tuple[CellBlock, IntArray]]:
-        """Blocks with the row indices of the cells in `group`; without one, all cells of the largest dimension."""
+        """Blocks that have cells in `group`, each with the row indices of these; if None, all cells of the largest dimension.
+
+        Raises `InputError` if there is no such group.
+        """
         if group is None:
             all_cells = [(block, np.arange(len(block.nodes))) for block in self.blocks]
             return [pair for pair in all_cells if _dimension_of(pair[0]) == self.dimension]
@@ -109,10 +112,12 @@ class Mesh:
     def cells(self, group: str | None = None) -> IntArray:
         """Node labels of the cells of `group`, (n_cells, width), padded with -1 where it mixes cell types.
 
+        If None, of all cells of the largest dimension.
+
         Raises
         ------
         InputError
-            If there is no such group, or its cells are of a type that no element takes.
+            If there is no such group or cell, or its cells are of a type that no element takes.
         """
         tables = []
         for block, rows in self.chosen(group):
@@ -129,7 +134,15 @@ class Mesh:
         return locked(np.concatenate(padded), np.int64)
 
     def group_nodes(self, group: str) -> IntArray:
-        """Sorted labels of the nodes of a node set, or of the cells of a group; if cells are offset, of those that carry them."""
+        """Sorted labels of the nodes of a node set, or else of the cells of a group.
+
+        If cells are offset, these are the nodes that carry them.
+
+        Raises
+        ------
+        InputError
+            If there is no such group, or it is empty.
+        """
         if group in self.node_groups:
             return self.node_groups[group]
         if group not in self.groups:
@@ -147,9 +160,9 @@ class Mesh:
         return unique
 
     def nodes_at(self, ranges: Mapping[str, tuple[float, float]]) -> IntArray:
-        """Labels of the nodes whose coordinates in m lie in `ranges`, such as {"x": (0.0, 0.0)}.
+        """Labels of the nodes whose coordinates in m lie in `ranges`, such as {"x": (0.0, 0.0)}, in the order of the mesh.
 
-        Ends count within a millionth of the mesh's size.
+        Ends count within a millionth of the mesh's size. Nodes at the ends of offsets are left out.
         """
         is_inside = ~np.isin(self.labels, list(self.carriers))
         slack = 1e-6 * float(np.ptp(self.positions, axis=0).max())
@@ -159,13 +172,14 @@ class Mesh:
         return self.labels[is_inside]
 
     def nearest(self, position: ArrayLike, among: Iterable[int] | None = None) -> tuple[int, float, float]:
-        """Label of the node nearest to `position` (3,), its distance, and the longest side of the cells there (0 if none), in m.
+        """Label of the node nearest to `position`, its distance, and the longest side of the cells there (0 if none), in m.
 
         Nodes at the ends of offsets are left out; in `among` they stand for the nodes that carry them.
 
         Parameters
         ----------
         position : (3,) float array
+            m.
         among : iterable of int, optional
             Labels to choose from; all by default.
         """
@@ -179,7 +193,7 @@ class Mesh:
         return label, float(distance[best]), self.size_at(label)
 
     def size_at(self, label: int) -> float:
-        """The longest side of the cells around the node `label`, m, of the mesh's dimension; 0 if there is none."""
+        """The longest side in m of the cells of the mesh's dimension around the node `label`; 0 if there are none."""
         longest = 0.0
         here = [label, *(made for made, carrier in self.carriers.items() if carrier == label)]
         for block, _ in self.chosen():
@@ -207,7 +221,11 @@ def _dimension_of(block: CellBlock) -> int:
 
 
 def duplicate_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
-    """Pairs of labels of nodes of cells with the same position, (n_pairs, 2), except pairs that one of `parts` joins."""
+    """Pairs of labels of nodes with the same position, (n_pairs, 2), the lower first, sorted.
+
+    Only nodes of cells and of `parts` count, and pairs that one of `parts` joins are left out. The same position is to 1e-9
+    of the size of the mesh.
+    """
     from scipy.spatial import cKDTree
 
     used = np.isin(mesh.labels, _used_labels(mesh, parts))
@@ -231,7 +249,7 @@ def orphan_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
 def require_sound(
     mesh: Mesh, drop_orphans: bool = False, duplicates: str = "refuse", take: str | Sequence[str] = ()
 ) -> Mesh:
-    """The mesh after checks, with orphan nodes dropped and duplicate nodes merged if that is asked for.
+    """The mesh after checks: orphan nodes dropped and duplicate nodes merged if that is asked for, cells at their offsets.
 
     Parameters
     ----------
@@ -241,8 +259,8 @@ def require_sound(
     duplicates : {"refuse", "merge", "keep"}
         Treatment of nodes with one position: ``keep`` is for cracks and joints, where the parts are meant to move apart.
     take : "all" or kinds
-        Parts beside the cells that are taken, see `choose_parts`: their nodes belong to them, and nodes at one place that
-        one of them joins stay apart.
+        Parts beside the cells that are taken, see `choose_parts`: their nodes belong to them, and nodes at one place that one
+        of them joins stay apart.
 
     Raises
     ------
@@ -288,7 +306,8 @@ def offset_cells(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
     """The mesh with the cells of `parts` where their offsets put them.
 
     Each end that stands off its node becomes a node of its own, which a rigid link joins to that of the file; the links are
-    the ties of the part, in place of its offsets. Ends at one place that one node carries share their node.
+    ties of the part, in place of its offsets. Ends at one place that one node carries share their node. Raises `InputError`
+    if a cell has two offsets.
     """
     if not parts:
         return mesh
@@ -348,7 +367,7 @@ def _add_reference_points(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
 
 
 def _merge_nodes(mesh: Mesh, pairs: IntArray) -> Mesh:
-    """The mesh in which the nodes of each pair (n_pairs, 2) became the one with the lower label."""
+    """The mesh with the nodes of each pair (n_pairs, 2), lower label first, merged into the lower; all parts are renumbered."""
     label_of = {label: label for label in mesh.labels.tolist()}
     for low, high in pairs.tolist():
         label_of[high] = min(label_of[high], label_of[low])
@@ -372,7 +391,7 @@ def _without_nodes(mesh: Mesh, labels: IntArray) -> Mesh:
 
 
 def describe_unassigned_cells(mesh: Mesh, tables: list[IntArray], lower: bool = False) -> str | None:
-    """A phrase on the cells that are in none of the node tables of element sets; None if there are none.
+    """A phrase on the number, types and groups of the cells that no element set uses; None if there are none.
 
     Parameters
     ----------

@@ -30,7 +30,10 @@ class MiddleNodes:
         self._cells = 0
 
     def completed(self, table: IntArray, corners: int, edges: Sequence[tuple[int, int]]) -> IntArray:
-        """The node table (n_elements, n_nodes) with new mid-side nodes where it has none; `edges` are pairs of corner columns."""
+        """Copy of the node table (n_elements, n_nodes) with new mid-side nodes where it has none (0 or less).
+
+        The first `corners` columns are corners; `edges` are the pairs of corner columns of the columns behind them.
+        """
         completed = table.copy()
         lacking = np.flatnonzero((table <= 0).any(axis=1))
         self._cells += len(lacking)
@@ -41,7 +44,7 @@ class MiddleNodes:
         return completed
 
     def _node(self, start: int, end: int) -> int:
-        """Label of the mid-side node between two corners, made when first asked for."""
+        """Label of the mid-side node between the corners `start` and `end`, in either order; made when first asked for."""
         key = (min(start, end), max(start, end))
         if key not in self._nodes:
             self._nodes[key] = self._next
@@ -49,7 +52,10 @@ class MiddleNodes:
         return self._nodes[key]
 
     def with_positions(self, labels: IntArray, positions: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Labels (n,) and positions (n, 3) with those of the new nodes appended, each at the middle of its side."""
+        """Labels (n,) and positions (n, 3) with those of the new nodes appended, each at the middle of its side.
+
+        New nodes of sides whose corners are not in `labels` are left out.
+        """
         if not self._nodes:
             return labels, positions
         row_of = {label: row for row, label in enumerate(labels.tolist())}

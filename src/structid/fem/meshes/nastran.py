@@ -106,7 +106,10 @@ def read(path: Path, units: DeckUnits) -> Mesh:
 
 
 def _property_groups(text: BulkText, numbers: list[IntArray]) -> dict[str, tuple[IntArray, ...]]:
-    """Cell rows in each block for each property, by its number and by its name in comments."""
+    """Rows of the cells of each property, one array for each block, by its number in words and by its name in comments.
+
+    `numbers` are the property numbers of the cells of each block.
+    """
     groups: dict[str, tuple[IntArray, ...]] = {
         str(number): tuple(np.flatnonzero(of_block == number) for of_block in numbers)
         for number in np.unique(np.concatenate([np.zeros(0, np.int64), *numbers])).tolist()
@@ -118,7 +121,10 @@ def _property_groups(text: BulkText, numbers: list[IntArray]) -> dict[str, tuple
 
 
 def _read_grids(path: Path, systems: BulkSystems) -> tuple[IntArray, FloatArray]:
-    """Labels (n,) and basic positions (n, 3) of grid points; one repeated at the same position counts once, as in Nastran."""
+    """Labels (n,) and basic positions (n, 3) of grid points, in the unit of the file.
+
+    A grid point that is repeated at its position counts once, as in Nastran; `FileError` if it is repeated elsewhere.
+    """
     labels, positions = systems.labels, systems.basic_positions()
     order = np.argsort(labels, kind="stable")
     is_repeated = labels[order][1:] == labels[order][:-1]
@@ -134,7 +140,11 @@ def _read_grids(path: Path, systems: BulkSystems) -> tuple[IntArray, FloatArray]
 def _read_cells(
     path: Path, cards: dict[str, Cards], middles: MiddleNodes
 ) -> tuple[list[str], list[CellBlock], list[IntArray]]:
-    """Card, cells and property numbers of each block; `middles` supplies mid-side nodes that are left out."""
+    """Card name, cells and property numbers (n_cells,) of each block: three lists of one length.
+
+    `middles` supplies mid-side nodes that are left out; repeated cards are removed from `cards`. Raises `FileError` if
+    corners are missing.
+    """
     names, blocks, numbers = [], [], []
     for name in sorted(set(_CELLS) & set(cards), key=lambda name: int(cards[name].first[0])):
         card, (corners, most, linear, quadratic) = _without_repeats(path, name, cards[name]), _CELLS[name]
@@ -161,7 +171,10 @@ def _read_cells(
 
 
 def _without_repeats(path: Path, name: str, cards: Cards) -> Cards:
-    """Element cards without those that repeat another one whole, which solvers accept too."""
+    """Element cards `name` without those that repeat another whole card, which solvers accept too.
+
+    Raises `FileError` if two cards with the same number differ.
+    """
     labels = cards.integers(0)
     order = np.argsort(labels, kind="stable")
     repeats = order[1:][labels[order][1:] == labels[order][:-1]]
@@ -175,7 +188,10 @@ def _without_repeats(path: Path, name: str, cards: Cards) -> Cards:
 
 
 def _default_property(name: str, cards: dict[str, Cards], labels: IntArray) -> IntArray:
-    """Property number of each element if the field is blank: that of BAROR or BEAMOR, else the element's own number."""
+    """Property number of each element `labels` (n,) if its field is blank: that of BAROR or BEAMOR for bars and beams.
+
+    Without such a card it is the element's own number. `name` is the card of the elements.
+    """
     default = {"CBAR": "BAROR", "CBEAM": "BEAMOR"}.get(name, "")
     if default not in cards or cards[default].is_blank(1).all():
         return labels
@@ -189,7 +205,10 @@ def _unknown_elements(counts: Counter[str]) -> list[DeckPart]:
 
 
 def _notes(counts: Counter[str], axes: dict[int, FloatArray], systems: BulkSystems) -> tuple[str, ...]:
-    """Sentences on what was not read: supports, scalar points, displacement systems."""
+    """Sentences on what was not read: supports, scalar points, displacement systems. Empty if there is nothing to say.
+
+    `counts` has the number of cards by name, `axes` the directions of motion of nodes that have their own.
+    """
     notes = []
     supports = [name for name in _SUPPORTS if counts[name]] + ["PS of grid points"] * systems.has_supports
     if supports:
@@ -204,7 +223,10 @@ def _notes(counts: Counter[str], axes: dict[int, FloatArray], systems: BulkSyste
 
 
 def _property_names(content: bytes) -> dict[str, str]:
-    """Property names from comments by property number; a name in Patran's form precedes the property's card."""
+    """Property names in the comments of HyperMesh, Femap and Patran, by property number in words.
+
+    A name in Patran's form precedes the property's card.
+    """
     names: dict[str, str] = {}
     pending = ""
     for line in content.split(b"\n"):

@@ -70,7 +70,10 @@ class OffsetReader:
         return parts
 
     def _plates(self, name: str, index: int, block: CellBlock, properties: IntArray) -> list[DeckPart]:
-        """Offsets of plates along their normals by ZOFFS and Z0 of their laminate; `name` of the card, `index` of the block."""
+        """Parts with the offsets of plates along their normals, by ZOFFS and by Z0 of their laminate, and with obstacles.
+
+        `name` is the card, `index` the place of the `block` among all, `properties` (n_cells,) are the property numbers.
+        """
         cards = self._cards[name]
         middles = [self._middles.get(number, (0.0, "")) for number in properties.tolist()]
         obstacles = np.array([why for _, why in middles])
@@ -92,7 +95,7 @@ class OffsetReader:
     def _bars(self, name: str, index: int, block: CellBlock) -> list[DeckPart]:
         """Parts with the end offsets of the bars in `block` (card `name`), with obstacles, and a part for released ends.
 
-        `index` is that of the block.
+        `index` is the place of the block among all.
         """
         cards = self._cards[name]
         vectors = np.stack([cards.reals(10 + k) for k in range(6)], axis=1).reshape(-1, 2, 3) * self._length
@@ -121,9 +124,11 @@ class OffsetReader:
     def _bar_arm(
         self, block: CellBlock, row: int, end: int, vector: FloatArray, words: Sequence[str], flags: str
     ) -> FloatArray:
-        """The arm of an end in global directions: along those of the grid point's motion, or of the element (O of OFFT).
+        """The arm (3,) in m of an end (0 or 1) of a bar in global directions.
 
-        `row` is the bar, `vector` its offset, `words` are the fields of its card and `flags` its OFFT.
+        Its components are along the directions of motion of the grid point (G in OFFT) or the axes of the element (O). `row`
+        is the bar, `vector` its offset, `words` are the fields of its card and `flags` its OFFT. Raises `ValueError` for
+        others.
         """
         flag = flags[1 + end] if len(flags) == 3 else ""
         node = int(block.nodes[row, end])
@@ -151,7 +156,7 @@ class OffsetReader:
 
 
 def _rows_of_block(cards: Cards, block: CellBlock) -> IntArray:
-    """Row indices of the cards of a quadratic plate in `block`: those with, or those without mid-side nodes."""
+    """Row indices of the cards of a quadratic plate whose cells are in `block`: those with mid-side nodes, or those without."""
     corners = 3 if "triangle" in block.kind else 4
     first = 2 + corners
     middles = np.stack([cards.integers(first + k) for k in range(corners)], axis=1)
@@ -161,9 +166,9 @@ def _rows_of_block(cards: Cards, block: CellBlock) -> IntArray:
 
 
 def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]]:
-    """Height of the middle of each laminate (PCOMP, PCOMPG) with Z0 over its reference plane, in the deck's unit, by its number.
+    """Height of the middle of each laminate with Z0 over its reference plane, in the deck's unit, and an obstacle; by number.
 
-    Beside it stands "", or why the height is unknown (and 0).
+    The obstacle is "" if the height is known; otherwise it says why not, and the height is 0. Laminates are PCOMP and PCOMPG.
     """
     middles: dict[int, tuple[float, str]] = {}
     for name, (head, width, thickness) in _LAMINATES.items():
@@ -188,7 +193,10 @@ def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]
 
 
 def properties_aside(cards: Mapping[str, Cards]) -> list[DeckPart]:
-    """Non-structural mass of properties, and beams whose neutral axis is off their shear centre."""
+    """Parts that count non-structural masses of properties, by card, and beams whose neutral axis is off their shear centre.
+
+    All of them have obstacles.
+    """
     counts: dict[str, int] = {}
     for name, field in _NON_STRUCTURAL.items():
         if name in cards and not cards[name].is_blank(field).all():
@@ -232,7 +240,7 @@ def _beam_masses(words: Sequence[str]) -> list[str]:
 
 
 def _beam_stations(words: Sequence[str]) -> tuple[list[int], int]:
-    """Fields of the mass at end A and each station of a PBEAM, and where the last lines begin.
+    """Indices of the fields of non-structural mass at end A and each station of a PBEAM, and of the first field behind.
 
     `words` are the fields of the card.
     """

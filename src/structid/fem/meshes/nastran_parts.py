@@ -160,9 +160,14 @@ def read_parts(
     systems : BulkSystems
     positions : mapping of label to position in m
     axes : mapping of label to (3, 3) float array
-        Directions of motion of grid points with a displacement system of their own.
+        Directions of motion, as rows, of grid points with a displacement system of their own.
     units : DeckUnits
-        Without PARAM,WTMASS.
+        Without PARAM,WTMASS, which is read here.
+
+    Raises
+    ------
+    FileError
+        If PARAM,WTMASS has several values.
     """
     units = DeckUnits(units.length, units.force, _mass_factor(text, cards))
     deck = _Deck(cards, systems, positions, axes, units)
@@ -179,7 +184,7 @@ def read_parts(
 
 
 def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
-    """PARAM,WTMASS of the bulk data or of case control; 1 without it."""
+    """The value of PARAM,WTMASS in the bulk data or in case control, 1 without it; `FileError` if there are several."""
     stated = [words[1] for words in _words_of_cards(cards, "PARAM") if words[0] == "WTMASS"]
     stated += [word.decode("latin-1").upper() for word in _WTMASS.findall(text.case_control)]
     factors = {_real(word) for word in stated}
@@ -219,9 +224,9 @@ def _readers(deck: _Deck) -> dict[str, Reader]:
 
 
 def _read_cards(name: str, rows: Sequence[Sequence[str]], reader: Reader) -> list[DeckPart]:
-    """The parts that `reader` makes of all cards of a name (`rows` of fields).
+    """The parts that `reader` makes of all cards of a name: one of all that can be taken, one for each obstacle.
 
-    Unreadable cards become a part with that obstacle.
+    `rows` are the fields of each card. Unreadable cards become a part with that obstacle.
     """
     items: list[Item] = []
     for words in rows:
@@ -270,9 +275,9 @@ def _read_body(deck: _Deck, name: str, row: Sequence[str]) -> Item:
 
 
 def _read_scalar_mass(deck: _Deck, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
-    """Refusal ("" if none) and deck part from a CMASS1 (`table` has property values) or CMASS2 card: mass of one component.
+    """Refusal ("" if none) and deck part from a CMASS1 or CMASS2 card: mass of one component of a grid point.
 
-    `row` are the fields of the card.
+    `table` has the property values by number, None for CMASS2; `row` are the fields of the card.
     """
     words = _pad_words(row, 8)
     kind = "CMASS2" if table is None else "CMASS1"
@@ -318,7 +323,10 @@ def _conm1_matrix(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
 
 
 def _property_fields(deck: _Deck, name: str, width: int) -> dict[int, list[str]]:
-    """Fields of each property, by its number, from cards that hold several properties of `width` fields each."""
+    """Fields of each property, by its number, from cards `name` that hold several properties of `width` fields each.
+
+    The number itself is the first of these, and is left out.
+    """
     table: dict[int, list[str]] = {}
     for row in deck.rows(name):
         words = _pad_words(row, 8)
@@ -327,9 +335,9 @@ def _property_fields(deck: _Deck, name: str, width: int) -> dict[int, list[str]]
 
 
 def _read_scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
-    """Refusal ("" if none) and deck part from a CELAS1 or CDAMP1 (`table` has property values), CELAS2 or CDAMP2 card.
+    """Refusal ("" if none) and deck part from a CELAS1, CELAS2, CDAMP1 or CDAMP2 card `name`.
 
-    `row` are the fields of the card.
+    `table` has the property values by number, None for CELAS2 and CDAMP2; `row` are the fields of the card.
     """
     words = _pad_words(row, 8)
     if table is not None and _whole(words[1]) not in table:
@@ -391,7 +399,8 @@ def _bush_weights(
 ) -> dict[tuple[int, str], float]:
     """Weights, by (node, direction), of the displacement of the second end less the first along `axis` at the spring.
 
-    The spring is at the fraction `fraction` of the way from the first to the second node.
+    `second` is 0 for the ground. `axis` (3,) is a unit vector; rotations about it are meant if `is_rotation`. The spring is
+    at `fraction` of the way from the first to the second node, and moves with each as a rigid body.
     """
     weights = weights_along(first, axis, is_rotation, -1.0)
     ends = [(first, -1.0, fraction), (second, 1.0, fraction - 1.0)] if second else [(first, -1.0, 0.0)]
@@ -410,9 +419,10 @@ def _bush_weights(
 
 
 def _bush_axes(deck: _Deck, name: str, first: int, second: int, words: Sequence[str]) -> tuple[FloatArray | None, str]:
-    """Axes of the element as rows (3, 3) and an obstacle or ""; None if it has no orientation and no length.
+    """Axes of the element as rows (3, 3), zero where it does not state them, and an obstacle ("" if none).
 
-    `first` and `second` are its nodes, `words` the fields of the card `name`.
+    The axes are None with an obstacle, or if a CBUSH has no orientation and no length. `first` and `second` (0 for the
+    ground) are its nodes, `words` the fields of the card `name`.
     """
     system = words[7] if name == "CBUSH" else words[4] if name == "CBUSH1D" else ""
     if system:
@@ -495,7 +505,10 @@ Ties = tuple[str, list[RigidLink | Constraint]]
 def _make_rigid_element(
     deck: _Deck, name: str, make: Callable[[_Deck, Sequence[str]], Ties], row: Sequence[str]
 ) -> Item:
-    """An RBE2, RBAR or RBE3 as rigid links and constraints."""
+    """Refusal ("" if none) and deck part `name` with the rigid links and constraints that `make` makes of a card.
+
+    `row` are the fields of the card.
+    """
     obstacle, ties = make(deck, row)
     return obstacle, DeckPart(name, 1, ties=tuple(ties))
 
@@ -513,7 +526,10 @@ def _read_rbe2(deck: _Deck, words: Sequence[str]) -> Ties:
 
 
 def _follow_rigidly(deck: _Deck, name: str, main: int, dependents: Sequence[int], components: str) -> Ties:
-    """Refusal ("" if none) and ties from nodes that follow a main node rigidly in some of their components."""
+    """Refusal ("" if none) and ties of nodes that follow the node `main` rigidly in some of their components.
+
+    `components` are digits from 1 to 6, such as "123"; with all six the tie is a rigid link called `name`.
+    """
     if set(_component_indices(components)) == set(range(6)):
         return "", [RigidLink(name, main, dependents)]
     ties: list[RigidLink | Constraint] = []
@@ -578,9 +594,9 @@ def _read_rbe3(deck: _Deck, words: Sequence[str]) -> Ties:
 
 
 def _averaged_groups(words: Sequence[str]) -> tuple[list[tuple[float, str, list[int]]], list[tuple[int, str]]]:
-    """Weight, components and nodes of each group of an RBE3, and nodes with components behind UM.
+    """Weight, components (digits) and nodes of each group of an RBE3, and the pairs of node and components behind UM.
 
-    `words` are the fields of the card.
+    `words` are the fields of the card from the first weight on.
     """
     groups: list[tuple[float, str, list[int]]] = []
     rest = [word for word in words if word]
@@ -609,9 +625,9 @@ def _is_number(word: str) -> bool:
 
 
 def _node_list(words: Sequence[str]) -> list[int]:
-    """Labels, with those from one THRU another.
+    """Node labels in fields of a card, in order, with all those from one THRU another, BY steps.
 
-    `words` are the fields of a card.
+    Raises `ValueError` if a range is too long or a field is no whole number.
     """
     labels: list[int] = []
     rest = [word for word in words if word]
@@ -628,7 +644,10 @@ def _node_list(words: Sequence[str]) -> list[int]:
 
 
 def _read_mpc_set(deck: _Deck, case_control: bytes) -> list[DeckPart]:
-    """Parts of the MPC cards of the set that case control asks for, or of the only set where there is no case control."""
+    """Parts of the MPC cards of the set that case control asks for, or of the only set where there is no case control.
+
+    [] if there are no MPC cards; a part with an obstacle if it is not clear which set is meant.
+    """
     if "MPC" not in deck.cards:
         return []
     sets: dict[int, list[list[str]]] = {}

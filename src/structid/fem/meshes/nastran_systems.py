@@ -72,7 +72,11 @@ class BulkSystems:
         return positions
 
     def system(self, number: int, within: tuple[int, ...] = ()) -> CoordinateSystem:
-        """The coordinate system with this `number` in basic coordinates; `within` are those being resolved."""
+        """The coordinate system `number` in basic coordinates and the unit of the file; kept once it is resolved.
+
+        `within` are the numbers of those being resolved. Raises `FileError` if it is not there, has no axes, or is defined by
+        itself.
+        """
         if number in self._resolved:
             return self._resolved[number]
         if number not in self._cards or number in within:
@@ -105,7 +109,7 @@ class BulkSystems:
         return system.to_basic(self._coordinates[rows[:1]])[0]
 
     def displacement_axes(self, labels: IntArray, positions: FloatArray) -> dict[int, FloatArray]:
-        """Directions of motion (rows, (3, 3)) of each grid point whose displacement system is not the basic one.
+        """Directions of motion (3, 3), as rows, of each grid point whose displacement system is turned, by label.
 
         Parameters
         ----------
@@ -125,7 +129,10 @@ class BulkSystems:
 
 
 def _grid_systems(cards: dict[str, Cards], field: int) -> IntArray:
-    """Number of the coordinate system in the field `field` of each grid point, (n_grids,), or that of GRDSET where blank."""
+    """Whole number in the field `field` of each grid point, (n_grids,); that of GRDSET where it is blank.
+
+    The fields are those of the coordinate systems and supports of grid points.
+    """
     numbers = cards["GRID"].integers(field)
     if "GRDSET" in cards:
         numbers = np.where(cards["GRID"].is_blank(field), cards["GRDSET"].integers(field)[0], numbers)

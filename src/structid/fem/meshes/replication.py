@@ -22,12 +22,13 @@ def expand_replication(lines: list[bytes], locate: Callable[[int], str]) -> tupl
     ----------
     lines : list of bytes
     locate : function
-        File and line of an index, for messages.
+        Returns file and line, in words, of an index in `lines`, for messages.
 
     Raises
     ------
     FileError
-        If a replicated line has nothing before it, or what it repeats has continuation lines or is no number.
+        If a replicated line has nothing before it, what it repeats has continuation lines or is no number, or cards are too
+        many.
     """
     if not any(_may_replicate(line) for line in lines):
         return lines, list(range(len(lines)))
@@ -92,7 +93,11 @@ def _card_fields(text: bytes) -> list[bytes]:
 
 
 def _next_card(previous: list[bytes], steps: list[bytes], where: str) -> list[bytes]:
-    """The fields of the card that replication `steps` make of the `previous` one."""
+    """The fields of the card that replication `steps` make of the `previous` one.
+
+    A step is `=` (same field), `==` (all further fields the same), `*n` (field plus n), or a new field. `where` is for
+    errors.
+    """
     card: list[bytes] = []
     for index, word in enumerate(steps):
         before = previous[index] if index < len(previous) else b""

@@ -23,12 +23,13 @@ _NODE, _ELEMENT = 7, 8
 
 
 def read(path: Path, units: DeckUnits) -> Mesh:
-    """The mesh of the universal file at `path` in m, by the units of its dataset 164 if it has one.
+    """The mesh of the universal file at `path` in m, by the units of its dataset 164, or by `units` if it has none.
 
     Raises
     ------
     FileError
-        If the file is damaged, has no nodes or elements, or these are axisymmetric or lack nodes.
+        If the file is damaged, states another unit of length than `units`, has no nodes or elements, or these are
+        axisymmetric or lack nodes.
     """
     blocks = read_blocks(path)
     nodes = read_nodes(path, blocks)
@@ -63,7 +64,10 @@ def read(path: Path, units: DeckUnits) -> Mesh:
 
 
 def _read_groups(where: str, lines: list[str]) -> list[tuple[str, list[int], list[int]]]:
-    """Name, element labels and node labels of each group in the `lines` of one dataset."""
+    """Name, element labels and node labels of each group in the `lines` of one dataset.
+
+    `where` names the dataset in the `FileError` that is raised if a group is cut short.
+    """
     groups, line_index = [], 0
     while line_index < len(lines):
         count = row_of_integers(where, lines, line_index, 8)[7]

@@ -42,7 +42,7 @@ class _Grid(Protocol):
 
 
 def read(path: Path, units: DeckUnits) -> Mesh:
-    """The mesh of the VTK file at `path` in m.
+    """The mesh of the VTK file at `path` in m; `units` gives the unit of its coordinates.
 
     Groups are whole-number cell arrays: ``array=value``.
 
@@ -70,10 +70,10 @@ def read(path: Path, units: DeckUnits) -> Mesh:
 
 
 def _orient_wedges(kind: str, rows: IntArray, points: AnyArray) -> IntArray:
-    """Rows of wedges with the normal of the first triangle towards the second, which writers of VTK files do differently.
+    """Nodes of wedges, reordered where needed so that the normal of the first triangle points to the second.
 
-    Writers differ in both, so that the positions tell. `kind` is the cell type, `rows` are its nodes, and `points` the
-    positions.
+    Writers of VTK files differ in this, so that the positions decide. `kind` is the cell type, `rows` (n_cells, n_nodes) are
+    row indices in `points` (n_points, 3). Other cell types are returned as they are.
     """
     order = _OTHER_WAY.get(kind)
     if order is None or not len(rows):
@@ -117,7 +117,7 @@ def _node_labels(grid: _Grid) -> IntArray:
 
 
 def _cell_groups(grid: _Grid) -> dict[str, tuple[IntArray, ...]]:
-    """Row indices in each block for each group, by name."""
+    """Row indices in each block of the cells of each group, by name: cell sets, and ``array=value`` of whole-number arrays."""
     groups: dict[str, tuple[IntArray, ...]] = {}
     for name, rows in grid.cell_sets.items():
         groups[str(name)] = tuple(np.asarray([] if r is None else r, dtype=np.int64) for r in rows)

@@ -55,7 +55,7 @@ class Block:
 
 
 def read_blocks(path: Path) -> list[Block]:
-    """Every dataset of the universal file at `path`.
+    """Every dataset of the universal file at `path`, in order.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def _truncation_error(path: Path, ordinal: int) -> FileError:
 def _read_block(path: Path, data: bytes, begin_of_head: int, count: int) -> tuple[Block, int]:
     """The dataset whose number (its kind) stands at byte `begin_of_head`, and the byte after its closing tag.
 
-    `count` is the number of datasets read before.
+    `count` is its place in the file, from 1. Raises `FileError` if it has no number or is cut short.
     """
     if not data[begin_of_head : begin_of_head + 6].strip().isdigit():
         raise FileError(f"{path}: dataset {count} has no number (byte {begin_of_head}); the file is damaged")
@@ -134,12 +134,10 @@ def _read_block(path: Path, data: bytes, begin_of_head: int, count: int) -> tupl
 
 
 def _binary_values_range(path: Path, data: bytes, offset: int, head: str, ordinal: int) -> tuple[int, int]:
-    """First byte in `data` and number of bytes of the values of the binary dataset 58 whose first line begins at byte `offset`.
+    """First byte in `data` and number of bytes of the values of a binary dataset 58.
 
-    Abscissas of uneven spacing have four or eight bytes in double precision; the position of the closing tag decides,
-    else the size in the header.
-
-    An uneven abscissa is of four or eight bytes in double precision: the closing tag, else the size that the head says, tells.
+    Its first line `head` begins at byte `offset`; `ordinal` is its place in the file, for errors. Abscissas of uneven spacing
+    have four or eight bytes in double precision: the position of the closing tag decides, else the size in the header.
     """
     lines, body = [], offset
     for _ in range(HEADER_LINES):

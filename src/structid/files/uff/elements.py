@@ -109,9 +109,9 @@ def read_elements(path: Path, blocks: Sequence[Block]) -> UniversalElements:
 def _add_elements(
     where: str, lines: list[str], elements: UniversalElements, rows: dict[int, tuple[str, list[int]]]
 ) -> None:
-    """Add the elements of one dataset 2412 to `elements`; `rows` has the elements so far by label: one repeated counts once.
+    """Add the elements in the `lines` of one dataset 2412 to `elements`; a repeated element counts once.
 
-    `where` names the dataset in errors.
+    `rows` has cell type and nodes of the elements so far by label. `where` names the dataset in errors.
     """
     row_index = 0
     while row_index < len(lines):
@@ -147,7 +147,10 @@ def _add_elements(
 
 
 def row_of_integers(where: str, lines: list[str], row_index: int, count: int) -> list[int]:
-    """The first `count` whole numbers of `lines[at]`, in columns of ten characters; `FileError` that begins with `where`."""
+    """The first `count` whole numbers of line `row_index` of `lines`, in columns of ten characters; blanks count as 0.
+
+    Raises `FileError`, which begins with `where`, if there is no such line or it holds something else.
+    """
     if row_index >= len(lines):
         raise FileError(f"{where} ends within an element or group; export the mesh again")
     try:

@@ -35,8 +35,6 @@ def split_fields(line: str, widths: Sequence[int]) -> list[str]:
     """The fields of a line as texts: its words if there are as many as `widths`, else its columns of these widths.
 
     Words come first because some writers make a column wider than the format has it, so that the others do not line up.
-
-    Words come first because some writers make a column wider than the format has it, so that the others do not line up.
     """
     words = line.split()
     if len(words) == len(widths):
@@ -71,7 +69,7 @@ def reals(line: str, widths: Sequence[int]) -> list[float]:
 
 
 def read_reals(text: bytes) -> FloatArray:
-    """All numbers in `text`, (n,), also where Fortran left no blank between them or no letter before the exponent.
+    """All numbers in `text`, (n,), also if Fortran left no blank between them or no letter before the exponent.
 
     Raises
     ------

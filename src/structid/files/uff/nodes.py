@@ -56,7 +56,10 @@ class CoordinateSystem:
     axes: FloatArray
 
     def point(self, coordinates: Sequence[float], scale: float) -> FloatArray:
-        """Global position in m, (3,), of three `coordinates` in this system; `scale` times a length is in m, angles are in deg."""
+        """Global position in m, (3,), of three `coordinates` in this system.
+
+        `scale` turns lengths into m; angles are in deg.
+        """
         first, second, third = coordinates
         if self.kind == _CARTESIAN:
             local = np.array([first, second, third]) * scale
@@ -73,7 +76,10 @@ class CoordinateSystem:
         return np.asarray(self.origin + local @ self.axes)
 
     def axes_at(self, point: FloatArray) -> FloatArray | None:
-        """Directions (rows, global axes, (3, 3)) in which a motion at the global `point` is given; None on the polar axis."""
+        """Directions in which a motion at the global `point` (m) is given, as rows in global axes, (3, 3).
+
+        None on the polar axis of a cylindrical or spherical system.
+        """
         if self.kind == _CARTESIAN:
             return self.axes
         x, y, z = self.axes @ (point - self.origin)
@@ -197,7 +203,10 @@ class _Node:
 
 
 def _read_node_rows(path: Path, tables: Sequence[Block]) -> dict[int, _Node]:
-    """Nodes by label in `tables`, datasets of one number (15, 781 or 2411)."""
+    """Nodes by label in `tables`, datasets of the same number (15, 781 or 2411), as the file has them.
+
+    Raises `FileError` if a line cannot be read, or a node has two positions.
+    """
     nodes: dict[int, _Node] = {}
     for block in tables:
         where, lines = f"{path}: dataset {block.ordinal} ({block.number})", block.lines
@@ -227,7 +236,7 @@ def _read_node_rows(path: Path, tables: Sequence[Block]) -> dict[int, _Node]:
 def _require_one_motion(
     path: Path, label: int, first: _Node, other: _Node, systems: Mapping[int, CoordinateSystem]
 ) -> None:
-    """Refuse a node whose datasets give its motion along different axes.
+    """Raise `FileError` if the datasets of a node give its motion along different axes.
 
     `first` and `other` are the node's entries, `systems` the coordinate systems by label.
     """
@@ -249,7 +258,10 @@ def _short_node(line: str) -> list[float]:
 
 
 def _long_node(first: str, second: str) -> list[float]:
-    """Label, two coordinate systems (definition, displacement) and three coordinates of two lines of dataset 2411."""
+    """Label, two coordinate systems (definition, displacement) and three coordinates of two lines of dataset 2411 or 781.
+
+    Raises `ValueError` if they cannot be read.
+    """
     coordinates = read_reals(second.encode("ascii", errors="replace"))
     if coordinates.size != 3:
         raise ValueError(f"{coordinates.size} coordinates")
@@ -257,7 +269,10 @@ def _long_node(first: str, second: str) -> list[float]:
 
 
 def _read_systems(path: Path, blocks: Sequence[Block], scale: float) -> dict[int, CoordinateSystem]:
-    """Coordinate systems of datasets 18 and 2420 by their labels; `scale` turns the file's lengths into m."""
+    """Coordinate systems of datasets 18 and 2420 by their labels, in global axes; `scale` turns the file's lengths into m.
+
+    Raises `FileError` if one is damaged, or defined twice in different ways.
+    """
     systems: dict[int, CoordinateSystem] = {}
     for block in blocks:
         if block.number == 2420:
@@ -297,9 +312,10 @@ def _kind(where: str, label: int, kind: int) -> int:
 
 
 def _matrix_systems(path: Path, block: Block, scale: float) -> list[CoordinateSystem]:
-    """Coordinate systems of one dataset 2420, whose matrices have the axes in three rows and the origin in the fourth.
+    """Coordinate systems of one dataset 2420, in m and global axes; its matrices have the axes in rows, then the origin.
 
-    `scale` turns lengths of the file into m.
+    `scale` turns lengths of the file into m. Raises `FileError` unless the axes are of length 1, at right angles and
+    right-handed.
     """
     where, lines = f"{path}: dataset {block.ordinal} (2420)", block.lines
     systems = []
@@ -324,7 +340,10 @@ def _matrix_systems(path: Path, block: Block, scale: float) -> list[CoordinateSy
 
 
 def _point_systems(path: Path, block: Block) -> list[tuple[int, tuple[str, int, int, FloatArray]]]:
-    """Definitions in one dataset 18, in order: label, and (place in the file for errors, type, reference system, points (3, 3))."""
+    """Definitions in one dataset 18, in order, as label and (place for errors, type, reference system, points (3, 3)).
+
+    The points are in the unit of the file and in the reference system: origin, one on +x, one in the +xz plane.
+    """
     where, lines = f"{path}: dataset {block.ordinal} (18)", block.lines
     systems = []
     for at in range(0, len(lines), 4):
@@ -350,10 +369,10 @@ def _resolve_point_system(
     scale: float,
     above: tuple[int, ...],
 ) -> CoordinateSystem:
-    """The coordinate system `label` of dataset 18 in global axes, resolved through its chain of reference systems.
+    """The coordinate system `label` of dataset 18 in global axes and m, resolved through its chain of reference systems.
 
-    `by_points` has the definitions of dataset 18, `systems` the systems that are known, `above` the labels on the way
-    here.
+    `by_points` has the definitions of dataset 18, `systems` the systems that are known, `above` the labels on the way here.
+    Raises `FileError` if the chain is not closed, or the points lie on a line.
     """
     where, kind, reference, numbers = by_points[label]
     if label in above:

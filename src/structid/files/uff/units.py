@@ -34,7 +34,9 @@ class UnitFactors(NamedTuple):
 
 
 def read_unit_factors(path: Path, blocks: Sequence[Block]) -> UnitFactors | None:
-    """The unit factors that dataset 164 states, or None if the file has none.
+    """The unit factors that dataset 164 states, by which numbers are divided to become m and N; None without dataset 164.
+
+    `blocks` are the datasets of the file at `path`.
 
     Raises
     ------

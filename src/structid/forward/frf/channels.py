@@ -59,14 +59,14 @@ class Channels:
 
 
 def read(reader: sparse.csr_array, fields: NumberArray) -> NumberArray:
-    """Products of `reader` (n_readings, n_dofs) with fields (n_lines, n_dofs, n), (n_lines, n_readings, n)."""
+    """Readings (n_lines, n_readings, n) of fields (n_lines, n_dofs, n) by the sparse rows `reader` (n_readings, n_dofs)."""
     flat = np.moveaxis(fields, 1, 0).reshape(fields.shape[1], -1)
     found = np.asarray(reader @ flat).reshape(reader.shape[0], fields.shape[0], fields.shape[2])
     return np.moveaxis(found, 0, 1)
 
 
 def channels(loads: sparse.csc_array, sensors: sparse.csc_array, slides: sparse.csc_array) -> Channels:
-    """Load, sensor and contact columns (n_dofs, n) combined into `Channels`, with duplicate columns merged."""
+    """`Channels` from the columns (n_dofs, n) of loads, sensors and contacts, with columns that agree up to sign merged."""
     columns, places = _distinct(sparse.csc_array(sparse.hstack([loads, sensors, slides])))
     index, sign = np.array([p for p, _ in places], dtype=np.int64), np.array([s for _, s in places])
     n = loads.shape[1]
@@ -74,7 +74,7 @@ def channels(loads: sparse.csc_array, sensors: sparse.csc_array, slides: sparse.
 
 
 def _distinct(columns: sparse.csc_array) -> tuple[sparse.csc_array, list[tuple[int, float]]]:
-    """Columns that differ by more than their sign, and for each given column its index among these and its sign."""
+    """Columns without repetitions up to sign, and for each column of `columns` its index among them and its sign."""
     kept: dict[tuple[bytes, bytes], int] = {}
     first, places = [], []
     for j in range(columns.shape[1]):

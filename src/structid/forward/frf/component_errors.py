@@ -39,9 +39,10 @@ class ErrorsOfEntry:
 
 
 def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
-    """Errors of all measured components' receptance entries with stated variance, at `physical` parameters (n_params,).
+    """Errors of all receptance entries with stated variance of the measured components, at parameters `physical` (n_params,).
 
-    With g and q the forces at the interface under a unit force at a sensor and under the load, dH = g' dY q.
+    An entry and its reciprocal count as one. The change of the response is g' dY q with g and q the interface forces under a
+    unit force at a sensor and under the load. Nothing without measured components of stated variance.
     """
     solver, structure = model.solver, model.slopes.structure
     if not isinstance(solver, SubstructureCoupling) or all(one.variance is None for one in structure.measured):
@@ -63,9 +64,9 @@ def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsO
 
 
 def _deviation(component: MeasuredComponent, i: int, j: int) -> FloatArray:
-    """Standard deviation of the mean of two reciprocal entries, at each of the component's lines.
+    """Standard deviation of the real part, and of the imaginary part, of the mean of entries (i, j) and (j, i), (n_own,).
 
-    `i` and `j` are the indices of the entry.
+    `n_own` is the number of lines of the component; it must have a variance.
     """
     assert component.variance is not None
     variance = component.variance[:, i, j]
@@ -100,7 +101,10 @@ class ComponentNoise:
         return None if rows is None else np.concatenate([np.eye(self.n_data), rows])
 
     def score_covariance(self, jacobian: FloatArray) -> FloatArray:
-        """Covariance of J'r for the data rows J of the Jacobian, (n_params, n_params)."""
+        """Covariance of J'r over the errors of data and components, (n_params, n_params).
+
+        `jacobian` (n_data, n_params) are the data rows J.
+        """
         covariance = self.rows.score_covariance(jacobian)
         return (jacobian.T @ jacobian if covariance is None else covariance) + error_score_covariance(
             self.entries(), self.whitening, jacobian
@@ -108,7 +112,10 @@ class ComponentNoise:
 
 
 def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening, jacobian: FloatArray) -> FloatArray:
-    """Covariance of J'e (n_params, n_params) by the errors e of measured components, for data rows J."""
+    """Covariance of J'e over the errors e of measured components, (n_params, n_params).
+
+    `jacobian` (n_data, n_params) are the whitened data rows J, real parts before imaginary parts.
+    """
     n_params = jacobian.shape[1]
     top, low = np.split(jacobian, 2)
     total = np.zeros((n_params, n_params))
@@ -121,7 +128,10 @@ def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening
 
 
 def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatArray | None:
-    """Changes (n_errors, n_data) of the data by one standard deviation of each component error; None if too many."""
+    """Change of the whitened data by one standard deviation of each component error, (n_errors, n_data).
+
+    None if the matrix would exceed 2e7 entries.
+    """
     changes: list[FloatArray] = []
     for entry, rows in _whitened(errors, whitening):
         n_data, n_changes = 2 * rows.size, (len(changes) + 1) * len(entry.deviation)
@@ -134,7 +144,7 @@ def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatAr
 
 
 def _whitened(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> Iterator[tuple[ErrorsOfEntry, ComplexArray]]:
-    """Whitened rows (n_rows, n_channels) of each entry's error, first for its real and then its imaginary part."""
+    """Each entry twice, with its whitened change (n_lines, n_channels) by its real and by its imaginary part."""
     for entry in errors:
         for part in (1.0, 1j):
             rows = whitening.rows(part * entry.change[..., None])

@@ -25,7 +25,10 @@ _NOISY = 0.2
 
 
 def start_deviation(unknowns: NamedUnknowns, start_error: float) -> FloatArray:
-    """Expected error (n_params,) of each free variable at the start: at least 1 for damping, infinite with a prior."""
+    """Expected error (n_params,) of each free variable at the start, from `start_error` relative to the size of a parameter.
+
+    At least 1 relative for damping; infinite for a parameter with a prior.
+    """
     expected = np.where(np.isin(unknowns.kinds, DAMPING), max(start_error, _DAMPING_ERROR), start_error)
     slope = unknowns.transforms.slope(unknowns.theta_start)
     size = unknowns.sizes(unknowns.start) / np.abs(slope)
@@ -34,16 +37,19 @@ def start_deviation(unknowns: NamedUnknowns, start_error: float) -> FloatArray:
 
 
 def level_frequencies(omega: FloatArray, level: float) -> FloatArray:
-    """Angular frequencies over the band of `omega`, a level apart in the logarithm, at least 60 and at most 250."""
+    """Angular frequencies over the band of `omega` (rad/s), evenly spaced in the logarithm by about `level`.
+
+    There are at least 60 and at most 250.
+    """
     count = int(np.clip(np.log(omega[-1] / omega[0]) / level, _FEWEST_LINES, _MOST_LINES))
     return np.geomspace(omega[0], omega[-1], count)
 
 
 def smoothed_records(record: FrfRecord, levels: Sequence[float] = LEVELS) -> tuple[tuple[float, FrfRecord], ...]:
-    """The `levels` a and FRF records at s = omega (a + i), computed from the measured one, where its lines allow.
+    """Pairs of a level a and the FRFs at s = omega (a + i), computed from the measured ones.
 
-    Lines are spaced evenly in the logarithm, a apart, at least 60 and at most 250 over the band. A level is left out
-    where fewer than eight of its lines are good to 25 %: see `right_half_plane`.
+    Lines are evenly spaced in the logarithm by a, at least 60 and at most 250 over the band. A level is left out where fewer
+    than eight of its lines are good to 25 % (see `right_half_plane`); no pairs with fewer than eight lines above 0 Hz.
     """
     omega = record.omega[record.omega > 0]
     if len(omega) < _USABLE_LINES:
@@ -62,12 +68,15 @@ def smoothed_records(record: FrfRecord, levels: Sequence[float] = LEVELS) -> tup
 
 
 def is_noisy(record: FrfRecord) -> bool:
-    """True where the noise of most lines is too large for a residual that is divided by what was measured."""
+    """True where the median noise of the values exceeds 20 % of their magnitude; False for a record without variance."""
     return record.variance is not None and bool(np.median(record.variance / np.abs(record.values) ** 2) > _NOISY**2)
 
 
 def thinned_lines(omega: FloatArray) -> IntArray:
-    """Indices of lines that are at least one of about 2000 equal logarithmic steps apart."""
+    """Indices of at most about 2000 lines that are evenly spread in the logarithm; all indices if there are no more.
+
+    `omega` (n_lines,) are ascending angular frequencies.
+    """
     positive = omega[omega > 0]
     if len(positive) <= _THINNED_LINES:
         return np.arange(len(omega))

@@ -20,7 +20,10 @@ _MOST_ITERATIONS = 20
 
 
 def measures_everything(structure: Structure, record: FrfRecord) -> bool:
-    """True where the sensors of `record` determine the motion of every free degree of freedom of `structure`."""
+    """True where the sensors of `record` determine the motion of every free degree of freedom of `structure`.
+
+    False for responses per motion instead of force, or with measured components.
+    """
     if record.is_per_motion or structure.measured:
         return False
     sensors = structure.selection(record.outputs)
@@ -32,10 +35,9 @@ def measures_everything(structure: Structure, record: FrfRecord) -> bool:
 def one_step_values(structure: Structure, unknown: Parameters, record: FrfRecord) -> FloatArray:
     """Physical parameters from one linear least-squares solve of Z(p) x = f with the measured motion x.
 
-    With the exact motion of all degrees of freedom the equations of motion are linear in masses, dampings and
-    stiffnesses: no start, no iteration. (Norris 1986, Eq. 4.15, puts the motion of the postulated model in their
-    place, which makes the classical iteration.) Where a stiffness and its loss factor are both unknown the equations
-    are bilinear, and the solve is repeated until nothing moves.
+    With the motion of all degrees of freedom the equations are linear in masses, dampings and stiffnesses, so no start is
+    needed. If a stiffness and its loss factor are both unknown the equations are bilinear, and the solve is repeated up to 20
+    times. The classical iteration of Norris (1986), Eq. 4.15, uses the motion of the model instead.
 
     Parameters
     ----------
@@ -79,7 +81,7 @@ def one_step_values(structure: Structure, unknown: Parameters, record: FrfRecord
 
 
 def _motion(structure: Structure, record: FrfRecord) -> ComplexArray:
-    """Receptance of every free degree of freedom, (n_frequencies, n_dofs, n_inputs)."""
+    """Measured receptance of every free degree of freedom, (n_frequencies, n_dofs, n_inputs), from all sensors."""
     receptance = record.as_kind("receptance").values
     sensors = structure.selection(record.outputs).toarray().T
     return np.linalg.pinv(sensors) @ receptance
@@ -88,10 +90,10 @@ def _motion(structure: Structure, record: FrfRecord) -> ComplexArray:
 def _equations(
     structure: Structure, unknown: Parameters, physical: FloatArray, motion: ComplexArray, coefficients: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Z(p) x, (n_frequencies, n_dofs, n_inputs), and its derivative with respect to p, (..., n_params).
+    """Forces Z(p) x, (n_frequencies, n_dofs, n_inputs), and their derivative by p, (..., n_params).
 
-    `physical` are the parameters p, `motion` (n_frequencies, n_dofs, n_inputs) is x, and `coefficients` (n_frequencies,
-    n_matrices) are those of the matrices in Z.
+    `physical` (n_params,) are the parameters p, `motion` (n_frequencies, n_dofs, n_inputs) is x, and `coefficients`
+    (n_frequencies, n_matrices) are those of the matrices in Z.
     """
     matrix_kinds = structure_matrix_kinds(structure)
     values = unknown.values(physical)

@@ -38,8 +38,8 @@ def sliding_contacts(
 ) -> tuple[tuple[Contact, ...], sparse.csc_array]:
     """Friction elements in harmonic balance, and sparse columns (n_dofs, n_contacts) that read their sliding motion.
 
-    `matrix_kinds` name the matrices of the model; `measured` are the names of elements whose sliding was measured,
-    which are left out.
+    `matrix_kinds` name the matrices of the model. Elements named in `measured`, whose sliding was measured, are left out.
+    Raises `InputError` if the record has several loads.
     """
     contacts, columns = [], [sparse.csc_array((structure.n_dofs, 0))]
     for element in structure.elements:
@@ -73,10 +73,10 @@ class Sliding:
     fixed_coefficients: ComplexArray
 
     def at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray | None]:
-        """Coefficients of the matrices with sliding amplitudes in equilibrium, and readings of sensors and contacts; cached.
+        """Coefficients of the matrices with balanced sliding amplitudes, (n_lines, n_matrices), and readings; cached.
 
-        The readings (n_lines, n_sensors, 1) come from those without friction; None where that would lose digits.
-        `physical` are the parameter values (n_params,).
+        The readings of sensors and contacts, (n_lines, n_outputs + n_contacts, 1), come from those without friction; None where
+        that would lose digits. `physical` (n_params,) are the parameters.
         """
         key = physical.tobytes()
         cached = self._cache.get(key)
@@ -95,9 +95,9 @@ class Sliding:
     def add_change(
         self, derivative: ComplexArray, readings: NumberArray, reach: NumberArray, physical: FloatArray, part: slice
     ) -> None:
-        """Add to derivatives at fixed amplitudes, at a stretch of lines, what the amplitudes' own change makes of them.
+        """Add to derivatives at fixed sliding amplitudes the part by the change of the amplitudes, in place.
 
-        See `LineDerivatives` for the first three.
+        `part` is the range of lines. See `LineDerivatives` for `derivative`, `readings` and `reach`.
         """
         size = (1j / self.at(physical)[0][part][:, self.matrix_indices]).real
         motion = readings[:, self.channels.n_outputs :, 0]
@@ -108,7 +108,7 @@ class Sliding:
         return [contact.matrix_index for contact in self.contacts]
 
     def force(self, physical: FloatArray) -> FloatArray:
-        """Friction force of each contact per unit drive."""
+        """Friction force of each contact per unit drive, (n_contacts,), at the parameters `physical` (n_params,)."""
         return self.parameters.values(physical)[[contact.value for contact in self.contacts]]
 
     @cached_property
@@ -123,9 +123,9 @@ class Sliding:
         return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), np.finfo(float).tiny)
 
     def _free(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Readings of sensors and contacts under the load, and under unit forces at the contacts, without their friction.
+        """Frictionless readings of sensors and contacts, under the load and under unit forces at the contacts.
 
-        `physical` are the parameter values (n_params,).
+        Shapes (n_lines, n_outputs + n_contacts, 1) and (..., n_contacts). `physical` (n_params,) are the parameters.
         """
         (load, load_sign), n_outputs = self.channels.inputs, self.channels.n_outputs
         columns, signs = self.channels.outputs[0][n_outputs:], self.channels.outputs[1][n_outputs:]
@@ -137,9 +137,10 @@ class Sliding:
 def balanced_amplitudes(
     flexibility: ComplexArray, free: ComplexArray, force: FloatArray, floor: FloatArray
 ) -> FloatArray:
-    """Sliding amplitudes s = abs(q) that solve q = b - A (i r q / s) by Newton's method, (n_frequencies, n_contacts).
+    """Sliding amplitudes s = abs(q) that solve q = b - A (i r q / s), (n_frequencies, n_contacts).
 
-    Where friction exceeds the force that reaches a contact it sticks, and `floor` stands for its amplitude.
+    By at most 60 Newton steps. A contact sticks where friction exceeds the force that reaches it; its amplitude is then
+    `floor`.
 
     Parameters
     ----------
@@ -188,7 +189,7 @@ def _newton_step(
 
 
 def slid_readings(free: ComplexArray, reach: ComplexArray, factors: ComplexArray) -> ComplexArray | None:
-    """Readings of a structure with friction from its readings without; None where the difference would lose digits.
+    """Readings with friction from those without, in the shape of `free`; None where the difference would lose digits.
 
     Parameters
     ----------
@@ -236,7 +237,7 @@ def add_amplitude_change(
 
 
 def sliding_amplitudes(structure: Structure, record: FrfRecord) -> dict[str, FloatArray]:
-    """Measured sliding amplitude per unit drive of the friction elements that name sensors.
+    """Measured sliding amplitude per unit drive, (n_frequencies,), of each friction element that names sensors, by its name.
 
     Raises
     ------

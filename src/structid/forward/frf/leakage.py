@@ -50,7 +50,7 @@ class LeakedFrf:
         return self._summed(values), self._summed(derivative)
 
     def _summed(self, parts: ComplexArray) -> ComplexArray:
-        """Weighted sums, (n_lines, ...), of FRFs `parts` (n_shifted_lines, ...) over each line's shifted lines."""
+        """Weighted sums over the shifted lines of each line, (n_lines, ...), of FRFs `parts` (n_shifted_lines, ...)."""
         flat = parts.reshape(len(parts), -1)
         sums = np.zeros((len(self.line_indices), flat.shape[1]), dtype=np.complex128)
         for weight, indices in zip(PARTS, self.line_indices.T, strict=True):
@@ -59,7 +59,10 @@ class LeakedFrf:
 
 
 def require_leaking(record: FrfRecord, segment: float) -> None:
-    """Refuse a record with a line so low that it reads what leaks from below 0 Hz."""
+    """Raise `InputError` if the lowest line of a record is below two divided by the segment duration, `segment` in s.
+
+    Such a line reads what leaks from below 0 Hz.
+    """
     if record.frequency[0] * segment < LEAST_LINE:
         raise InputError(
             f"leakage of segments of {segment:g} s is modelled from {LEAST_LINE / segment:g} Hz on, and the lowest line is"
@@ -68,7 +71,9 @@ def require_leaking(record: FrfRecord, segment: float) -> None:
 
 
 def leaking_lines(record: FrfRecord, segment: float) -> tuple[FrfRecord, IntArray]:
-    """Record at the shifted lines that leakage mixes, and the indices (n_lines, n_shifts) of each line's own in it.
+    """Record at all shifted lines that leakage mixes, and the index in it of each shift of each line, (n_lines, n_shifts).
+
+    The new record is sorted by frequency and has values of 0, without variance.
 
     Parameters
     ----------

@@ -33,7 +33,10 @@ class ObservedFrf:
     record: FrfRecord
 
     def values(self, physical: FloatArray) -> ComplexArray:
-        """FRFs with channel errors at `physical` parameters, (n_frequencies, n_outputs, n_inputs)."""
+        """FRFs with channel errors, (n_frequencies, n_outputs, n_inputs), in the kind of the record.
+
+        `physical` (n_params,) are the parameters of the structure, then those of the channels.
+        """
         if self.channels is None:
             return self.model.values_at(physical)
         own, rest = np.split(physical, [self.model.parameters.n_params])
@@ -41,7 +44,10 @@ class ObservedFrf:
         return model.values_at(own) * self.channels.factor(rest, laplace)
 
     def derivatives(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """FRFs with channel errors, and their derivatives by physical parameters, (..., n_params)."""
+        """FRFs with channel errors, (n_frequencies, n_outputs, n_inputs), and their derivatives, (..., n_params).
+
+        `physical` (n_params,) are the parameters of the structure, then those of the channels.
+        """
         if self.channels is None:
             return self.model.derivatives_at(physical)
         own, rest = np.split(physical, [self.model.parameters.n_params])
@@ -55,10 +61,10 @@ class ObservedFrf:
         return values * factor[..., 0], np.concatenate([derivative, change], axis=-1) * factor
 
     def _moved(self, channels: ChannelErrors, rest: FloatArray) -> tuple[Response, ComplexArray]:
-        """Response model and its Laplace variables (1/s), shifted by the decay rate of an exponential window.
+        """Response model and its Laplace variable s (n_frequencies,), 1/s, shifted by an unknown window decay.
 
-        A window exp(-decay t) turns H at i omega into H at s = decay + i omega. They are not shifted where the decay is no
-        parameter; where it is, the structure has no friction. `rest` are the values of the channel errors.
+        A window exp(-decay t) turns H at i omega into H at s = decay + i omega. Nothing is shifted if the decay is no
+        parameter. `rest` are the parameters of the channels.
         """
         decay = channels.decay(rest)
         if decay is None:
@@ -72,10 +78,10 @@ class ObservedFrf:
 def _laplace_slope(
     model: Response, physical: FloatArray, values: ComplexArray, laplace: ComplexArray, kind: FrfKind
 ) -> ComplexArray:
-    """dH/ds of the FRF `values` of `model`, in the unit of H times s, (n_frequencies, n_outputs, n_inputs).
+    """Derivative dH/ds of the FRFs `values` of `model`, in the unit of H times s, (n_frequencies, n_outputs, n_inputs).
 
-    With H = s^n S' Z^-1 F and Z = s^2 M + s C + K it is n H / s - s^n Y' (2 s M + C) X, where X = Z^-1 F and Y = Z^-1
-    S. `physical` are the parameter values (n_params,), `laplace` the values of s (n_frequencies,), 1/s.
+    With H = s^n S' Z^-1 F and Z = s^2 M + s C + K it is n H / s - s^n Y' (2 s M + C) X, where X = Z^-1 F and Y = Z^-1 S.
+    `physical` are the parameters of the structure, `laplace` (n_frequencies,) is s in 1/s.
     """
     fields = model.fields_at(physical, model.channels.columns)
     x, y = model.channels.under_loads(fields), model.channels.under_sensors(fields)

@@ -152,7 +152,10 @@ class FrfProblem(RecordProblem):
 
     @property
     def facts(self) -> RecordFacts:
-        """Facts of the record for diagnostics: line spacing and window bandwidth in Hz, noise source, channel count."""
+        """Facts of the record for diagnostics: line spacing and window bandwidth in Hz, noise in words, number of channels.
+
+        The arrays have an entry for each line.
+        """
         gaps, record = np.diff(self.frequency), self.record
         noise = _NOISE.get(record.noise_source, "the noise that the record has")
         if record.variance is None:
@@ -167,9 +170,9 @@ class FrfProblem(RecordProblem):
         )
 
     def _averages(self) -> FloatArray | None:
-        """Number of averages behind the variance of each data row, (n_data,), where it comes from coherence.
+        """Number of averages behind the variance of each data row, (n_data,), if it comes from coherence; else None.
 
-        It counts as more where `model_error` is part of a value's variance.
+        The number is larger where `model_error` is part of the variance of a value.
         """
         record = self.record
         if (
@@ -200,9 +203,9 @@ class FrfProblem(RecordProblem):
         return self.form != "equation" and any(one.variance is not None for one in self.structure.measured)
 
     def _component_errors(self, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
-        """Changes of the observed FRFs by the errors of measured components, with channel errors applied.
+        """Changes of the observed FRFs by the errors of measured components, channel errors included.
 
-        `physical` are the parameter values (n_params,).
+        `physical` (n_params,) are the parameters of the structure, then those of the channels.
         """
         of_structure, of_channels = np.split(physical, [self.parameters.n_params])
         for entry in errors_of_entries(self.model, of_structure):
@@ -229,7 +232,10 @@ class FrfProblem(RecordProblem):
         return self._observed_on(self.record, self.model)
 
     def _observed_on(self, record: FrfRecord, model: Response | None = None) -> ObservedFrf | LeakedFrf:
-        """Model of what the channels of `record` show, averaged over shifted lines where segments leak."""
+        """Model of the FRFs that the channels of `record` show, with leakage if the record has segments.
+
+        `model` is the response at its lines, made if None; it is not used with leakage.
+        """
         if record.segment is None:
             return ObservedFrf(model or self._response(record, False), self.channels, record)
         lines, place = leaking_lines(record, record.segment)
@@ -248,7 +254,11 @@ class FrfProblem(RecordProblem):
         return WhitenedFrf(self.form, record.values, np.sqrt(np.maximum(variance, 0.0)))
 
     def reweighted(self, theta: FloatArray) -> FrfProblem:
-        """Problem whose model error is a part of the predicted magnitudes at `theta`, not of measured ones."""
+        """Problem whose model error is a part of the predicted magnitudes at `theta` (n_params,) instead of the measured ones.
+
+        Predicted magnitudes are limited to five standard deviations from the measured ones. The same problem for another form
+        than ``output``, or without model error.
+        """
         if self.form != "output" or (self.model_error == 0 and self.record.relative is None):
             return self
         measured = np.abs(self.record.values)
@@ -262,7 +272,10 @@ class FrfProblem(RecordProblem):
         return self._observed.values(self.physical(theta))
 
     def predicted_on(self, record: FrfRecord, physical: FloatArray) -> ComplexArray:
-        """The model's FRF at the lines of `record`, which has the same channels, with physical parameters."""
+        """FRFs of the model at the lines of `record`, (n_frequencies, n_outputs, n_inputs), channel errors included.
+
+        `record` must have the same channels; `physical` (n_params,) are parameters in physical units.
+        """
         if record is self.record and not self.measured_sliding:
             return self._observed.values(physical)
         return self._observed_on(record).values(physical)
@@ -273,9 +286,9 @@ class FrfProblem(RecordProblem):
         return residual_with_priors(self.unknowns, theta, self.data_rows(self.predicted(theta)))
 
     def data_rows(self, predicted: ComplexArray) -> FloatArray:
-        """Data rows of the residual where the model's FRF is `predicted`, in the order of `rows`; not of form ``equation``.
+        """Whitened data rows (n_data, ...) of the FRFs `predicted`, in the order of `rows`.
 
-        Shapes (..., n_frequencies, n_outputs, n_inputs) and (n_data, ...).
+        `predicted` is (..., n_frequencies, n_outputs, n_inputs). Not for the form ``equation``.
         """
         data = self._whitened.residual(predicted)
         return stack_real(np.moveaxis(data.reshape(*predicted.shape[:-3], -1), -1, 0))
@@ -351,13 +364,11 @@ class FrfProblem(RecordProblem):
         )
 
     def schedules(self) -> tuple[FrfSchedule, ...]:
-        """Sequences of easier problems for poor starts: a short one, and a longer one if that fails.
+        """Sequences of easier problems for poor starts, as tuples of (name, problem), in the order to be tried.
 
-        Both begin with the pole-free residual and every parameter drawn to its start: what the data say weakly stays
-        where it is until the rest has settled. The short way takes errors of half of each value, which follows a
-        start that is far off in a few parameters; the long way lets them fall from three times to a tenth, which is
-        surer where many are off. Friction slides with measured amplitudes. A third way is by continuation from the
-        right half-plane, which carries furthest and comes first where `start_error` is given; see `decay_continuation`.
+        Two of them use the pole-free residual with a prior at the start: a short one with an error of half of each value, and a
+        longer one with errors falling from three times to a tenth. The last is `decay_continuation`; with `start_error` it
+        comes first, then again with half that error.
         """
         near = tuple(_pole_free_schedule(self, std, errors) for std, errors in _PLANS)
         if self.start_error is None:
@@ -367,10 +378,9 @@ class FrfProblem(RecordProblem):
         return (far, tightened(far), *near) if far else near
 
     def continuation_paths(self) -> Sequence[ContinuationPath]:
-        """Sequences of stages to try from a poor start: with up to 60 lines frequency stages first, then `schedules`.
+        """Sequences of stages to try from a poor start: `frequency_continuation` for up to 60 lines, then `schedules`.
 
-        With so few, resonances hide between lines, and continuation from the right half-plane has nothing to smooth.
-        FRFs of a solver have none: they are valid near the start only, to where `structid.study.run.solver.stages` leads.
+        Empty for FRFs of a solver, which are valid near the start only.
         """
         if not self.structure.has_matrices:
             return ()
@@ -379,11 +389,7 @@ class FrfProblem(RecordProblem):
         return (partial(frequency_continuation, self), *schedules) if few else schedules
 
     def subsampled(self) -> FrfProblem | None:
-        """The problem on about 2000 of its lines, closer together at low frequencies; None with less than ten times as many.
-
-        Fewer lines say less: what noisy lines determine only together may be lost, so that the search takes all of
-        them where their number allows.
-        """
+        """Problem on about 2000 of the lines, spread in the logarithm; None if these are more than a tenth of all lines."""
         keep = thinned_lines(self.record.omega)
         return None if _WORTH_SUBSAMPLING * len(keep) > len(self.frequency) else self.with_lines(keep)
 
@@ -408,7 +414,7 @@ def _require_weights(form: Form, record: FrfRecord, deviation: FloatArray) -> No
 
 
 def _require_sound_channels(problem: FrfProblem, channels: ChannelErrors) -> None:
-    """Raise `InputError` if form 'equation' or friction does not allow these channel errors."""
+    """Raise `InputError` if the form, friction or a solver's FRFs do not allow these channel errors."""
     if problem.form == "equation":
         raise InputError("form 'equation' takes no errors of channels; use form 'output'")
     if channels.decay(channels.start) is not None:
@@ -433,9 +439,10 @@ def _require_leakage(problem: FrfProblem, segment: float) -> None:
 def _equation_rows(
     problem: FrfProblem, theta: FloatArray, h: ComplexArray, dh: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Residual and derivative weighted by the inverse of Y' conj(Y), which counts as constant.
+    """Residual (n_frequencies, n_outputs, n_inputs) of form ``equation``, and its derivative (..., n_params).
 
-    `h` are the model's FRFs (n_frequencies, n_outputs, n_inputs), `dh` their derivative (..., n_params).
+    `h` are the FRFs of the model and `dh` their derivative (..., n_params). The weight, the inverse of the Cholesky factor of
+    Y' conj(Y), counts as constant.
     """
     weight = problem.model.sensor_gram(problem.physical(theta))
     factor = np.linalg.cholesky(weight)
@@ -447,7 +454,10 @@ def _equation_rows(
 
 
 def _pole_free_schedule(problem: FrfProblem, std: float, errors: tuple[float, ...]) -> FrfSchedule:
-    """Stages of the bounded residual with falling `errors` of values, and a Gaussian prior of deviation `std`."""
+    """Stages of the bounded residual with falling model `errors` (relative), and a Gaussian prior at the start.
+
+    `std` is the standard deviation of the prior. A stage with measured sliding follows if sensors measure a friction element.
+    """
     near_start = problem.with_parts([part.kept_near_start(std) for part in problem.parts])
     near = replace(near_start, form="pole_free", measured_sliding=True)
     first = tuple((f"bounded residual, errors of {e:g}", replace(near, model_error=e)) for e in errors)
@@ -457,12 +467,11 @@ def _pole_free_schedule(problem: FrfProblem, std: float, errors: tuple[float, ..
 
 
 def decay_continuation(problem: FrfProblem, start_error: float = START_ERROR) -> FrfSchedule:
-    """Stages of fits at s = omega (a + i), a falling to 0, for poor starts; empty if lines are too few.
+    """Stages of fits at s = omega (a + i), a falling to 0, for poor starts, as (name, problem); empty if lines are too few.
 
-    At s = omega (a + i) with a near 1 an FRF has no resonances, and a fit cannot be caught between them; as a goes
-    to 0 it becomes what was measured. Each stage fits the logarithm of the FRF, weighted by the error that
-    smoothing leaves; the last one the FRF itself, with the prior at the start, by the pole-free residual or, where noise
-    is more than a fifth of most values, by the plain one.
+    With a near 1 an FRF has no resonances between which a fit could be caught; with a of 0 it is the measured one. Each stage
+    fits the logarithm of the FRF. The last one fits the FRF itself with the prior at the start: by the pole-free residual, or
+    by the plain one if `is_noisy`. Also empty for the form ``equation`` and for different decays of the lines.
 
     Parameters
     ----------
@@ -490,7 +499,10 @@ def decay_continuation(problem: FrfProblem, start_error: float = START_ERROR) ->
 
 
 def smooth_stage(problem: FrfProblem, record: FrfRecord, start_error: float = START_ERROR) -> FrfProblem:
-    """The stage of `decay_continuation` whose data are `record`, one of `smoothed_records`."""
+    """Stage of `decay_continuation` with the data `record`, an entry of `smoothed_records`.
+
+    `start_error` is the standard deviation of the prior at the start, in the logarithm.
+    """
     return _smooth_stage(_with_start_prior(problem, start_error), record)
 
 
@@ -505,7 +517,7 @@ def _smooth_stage(near_start: FrfProblem, record: FrfRecord) -> FrfProblem:
 
 
 def tightened(schedule: FrfSchedule, ratio: float = 0.5) -> FrfSchedule:
-    """The stages of `schedule` with the start expected to be closer: its error smaller by `ratio`."""
+    """Stages of `schedule` with the standard deviations of their priors at the start multiplied by `ratio`."""
     priors = [(name, stage, stage.unknowns.free_prior) for name, stage in schedule]
     return tuple(
         (name, stage if prior is None else stage.with_free_prior(prior[0], ratio * prior[1]))
@@ -519,11 +531,10 @@ def frequency_continuation(
     start_error: float = LINES_START_ERROR,
     stage_error: float = LINES_ERROR,
 ) -> FrfSchedule:
-    """Stages with more and more lines from the lowest on, the last with all lines by the bounded residual.
+    """Stages with more and more lines from the lowest on; the last has all lines, without prior, by the bounded residual.
 
-    Below the first resonance an FRF changes smoothly with every parameter; with each line added the model is close
-    enough for the next resonance. A Gaussian prior at the start determines what few lines leave open; the last stage
-    has none. Undamped and noise-free records are followed to their exact answer.
+    Below the first resonance an FRF changes smoothly with every parameter, and each added line leads to the next resonance. A
+    Gaussian prior determines what few lines leave open. Empty for the form ``equation`` or if a value is 0.
 
     Parameters
     ----------

@@ -38,16 +38,16 @@ class Whitening:
     other: ComplexArray | None = None
 
     def rows(self, change: ComplexArray) -> ComplexArray:
-        """dr for dh (..., n_columns), leading axes as `own`."""
+        """Change of the residual by changes of the response, (n_frequencies, n_outputs, n_inputs, n_columns) both."""
         rows: ComplexArray = self.own[..., None] * change
         return rows if self.other is None else rows + self.other[..., None] * np.conj(change)
 
     def scaled(self, factor: ComplexArray) -> Whitening:
-        """The derivative with respect to h of the residual of `factor` h."""
+        """Derivative by h of the residual whose response is `factor` times h; `factor` broadcasts with the response."""
         return Whitening(self.own * factor, None if self.other is None else self.other * np.conj(factor))
 
     def functional(self, u: ComplexArray) -> ComplexArray:
-        """w with Re(conj(u) dr) = Re(w dh)."""
+        """Weights w of the shape of the response such that Re(conj(u) dr) = Re(w dh), for `u` of the shape of the residual."""
         weights: ComplexArray = np.conj(u) * self.own
         return weights if self.other is None else weights + u * np.conj(self.other)
 
@@ -85,7 +85,7 @@ class FieldJacobian:
         return np.asarray(-self.model.kind_factor[:, None, None] * change)
 
     def adjoint(self, w: ComplexArray) -> FloatArray:
-        """Re of the sum of w dH/dp over all entries, (n_params,), for w as the FRF."""
+        """Real part of the sum of w dH/dp over all entries, (n_params,), for `w` (n_frequencies, n_outputs, n_inputs)."""
         n_dofs = self.y.shape[2]
         weighted = w * -self.model.kind_factor[:, None, None]
         drive = np.ascontiguousarray(np.moveaxis(np.swapaxes(self.y, 1, 2) @ weighted, 1, 0))
@@ -99,7 +99,10 @@ class FieldJacobian:
         return total
 
     def _changes(self, v: FloatArray) -> dict[int, sparse.csr_array]:
-        """Change of the matrix of each kind (by its number) by a change `v` (n_params,) of physical parameters."""
+        """Change of the matrix of each kind, by its number, for a change `v` (n_params,) of the physical parameters.
+
+        Sparse (n_dofs, n_dofs) matrices.
+        """
         at = self.model.slopes.assembled
         entries: dict[int, FloatArray] = {}
         for part, (member, rows) in zip(self.parts.parts, self.parts.members, strict=True):
@@ -140,7 +143,7 @@ def response_products(
     whitening: Callable[[ComplexArray, slice], Whitening],
     stored_bytes: float = STORED_BYTES,
 ) -> ResponseProducts:
-    """Products of the FRF's derivative and its adjoint with vectors, at `physical` parameters (n_params,).
+    """FRFs and products with the Jacobian of their whitened residual, and with its transpose, at `physical` (n_params,).
 
     Parameters
     ----------
@@ -151,6 +154,11 @@ def response_products(
         The `Whitening` for the response (n, n_outputs, n_inputs) at some of the lines.
     stored_bytes : float
         The Jacobian is stored where it takes no more than this, and applied from fields otherwise.
+
+    Raises
+    ------
+    InputError
+        If the model has sliding friction.
     """
     if model.contacts:
         raise InputError(
@@ -225,7 +233,10 @@ class WhitenedFrf:
     deviation: FloatArray
 
     def residual(self, h: ComplexArray) -> ComplexArray:
-        """Weighted complex residual of the model's FRF `h` against the data, (..., n_lines, n_outputs, n_inputs)."""
+        """Weighted complex residual of the FRFs `h` of a model against the data, of the shape of `h`.
+
+        `h` is (..., n_frequencies, n_outputs, n_inputs).
+        """
         m, s = self.measured, self.deviation
         if self.form == "output":
             return (h - m) / s
@@ -235,7 +246,7 @@ class WhitenedFrf:
         return (h - m) / np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2)) * self._weight
 
     def whitening(self, h: ComplexArray, lines: slice = slice(None)) -> Whitening:
-        """Derivative of the weighted residual by the model's response `h` at some frequency `lines`."""
+        """Derivative of the weighted residual by the response `h` (n, n_outputs, n_inputs) at some frequency `lines`."""
         if self.form == "output":
             return Whitening((1 / self.deviation[lines]).astype(np.complex128))
         m, weight = self.measured[lines], self._weight[lines]

@@ -55,7 +55,7 @@ class Response:
         return self.solver.is_large
 
     def values_at(self, physical: FloatArray) -> ComplexArray:
-        """Model's FRF at physical parameters (n_params,): (n_frequencies, n_outputs, n_inputs)."""
+        """FRFs in the kind of the record, (n_frequencies, n_outputs, n_inputs), at the parameters `physical` (n_params,)."""
         coefficients, readings = self._sliding.at(physical) if self.contacts else (self.fixed_coefficients, None)
         if readings is None:
             used, place = np.unique(self.channels.inputs[0], return_inverse=True)
@@ -63,11 +63,10 @@ class Response:
         return readings[:, : self.channels.n_outputs] * self.kind_factor[:, None, None]
 
     def derivatives_at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """FRF, (n_frequencies, n_outputs, n_inputs), and its derivative by physical parameters, (..., n_params).
+        """FRFs (n_frequencies, n_outputs, n_inputs), and their derivatives by the physical parameters, (..., n_params).
 
-        By the adjoint method: with y = Z^-1 s for each sensor and x = Z^-1 f for each load, dH/dp is
-        -y' (dZ/dp) x, a sum of element-local products; one factorization a frequency serves all of it. Where a large
-        model has fewer parameters times loads than sensors, Z^-1 (dZ/dp) x is solved for instead.
+        By the adjoint method: with y = Z^-1 s for each sensor and x = Z^-1 f for each load, dH/dp is -y' (dZ/dp) x. A large
+        model with fewer parameters times loads than sensors solves for Z^-1 (dZ/dp) x instead.
         """
         coefficients, n_outputs = self._coefficients(physical), self.channels.n_outputs
         shape = len(self.frequency), n_outputs, len(self.channels.inputs[0])
@@ -98,16 +97,17 @@ class Response:
         return self.solver.fields(physical, self._coefficients(physical), loads)
 
     def sensitivity_at(self, physical: FloatArray, x: NumberArray, y: NumberArray) -> ComplexArray:
-        """-y' (dZ/dp) x for motions x under any drive and y under unit loads at the sensors.
+        """Products -y' (dZ/dp) x without conjugate, (n_frequencies, n_y, n_x, n_params).
 
-        Shapes (n_frequencies, n_dofs, n_x), (n_frequencies, n_dofs, n_y) and (n_frequencies, n_y, n_x, n_params).
+        `x` (n_frequencies, n_dofs, n_x) are motions under any drive, `y` (n_frequencies, n_dofs, n_y) under unit loads at the
+        sensors.
         """
         return self.slopes.contracted(physical, -self._coefficients(physical), x, y)
 
     def sensor_gram(self, physical: FloatArray) -> ComplexArray:
-        """Y' conj(Y) with Y = Z^-1 S, the receptance from every force to the sensors, (n_frequencies, n_outputs, n_outputs).
+        """Product Y' conj(Y), (n_frequencies, n_outputs, n_outputs), with Y = Z^-1 S the motion under forces at the sensors.
 
-        `physical` are the parameter values (n_params,).
+        `physical` (n_params,) are the parameters.
         """
         n_outputs = self.channels.n_outputs
         gram = np.empty((len(self.frequency), n_outputs, n_outputs), dtype=np.complex128)
@@ -148,7 +148,7 @@ class ResponseCache:
         return ResponseCache, (self.factorizer,)
 
     def slopes(self, structure: Structure, parameters: Parameters) -> StiffnessSlopes:
-        """Derivatives of the dynamic stiffness of a parametrized structure, computed once and cached."""
+        """Derivatives of the dynamic stiffness of the structure by the parameters; the cached object if there is one."""
         found = next((known for known in self._slopes if known.serves(structure, parameters)), None)
         if found is None:
             found = StiffnessSlopes(structure, parameters)
@@ -158,9 +158,10 @@ class ResponseCache:
     def sparse_solver(
         self, slopes: StiffnessSlopes, sides: Channels, record: FrfRecord, reduced: float | None = None
     ) -> SparseSolver:
-        """Sparse solver for the channels of `record`, cached; with friction contacts each record has its own.
+        """Sparse solver for the channels `sides` at the lines of `record`, cached.
 
-        `reduced` is the largest relative error of values from few factorizations.
+        With friction contacts each record has its own. `reduced` is the largest relative error of values from few
+        factorizations; None solves every line.
         """
         own = record if sides.n_contacts else None
         key: tuple[object, ...] = (
@@ -239,7 +240,7 @@ def response(
 
 
 def driving_bases(structure: Structure, record: FrfRecord) -> tuple[Base, ...]:
-    """Supports whose motion is the input of `record`; () if the inputs are forces.
+    """Supports whose motion is the input of `record`, empty if the inputs are forces.
 
     Raises
     ------
@@ -268,7 +269,10 @@ def _coupled(
     sides: Channels,
     slopes: StiffnessSlopes,
 ) -> SubstructureCoupling:
-    """Solver of a structure with its driving supports released, coupled to its measured components."""
+    """Solver of a structure coupled to its measured components, with the driving supports `bases` released.
+
+    `solver` is that of the structure alone. Raises `InputError` if the record has a window decay and there are components.
+    """
     driven = _driven(structure, bases, record, sides)
     own = structure.selection([dof for one in structure.measured for dof in one.interface])
     receptance = np.zeros((len(record.frequency), *[driven.shape[1] + own.shape[1]] * 2), dtype=np.complex128)
@@ -284,7 +288,10 @@ def _coupled(
 
 
 def _driven(structure: Structure, bases: tuple[Base, ...], record: FrfRecord, sides: Channels) -> sparse.csc_array:
-    """Unit-motion columns (n_dofs, n_bases) of the released `bases`; raises `InputError` if a sensor reads one."""
+    """Unit-motion columns (n_dofs, n_bases) of the released `bases`.
+
+    Raises `InputError` with friction contacts, or if a sensor reads one of the bases.
+    """
     if bases and sides.n_contacts:
         raise InputError("dry friction takes no motion of supports; take the friction out, or measure the force")
     columns = structure.selection([base.supports[0].unsigned for base in bases])

@@ -25,10 +25,10 @@ from structid.unknowns import Parameters
 def matrix_coefficients(
     matrix_kinds: tuple[str, ...], laplace: ComplexArray, sliding: dict[str, FloatArray]
 ) -> ComplexArray:
-    """Coefficient of each matrix in the dynamic stiffness, (n_frequencies, n_matrices): s^2, s, 1, i, i / amplitude.
+    """Coefficient of each matrix in the dynamic stiffness Z, (n_frequencies, n_matrices), in the order of `matrix_kinds`.
 
-    `laplace` is s, 1/s: i omega on the axis. Friction with no amplitude in `sliding` gets 0. `matrix_kinds` name the
-    matrices.
+    It is s^2 for mass, s for damping, 1 for stiffness, i for structural damping and i / amplitude for friction, whose `sliding`
+    amplitude is (n_frequencies,) by element name; 0 without one. `laplace` (n_frequencies,) is s in 1/s.
     """
     table: dict[str, ComplexArray] = {
         "mass": laplace**2,
@@ -74,6 +74,8 @@ class StiffnessSlopes:
     def parts_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[WeightedParts, ComplexArray]:
         """Element matrices weighted by the parameters, and the factor of each group of them in Z, (n_lines, n_groups).
 
+        The element matrices are cached for the last parameters.
+
         Parameters
         ----------
         physical : (n_params,) float array
@@ -94,10 +96,9 @@ class StiffnessSlopes:
         return found, factors
 
     def forces_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[ParameterForces, ComplexArray]:
-        """Derivative forces (dZ/dp) x of all parameters, and factors (n_lines, n_maps) of their maps at every line.
+        """Operator for the forces (dZ/dp) x of all parameters, and the factors (n_lines, n_maps) of its maps.
 
-        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
-        Z.
+        `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of the matrices in Z.
         """
         parts, factors = self.parts_at(physical, coefficients)
         cached = self._forces_cache.get("last")
@@ -109,10 +110,10 @@ class StiffnessSlopes:
     def contracted(
         self, physical: FloatArray, coefficients: ComplexArray, x: NumberArray, y: NumberArray
     ) -> ComplexArray:
-        """y' (dZ/dp) x for fields x (n_lines, n_dofs, n_x) and y (n_lines, n_dofs, n_y), (n_lines, n_y, n_x, n_params).
+        """Products y' (dZ/dp) x without conjugate, (n_lines, n_y, n_x, n_params).
 
-        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
-        Z.
+        Fields are `x` (n_lines, n_dofs, n_x) and `y` (n_lines, n_dofs, n_y). `physical` (n_params,) are the parameters,
+        `coefficients` (n_lines, n_matrices) those of the matrices in Z.
         """
         if self.structure.n_dofs <= DENSE_UP_TO:
             return self.dense.at(self.parameters.values(physical)).contracted(coefficients, x, y)

@@ -12,9 +12,10 @@ from structid.forward.modal.model import ModalModel
 
 
 def dynamic_rows(data: MeasuredModes, model: ModalModel, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Force residual of each mode with a shape, relative to inertia force and shape error, and its slope.
+    """Force residual of all modes with a shape, (n_rows,), and its derivative by the parameters, (n_rows, n_params).
 
-    `physical` are the parameter values (n_params,).
+    A mode has a row for each known shape entry. Residuals are relative to the inertia force and to the relative error of the
+    eigenvalue, at least 1e-3. `physical` (n_params,) are the parameters.
     """
     shown = data.record.known[:, data.measured].any(axis=0)
     found = [
@@ -43,12 +44,11 @@ def dynamic_residual(
     omega: float,
     shape: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Smallest force residual of one measured mode over all unmeasured motions, and its slope by parameters.
+    """Smallest force residual of one measured mode over all unmeasured motions, and its derivative by the parameters.
 
-    Among all fields phi with S' phi = psi it is the force Z phi, Z = K - omega^2 M, that is smallest in the norm of
-    D^-1, D^2 = diag(K) / omega^2 + diag(M) at the start; it has as many components as there are sensors:
-    with Q R = D Z^-1 S the residual is R^-T psi, and Q' D^-1 dZ phi is its slope (variable projection, exact gradient).
-    Nothing divides by a difference of eigenvalues, so that it is smooth where modes meet.
+    Among all fields phi with S' phi = psi it is the force Z phi, Z = K - omega^2 M, that is smallest in the norm of D^-1, with
+    D^2 = diag(K) / omega^2 + diag(M) at the start. With Q R = D Z^-1 S the residual is R^-T psi and Q' D^-1 dZ phi its
+    derivative (variable projection, exact gradient). It stays smooth where modes meet.
 
     Parameters
     ----------
@@ -92,9 +92,9 @@ def dynamic_residual(
 
 
 def _independent(sensors: FloatArray) -> FloatArray:
-    """Orthonormal combinations of sensors that see different motions, (n_channels, rank).
+    """Orthonormal combinations of sensors that see different motions, (n_channels, rank); the unit matrix at full rank.
 
-    With more sensors than degrees of freedom, their data are met in the sense of least squares.
+    `sensors` are (n_dofs, n_channels).
     """
     _, singular, rows = np.linalg.svd(sensors, full_matrices=False)
     rank = int(np.sum(singular > 1e-12 * singular.max(initial=0.0)))
@@ -104,7 +104,10 @@ def _independent(sensors: FloatArray) -> FloatArray:
 def _expanded(
     stiffness: FloatArray, mass: FloatArray, sensors: FloatArray, weight: FloatArray, omega: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Q, R of D Z^-1 S, and Z."""
+    """Factors Q and R of D Z^-1 S, and the dynamic stiffness Z = K - omega^2 M.
+
+    `weight` (n_dofs,) is the diagonal of D, `sensors` (n_dofs, n_channels) is S, and `omega` is in rad/s.
+    """
     dynamic = stiffness - omega**2 * mass
     orthogonal, triangle = np.linalg.qr(weight[:, None] * np.linalg.solve(dynamic, sensors))
     return orthogonal, triangle, dynamic

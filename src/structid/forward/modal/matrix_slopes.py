@@ -72,9 +72,9 @@ class MatrixSlopes:
         return found
 
     def _changes_at(self, physical: FloatArray) -> dict[str, FloatArray]:
-        """Derivatives dA/dp, (n_params, n_dofs, n_dofs), of each matrix A, by its kind.
+        """Derivatives dA/dp of each matrix A, (n_params, n_dofs, n_dofs), by the kind of the matrix; for small models.
 
-        `physical` are the parameter values (n_params,).
+        `physical` (n_params,) are the parameters.
         """
         at, n_dofs = self._dense.at(self.parameters.values(physical)), self.structure.n_dofs
         shape = (self.parameters.n_params, n_dofs, n_dofs)
@@ -109,9 +109,9 @@ class MatrixSlopes:
         return {member: self._weight_slope(*member, values) for member in self._designs}
 
     def _weight_slope(self, number: int, member: int, values: FloatArray) -> Slope:
-        """Derivative of element weights of contribution `member` in group `number`, (n_elements, n_params).
+        """Derivative of the element weights of contribution `member` in group `number`, (n_elements, n_params).
 
-        `values` (n_values,) are the property values.
+        `values` (n_values,) are the property values. Sparse for large groups.
         """
         part, rows = self.structure.contributions[member], self.elements[number].rows
         designs = self._designs[number, member]
@@ -125,7 +125,10 @@ class MatrixSlopes:
 
     @cached_property
     def _designs(self) -> dict[_Member, dict[int, FloatArray]]:
-        """Derivatives of weight inputs by parameters, dense (n_elements, n_params), for small groups only."""
+        """Derivatives by the parameters of the property values in element weights, dense (n_elements, n_params).
+
+        By group and contribution, then by the place of the value; empty for large groups.
+        """
         design, found = self.parameters.design.tocsr(), {}
         for number, group in enumerate(self.elements):
             for member in group.members:

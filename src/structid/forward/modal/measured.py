@@ -99,7 +99,7 @@ class MeasuredModes:
 
     @cached_property
     def shape_std(self) -> FloatArray:
-        """Standard deviation of every entry of `shapes`, whose scale is free; see `unscaled_shape_std`.
+        """Standard deviation of every entry of `shapes`, (n_channels, n_modes), whose scale is free; see `unscaled_shape_std`.
 
         In the form ``mac`` the same for all entries of a mode, so that their part of the misfit is (1 - MAC) / error^2.
         """
@@ -126,7 +126,7 @@ class MeasuredModes:
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """Covariance matrix of the fitted modes' frequencies (Hz), then damping ratios."""
+        """Covariance of the frequencies (Hz) and then the damping ratios of modes that count, (2 n_measured, 2 n_measured)."""
         count, rows = self.record.n_modes, self.measured
         rows = np.concatenate([rows, rows + count])
         own = np.zeros((2 * count,) * 2) if self.record.covariance is None else self.record.covariance
@@ -136,9 +136,9 @@ class MeasuredModes:
 
     @cached_property
     def groups(self) -> tuple[GroupData, ...]:
-        """Measured modes in groups of close frequencies, lowest group first.
+        """Measured modes in groups of close frequencies, lowest first; a mode that stands alone is a group too.
 
-        A mode without a known shape entry stands alone, and those about it are close or not as if it were not there.
+        A mode without a known shape entry stands alone, and the grouping of the others ignores it.
         """
         frequency, has_shape = self.frequency, self.record.known[:, self.measured].any(axis=0)
         shown = np.flatnonzero(has_shape)
@@ -167,9 +167,9 @@ class MeasuredModes:
         return by_mode(self.groups, [np.full(len(group.members), len(group.members) == 1) for group in self.groups])
 
     def whitened(self, frequency: FloatArray, damping: FloatArray) -> FloatArray:
-        """Rows for frequencies (Hz) and damping ratios divided by their standard deviations, (n_measured, n) each.
+        """Rows of `frequency` (Hz) and `damping` (ratios), (n_measured, n) each, whitened by their covariance.
 
-        Those of damping ratios, which follow where these count, are empty for modes in groups.
+        The result is (n_measured, n), or (2 n_measured, n) with damping ratios, whose rows are 0 for modes in groups.
         """
         count = len(self.measured)
         if not self.settings.use_damping:
@@ -182,10 +182,10 @@ class MeasuredModes:
 
     @cached_property
     def changes(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Changes whose products sum to the covariance of frequencies, damping ratios and shapes; None if unknown.
+        """Changes whose products sum to the covariance of frequencies (Hz), damping ratios and shapes; None if unknown.
 
-        (n_changes, n_measured) twice and (n_changes, n_channels, n_modes); None where the record does not say how its
-        numbers vary together. Those of unknown entries mean nothing.
+        Shapes (n_changes, n_measured) twice and (n_changes, n_channels, n_modes). None if the record does not say how its
+        numbers vary together, or in the form ``mac``. Values of unknown entries mean nothing.
         """
         own = self.record.changes
         if own is None or self.settings.shape_form == "mac":
@@ -205,7 +205,7 @@ class MeasuredModes:
 
 
 def _stated(modes: MeasuredModes) -> tuple[FloatArray, FloatArray]:
-    """Errors of frequencies (Hz) and of damping ratios that are stated beside the record's own."""
+    """Standard deviations of frequencies (Hz) and of damping ratios, (n_measured,) each, that the settings add."""
     damping = np.nan_to_num(modes.record.damping_ratio[modes.measured])
     return modes.settings.frequency_error * modes.frequency, modes.settings.damping_error * damping
 

@@ -59,11 +59,17 @@ class ModalModel:
         return self.parameters.n_params + (0 if self.errors is None else self.errors.n_params)
 
     def state(self, physical: FloatArray) -> ModelState:
-        """Matrices and modes of the model, with sensors in standard deviations of no group in particular."""
+        """Matrices, modes and sensor columns of the model at `physical`, cached for the last point.
+
+        `physical` are the parameters of the structure, then those of channel errors. Sensors are not scaled to a group.
+        """
         return self._last.at(physical, self._state_at)
 
     def _state_at(self, physical: FloatArray) -> ModelState:
-        """Matrices, modes and sensor columns of the model at `physical` parameters (n_params + n_channel_errors,)."""
+        """Matrices, modes and sensor columns of the model at `physical`, computed afresh.
+
+        Up to 600 degrees of freedom all modes are computed, else about three times as many as were measured.
+        """
         own, values = physical[: self.parameters.n_params], self.parameters.values(physical[: self.parameters.n_params])
         matrix_kinds = ("mass", "damping", "stiffness", "structural_damping")
         mass, damping, stiffness, structural = (
@@ -76,9 +82,9 @@ class ModalModel:
         return ModelState(mass, damping, stiffness, structural, found, sensors, self.slopes, own, change)
 
     def readings(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Readings of sensors over the true motion, (n_channels,), and the slope of their logarithm, (n_channels, n_errors).
+        """Factor of each sensor's reading, (n_channels,), and the derivative of its logarithm, (n_channels, n_errors).
 
-        `physical` are the parameter values, those of channel errors last.
+        `physical` are the parameters of the structure, then those of channel errors.
         """
         if self.errors is None:
             return np.ones(self.sensors.shape[1]), np.zeros((self.sensors.shape[1], 0))

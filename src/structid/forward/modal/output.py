@@ -51,7 +51,7 @@ class GroupData:
 
 
 def by_mode(groups: Sequence[GroupData], parts: Sequence[NDArray[Entry]]) -> NDArray[Entry]:
-    """Values of the members of each group, in the order of the modes, (n_measured, ...)."""
+    """Values of the members of each group, in `parts` (m, ...), joined in the order of the modes, (n_measured, ...)."""
     return np.concatenate(parts)[np.argsort(np.concatenate([group.members for group in groups]))]
 
 
@@ -123,13 +123,12 @@ class _Slopes(NamedTuple):
 
 
 def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes: bool = True) -> GroupFit:
-    """Model's counterparts of a measured group from its modes `chosen`, with slopes by parameters if wanted.
+    """Model counterparts of a measured group of modes, from the model's modes at indices `chosen`, with slopes if wanted.
 
-    With Phi the model's mass-normalized shapes of the group and B = S' Phi, the shapes' residual is Psi - B A with A
-    from least squares, and the frequencies are those on the diagonal of A^-1 Lambda A. None of it changes when the
-    model's shapes are turned among themselves, so derivatives need no difference of eigenvalues inside the group:
-    d Lambda = Phi' (dK - (lambda_k + lambda_l) / 2 dM) Phi and, outside the group,
-    S' d phi_k = -Y_k' (dK - lambda_k dM) phi_k with Y_k = (K - lambda_k M)^+ S.
+    With Phi the mass-normalized shapes and B = S' Phi, the shape residual is Psi - B A with A from least squares, and the
+    frequencies are the diagonal of A^-1 Lambda A. Both stay if the shapes Phi turn among themselves, so derivatives need no
+    difference of eigenvalues in the group: d Lambda = Phi' (dK - (lambda_k + lambda_l) / 2 dM) Phi and, outside, S' d phi_k =
+    -Y_k' (dK - lambda_k dM) phi_k with Y_k = (K - lambda_k M)^+ S.
 
     References
     ----------
@@ -168,9 +167,9 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes
 def _fitted(
     state: ModelState, group: GroupData, phi: FloatArray, omega: FloatArray, weights: FloatArray, slopes: _Slopes
 ) -> GroupFit:
-    """Model's counterparts of a measured group from the shapes `phi` (n_dofs, m) and frequencies `omega` (rad/s) of its modes.
+    """Model counterparts of a measured group, from shapes `phi` (n_dofs, m) and frequencies `omega` (m,), rad/s.
 
-    The first rows of `weights` are the shapes at the sensors; `slopes` gives derivatives by parameters.
+    The first rows of `weights` (n_y, m) are the shapes at the sensors; `slopes` are the derivatives by parameters.
     """
     n_channels, m = state.readings.shape[0], len(omega)
     shape, d_shape, a, d_a = _projected(weights[:n_channels], slopes.seen[:n_channels], group.shapes)
@@ -223,7 +222,10 @@ def _loss_force(state: ModelState, phi: FloatArray, omega: FloatArray) -> FloatA
 
 
 def _damping(state: ModelState, phi: FloatArray, omega: float, slopes: _Slopes) -> tuple[FloatArray, FloatArray]:
-    """Damping ratio (phi' C phi / omega + phi' D phi / omega^2) / 2 of a single mode and its slope."""
+    """Damping ratio (phi' C phi / omega + phi' D phi / omega^2) / 2 of a single mode, (1,), and its slope, (1, n_params).
+
+    C is the viscous and D the structural damping matrix; `omega` is in rad/s.
+    """
     c, d = float(phi @ (state.damping @ phi)), float(phi @ (state.structural @ phi))
     d_omega = slopes.eigenvalues[0, 0] / (2 * omega)
     slope = slopes.viscous / omega + slopes.structural / omega**2 + 2 * slopes.seen[-1, 0]
@@ -232,9 +234,9 @@ def _damping(state: ModelState, phi: FloatArray, omega: float, slopes: _Slopes) 
 
 
 def _adjoint(state: ModelState, phi: FloatArray, eigenvalues: FloatArray, right: FloatArray) -> FloatArray:
-    """(K - lambda_k M)^+ `right` for each mode k of the group, (m, n_dofs, n_right), by the bordered system.
+    """Products (K - lambda_k M)^+ `right` for each mode k of the group, (m, n_dofs, n_right), by the bordered system.
 
-    `phi` (n_dofs, m) are the shapes of the group, `eigenvalues` (m,) their lambda.
+    `phi` (n_dofs, m) are the shapes of the group, `eigenvalues` (m,) their lambda, and `right` is (n_dofs, n_right).
     """
     n, m = phi.shape
     border = state.mass @ phi
@@ -256,9 +258,9 @@ def _adjoint(state: ModelState, phi: FloatArray, eigenvalues: FloatArray, right:
 def _projected(
     b: FloatArray, d_b: FloatArray, measured: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Least-squares residual Psi - B A of measured shapes Psi by the model's B, and A, each with its slope.
+    """Residual Psi - B A of `measured` shapes Psi (n_own, m) by least squares, its slope, the factor A (m, m), and its slope.
 
-    `d_b` is the slope of B by the parameters.
+    `b` (n_own, m) are the shapes B of the model, `d_b` (n_own, m, n_params) their slope; slopes have the parameters last.
     """
     pseudo = np.linalg.pinv(b)
     a = pseudo @ measured
@@ -274,10 +276,10 @@ def _projected(
 def _turned(
     eigenvalues: FloatArray, d_lambda: FloatArray, a: FloatArray, d_a: FloatArray, group: GroupData
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Diagonal of T = A^-1 Lambda A as frequencies (Hz) and its scaled off-diagonal, each with its derivative.
+    """Frequencies (Hz) from the diagonal of T = A^-1 Lambda A, its scaled off-diagonal, and slopes, parameters last.
 
-    For a single mode T is Lambda, whatever its shape factor A. `eigenvalues` (m,) are the diagonal of Lambda,
-    `d_lambda` and `d_a` the slopes of Lambda and A by the parameters.
+    The order is frequencies (m,), slope, off-diagonal (m, m), slope. `eigenvalues` (m,) are the diagonal of Lambda; `d_lambda`
+    and `d_a` (m, m, n_params) are the slopes of Lambda and A. For a single mode T is Lambda.
     """
     if len(eigenvalues) == 1:
         a, d_a = np.ones_like(a), np.zeros_like(d_a)

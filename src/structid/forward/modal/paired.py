@@ -18,10 +18,10 @@ _SEEN = 0.01
 
 
 def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
-    """Indices of the model mode for each measured mode, by MAC with a guard on frequency, or in order of frequency.
+    """Index of the model mode for each measured mode, (n_measured,), by shape and frequency, or in order of frequency.
 
-    The sum of `pairing_worth` is made as large as it can be. Modes without a known shape entry are paired by frequency
-    alone, also with modes that no sensor sees.
+    The sum of `pairing_worth` (MAC with a guard on frequency) is maximized. Modes without a known shape entry are paired by
+    frequency alone. Raises `InputError` if the model has too few modes that move the sensors.
     """
     frequency, found, shapes = data.frequency, state.modes, data.shapes[:, data.measured]
     seen = state.sensors.T @ found.mode_shapes
@@ -45,9 +45,10 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
 def _groups_at(
     data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool
 ) -> list[tuple[ModelState, GroupData, IntArray]]:
-    """Triples of each group of measured modes: the model state scaled to it, the group, and indices of its model modes.
+    """For each group of measured modes: the model state with its sensors scaled, the group, and indices of its model modes.
 
-    `physical` are the parameter values (n_params,); with `in_order` modes are paired by frequency order.
+    `physical` are the parameters of the structure, then those of channel errors; with `in_order` modes are paired by frequency
+    order.
     """
     state = model.state(physical)
     pairs = dict(zip(data.measured.tolist(), pairing(data, state, in_order).tolist(), strict=True))
@@ -62,9 +63,10 @@ def _groups_at(
 def output_rows(
     data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool, with_slopes: bool = True
 ) -> tuple[FloatArray, FloatArray, int]:
-    """Weighted data rows of form ``output``, their slopes by parameters, and the number of eliminated unknowns.
+    """Weighted data rows (n_data,) of form ``output``, their slopes (n_data, n_params), and the number of eliminated unknowns.
 
-    `physical` are the parameter values (n_params,); with `in_order` modes are paired by frequency order.
+    `physical` are the parameters of the structure, then those of channel errors; with `in_order` modes are paired by frequency
+    order. Without slopes the second part is (n_data, 0).
     """
     fits: list[GroupFit] = []
     rows: list[FloatArray] = []
@@ -95,8 +97,8 @@ def output_rows(
 def output_changes(data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool) -> FloatArray | None:
     """Changes (n_changes, n_data) of the data rows whose products sum to their covariance; None if unknown.
 
-    None where the record does not say how its numbers vary together; the rows then count as independent. `physical` are
-    the parameter values (n_params,); with `in_order` modes are paired by frequency order.
+    None if the record does not say how its numbers vary together; the rows then count as independent. `physical` are the
+    parameters of the structure, then those of channel errors; with `in_order` modes are paired by frequency order.
     """
     if data.changes is None:
         return None

@@ -153,12 +153,10 @@ class ModalProblem(RecordProblem):
         return DataRows(modes, np.concatenate(series), names, modes)
 
     def schedules(self) -> Sequence[Schedule]:
-        """Search stages to try: none, modes paired in their order, and the modal dynamic residual, which needs no pairing.
+        """Sequences of search stages to be tried in turn: none, modes paired in order, and the modal dynamic residual.
 
-        Where the search without stages misses the noise, the others are tried too. If two modes have yet to cross, shapes pair
-        each with the other: pairing by order of frequency, with shapes hardly counting, leads past that, if no mode was missed.
-        Under noise on the shapes the dynamic residual alone is smallest where all stiffnesses vanish, so that it may end farther
-        off than it began. Its matrices are dense: large models do without it, and so do those with unknown channel errors.
+        Pairing by order of frequency, with shapes hardly counting, helps if two modes have yet to cross, but no mode may be
+        missed. The dynamic residual needs no pairing; it is left out for large models, without shapes and with channel errors.
         """
         near = replace(self, parameters=self.parameters.kept_near_start(_START_ERROR))
         frequency, shape = _ORDER_ERRORS
@@ -180,7 +178,7 @@ class ModalProblem(RecordProblem):
         return replace(self, in_order=True) if is_ordered else self
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        """Weighted residual (n_data,) at the free variables `theta` (n_params,), prior rows included."""
+        """Weighted data rows, then prior rows, (n_residuals,), at the free variables `theta` (n_params,)."""
         known = self.linearize(theta) if self.settings.form == "dynamic" else self._last.known(theta)
         if known is not None:
             return known.residual
@@ -232,16 +230,16 @@ def of_form(problem: ModalProblem, form: ModalForm) -> ModalProblem:
 
 
 def shape_residual(problem: ModalProblem, theta: FloatArray) -> FloatArray:
-    """The rows of shape values in the residual of form ``output``, in standard deviations."""
+    """Residual rows of shape values in the form ``output``, in standard deviations, at free variables `theta`."""
     of = problem if problem.settings.form == "output" else of_form(problem, "output")
     return of.residual(theta)[: of.n_data][of.rows.series < 2 * len(problem.record.channels)]
 
 
 def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float, float]]:
-    """Count of values, of determined parameters, and share of the misfit, for each kind of value (such as shape).
+    """Number of values, number of determined parameters, and share of the misfit, for each kind of value (such as shapes).
 
-    Parameters determined are the trace of (J'J)^-1 J_k'J_k, J_k being the rows of the kind: kinds and priors together
-    give the number of parameters. Empty where the data do not determine all.
+    The second is the trace of (J'J)^-1 J_k'J_k with J_k the rows of the kind; with priors these add up to the number of
+    parameters. Empty if the data do not determine all.
     """
     at = problem.linearize(theta)
     information = at.jacobian.T @ at.jacobian

@@ -81,12 +81,15 @@ class TimeEquations:
         return self.shaped(self.operator @ fields)
 
     def shaped(self, products: FloatArray) -> FloatArray:
-        """The output of the operator, (n_dofs (n_columns + 1), n_times), as the rows of each block."""
+        """Rows of each block, (n_blocks, n_rows, n_columns + 1), from the output of the operator.
+
+        `products` are (n_dofs (n_columns + 1), n_times).
+        """
         products = products.reshape(self.n_dofs, self.side, -1)
         return np.swapaxes(products, 1, 2).reshape(len(self.columns), -1, self.side)
 
     def sizes(self, energy: FloatArray) -> FloatArray:
-        """Norm of each parameter's regressor column, (n_params,), without cancellation.
+        """Norm that each parameter's regressor column would have without cancellation, (n_params,).
 
         Parameters
         ----------
@@ -99,7 +102,7 @@ class TimeEquations:
         return np.sqrt(total[:-1])
 
     def noise_gram(self, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Expected additions to the normal equations B'B and B'c by independent errors of the fields.
+        """Expected additions to B'B (n_params, n_params) and B'c (n_params,) by independent errors of the fields.
 
         Parameters
         ----------
@@ -182,7 +185,10 @@ def _require_linear(structure: Structure, unknown: Parameters) -> None:
 
 
 def _entries(structure: Structure, unknown: Parameters) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """Sparse entries of the linear equations: row, field column, parameter (n_params for known terms) and value."""
+    """Sparse entries of the linear equations: row, column among the fields, parameter and value, (n_entries,) each.
+
+    The parameter index is n_params for known terms.
+    """
     design = unknown.design.tocsr()
     found = [
         _expanded(
@@ -232,9 +238,10 @@ def _expanded(
 
 
 def _layout(row: IntArray, parameter: IntArray, n_dofs: int, n_params: int) -> tuple[IntArray, IntArray]:
-    """Parameter columns of each block of equations, and every entry's column within its block.
+    """Parameter of each column of each block, (n_blocks, n_columns), and the column of every entry within its block.
 
-    A block a degree of freedom, unless their triangles together would be large and few parameters share them.
+    `row` and `parameter` (n_entries,) are the entries. There is a block for each degree of freedom, or a single one if that
+    would take too much memory. Unused columns are -1; known terms are in the last column, the right-hand side.
     """
     pairs = np.unique((row * (n_params + 1) + parameter)[parameter < n_params])
     dof, column = pairs // (n_params + 1), pairs % (n_params + 1)

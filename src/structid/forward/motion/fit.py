@@ -53,7 +53,7 @@ class RecursiveMotionFit:
     def updated(
         self, chunk: Motion, variance: MotionVariance | None = None, work: Kernels | None = None
     ) -> RecursiveMotionFit:
-        """The fit after one more chunk of motion, with the error variance of that motion where known."""
+        """Fit after one more chunk of motion; `variance` is the error variance of its quantities, where known."""
         fields = self.equations.fields(chunk)
         return replace(
             self,
@@ -66,7 +66,13 @@ class RecursiveMotionFit:
         )
 
     def merged(self, other: RecursiveMotionFit) -> RecursiveMotionFit:
-        """The fit of the samples of both; the equations must be the same."""
+        """Fit of the samples of both fits, which must have the same equations.
+
+        Raises
+        ------
+        InputError
+            If the columns of the equations differ.
+        """
         return replace(
             self,
             state=self.state.merged(other.state),
@@ -103,9 +109,9 @@ class RecursiveMotionFit:
             )
 
     def bias(self, values: FloatArray | None = None, exact_motion: bool = False) -> FloatArray:
-        """Predicted bias (n_params,) of the fit by noise of the motion, at `values` or the fitted parameters.
+        """Predicted bias (n_params,) of the fit by noise of the motion, for parameters `values`, by default the fitted ones.
 
-        With `exact_motion`, the fit is of motion without noise, and the noise is added to its normal equations.
+        With `exact_motion` the fitted motion has no noise, and the noise is added to its normal equations.
         """
         found = self.solution()
         p = found.values if values is None else np.asarray(values, dtype=np.float64)
@@ -117,7 +123,10 @@ class RecursiveMotionFit:
         return np.linalg.lstsq(normal / np.outer(scale, scale), right, rcond=None)[0] / scale
 
     def estimate(self) -> Estimate:
-        """The answer in full; see `identify_motion`."""
+        """Estimate with covariance, status and words; see `identify_motion`.
+
+        The bias is predicted if error variances are known and all parameters are determined.
+        """
         bias = self.bias() if self.error.any() and self.solution().rank == self.state.n_params else None
         return motion_estimate(self.equations, self.solution(), self.n_samples, bias)
 
@@ -125,7 +134,10 @@ class RecursiveMotionFit:
 def reduced_state(
     equations: TimeEquations, state: StreamingQr, rows: RowMaker | None, fields: FloatArray, work: Kernels | None = None
 ) -> StreamingQr:
-    """QR `state` updated by the equation rows of samples `fields` (n_fields, n_times); `rows` makes rows of them."""
+    """QR `state` updated by the equation rows of the samples `fields` (n_fields, n_times).
+
+    `rows` forms them; None takes the operator of `equations`.
+    """
     if len(equations.columns) == equations.n_dofs:
         return state.reduced(equations.operator if rows is None else rows, fields, work)
     operator = equations.operator if rows is None else rows.operator
@@ -136,7 +148,7 @@ def reduced_state(
 
 
 def motion_fit(structure: Structure, unknown: Parameters, row_weights: ArrayLike | None = None) -> RecursiveMotionFit:
-    """The fit before any sample.
+    """Fit before any sample, for updates by motion.
 
     Parameters
     ----------
@@ -247,7 +259,10 @@ def least_squares_bias(
 
 
 def _summed_variances(variance: MotionVariance, shape: tuple[int, ...]) -> FloatArray:
-    """Error variances of motions summed over samples, (4 n_dofs,), zero for forces; `shape` is (n_samples, n_dofs)."""
+    """Error variances of the motion summed over samples, (4 n_dofs,), zero for forces.
+
+    `shape` is (n_samples, n_dofs). Raises `InputError` if `variance` names another quantity, or has a wrong shape or sign.
+    """
     for name in variance:
         if name not in MOTION_QUANTITIES:
             raise InputError(f"`variance` must be of {', '.join(MOTION_QUANTITIES)}, got {name!r}")

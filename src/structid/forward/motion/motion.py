@@ -117,11 +117,16 @@ def completed(
     initial_displacement: ArrayLike | None = None,
     initial_velocity: ArrayLike | None = None,
 ) -> Motion:
-    """Motion with unmeasured quantities integrated (trapezoid) or differentiated (difference) from measured ones.
+    """Motion with missing quantities integrated (trapezoid) or differentiated (difference) from measured ones.
 
-    ``trapezoid`` integrates upwards by the cumulative trapezoidal rule: velocity from acceleration, displacement
-    from velocity. ``difference`` goes down by central differences, (w_{k+1} - w_{k-1}) / 2h and
-    (w_{k+1} - 2 w_k + w_{k-1}) / h^2, and loses the first and the last sample.
+    ``trapezoid``: velocity from acceleration and displacement from velocity, by the cumulative trapezoidal rule from the
+    initial values (n_dofs,), 0 by default. ``difference``: velocity and acceleration from displacement by central differences,
+    without the first and the last sample.
+
+    Raises
+    ------
+    InputError
+        If the rule lacks the quantity that it starts from, or ``difference`` meets unequal or too few samples.
 
     Notes
     -----
@@ -129,11 +134,6 @@ def completed(
     is s h k^(1/2), that of the displacement s h^2 (k^3 / 3)^(1/2). A longer record is then worse, not better. The
     trapezoidal error of a motion of angular frequency omega is (omega h)^2 / 12 of it. Differences multiply noise by
     2^(-1/2) / h and 6^(1/2) / h^2.
-
-    Raises
-    ------
-    InputError
-        If the rule lacks the quantity that it starts from, or ``difference`` meets unequal or too few samples.
     """
     if rule == "trapezoid":
         return _integrated(motion, initial_displacement, initial_velocity)
@@ -145,7 +145,10 @@ def completed(
 
 
 def _integrated(motion: Motion, displacement_0: ArrayLike | None, velocity_0: ArrayLike | None) -> Motion:
-    """Motion with missing velocity and displacement integrated from acceleration by the trapezoidal rule."""
+    """Motion with missing velocity and displacement integrated from acceleration by the trapezoidal rule.
+
+    Initial values are (n_dofs,), 0 if None. Raises `InputError` without acceleration, or if an initial value is not needed.
+    """
     if motion.acceleration is None:
         raise InputError(
             "rule 'trapezoid' starts from acceleration, which is missing; measure it, or take rule 'difference'"
@@ -164,7 +167,10 @@ def _integrated(motion: Motion, displacement_0: ArrayLike | None, velocity_0: Ar
 
 
 def _from_start(name: str, start: ArrayLike | None, rate: FloatArray, time: FloatArray) -> FloatArray:
-    """Cumulative trapezoidal integral (n_times, n_dofs) of `rate` over `time` (s), from the value `start`."""
+    """Cumulative trapezoidal integral (n_times, n_dofs) of `rate` (n_times, n_dofs) over `time` (s), from `start`.
+
+    `start` (n_dofs,) is the value at the first sample, 0 if None; `name` is the argument named in errors.
+    """
     from scipy.integrate import cumulative_trapezoid  # here, because it brings all of scipy.optimize
 
     first = np.zeros(rate.shape[1]) if start is None else np.asarray(start, dtype=np.float64)
@@ -173,7 +179,10 @@ def _from_start(name: str, start: ArrayLike | None, rate: FloatArray, time: Floa
 
 
 def _differenced(motion: Motion) -> Motion:
-    """Motion with missing velocity and acceleration by central differences; its first and last sample are lost."""
+    """Motion with missing velocity and acceleration by central differences; the first and the last sample are dropped.
+
+    Raises `InputError` without displacement, with fewer than three samples, or for unequal time steps.
+    """
     if motion.displacement is None:
         raise InputError(
             "rule 'difference' starts from displacement, which is missing; measure it, or take rule 'trapezoid'"
@@ -196,7 +205,10 @@ def _differenced(motion: Motion) -> Motion:
 
 
 def _forces(structure: Structure, record: TimeRecord, force: ArrayLike | None) -> FloatArray:
-    """Forces on the free degrees of freedom, (n_times, n_dofs)."""
+    """Forces on the free degrees of freedom, (n_times, n_dofs), from `force` or the force channels of `record`.
+
+    Raises `InputError` if there is neither, or both.
+    """
     reader, size = field_map(structure, record, "force"), (len(record.values), structure.n_dofs)
     if force is None:
         if reader is None:
@@ -210,9 +222,9 @@ def _forces(structure: Structure, record: TimeRecord, force: ArrayLike | None) -
 
 
 def field_map(structure: Structure, record: TimeRecord | ChunkedRecord, quantity: str) -> sparse.csr_array | None:
-    """Sparse matrix (n_dofs, n_channels) from the channels of one sample to `quantity`; None if not measured.
+    """Sparse matrix (n_dofs, n_channels) from the channels at one sample to `quantity`; None if no channel measures it.
 
-    By least squares where a motion is measured more than once. None where no channel is of that quantity.
+    A motion that is measured more than once is taken by least squares; forces add up.
 
     Raises
     ------
@@ -229,9 +241,10 @@ def field_map(structure: Structure, record: TimeRecord | ChunkedRecord, quantity
 
 
 def _motion_of(structure: Structure, sensors: sparse.csc_array, quantity: str) -> sparse.sparray:
-    """Matrix (S S')^-1 S from sensor readings to free degrees of freedom; `InputError` where some are not measured.
+    """Matrix (S S')^-1 S, (n_dofs, n_sensors), from sensor readings to the motion of free degrees of freedom.
 
-    `sensors` (n_dofs, n_sensors) is S, `quantity` names the motion in errors.
+    `sensors` (n_dofs, n_sensors) is S; `quantity` is the word in errors. Raises `InputError` if a degree of freedom is not
+    determined.
     """
     from scipy.sparse.linalg import splu  # here, because it takes time to load
 

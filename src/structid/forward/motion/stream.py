@@ -150,9 +150,10 @@ def reduced_by_chunks(
     first: int = 0,
     last: int | None = None,
 ) -> RecursiveMotionFit:
-    """Fit updated by samples `first` to `last` of a record that is read in pieces.
+    """Fit updated by samples `first` to `last` (not included; by default to the end) of a record, read in chunks.
 
-    `longest` is the largest number of samples in a piece.
+    A chunk has at most `longest` samples. The state is saved at `checkpoint` now and then and at any end; `progress` is called
+    with the samples done and those of the record.
     """
     at = record_rows(fit.equations, structure, record)
     _give_back_memory()
@@ -192,7 +193,7 @@ class RecordRows:
     gross: sparse.csr_array
 
     def reduced(self, fit: RecursiveMotionFit, chunk: FloatArray, work: Kernels | None = None) -> RecursiveMotionFit:
-        """The fit `fit` updated by a chunk of channel samples, (n_channels, n_times)."""
+        """Fit updated by `chunk`, samples of the channels, (n_channels, n_times)."""
         state = reduced_state(fit.equations, fit.state, self.rows, chunk, work)
         channels = np.sqrt(np.einsum("ct,ct->c", chunk, chunk))
         energy = locked(fit.energy + (self.gross @ channels) ** 2)
@@ -213,7 +214,10 @@ def record_rows(equations: TimeEquations, structure: Structure, record: ChunkedR
 
 
 def channel_rows(equations: TimeEquations, mapping: sparse.csr_array) -> RowMaker:
-    """Operator from the channels of a record directly to the rows of the equations of motion."""
+    """Operator from the channels of a record directly to the rows of the equations of motion.
+
+    `mapping` (4 n_dofs, n_channels) comes from `channel_map`.
+    """
     operator = equations.operator  # shared where the channels are the fields, one by one
     if not _is_identity(mapping):
         operator = sparse.csr_array(operator @ mapping)
@@ -252,7 +256,7 @@ class FitKeeper:
 
 
 def motion_solution(fit: RecursiveMotionFit, work: Kernels | None = None) -> MotionSolution:
-    """Solution of a motion fit with very many parameters, by sparse factors.
+    """Solution of a motion fit with very many parameters, by sparse factors; `work` gives the name of the engine only.
 
     Raises
     ------
@@ -270,9 +274,9 @@ def motion_solution(fit: RecursiveMotionFit, work: Kernels | None = None) -> Mot
 
 
 def channel_map(structure: Structure, record: ChunkedRecord) -> sparse.csr_array:
-    """Sparse matrix (4 n_dofs, n_channels) from one sample to accelerations, velocities, displacements, forces.
+    """Sparse matrix from the channels of one sample to accelerations, velocities, displacements and forces.
 
-    (4 n_dofs, n_channels), without entries for what the record does not hold.
+    Shape (4 n_dofs, n_channels), with zero rows for quantities that the record does not hold.
 
     Raises
     ------
@@ -310,7 +314,7 @@ def save_motion_fit(path: str | Path, fit: RecursiveMotionFit) -> None:
 
 
 def load_motion_fit(path: str | Path, start: RecursiveMotionFit) -> RecursiveMotionFit:
-    """Motion fit restored from the checkpoint at `path`; `start` is the fit before any sample, for comparison.
+    """Motion fit restored from the checkpoint at `path`; `start` is the fit of the same equations before any sample.
 
     Raises
     ------
@@ -336,7 +340,7 @@ def load_motion_fit(path: str | Path, start: RecursiveMotionFit) -> RecursiveMot
 
 
 def equations_digest(equations: TimeEquations) -> str:
-    """SHA-256 digest of equations and parameters, to recognize checkpoints that fit them."""
+    """SHA-256 digest of the columns and the operator of the equations, to recognize checkpoints that fit them."""
     found = hashlib.sha256()
     for array in (equations.columns, equations.operator.indptr, equations.operator.indices, equations.operator.data):
         found.update(np.ascontiguousarray(array).tobytes())

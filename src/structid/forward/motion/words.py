@@ -35,7 +35,10 @@ _SWAMPED = 0.5
 def motion_estimate(
     equations: TimeEquations, fit: LinearFit, n_samples: int, bias: FloatArray | None = None
 ) -> Estimate:
-    """Estimate with covariance, status and messages from a linear fit to motion; `bias` (n_params,) if known."""
+    """Estimate with covariance, status and words from a linear fit to motion; `bias` (n_params,) if it was predicted.
+
+    A parameter is identified if its standard deviation is at most its size and its bias at most half of it.
+    """
     unknown = equations.unknown
     std = np.sqrt(np.diag(fit.covariance))
     identified = std <= np.abs(fit.values)
@@ -80,7 +83,10 @@ def _words(equations: TimeEquations, fit: LinearFit, n_samples: int, bias: Float
 
 
 def solution_words(unknown: Parameters, fit: LinearFit | BlockFit, n_rows: int, n_samples: int) -> list[str]:
-    """Sentences on what the data lack and how to supply it, then on rank and residual of the linear fit."""
+    """Sentences on the linear fit: what the data lack and how to supply it, then rank, condition and residual.
+
+    `n_rows` is the number of equations, `n_samples` that of instants.
+    """
     n_params, n = unknown.n_params, n_rows // max(1, n_samples)
     words = []
     if n_rows < n_params:
@@ -113,7 +119,10 @@ def solution_words(unknown: Parameters, fit: LinearFit | BlockFit, n_rows: int, 
 
 
 def _bias_words(equations: TimeEquations, fit: LinearFit, bias: FloatArray | None) -> list[str]:
-    """Sentences on the predicted `bias` (n_params,) of a fit from noise in the motion, and where it is too large."""
+    """Sentences on the predicted `bias` (n_params,) by noise of the motion; a general one if it is None.
+
+    Parameters with a bias above half of their value are named.
+    """
     if bias is None:
         return [_BIAS]
     relative = np.abs(bias / fit.values)
@@ -131,7 +140,7 @@ def _bias_words(equations: TimeEquations, fit: LinearFit, bias: FloatArray | Non
 
 
 def _identifiability(equations: TimeEquations, fit: LinearFit) -> Identifiability:
-    """Directions of relative parameter change that the equations leave undetermined."""
+    """Rank, condition and undetermined directions of relative parameter change of the linear fit."""
     unknown = equations.unknown
     values = np.where(np.isfinite(fit.values) & (fit.values != 0), fit.values, unknown.start)
     values = np.where(values != 0, values, 1.0)

@@ -70,7 +70,10 @@ class WhitenedRows(Problem):
 
     @cached_property
     def _system(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Q' B S^-1, Q and S for instruments Q R S = Z with unit columns; None if rows determine too little."""
+        """Matrix Q' B S^-1, basis Q and scale S, where instruments Z = Q R S with unit columns; None if not solvable.
+
+        None with fewer rows than parameters, or if instruments or matrix are singular to 1e-10.
+        """
         scale = np.linalg.norm(self.instruments, axis=0)
         if len(self.right) < len(scale) or not (scale > 0).all() or not np.isfinite(scale).all():
             return None
@@ -87,18 +90,24 @@ class WhitenedRows(Problem):
         return self._system is not None
 
     def solution(self) -> FloatArray | None:
-        """Instrumental-variables solution (n_params,): residual orthogonal to all instruments; None if not unique."""
+        """Instrumental-variables solution (n_params,), whose residual is orthogonal to all instruments; None if not unique."""
         return None if self._system is None else self.solve_for(self.right)
 
     def solve_for(self, right: FloatArray) -> FloatArray:
-        """(Z'B)^-1 Z' of right-hand sides (n_rows, ...), with the instruments Z; NaN where rows determine too little."""
+        """Solution (Z'B)^-1 Z' c for right-hand sides c (n_rows, ...), (n_params, ...), with instruments Z and regressors B.
+
+        NaN if the rows do not determine all parameters.
+        """
         if self._system is None:
             return np.full((len(self.parameters.names), *right.shape[1:]), np.nan)
         system, basis, scale = self._system
         return np.asarray((np.linalg.solve(system, basis.T @ right).T / scale).T)
 
     def covariance(self) -> FloatArray:
-        """Covariance (n_params, n_params) of the instrumental-variables solution; NaN for undetermined parameters."""
+        """Covariance (n_params, n_params) of the instrumental-variables solution for rows of unit noise.
+
+        NaN for undetermined parameters.
+        """
         if self._system is None:
             return inverse_information(self.instruments)
         system, _, scale = self._system
@@ -122,13 +131,13 @@ class FixedRows:
     instruments: FloatArray
 
     def influence(self, rows: WhitenedRows, values: FloatArray) -> FixedValueInfluence:
-        """Change of the solution with each of them: K = -(Z'B)^-1 Z'B_h with the instruments Z; none of them is asked for."""
+        """Influence of the fixed values on the solution `values` (n_params,): K = -(Z'B)^-1 Z'B_h with the instruments Z."""
         return self.fixed.influence_by(values, -rows.solve_for(self.fixed.columns), np.ones(len(values)))
 
     def refit(self, rows: WhitenedRows) -> FitWithinTolerances | None:
-        """Solution with each of them free within its tolerance, and counted in tolerances; None if not unique.
+        """Fit with each fixed value free within its tolerance, and its deviation counted as data; None if not unique.
 
-        The rows of its problem still name the parameters alone as their unknowns.
+        The unknowns of its problem name the parameters only, without the fixed values.
         """
         tolerance, n, n_fixed = self.fixed.tolerance, rows.parameters.n_params, len(self.fixed.names)
         stated = np.hstack([np.zeros((n_fixed, n)), np.eye(n_fixed)])
@@ -151,9 +160,9 @@ def fixed_rows(
     values: FloatArray,
     rows_with: Callable[[Parameters, FloatArray], WhitenedRows],
 ) -> FixedRows | None:
-    """Fixed values of linear equations of motion at the parameters `values`; None where all are exact.
+    """Fixed values of linear equations of motion, as relative errors, at the parameters `values`; None if all are exact.
 
-    Values that enter matrices non-linearly, such as a thickness, stay as they are.
+    Values that enter matrices non-linearly, such as a thickness, count as exact.
 
     Parameters
     ----------
@@ -186,7 +195,9 @@ def fixed_rows(
 def stack_rows(
     unknown: Parameters, regressors: FloatArray, right: FloatArray, instruments: FloatArray, force: FloatArray
 ) -> WhitenedRows:
-    """Scaled regression rows of all instants (or windows), one under another, with their instruments.
+    """Whitened rows of all instants (or windows), one after another, with their instruments.
+
+    The arguments are already whitened; degrees of freedom vary fastest.
 
     Parameters
     ----------
@@ -225,12 +236,12 @@ def linear_estimate(
     n_starts: int = 1,
     fixed: FixedRows | None = None,
 ) -> Estimate:
-    """Estimate from a linear fit in time: covariance, status and identifiability.
+    """Estimate from a linear fit in time, with covariance, status and identifiability.
 
-    `values` are None where none were found; `known_noise` is False for rows whose unit variance is that of their own
-    residual, so that chi-square says nothing. `fixed` holds the values that the model fixes at these `values`; they are
-    exact without it. `history` are the values of all iterations, `converged` and `message` say how they ended, and a
-    chi-square less probable than `misfit_probability` counts as model error.
+    `values` (n_params,) are None if there is no solution. With `known_noise` False the unit variance of the rows comes from
+    their residual, and chi-square is NaN. `fixed` holds the fixed values at `values`; None takes them as exact. `history` are
+    the values of all iterations, `converged` and `message` say how they ended, and a chi-square less probable than
+    `misfit_probability` counts as model error.
     """
     unknown = rows.parameters
     n_params, determined = unknown.n_params, values is not None

@@ -83,7 +83,8 @@ def identify_time(
     ----------
     Ljung (1999), System Identification, 2nd ed., chapter 7: output error. Young and Jakeman (1979), Int. J. Control 29:
     refined instrumental variables. Garcia-Fernandez et al. (2015), IEEE Trans. Signal
-    Process. 63, 5561-5573: posterior linearization. Bortz, Messenger and Dukic (2023), Bull. Math. Biol. 85, 110: the weak form.
+    Process. 63, 5561-5573: posterior linearization. Bortz, Messenger and Dukic (2023), Bull. Math. Biol. 85, 110:
+    the weak form.
 
     Examples
     --------

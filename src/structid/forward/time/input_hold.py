@@ -39,10 +39,11 @@ class InputHold:
 
     @cached_property
     def generator(self) -> FloatArray:
-        """System matrix (n_states, n_states) of the differential equation whose state gives the inputs between samples.
+        """System matrix (n_states, n_states) of the differential equation whose state gives the inputs between samples, 1/s.
 
-        The state is all forces, and then their slopes or quadratures; under driven supports it is accelerations and slopes, then
-        velocities over a step and displacements over its square.
+        The state is all forces, then their changes over a step (first-order hold) or their quadratures (oscillation). Under
+        driven supports it is accelerations, their changes over a step, velocities over a step and displacements over its
+        square.
         """
         eye = np.eye(self.n_loads)
         if self.moves_supports:
@@ -65,7 +66,10 @@ class InputHold:
         return np.concatenate([[self.start], samples]) if self.gap > 0 else samples
 
     def oscillation(self, n_times: int) -> FloatArray:
-        """Input state at all `times` for unit force amplitudes, (n_steps + 1, n_inputs, n_force_values)."""
+        """Input state at all `times` for unit force amplitudes, (n_steps + 1, n_inputs, n_force_values).
+
+        Amplitudes are all cosines, then all sines if they are free.
+        """
         assert isinstance(self.force, Oscillation)
         time, eye = self.times(n_times), np.eye(self.n_loads)
         c, s = np.cos(self.force.omega * time), np.sin(self.force.omega * time)
@@ -79,10 +83,7 @@ class InputHold:
         return self.oscillation(n_times)[-n_times:, : self.n_loads]
 
     def known(self, samples: FloatArray) -> FloatArray:
-        """Force samples (n_times, n_loads) as measured.
-
-        Of an oscillation, its amplitudes (n_force_values,) fitted to them.
-        """
+        """Force samples (n_times, n_loads) as they are; for an oscillation, amplitudes (n_force_values,) fitted to them."""
         if not self.oscillates:
             return samples
         waveforms = self.waveforms(len(samples))
@@ -90,7 +91,7 @@ class InputHold:
         return np.asarray(np.linalg.lstsq(wide, samples.ravel(), rcond=None)[0])
 
     def inputs(self, force: FloatArray, n_times: int) -> FloatArray:
-        """Input state at each sample from the start on, (n_steps + 1, n_inputs).
+        """Input state at each of `times`, (n_steps + 1, n_inputs), in the order of `generator`.
 
         `force` holds samples (n_times, n_loads), or amplitudes (n_force_values,) of an oscillation.
         """
@@ -103,7 +104,10 @@ class InputHold:
         return force if self.force == "zero" else np.concatenate([force, slope], axis=1)
 
     def pushes(self, mass: FloatArray, damping: FloatArray, stiffness: FloatArray) -> FloatArray:
-        """Forces (..., n_inputs) of the inputs where supports move, from the matrices (..., n_loads) times unit motions of them."""
+        """Modal forces per unit of each input state, (..., n_inputs), where supports move.
+
+        The arguments are the matrices times unit motions of the supports, (..., n_loads) each.
+        """
         return -np.concatenate([mass, 0 * mass, damping * self.step, stiffness * self.step**2], axis=-1)
 
 

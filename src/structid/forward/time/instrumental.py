@@ -83,7 +83,7 @@ class InstrumentalSteps:
                 self.steps.append(Step(int(outcome), np.asarray(solution), np.asarray(deviation), None))
 
     def taken(self, fit: RowsAt, values: FloatArray) -> Step:
-        """Step with the next iterate, from the parameters `values`; read from the checkpoint if it is there."""
+        """Next iteration of `fit` from the parameters `values`; read from the checkpoint if it is there, else made and kept."""
         self.count += 1
         if self.count <= len(self.steps):
             return self.steps[self.count - 1]
@@ -102,7 +102,10 @@ class InstrumentalSteps:
 
 
 def _made(fit: RowsAt, values: FloatArray) -> tuple[Step, float]:
-    """One instrumental iteration from the parameters `values`, and the sum of squares there (infinite if unstable)."""
+    """Instrumental iteration from the parameters `values`, and the sum of squares there (infinite if unstable).
+
+    Solution and deviation are NaN if the rows do not determine the parameters or motion cannot be simulated.
+    """
     nothing = np.full(len(values), np.nan)
     try:
         rows = fit.rows(values)
@@ -182,9 +185,10 @@ class InstrumentalFit:
         return replace(self, model=model, equations=equations).rows(values)
 
     def _whitening(self, values: FloatArray, residual: FloatArray) -> FloatArray:
-        """Inverse Cholesky factor (n_dofs, n_dofs) of the covariance of the equation error at an instant.
+        """Matrix (n_dofs, n_dofs) that whitens the equation error at an instant: the inverse Cholesky factor of its covariance.
 
-        `values` are the parameters, `residual` (n_times, n_dofs) is the equation error.
+        `values` are the parameters, `residual` (n_times, n_dofs) the equation error, which gives a diagonal matrix if no noise
+        is declared. Raises `InputError` if the declared noise is singular.
         """
         if self.noise is None:
             size = np.sqrt((residual**2).mean(axis=0))
@@ -238,7 +242,7 @@ def instrumental_fit(
 
 
 def _noise(structure: Structure, record: TimeRecord) -> dict[str, FloatArray]:
-    """Error covariance (n_dofs, n_dofs) of each measured quantity at the free degrees of freedom, by its name."""
+    """Error covariance (n_dofs, n_dofs) of each measured quantity, force included, at the free degrees of freedom, by name."""
     variance, found = declared_variance(record), {}
     for quantity in (*MOTION_QUANTITIES, "force"):
         reader = field_map(structure, record, quantity)
@@ -250,7 +254,10 @@ def _noise(structure: Structure, record: TimeRecord) -> dict[str, FloatArray]:
 def identified_by_instruments(
     structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions, work: Work = ALONE
 ) -> Estimate:
-    """Estimate by refined instrumental variables, from few samples first and then from ever more."""
+    """Estimate by refined instrumental variables, from few samples first and then from more and more.
+
+    Starting points are tried until one fits the noise; otherwise the best one counts. `work` may keep the iterations.
+    """
     fit = instrumental_fit(structure, unknown, record, options)
     size = options.first_samples or max(4, -(-2 * unknown.n_params // structure.n_dofs))
     steps = InstrumentalSteps(work.keeper(_no_rows(unknown)))
@@ -292,7 +299,10 @@ class _End:
         return float(residual @ residual)
 
     def fits(self, known_noise: bool, probability: float) -> bool:
-        """True if chi-square is not improbably large at level `probability`, or if the noise level is not known."""
+        """True if the probability of a larger chi-square is at least `probability`; also if the noise is not known.
+
+        False where motion cannot be simulated.
+        """
         if self.rows is None or not known_noise:
             return self.rows is not None
         freedom = self.rows.n_data - len(self.history[0])
@@ -300,9 +310,10 @@ class _End:
 
 
 def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tuple[int, FloatArray]]:
-    """Number of samples of the first stage and starting parameters, for each attempt in turn.
+    """Number of samples of the first stage, and starting parameters (n_params,), for each attempt in turn.
 
-    `size` is the smallest number.
+    First linear fits to `size` and 8 `size` samples, if they determine all parameters, then the initial values with 8 `size`
+    and with all samples.
     """
     n_times, given = fit.motion.n_times, np.array(unknown.start)
     for first in dict.fromkeys((min(size, n_times), min(8 * size, n_times))):
@@ -314,9 +325,10 @@ def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tupl
 
 
 def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, steps: InstrumentalSteps) -> _End:
-    """Outcome of the instrumental-variables fit started with `size` samples, which double until all are used.
+    """End of the instrumental fit that starts with `size` samples, which double until all are used.
 
-    Each stage starts at the values of the one before; the last takes at most `most` iterations. `steps` caches iterations.
+    Each stage starts at the values of the one before; the last takes at most `most` iterations, the others three. `steps` keeps
+    the iterations.
     """
     history = [values]
     while size < fit.motion.n_times:
@@ -329,9 +341,10 @@ def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, st
 def _iterated(
     fit: InstrumentalFit, values: FloatArray, most: int, history: list[FloatArray], steps: InstrumentalSteps
 ) -> _End:
-    """Outcome of at most `most` instrumental iterations from the parameters `values`, with the rows of the last one.
+    """End of at most `most` instrumental iterations from the parameters `values`.
 
-    Each solution is appended to `history`. Steps that reverse the one before are halved. `steps` caches iterations.
+    It converges when no parameter moves by more than 0.01 standard deviations. Each solution is appended to `history`; steps
+    that reverse the one before are halved. `steps` keeps the iterations.
     """
     converged, last, before = False, None, values
     for _ in range(most):

@@ -125,7 +125,10 @@ class TimeModel:
     def derivatives(
         self, values: FloatArray, force: FloatArray, initial: FloatArray | None, n_times: int
     ) -> tuple[FloatArray, FloatArray]:
-        """`readings`, and their derivative with respect to the parameters, (n_times, n_sensors, n_params)."""
+        """Readings (n_times, n_sensors) and their derivative by the parameters, (n_times, n_sensors, n_params).
+
+        Arguments are those of `readings`.
+        """
         system = self._linear(values, derivatives=True)
         return system.derivatives(system.start_of(initial), self.drive.inputs(force, n_times), n_times)
 
@@ -159,7 +162,10 @@ class TimeModel:
         return found
 
     def _linear(self, values: FloatArray, derivatives: bool) -> LinearSystem:
-        """State-space system of the structure at parameter `values`, with its derivatives if wanted."""
+        """Modal state space of the structure at the parameters `values` (n_params,), with its derivatives if wanted.
+
+        Raises `SingularModelError` if the mass matrix is not positive definite.
+        """
         properties = self.unknown.values(values)
         whole = [self.moving.matrix(matrix_kind, properties).toarray() for matrix_kind in _MATRIX_KINDS]
         mass, damping, stiffness = (matrix[np.ix_(self.free, self.free)] for matrix in whole)
@@ -207,7 +213,10 @@ def _change_between(
     right: FloatArray,
     properties: FloatArray,
 ) -> FloatArray:
-    """Products left' (dA/dp) right with the matrix A of this kind, for each parameter, (n_left, n_params, n_right)."""
+    """Products left' (dA/dp) right for the matrix A named by `matrix_kind`, (n_left, n_params, n_right).
+
+    `left` and `right` are (n_dofs, n_left) and (n_dofs, n_right); `properties` (n_values,) are the property values.
+    """
     n_params, n_left, n_right = unknown.n_params, left.shape[1], right.shape[1]
     total = np.zeros((n_params, n_left * n_right))
     for part in structure.contributions:
@@ -243,14 +252,17 @@ class LinearSystem:
 
     @cached_property
     def _steps(self) -> tuple[Step, Step]:
-        """State transitions over the first time step, and over all later ones."""
+        """Exact state transition over the first time step, and over all later ones.
+
+        They differ if the start precedes the first sample by other than a step.
+        """
         step, gap = self.model.drive.step, self.model.drive.gap
         usual = self._step(step)
         same = gap == 0 or abs(gap - step) < 1e-12 * step
         return (usual if same else self._step(gap)), usual
 
     def _pieces(self, n_times: int, width: int) -> Iterator[tuple[Step, slice]]:
-        """Time step and range of step numbers of each stretch that fits in memory; a first step may differ.
+        """State transition and range of step numbers, for one stretch of steps after another that fits into memory.
 
         `width` is the number of columns that are carried along.
         """
@@ -264,7 +276,7 @@ class LinearSystem:
             yield self._steps[1], slice(begin, min(begin + chunk, n_steps))
 
     def start_of(self, initial: FloatArray | None) -> FloatArray:
-        """Modal state from `initial` displacements and velocities (2 n_free, ...); rest if that is None."""
+        """Modal state (n_states, ...) from `initial`, displacements and then velocities (2 n_free, ...); zeros if None."""
         n = len(self.scale)
         if initial is None:
             return np.zeros(2 * n)
@@ -322,7 +334,10 @@ class LinearSystem:
         return np.concatenate(values), np.concatenate(slopes)
 
     def _advanced(self, step: Step, state: FloatArray, inputs: FloatArray) -> FloatArray:
-        """States and their derivatives over the next steps, (n_steps + 1, n_states, 1 + n_params)."""
+        """States and their derivatives by parameters over the next steps, (n_steps + 1, n_states, 1 + n_params).
+
+        `state` (n_states, 1 + n_params) is the start, whose first column is the state itself; `inputs` are (n_steps, n_inputs).
+        """
         own = stepped(step.transition, inputs @ step.entry.T, state[:, 0])
         wide = np.concatenate([step.transition_change, step.entry_change], axis=2)
         given = np.concatenate([own[:-1], inputs], axis=1)
@@ -331,7 +346,10 @@ class LinearSystem:
         return np.concatenate([own[..., None], stepped(step.transition, drive, state[:, 1:])], axis=2)
 
     def _read(self, states: FloatArray, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Sensor readings and their derivatives at given states, (n_times, n_sensors) and (..., n_params)."""
+        """Sensor readings (n_times, n_sensors) and their derivatives (..., n_params) at known states.
+
+        `states` (n_times, n_states, 1 + n_params) hold the state and its derivatives, `inputs` are (n_times, n_inputs).
+        """
         of_state, of_input = self._output
         n_params, n = self.rate_change.shape[1], len(self.scale)
         found = of_state @ states

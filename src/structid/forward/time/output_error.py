@@ -80,7 +80,10 @@ class Histories:
         return self.whitened((predicted - self.measured)[..., None], off[..., None])[:, 0]
 
     def whitened(self, readings: FloatArray, forces: FloatArray) -> FloatArray:
-        """Changes of readings (n_times, n_sensors, n) and of samples of noisy loads (n_times, n_noisy, n) as data rows."""
+        """Data rows (n_data, n) of changes of readings, then of force samples of noisy loads, over their deviations.
+
+        `readings` are (n_times, n_sensors, n), `forces` (n_times, n_noisy, n).
+        """
         count, noisy = readings.shape[2], self.noisy_loads
         top, bottom = readings / self.deviation[:, None], forces / self.force_deviation[noisy][:, None]
         return np.concatenate([top.reshape(self.measured.size, count), bottom.reshape(forces[..., 0].size, count)])
@@ -125,7 +128,7 @@ class Incidentals:
     free_start: bool
 
     def at(self, values: FloatArray) -> Incidental:
-        """Initial state and noisy forces that fit best at physical parameters `values`, by linear least squares."""
+        """Initial state and noisy forces that fit best at the parameters `values` (n_params,), by linear least squares."""
         of, known = self.histories, self.histories.known_force
         if not self.free_start and not len(of.noisy_loads):
             return Incidental(known, None, np.zeros((of.measured.size, 0)))
@@ -145,7 +148,10 @@ class Incidentals:
         return Incidental(force, None if at_rest is None else found[:n_initial], basis)
 
     def columns(self, values: FloatArray) -> FloatArray:
-        """Derivative (n_data, n_free_values) of the data rows by initial state and noisy force values."""
+        """Derivative (n_data, n_unknowns) of the data rows by the initial state, then by force amplitudes or samples.
+
+        Only forces of noisy loads count; `values` (n_params,) are the parameters.
+        """
         of, model, noisy = self.histories, self.model, self.histories.noisy_loads
         readings: list[FloatArray] = []
         forces: list[FloatArray] = []
@@ -293,7 +299,7 @@ class OutputErrorProblem(RecordProblem):
         return replace(self, measured=self.measured[:n_times], force=self.force[:n_times])
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        """Weighted errors of readings and forces at the free variables `theta` (n_params,), with prior rows."""
+        """Whitened errors of readings and of noisy forces, then prior rows, at the free variables `theta` (n_params,)."""
         if self.channels is not None:
             scaled, values = self._without_gains(theta)
             return residual_with_priors(self.unknowns, theta, scaled._errors(values))
@@ -316,10 +322,10 @@ class OutputErrorProblem(RecordProblem):
         return self.histories.errors(predicted, at.force)
 
     def _error_slopes(self, values: FloatArray, gain_slopes: FloatArray) -> tuple[FloatArray, FloatArray, int]:
-        """Whitened errors (n_data,), their derivatives and the number of unknowns solved for inside.
+        """Whitened errors (n_data,), their derivatives (n_data, n_params + n_gains), and the number of eliminated unknowns.
 
-        The derivatives are those with respect to the `values` of the structure, then to gains that change every reading by the
-        parts `gain_slopes` (n_gains, n_sensors).
+        Derivatives are by the parameters `values` of the structure, then by gains, which change every reading by the parts
+        `gain_slopes` (n_gains, n_sensors).
         """
         at = self.incidentals.at(values)
         predicted, change = self.model.derivatives(values, at.force, at.initial, self.n_times)
@@ -330,7 +336,7 @@ class OutputErrorProblem(RecordProblem):
         return self.histories.errors(predicted, at.force), rows, at.basis.shape[1]
 
     def _without_gains(self, theta: FloatArray) -> tuple[OutputErrorProblem, FloatArray]:
-        """The problem of what sensors would read without their gains, and the parameters (n_params,) of the structure."""
+        """Problem with readings and deviations divided by the gains, and the parameters (n_params,) of the structure."""
         assert self.channels is not None
         physical, n = self.physical(theta), self.parameters.n_params
         gain = np.exp(np.log(physical[n:]) @ self.channels.of_outputs)
@@ -350,8 +356,8 @@ def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, op
     Raises
     ------
     InputError
-        If nothing is there to fit or to drive the structure, or both forces and supports do, a channel is not part of it, or the
-        rest does not last until the first sample where only samples of the force are known.
+        If there is nothing to fit or to drive the structure, if both forces and supports drive it, if a channel is not part of
+        it, or if the rest ends before the first sample while the force is known by samples only.
     """
     fitted, loads = _chosen(record, options.quantities), _chosen(record, LOADS)
     if not len(fitted):
@@ -373,9 +379,9 @@ def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, op
 
 
 def _bases(structure: Structure, record: TimeRecord, loads: IntArray) -> tuple[Base, ...]:
-    """Supports whose measured motion drives the structure; () if forces do.
+    """Supports whose measured acceleration drives the structure, one for each load; empty if forces do.
 
-    `loads` are the indices of the input channels.
+    `loads` are the indices of the input channels. Raises `InputError` if such a channel is no support.
     """
     moved = [i for i in loads if record.quantities[i] == "support_acceleration"]
     bases = structure.driven(record.channels[i] for i in loads) if moved else ()
@@ -438,4 +444,5 @@ def declared_variance(record: TimeRecord) -> FloatArray:
 
 
 def _chosen(record: TimeRecord, quantities: tuple[str, ...]) -> IntArray:
+    """Indices of the channels of `record` whose quantity is among `quantities`."""
     return np.array([i for i, q in enumerate(record.quantities) if q in quantities], dtype=np.int64)

@@ -60,16 +60,11 @@ def identified_by_output_error(
     work: Work = ALONE,
     progress: StageProgress | None = None,
 ) -> Estimate:
-    """Maximum-likelihood estimate from time histories, fitted to few samples first and then to ever more.
+    """Maximum-likelihood estimate from time histories, fitted to few samples first and then to more and more.
 
-    A long record has a narrow valley about the answer, since phase errors grow with time; a short one has a wide one.
-    Each stage doubles the samples and starts where the one before ended. A stage that misses the noise by its
-    chi-square ends the way from this start, and the next start is tried; where all fail (as with a model that cannot
-    fit), the way that came furthest is followed to its end. Where `work` has several workers, starts that do not
-    depend on each other run ahead of the verdict on those before them; the answer is the same.
-
-    Where modes turn far between two samples, the shortest stage has wrong minima already: posterior linearization is
-    the start that passes them.
+    Each stage doubles the samples and starts where the one before ended. A stage that misses the noise ends the search from
+    this start, and the next start is tried; if all fail, the one that came furthest is followed to its end. Starts are those of
+    `_rounds`. Workers run starts in parallel without changing the answer.
     """
     problem = output_error_problem(structure, unknown, record, options)
     sizes = _stages(problem, options)
@@ -114,7 +109,7 @@ def _tried(
     work: Work,
     progress: StageProgress | None,
 ) -> Iterator[tuple[_Way, int]]:
-    """Result of the search from each starting point in turn, with its iterations; further `rounds` are drawn when needed.
+    """Result of the search from each starting point in turn, with its iterations; a further round is made when needed.
 
     `shared` is the problem, the numbers of samples of the stages, and the options.
     """
@@ -128,8 +123,9 @@ def _tried(
 
 
 def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], start: _Start, tools: Tools) -> dict[str, Any]:
-    """Stages passed, excess of chi-square, free variables and iterations of the search from one start, as a parallel task.
+    """Result of the search from one start, as a parallel task.
 
+    Keys are ``reached`` (stages passed), ``excess`` (chi-square per degree of freedom), ``theta`` and ``spent`` (iterations).
     `shared` is the problem, the numbers of samples of the stages, and the options.
     """
     problem, sizes, options = shared
@@ -149,7 +145,7 @@ def _stages(problem: OutputErrorProblem, options: TimeOptions) -> list[int]:
 
 
 def _samples(problem: OutputErrorProblem, rows: int) -> int:
-    """Samples that give at least so many rows for each unknown, as far as there are."""
+    """Number of samples that give at least `rows` rows for each unknown, at most those of the record."""
     n_times, n_sensors = problem.measured.shape
     n_initial = 2 * len(problem.model.free) if problem.free_start else 0
     return min(n_times, -(-rows * (problem.parameters.n_params + n_initial) // n_sensors))
@@ -190,7 +186,7 @@ def _followed(
 
 
 def _misfit(problem: OutputErrorProblem, linearization: Linearization | OperatorLinearization) -> tuple[float, float]:
-    """Chi-square per degree of freedom at a linearization, and the probability of a larger one."""
+    """Chi-square per degree of freedom, and the probability of a larger chi-square; 1 for both without degrees of freedom."""
     data = linearization.residual[: problem.n_data]
     freedom, chi_square = problem.n_data - linearization.n_params - linearization.n_eliminated, float(data @ data)
     if freedom <= 0:
@@ -211,12 +207,11 @@ def _rounds(
     work: Work,
     progress: StageProgress | None,
 ) -> Iterator[list[_Start]]:
-    """Starting points of the search in rounds: linear fits where possible, the given start, then random points.
+    """Starting points of the search in rounds, each made when all before have failed.
 
-    The random points are in turn about 5 % from where the best search ended and about 20 % from one of the first starts.
-    Between the first two and the others come starts by posterior linearization, which cost more and find the answer more
-    often. Each round is made when those before have failed; `ways` holds the results of all searches so far, `sizes` the
-    numbers of samples of the stages.
+    First linear fits, the initial values and the weak form; then two random points at a time, about 5 % from where the best
+    search ended and about 20 % from one of the first starts. After the first pair come starts by posterior linearization.
+    `ways` holds the results of all searches so far, `sizes` the numbers of samples of the stages.
     """
     structure, unknown = problem.structure, problem.parameters
     sound: list[FloatArray] = []
@@ -244,12 +239,11 @@ def _far_rounds(
     work: Work,
     progress: StageProgress | None,
 ) -> Iterator[list[_Start]]:
-    """Starting points by posterior linearization, in turn from the given start and twice from the best minimum.
+    """Starting points by posterior linearization, in turn from the initial values and twice from the best minimum.
 
-    From the given start it may miss a few high modes by some periods, which it finds from the best minimum. A search
-    begins at the stage whose samples were linearized, since fewer may lead away again, and then at the first. Where the data
-    lead back to the same minimum, the model is wrong and there is no other. `ways` holds the results of all searches so far,
-    `sizes` the numbers of samples of the stages.
+    From the initial values it may miss high modes by some periods, which it finds from the best minimum. Each point is searched
+    from the stage whose samples were linearized, and from the first. There are at most six; none follow if two lead back to the
+    same minimum. `ways` holds the results of all searches so far, `sizes` the numbers of samples of the stages.
     """
     first = _first_far(problem, sizes)
     short, agreed = problem.first(sizes[first]), 0
@@ -273,9 +267,9 @@ def _confirmed(
     work: Work,
     progress: StageProgress | None,
 ) -> tuple[FloatArray, int]:
-    """The better of `theta` and an answer found near it by posterior linearization, and the iterations.
+    """Free variables of the better of `theta` and an answer near it by posterior linearization, and the iterations.
 
-    It looks for a minimum beside the answer that misses the noise less. `sizes` are the numbers of samples of the stages.
+    The other answer counts if its sum of squares is less by more than 1. `sizes` are the numbers of samples of the stages.
     """
     first = _first_far(problem, sizes)
     short, task = problem.first(sizes[first]), (theta, _NEAR_SPREAD, options.seed + _MOST_FAR)
@@ -308,7 +302,7 @@ def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], t
 
 
 def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
-    """Starting points (free variables) by linear fits to the first 4, 8 and 16 samples, if all motion is measured."""
+    """Starting points (free variables) by linear fits to the first 4, 8 and 16 samples; none if some motion is not measured."""
     for n_samples in _LINEAR_SAMPLES:
         if n_samples > len(record.values):
             return
@@ -325,7 +319,7 @@ def _given_start(structure: Structure, unknown: Parameters, record: TimeRecord) 
 
 
 def _weak_start(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
-    """Starting point (free variables) by the weak form, if all degrees of freedom are measured."""
+    """Starting point (free variables) by the weak form; nothing if it is not applicable."""
     try:
         found = identified_by_weak_form(structure, unknown.without_priors(), record, TimeOptions(method="weak"))
     except InputError:

@@ -120,7 +120,7 @@ class SpectraProblem(RecordProblem):
             raise InputError(NO_WINDOW)
 
     def measured_and_predicted(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Cross spectra of every line, and the model's FRFs: over all lines other forces leave no sign."""
+        """Cross spectra of motions and forces, and the model's FRFs, (n_frequencies, n_outputs, n_inputs) each."""
         return self.spectra.motion[:, :, None] * self.spectra.force.conj()[:, None, :], self.predicted(theta)
 
     @property
@@ -137,7 +137,7 @@ class SpectraProblem(RecordProblem):
         return replace(self, spectra=self.spectra.lines(chosen))
 
     def subsampled(self) -> SpectraProblem | None:
-        """The problem on lines closer together at low frequencies, as those of FRFs, where they are much fewer."""
+        """Problem on at most about 2000 lines, spread in the logarithm; None unless there are 2.5 times as many."""
         keep = thinned_lines(2 * np.pi * self.frequency)
         return None if _WORTH_SUBSAMPLING * len(keep) > len(self.frequency) else self.with_lines(keep)
 
@@ -216,12 +216,11 @@ def transient_order(channels: ChannelErrors | None) -> int:
 
 
 def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Schedule, ...]:
-    """Two sequences of stages for a poor start, fits to the record times exp(-sigma t), with falling sigma.
+    """Two sequences of stages for a poor start: fits to the record times exp(-sigma t), with falling sigma.
 
-    Multiplied by exp(-sigma t), forces and motions obey the same equation at s = sigma + i omega, with the transient
-    exp(-sigma T) w(T) - w(0); nothing is approximated. Far from the axis there are no resonances to be caught
-    between, and the answer is followed down to the axis. Every parameter is drawn to its start, and each value
-    counts with an error of a tenth of its size. The first way goes in finer steps than the second.
+    Damped forces and motions obey the same equation at s = sigma + i omega, without approximation, and have no resonances for
+    large sigma. Each stage has a Gaussian prior at the start and an error of a tenth of each value. Stages are (name, problem);
+    the first sequence has finer steps.
 
     Parameters
     ----------

@@ -95,9 +95,9 @@ class EliminatedColumns:
     rank: int
 
     def project_out(self, data: ComplexArray) -> tuple[ComplexArray, FloatArray]:
-        """The parts of rows of `data` (n, n_complex) that the columns leave, and the unknowns (n_unknowns, n) in the rest.
+        """Rows of `data` (n, n_complex) less the part that the columns explain, and the unknowns (n_unknowns, n) of that part.
 
-        Twice, since the first time leaves what normal equations lose by rounding.
+        Projected twice, because normal equations lose digits by rounding.
         """
         left = np.ascontiguousarray(data).view(np.float64)
         columns, explained = self.columns.view(np.float64), np.zeros((len(self.solution), len(left)))
@@ -126,9 +126,9 @@ class MassLine:
     spectra: FiniteSpectra
 
     def values(self, own: FloatArray) -> FloatArray:
-        """Accelerations per unit force far above all modes, (n_outputs, n_inputs), at parameters `own` of the structure.
+        """Acceleration per unit force far above all modes, (n_outputs, n_inputs), at parameters `own` of the structure.
 
-        Under driven supports they are accelerations per unit acceleration of the support.
+        Under driven supports it is the acceleration per unit acceleration of the support.
         """
         x, _ = self._fields(own)
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
@@ -136,7 +136,7 @@ class MassLine:
         return np.real(self._powers * (sensors.T @ x[0]))
 
     def change(self, own: FloatArray) -> FloatArray:
-        """Derivative of the mass line by its parameters, (n_outputs, n_inputs, n_own_params)."""
+        """Derivative of `values` by the parameters `own` of the structure, (n_outputs, n_inputs, n_own_params)."""
         x, y = self._fields(own)
         return np.real(self._powers[:, None] * self.response.sensitivity_at(own, x, y)[0])
 
@@ -181,11 +181,11 @@ class Transient:
         return np.swapaxes(y, 1, 2) @ self.forces * read[:, :, None]
 
     def columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
-        """Whitened regressors of all linear unknowns: changes of state at both ends, then each output's polynomial and tones.
+        """Whitened regressors of all linear unknowns, (n_unknowns, n_frequencies * n_outputs), one in each row.
 
-        `whitening` (n_frequencies, n_outputs, n_outputs) is the factor on the outputs' spectra, `reach` (n_frequencies, n_outputs,
-        n_forces) the whitened motion by each force of the transient. Shape (n_unknowns, n_frequencies * n_outputs), a row for each
-        unknown: a constant for each force, a slope over s for each, then the shapes of each output in turn.
+        The order is a constant for each force, a slope over s for each force, then for each output its polynomial and tones.
+        `whitening` (n_frequencies, n_outputs, n_outputs) is the factor on the spectra, `reach` (n_frequencies, n_outputs,
+        n_forces) the whitened motion by each force.
         """
         n_lines, n_out = self.spectra.motion.shape
         jumps, shapes, s = np.moveaxis(reach, 2, 0), self._own_shapes.T, self.relative_laplace[:, None]
@@ -247,9 +247,9 @@ class SpectraModel:
         return self.structure.matrix("mass", values), self.structure.matrix("stiffness", values)
 
     def start_frequencies(self, lowest: float, highest: float) -> tuple[FloatArray, bool]:
-        """Natural frequencies (Hz) at the start above `lowest`, up to `highest`, rising, and whether they are all.
+        """Natural frequencies (Hz) at the start from `lowest` to `highest`, ascending, and True if they are complete.
 
-        Of a large structure it may be the first of them alone.
+        For a large structure they may be only the first of them.
         """
         return frequencies_between(self.start_modes, *self._start_matrices, lowest, highest)
 
@@ -269,16 +269,19 @@ class SpectraModel:
         return self._state(*self._split(physical))[2]
 
     def evaluated(self, physical: FloatArray) -> Evaluation:
-        """Predicted spectra, residual and noise at `physical` parameters (n_params,); small ones are cached."""
+        """Predicted spectra and whitened residual at `physical` (n_params,), cached if small.
+
+        `physical` are the parameters of the structure, then those of channel errors.
+        """
         at = self._found(physical)
         if at.is_small:
             self._last.keep(physical, at)
         return at
 
     def changes(self, physical: FloatArray) -> tuple[Evaluation, ComplexArray]:
-        """The evaluation and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params).
+        """Evaluation at `physical`, and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params).
 
-        `physical` are the parameter values, those of channel errors last.
+        `physical` are the parameters of the structure, then those of channel errors.
         """
         at, own = self._last.taken(physical) or self._found(physical), physical[: self.parameters.n_params]
         change = self.response.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
@@ -294,10 +297,11 @@ class SpectraModel:
     def _state(
         self, own: FloatArray, read: ComplexArray, stated: ComplexArray
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Motions under loads and transients, motions under unit forces at sensors, and FRFs H with channel errors.
+        """Motions under loads and transient forces, motions under unit forces at sensors, and FRFs with channel errors.
 
-        `own` are the structure's parameters; `read` (n_frequencies, n_outputs) and `stated` (n_frequencies, n_inputs) are the
-        factors of sensors and of load cells.
+        Shapes (n_frequencies, n_dofs, n_inputs + n_forces), (n_frequencies, n_dofs, n_outputs) and (n_frequencies, n_outputs,
+        n_inputs). `own` are the parameters of the structure; `read` (n_frequencies, n_outputs) and `stated` (n_frequencies,
+        n_inputs) are the factors of sensors and of load cells.
         """
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
         fields = self.response.fields_at(own, self.columns)
@@ -348,10 +352,9 @@ class SpectraModel:
         return Evaluation(y, read, h * force[:, None, :], free, motion, aliased, whitening, linear, data)
 
     def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
-        """Derivative of the motions by channel errors, (n_frequencies, n_outputs, n_params).
+        """Derivative of the motions by the channel errors, (n_frequencies, n_outputs, n_errors).
 
-        That of the transient is read with the sensor's error alone. `physical` are the parameter values, `at` the
-        evaluation there.
+        The transient is read with the error of the sensor alone. `at` is the evaluation at `physical`.
         """
         if self.errors is None:
             return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)
@@ -372,9 +375,9 @@ def _response(model: SpectraModel, frequency: FloatArray) -> Response:
 
 
 def _forces(model: SpectraModel) -> FloatArray:
-    """Force patterns M phi (n_dofs, n_modes) of modes near the band, by which changes of state act.
+    """Force patterns M phi (n_dofs, n_modes) of modes up to twice the highest line, by which changes of state act.
 
-    Supports that drive the structure are held in these, and carry no force.
+    No column without a transient. Driving supports carry no force.
     """
     known = model.response.slopes.structure
     n_dofs = known.n_dofs
@@ -396,10 +399,9 @@ def _alias_factors(spectra: FiniteSpectra, read: ComplexArray, stated: ComplexAr
 
 
 def eliminated_columns(columns: ComplexArray) -> EliminatedColumns:
-    """The columns (n_unknowns, n_complex) of linear unknowns, each in a row, with what solves for these.
+    """Linear unknowns prepared for elimination, from their `columns` (n_unknowns, n_complex), one in each row.
 
-    Normal equations serve while they lose no more than a half of the digits; beyond, an orthonormal basis takes the place of the
-    columns, by blocks of rows that stay in the processor's cache.
+    Normal equations are used if they lose at most half of the digits, else an orthonormal basis in place of the columns.
 
     References
     ----------
@@ -424,7 +426,10 @@ def eliminated_columns(columns: ComplexArray) -> EliminatedColumns:
 
 
 def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Q and W with Q orthonormal over the span of `columns`, whose norms are alike, and columns @ W a = Q a."""
+    """Orthonormal basis Q (n_rows, rank) of the span of `columns`, and W (n, rank) with `columns` @ W = Q.
+
+    `columns` (n_rows, n) have similar norms.
+    """
     n_rows, n = columns.shape
     blocks = max(1, n_rows // max(_BLOCK_ROWS, 2 * n))
     size = -(-n_rows // blocks)

@@ -98,9 +98,9 @@ class WeakForm:
         return total
 
     def noise(self, values: FloatArray, weighted: FloatArray) -> FloatArray:
-        """Expected noise of the windowed fields (4 n_dofs, n_windows), given weighted residuals (n_windows, n_dofs).
+        """Expected noise of the windowed fields, (4 n_dofs, n_windows), for weighted residuals `weighted` (n_windows, n_dofs).
 
-        `values` are the physical parameters.
+        `values` (n_params,) are the parameters.
         """
         matrices, n = self._matrices(values), self.equations.n_dofs
         found = np.zeros((3, n, self.n_windows))
@@ -192,10 +192,10 @@ def weak_form(structure: Structure, unknown: Parameters, record: TimeRecord, opt
 
 
 def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> dict[int, FloatArray]:
-    """Matrices (n_dofs, n_channels) from channels to motion of the degrees of freedom, by order of derivative.
+    """Matrices (n_dofs, n_channels) from channels to motion of the degrees of freedom, by order of derivative (0 to 2).
 
-    Quantities are taken in the order of `TimeOptions.quantities`, each for the degrees of freedom that are still
-    missing.
+    Quantities are taken in the order of `TimeOptions.quantities`, each for the degrees of freedom still missing. Raises
+    `InputError` if some are not measured at all.
     """
     n, missing = structure.n_dofs, np.arange(structure.n_dofs)
     found: dict[int, FloatArray] = {}
@@ -224,7 +224,7 @@ def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> 
 def _suited_length(motion: FloatArray, step: float) -> float:
     """Window length (s) of test functions that pass 95 % of the power of each column of `motion` (n_times, n).
 
-    `step` is the time step, s.
+    At least 12 time steps and at most a fifth of the record; `step` is the time step, s.
     """
     n_times = len(motion)
     hann = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n_times) + 0.5) / n_times)
@@ -238,9 +238,10 @@ def _suited_length(motion: FloatArray, step: float) -> float:
 def _filters(
     n_times: int, step: float, n_dofs: int, length: float, windows: int | None, orders: set[int]
 ) -> dict[int, sparse.csr_array]:
-    """Sampled derivatives of the test functions times the time step, (n_windows, n_times), by order of derivative.
+    """Sampled derivatives of the test functions times the time step, sparse (n_windows, n_times), by order of derivative.
 
-    Each row has entries at the samples of its window alone: a long record has hundreds of windows of a few samples.
+    `length` and `step` are in s; `windows` is the number of test functions, by default eight to a length. Raises `InputError`
+    if the length or number does not fit the record.
     """
     span, shortest = (n_times - 1) * step, _FEWEST_SAMPLES * step
     if not shortest <= length * (1 + 1e-9) or length > span * (1 + 1e-9):
@@ -281,7 +282,10 @@ def modulating_function(place: FloatArray, order: int) -> FloatArray:
 def identified_by_weak_form(
     structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions
 ) -> Estimate:
-    """Estimate of mass, damping and stiffness by the weak form, with noise of measured motion allowed for."""
+    """Estimate of mass, damping and stiffness by the weak form, with noise of the measured motion accounted for.
+
+    Equations are reweighted and solved until no parameter moves by more than 1e-4 standard deviations.
+    """
     form = weak_form(structure, unknown, record, options)
     values: FloatArray = np.array(unknown.start)
     history: list[FloatArray] = [values]

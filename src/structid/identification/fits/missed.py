@@ -63,8 +63,9 @@ def missed_parts(
 ) -> tuple[Missed, ...]:
     """Records, or kinds of values of modes, that the fit misses beyond their errors, the worst first.
 
-    Every sum of squares is compared with chi-square of as many degrees of freedom as it has values: the test is
-    conservative, since a fit takes some of them.
+    A part is missed if its sum of squares per value exceeds a limit (4 for modes, 1.25 for lines) and is improbable at 0.001
+    for all parts together, by chi-square with as many degrees of freedom as values. Empty for a single record of lines, or if
+    the whole misfit shows it already.
 
     Parameters
     ----------
@@ -101,7 +102,11 @@ def missed_parts(
 
 
 def _parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[tuple[str, FloatArray, float]]:
-    """Parts of a record to test: name, rows of the residual, and the chi-square per value above which they are missed."""
+    """Parts of a record to be tested: name, residual rows, and the chi-square per value above which the part is missed.
+
+    A record of modes has a part for each kind of value, any other record is one part. `name` is the record, "" for a single
+    one.
+    """
     if isinstance(problem, ModalProblem):
         kinds = row_kinds(problem)
         for kind in dict.fromkeys(kinds.tolist()):

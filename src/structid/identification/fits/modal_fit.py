@@ -49,7 +49,7 @@ class PairedModes:
 
 
 def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
-    """The model's modes paired with the measured ones of `problem`, at the free variables `theta` (n_own,)."""
+    """Modes of the model paired with the measured ones of `problem`, at its free variables `theta` (n_own,)."""
     state = problem.model.state(problem.physical(theta))
     number = pairing(problem.data, state, problem.in_order)
     shapes = problem.data.shapes[:, problem.data.measured]
@@ -131,7 +131,10 @@ class ModalFit:
 
     @property
     def outvoted(self) -> str:
-        """Sentence where many shape values outweigh few frequencies, with a remedy; "" where they do not."""
+        """Sentence with a remedy if a frequency is far off and many shape values outweigh few frequencies; else "".
+
+        Far off is more than five standard deviations; many are three shape values or more for each frequency.
+        """
         data = self.problem.data
         off = (self.fitted.frequency - data.frequency) / data.frequency_std
         worst = int(np.argmax(np.abs(off)))
@@ -156,9 +159,9 @@ class ModalFit:
 
 
 def modal_fit(name: str, problem: ModalProblem, own: Own, n_modes: int) -> ModalFit:
-    """The initial and the fitted model beside one record of measured modes, with `n_modes` modes of each.
+    """Initial and fitted model beside one record of measured modes, with the `n_modes` lowest modes of each.
 
-    `own` are the free variables and values of the problem's own parameters; `name` is that of the record.
+    `name` is that of the record; `own` holds the free variables and values of the problem's parameters.
     """
     values = own.initial, own.values
     before, after = (structure_modes(problem.structure, problem.property_values(v), n_modes) for v in values)

@@ -17,9 +17,9 @@ _ROUNDING = 1e-3
 
 
 def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
-    """The lowest modes of `structure` with property values `values`, without friction; none where it has no modes.
+    """Lowest `n_modes` modes of `structure` with the property `values` (n_values,), without friction.
 
-    A structure from a solver's modes has those modes alone, not the residual vectors added for its changes.
+    No modes if the structure has none, as for FRFs of a solver. A structure from the modes of a solver has at most those modes.
     """
     if not structure.has_modes:
         return Modes(np.zeros(0), np.zeros(0), np.zeros((structure.n_dofs, 0)), np.zeros(0))
@@ -39,7 +39,10 @@ def response_rounding(modes: Modes) -> FloatArray:
 
 
 def rounding_warnings(rounding: FloatArray) -> list[str]:
-    """A warning where rounding moves frequencies, by relative errors (n_modes,) of `Modes.rounding`; else none."""
+    """List with a warning if rounding moves a frequency by more than 0.1 %; else empty.
+
+    `rounding` (n_modes,) are the relative errors of the frequencies.
+    """
     worst = float(rounding.max(initial=0.0))
     if worst <= _ROUNDING:
         return []

@@ -54,8 +54,8 @@ class Ratios:
 def ratios(problem: Problem, estimate: Estimate) -> Ratios | None:
     """Ratios of the parameters where data and priors leave their common scale free; None where they determine it.
 
-    The scale is free where the data do not see one common relative change of several masses and stiffnesses (with
-    dampings), and no prior determines it: their standard deviations are then larger than their values.
+    The scale is free if none of the masses, stiffnesses and dampings is identified and the data do not see a common relative
+    change of all. The reference is the first mass or, without a mass, the first rotary inertia.
 
     Parameters
     ----------
@@ -87,10 +87,10 @@ def ratios(problem: Problem, estimate: Estimate) -> Ratios | None:
 
 
 def scale_from_force(problems: Sequence[Problem], estimate: Estimate) -> bool:
-    """True where only measured forces determine the common scale of masses, stiffnesses and dampings.
+    """True if only measured forces determine the common scale of masses, stiffnesses and dampings, in all `problems`.
 
-    A larger scale then makes every FRF smaller by the same factor: no known mass or stiffness and no prior contradicts, and an
-    error of the load cell is an error of all values.
+    An error of the load cell is then an error of all values. It is so where FRFs shrink in proportion to a common increase, and
+    no prior is stated.
     """
     for problem in problems:
         if not isinstance(problem, FrfProblem) or problem.form == "equation" or not problem.facts.measures_force:
@@ -108,10 +108,10 @@ def scale_from_force(problems: Sequence[Problem], estimate: Estimate) -> bool:
 
 
 def common_scale(jacobian: FloatArray, kinds: Sequence[str], noise_scale: float = 1.0) -> np.ndarray | None:
-    """Indices of masses, stiffnesses and dampings whose common scale the data do not see; None where they do.
+    """Indices of masses, stiffnesses and dampings whose common scale the data do not see; None if they see it.
 
-    `jacobian` is the whitened derivative by relative changes, `kinds` those of the parameters, `noise_scale` the factor
-    on the noise.
+    `jacobian` (n_data, n_params) is the whitened derivative by relative changes, `kinds` are those of the parameters, and
+    `noise_scale` is the factor on the noise. None also without a mass or a stiffness among them.
     """
     members = _scaled(kinds)
     scaled = {kinds[i] for i in members}
@@ -127,7 +127,10 @@ def _scaled(kinds: Sequence[str]) -> np.ndarray:
 
 
 def scale_words(names: list[str], reference: str = "") -> str:
-    """A sentence on what follows if the common scale of the parameters `names` is undetermined."""
+    """Sentence on what follows if the common scale of the parameters `names` is free.
+
+    With `reference`, it says that ratios to this parameter are given.
+    """
     given = (
         f" Their ratios to {reference} are given with intervals that take fixed values as exact;" if reference else ""
     )
@@ -139,9 +142,10 @@ def scale_words(names: list[str], reference: str = "") -> str:
 
 
 def _std(i: int, reference: int, singular: FloatArray, rows: FloatArray) -> float:
-    """Standard deviation of log(p_i / p_reference); NaN where the ratio changes in a direction the data do not see.
+    """Standard deviation of log(p_i / p_reference) for unit noise; NaN if the data do not determine the ratio.
 
-    `singular` and `rows` are the singular values and right singular vectors (as rows) of the Jacobian by relative changes.
+    `i` and `reference` are indices; `singular` and `rows` are the singular values and right singular vectors (as rows) of the
+    Jacobian by relative changes.
     """
     contrast = np.zeros(len(rows))
     contrast[i], contrast[reference] = 1.0, -1.0

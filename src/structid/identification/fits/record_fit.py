@@ -108,7 +108,7 @@ class RecordFit:
 
     @property
     def polarities(self) -> dict[str, int]:
-        """The sign, +1 or -1, of every channel polarity that the data decided, by name."""
+        """Sign, +1 or -1, of every channel polarity that the data decided, by its name."""
         channels = self.problem.channels
         if channels is None:
             return {}
@@ -126,7 +126,7 @@ class RecordFit:
 
 
 def record_fit(title: str, measured: FrfRecord, problem: FrfProblem, own: Own, options: IdentifyOptions) -> RecordFit:
-    """The initial and the identified model beside one record of responses: FRFs, modes and resonances.
+    """Initial and identified model beside one record of responses: FRFs, modes and resonances.
 
     Parameters
     ----------

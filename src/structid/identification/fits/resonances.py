@@ -33,10 +33,10 @@ class Resonance:
 
 
 def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, ...]:
-    """Peaks of the summed quadrature parts of measured FRFs, each with the nearest peak of the model.
+    """Peaks of the measured FRFs, each with the nearest peak of the model within 15 % in frequency.
 
-    Peaks of the sum over channels of abs(Im H) (of abs(Re H) for mobility) count that stand out by a factor of three and
-    are more than half of the sum of abs(H): away from resonance the quadrature part is small and its ripple is noise.
+    A peak is a maximum of the sum over channels of abs(Im H) (abs(Re H) for mobility) that stands out by a factor of three and
+    exceeds half of the sum of abs(H).
 
     Parameters
     ----------
@@ -54,7 +54,9 @@ def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, .
 
 
 def peaks(frequency: FloatArray, values: ComplexArray, kind: FrfKind) -> FloatArray:
-    """Frequencies (Hz) of the resonance peaks of FRFs, refined by a parabola through the logarithms at three lines.
+    """Frequencies (Hz) of the resonance peaks of FRFs, (n_peaks,), interpolated by a parabola through three logarithms.
+
+    Empty for fewer than five lines; see `resonances` for what counts as a peak.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ def peaks(frequency: FloatArray, values: ComplexArray, kind: FrfKind) -> FloatAr
 
 
 def prominent(level: FloatArray, least: float) -> IntArray:
-    """Positions of the maxima of `level` (n,) from which it falls by `least` on both sides before it rises above."""
+    """Indices of the maxima of `level` (n,) that exceed the minima on both sides by at least `least`."""
     found: list[int] = []
     top = low = float(level[0])
     at, rises = 0, False

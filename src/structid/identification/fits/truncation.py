@@ -45,7 +45,9 @@ class Truncation:
 
 
 def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
-    """The error of FRFs by reduced components or a sweep, at a few lines of the record; None where nothing is reduced.
+    """Error of FRFs by reduced components or a reduced sweep, at up to five lines of the record; None if nothing is reduced.
+
+    Lines are three spread over the band and the two highest peaks.
 
     Parameters
     ----------
@@ -82,9 +84,9 @@ def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
 
 
 def modes_truncation(structure: Structure, values: FloatArray, top: float) -> Truncation | None:
-    """The error of natural frequencies up to `top`, Hz, by reduced components; None of a structure without them.
+    """Error of natural frequencies up to `top` (Hz) by reduced components; None for a structure without them.
 
-    `values` (n_values,) are the property values.
+    `values` (n_values,) are the property values. At most 40 modes are compared, without those of a rigid body.
     """
     if not structure.components:
         return None

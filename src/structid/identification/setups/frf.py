@@ -135,7 +135,10 @@ class Setup(RecordSetup[FrfProblem]):
         return frf_truncation(problem, theta)
 
     def begun(self, problem: FrfProblem) -> FrfProblem:
-        """The problem started at the one-step linear solution where everything is measured, within its ranges."""
+        """Problem started at the one-step linear solution if every degree of freedom is measured; else the same problem.
+
+        Values out of range keep their start.
+        """
         if self.channel_unknowns or not measures_everything(self.structure, problem.record):
             return problem
         unknown = problem.parameters
@@ -159,7 +162,10 @@ def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[s
 
 
 def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptions) -> float | None:
-    """Error with which a sweep may find the lines from few factorizations; None where each line is solved for."""
+    """Largest error with which a sweep may solve the lines from few factorizations; None if each line is solved for.
+
+    By default 1e-5 for 1000 degrees of freedom or more and enough lines; None with measured components.
+    """
     if structure.measured:
         return None
     if options.reduced is not None:
@@ -169,13 +175,19 @@ def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptio
 
 
 def used_lines(record: FrfRecord, options: IdentifyOptions) -> FrfRecord:
-    """The record on the lines inside the band and outside the excluded stretches, thinned by the option `every`."""
+    """Record at the lines inside the band and outside the excluded stretches; of these only every `options.every`-th."""
     keep = inside(record.frequency, options)
     return record if keep.all() and options.every == 1 else record.lines(np.flatnonzero(keep)[:: options.every])
 
 
 def inside(frequency: FloatArray, options: IdentifyOptions) -> np.ndarray:
-    """A mask (n_frequencies,) of frequencies, Hz, inside the band and outside the excluded stretches."""
+    """Mask (n_frequencies,) of the frequencies (Hz) inside the band and outside the excluded stretches.
+
+    Raises
+    ------
+    NoLinesError
+        If the exclusions leave no line of the band.
+    """
     low, high = options.band or (-np.inf, np.inf)
     in_band = (frequency >= low) & (frequency <= high)
     keep = in_band.copy()

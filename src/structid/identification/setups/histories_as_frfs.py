@@ -35,11 +35,10 @@ class _Hit(NamedTuple):
 
 
 def frfs_of(record: TimeRecord) -> FrfRecord:
-    """FRFs of all motions over all forces (or support motions) of time histories, in the kind of most channels.
+    """FRFs of all motions over all forces (or support motions) of time histories, in the kind of most motion channels.
 
-    A record of a single hit is transformed whole, with an exponential window where the motion has not died out: averaging by
-    segments would lose the hit. Others are averaged by the estimator Hv from four segments. The lines are those
-    where a force rises above its noise: beyond, no peak is a resonance.
+    The record of a single hit is transformed whole, with an exponential window if the motion has not died out. Others are
+    averaged by the estimator Hv from four segments. Only lines where a force rises above its noise are returned.
     """
     pairs = list(zip(record.channels, record.quantities, strict=True))
     loads = [dof for kind in LOADS for dof, quantity in pairs if quantity == kind]
@@ -62,7 +61,7 @@ def frfs_of(record: TimeRecord) -> FrfRecord:
 
 
 def _hit(record: TimeRecord) -> _Hit | None:
-    """The single hit of the record; None where there are others, other loads, or motion before it."""
+    """Single hit of the record; None if there are several loads, a longer force, or motion before it."""
     columns = [k for k, quantity in enumerate(record.quantities) if quantity in LOADS]
     if len(columns) != 1 or record.quantities[columns[0]] != "force":
         return None
@@ -79,9 +78,9 @@ def _hit(record: TimeRecord) -> _Hit | None:
 
 
 def _of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord | None:
-    """FRFs from a single hit: transforms of motions over that of the force, at decay + i omega, with variances from noise.
+    """FRFs from a single hit, at s = decay + i omega, with variances from the noise of the channels.
 
-    None where the hit is hardly above its noise and excites no line. `sensors` are the motion channels that are used.
+    Transforms of the motions at `sensors` over that of the force. None if the hit excites no line above its noise.
     """
     values = np.array(record.values[hit.first :])
     count, rate = len(values), record.sampling_rate
@@ -115,14 +114,17 @@ def _of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord | No
 
 
 def _first_run(lines: IntArray) -> IntArray:
-    """Positions of all lines from the first of the sorted `lines` to the first wide gap among them."""
+    """All line indices from the first of the sorted `lines` to the last one before a gap of more than 16 lines."""
     gaps = np.flatnonzero(np.diff(lines) > _FEWEST)
     last = lines[gaps[0]] if len(gaps) else lines[-1]
     return np.arange(lines[0], last + 1)
 
 
 def _driven(record: TimeRecord, length: int) -> FloatArray:
-    """Frequencies (Hz) of segments of `length` samples at which some force has much more power than its noise."""
+    """Frequencies (Hz) of segments of `length` samples at which a force has eight times the power of its noise.
+
+    All frequencies if the noise is unknown or the segments are shorter than 16 samples.
+    """
     frequency = np.fft.rfftfreq(length, 1 / record.sampling_rate)
     is_force = [quantity in LOADS for quantity in record.quantities]
     if record.variance is None or length < _FEWEST:

@@ -96,7 +96,7 @@ class ModalSetup(RecordSetup[ModalProblem]):
 
 
 def chosen_modes(record: ModalRecord, numbers: Sequence[int]) -> ModalRecord:
-    """The record with only the modes of these numbers, counted from 1; with all for an empty list.
+    """Record with only the modes of these `numbers`, counted from 1; the record itself if there are none.
 
     Raises
     ------

@@ -149,7 +149,7 @@ def prefixes(setups: Sequence[AnySetup]) -> list[str]:
 
 
 def prepared_warnings(setups: Sequence[AnySetup], prepared: Sequence[Prepared[Any]]) -> list[str]:
-    """Warnings about structures, each once, and about each record with its title before it."""
+    """Warnings about structures, each once, then about each record, with its title before it if there are several."""
     left_aside = [words for setup in setups for words in setup.structure.left_aside]
     of_structures = dict.fromkeys([*left_aside, *(words for ready in prepared for words in ready.of_structure)])
     pairs = zip(prefixes(setups), prepared, strict=True)

@@ -175,7 +175,13 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return Prepared(problem, (*record_warnings(averaged), *_modes_behind_the_samples(problem)))
 
     def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
-        """Unknown errors of sensors and loads; None for no unknowns. Only spectra have them, and no window's decay."""
+        """Unknown errors of sensors and loads; None if none is declared.
+
+        Raises
+        ------
+        InputError
+            If the fit is not by spectra, or a window's decay is declared.
+        """
         if not unknowns:
             return None
         if self.own_estimator:
@@ -220,7 +226,10 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return "" if self.settings.fit == "spectra" else f"fit {self.settings.fit!r}"
 
     def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Estimate:
-        """The estimate by a linear method in time (instrumental variables or weak form), which needs no search."""
+        """Estimate by `identify_time` (output error, instrumental variables or weak form).
+
+        The calibration of the set-up replaces that of the options' tolerances.
+        """
         tolerances = options.tolerances
         if self.calibration is not None:
             tolerances = replace(tolerances, calibration=self.calibration)
@@ -236,7 +245,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return AveragedHistories(self.structure, self.record, self.shown)
 
     def shown_problem(self, options: IdentifyOptions, channels: ChannelErrors | None) -> FrfProblem:
-        """The problem of averaged FRFs, which only shows the fit, with the channel errors `channels`."""
+        """Problem of averaged FRFs that only shows the fit, with the channel errors `channels` as far as they concern it."""
         used = used_lines(self._averaged.frfs, options)
         error = _SHOWN_ERROR if used.variance is None else 0.0
         seen = None if channels is None else channels.seen_by(used)
@@ -245,10 +254,9 @@ class TimeSetup(RecordSetup[RecordProblem]):
 
 
 def _modes_behind_the_samples(problem: RecordProblem) -> tuple[str, ...]:
-    """A warning where inputs that run straight between samples excite modes just above half the sampling rate; () elsewhere.
+    """Tuple with a warning if inputs that run straight between samples excite modes above half the sampling rate; else empty.
 
-    Sampled motions show their responses folded into the band, where the model has their mass alone. Modes above twice half
-    the rate hardly respond otherwise than as a mass or a spring, and do not count.
+    Modes up to the sampling rate count. Only for spectra with straight forces.
     """
     if not isinstance(problem, SpectraProblem) or not problem.spectra.straight:
         return ()
@@ -270,7 +278,10 @@ def _modes_behind_the_samples(problem: RecordProblem) -> tuple[str, ...]:
 
 
 def _spectra(setup: TimeSetup, options: IdentifyOptions) -> SpectraProblem:
-    """The problem of the finite spectra on the lines that `options` choose."""
+    """Problem of the finite spectra of a set-up on the lines that `options` choose.
+
+    For other ways of fitting, channels declared exact get a small noise, so that their weight is finite.
+    """
     record, settings = setup.record, setup.settings
     if (
         setup.own_estimator and record.variance is not None
@@ -295,7 +306,10 @@ def _spectra(setup: TimeSetup, options: IdentifyOptions) -> SpectraProblem:
 
 
 def _options(settings: TimeFit, options: IdentifyOptions) -> TimeOptions:
-    """Estimate by `identify_time`."""
+    """Options of `identify_time` from those of the fit and of the identification.
+
+    Raises `InputError` for the fit ``spectra``, which is no method of `identify_time`.
+    """
     if settings.fit == "spectra":
         raise InputError("`fit` must be a method of `identify_time`, got 'spectra'; search its problem")
     return TimeOptions(
@@ -336,7 +350,7 @@ class AveragedHistories:
 
     @property
     def words(self) -> str:
-        """A clause that names the joint forces; "" where there are none."""
+        """Clause that names the joint forces; "" if all forces are independent."""
         if self._parts is None:
             return ""
         forces, shown = (", ".join(map(str, dofs)) for dofs in (self._loads, self.frfs.inputs))
@@ -358,7 +372,7 @@ class AveragedHistories:
         return [dof for dof, is_force in zip(self.record.channels, self._is_force, strict=True) if is_force]
 
     def _with_joint_forces(self, parts: FloatArray) -> TimeRecord:
-        """The record with its forces combined into joint ones by the weights `parts` (n_forces, n_joint_forces)."""
+        """Record with its forces replaced by joint ones at new nodes; `parts` (n_forces, n_joint_forces) are the weights."""
         record, still = self.record, ~self._is_force
         first = max(self.structure.nodes) + _FAR
         made = [Dof(first + k, (self.structure.active or ("X",))[0]) for k in range(parts.shape[1])]

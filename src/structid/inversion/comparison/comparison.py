@@ -158,18 +158,18 @@ class Comparison(States):
 
     @property
     def order(self) -> list[int]:
-        """Positions of the parameters: those declared first, then by the size of their relative change."""
+        """Indices of the parameters: those with a declared change first, then by falling size of the relative change."""
         size = np.nan_to_num(np.abs(self.relative_change))
         return sorted(range(len(self.names)), key=lambda i: (not self.changed[i], -size[i]))
 
     @property
     def statistic(self) -> float:
-        """Chi-square of all changes together."""
+        """Chi-square of all determined changes together; NaN if there is none or their covariance is singular."""
         return _together(self.change, self.covariance)[0]
 
     @property
     def probability(self) -> float:
-        """Probability of a larger `statistic` if nothing had changed."""
+        """Probability of a larger `statistic` if nothing had changed; NaN where `statistic` is."""
         return _together(self.change, self.covariance)[1]
 
     @property
@@ -249,9 +249,9 @@ def compare_states(
 
     Notes
     -----
-    Independent states: C = P + Q, the sum of the covariances from the data, and (A - B) (A - B)' with the changes A and B of the
-    parameters for one tolerance of each fixed value: what both states owe to the same fixed values is no change. With carried
-    parameters m and covariance P of the baseline, G = P_km P_mm^-1 and Q the covariance of the later estimate,
+    Independent states: C = P + Q, the sum of the covariances from the data, and (A - B) (A - B)' with the changes A and B of
+    the parameters for one tolerance of each fixed value: what both states owe to the same fixed values is no change. With
+    carried parameters m and covariance P of the baseline, G = P_km P_mm^-1 and Q the covariance of the later estimate,
 
         k_before = k + G (m_later - m),   C = Q_kk + P_kk - G P_mk + G Q_mm G' - G Q_mk - Q_km G',
 
@@ -300,9 +300,10 @@ def compare_jointly(
     correction: Correction = "holm",
     least: float = 0.0,
 ) -> Comparison:
-    """Comparison from one estimate of both states at once, in which the shared parameters are common.
+    """Changes of parameters between two states that were identified together in one estimate with shared parameters.
 
-    Nothing is taken as linear but the covariance; it is the surer way where shared parameters are known poorly.
+    The covariance alone is linearized; use it rather than `compare_states` where shared parameters are known poorly. Parameters
+    named ``<name> (later)`` are paired with ``<name>``; parameters local to a record are not compared.
 
     Parameters
     ----------
@@ -352,9 +353,9 @@ _NOTHING_IN_COMMON = "the two states have no parameter in common to compare; giv
 
 
 def _common(first: Sequence[str], second: Sequence[str], shared: Sequence[str]) -> tuple[str, ...]:
-    """Names of parameters in both estimates, except shared ones and those of a record; `InputError` if none is left.
+    """Names of the parameters to compare: in `first` and in `second`, not `shared`, and not local to a record.
 
-    `first` and `second` are the names in both.
+    The order is that of `first`. Raises `InputError` if no name is left.
     """
     names = tuple(n for n in first if n in second and n not in shared and OF_RECORD not in n)
     if not names:
@@ -363,28 +364,34 @@ def _common(first: Sequence[str], second: Sequence[str], shared: Sequence[str]) 
 
 
 def _require_units(names: Sequence[str], first: Sequence[str], second: Sequence[str]) -> None:
+    """Raise `InputError` if a parameter has different units in the two states.
+
+    `first` and `second` are the units in the baseline and the later state, in the order of `names`.
+    """
     for name, one, other in zip(names, first, second, strict=True):
         if one != other:
             raise InputError(f"{name} must have one unit in both states, got {one} and {other}; declare `factor` alike")
 
 
 def _tested_std(covariance: FloatArray) -> FloatArray:
-    """Standard deviations of changes; NaN of those that cannot be tested."""
+    """Standard deviations of the changes, (n,), from their `covariance`; NaN where the variance is not positive."""
     variance = np.diag(covariance)
     return np.sqrt(np.where(variance > 0, variance, np.nan))
 
 
 def _places(estimate: Identified, names: Sequence[str]) -> np.ndarray:
+    """Indices of the parameters `names` in an estimate, (len(names),) int; each of them must exist."""
     return np.array([estimate.names.index(name) for name in names], dtype=int)
 
 
 def _by_fixed_values(
     baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray]:
-    """Changes of the compared parameters of both states by one tolerance of each fixed value, (n, n_fixed) each.
+    """Changes of the compared parameters by one tolerance of each fixed value, in the baseline and in the later state.
 
-    `first` and `second` are their indices in the two estimates; `carried` are the parameters whose prior in the later state was
-    the baseline's result, so that they tie both states.
+    Both results are (n, n_fixed), with the fixed values of either state as columns. `first` and `second` are the indices of the
+    compared parameters in the two estimates. `carried` names parameters whose prior in the later state was the result of the
+    baseline; through them a fixed value of one state also changes the other.
     """
     names = tuple(dict.fromkeys(name for one in (baseline, later) if one.fixed for name in one.fixed.change_names))
     before, after = _aligned(baseline, names), _aligned(later, names)
@@ -411,10 +418,11 @@ def _aligned(estimate: Identified, names: tuple[str, ...]) -> FloatArray:
 def _carried(
     baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Baseline values (n,), covariances of both states and their cross-covariance (n, n), updated for carried parameters.
+    """Values of the baseline and three covariances of the compared parameters, after the update by carried parameters.
 
-    `first` and `second` are the indices of the compared parameters in the two estimates. The update is linear in the
-    logarithms of values that are positive in both states, and in other values themselves.
+    Returns the values (n,), the covariances of baseline and later state, and the cross-covariance (baseline by later), (n, n)
+    each. `first` and `second` are the indices of the compared parameters in the two estimates. The update is linear in
+    logarithms where both values are positive, else in the values. NaN where the baseline does not determine `carried`.
     """
     p, q = baseline.covariance_of_data, later.covariance_of_data
     values, other = baseline.values[first], q[np.ix_(second, second)]
@@ -443,9 +451,9 @@ def _carried(
 
 
 def _together(change: FloatArray, covariance: FloatArray) -> tuple[float, float]:
-    """Chi-square of all determined changes jointly, and the probability of a larger one without any change.
+    """Chi-square of all determined changes jointly, and the probability of a larger value if nothing had changed.
 
-    `change` is (n,), `covariance` (n, n).
+    `change` is (n,), `covariance` (n, n). Both results are NaN if no change is determined or the covariance is singular.
     """
     seen = np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0)
     if not seen.any():

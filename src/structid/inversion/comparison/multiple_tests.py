@@ -53,10 +53,10 @@ def adjusted_p_values(p_values: FloatArray, correction: Correction = "holm") -> 
 
 
 def detectable(n_tests: int, level: float, power: float) -> float:
-    """Smallest single change, in standard deviations, that is declared with probability `power` among `n_tests`.
+    """Smallest single change, in standard deviations, that is declared with probability `power` among `n_tests` tests.
 
-    Both corrections declare the smallest p-value where it is at most level / n_tests, hence
-    z(1 - level / (2 n_tests)) + z(power); the chance of a declaration in the wrong direction is left out.
+    It is z(1 - level / (2 n_tests)) + z(power), since both corrections declare the smallest p-value where it is at most
+    level / n_tests; a declaration in the wrong direction is left out. NaN if `n_tests` is 0.
     """
     if n_tests == 0:
         return float("nan")

@@ -79,7 +79,10 @@ class UnchangedTest:
 
     @property
     def statistic(self) -> float:
-        """Increase of the sum of squares by common parameters, over chi-square per degree of freedom where that exceeds 1."""
+        """Increase of the sum of squares when the parameters are equal in both states, never below 0.
+
+        It is divided by the chi-square per degree of freedom of the separate fit where that exceeds 1.
+        """
         scale = max(1.0, self.separate_cost / self.degrees_of_freedom) if self.degrees_of_freedom > 0 else 1.0
         return max(self.cost - self.separate_cost, 0.0) / scale
 

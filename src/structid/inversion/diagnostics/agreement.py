@@ -47,10 +47,9 @@ class Agreement:
 def agreement(problem: Problem, linearization: Linearization) -> Agreement | None:
     """F test that quantities measured in several records agree on the parameters; None if it cannot be made.
 
-    With S the sum of squares that all quantities leave with the same parameters, S_q that of quantity q with parameters of its own,
-    all to first order and without priors, (S - sum S_q) / between over (sum S_q) / within has Fisher's distribution where the
-    errors are independent and of one size in their stated deviations. That size may be unknown: an error that is set
-    from the scatter of the fit itself makes chi-square no test, but leaves this one.
+    With S the sum of squares of a common fit to all quantities and S_q that of a separate fit to quantity q, to first order and
+    without priors, (S - sum S_q) / between over (sum S_q) / within follows Fisher's distribution for independent errors. The
+    common size of the errors may be unknown. None if `repeated_quantities` is None, or no degree of freedom is left.
 
     References
     ----------

@@ -79,7 +79,7 @@ class AtBound:
 
 
 def is_free(at_bound: Sequence[AtBound], n_params: int) -> np.ndarray:
-    """Which of `n_params` parameters are not at a bound, (n_params,)."""
+    """Mask of the parameters that are not in `at_bound`, (n_params,) bool."""
     free = np.ones(n_params, dtype=bool)
     free[[one.index for one in at_bound]] = False
     return free
@@ -88,11 +88,11 @@ def is_free(at_bound: Sequence[AtBound], n_params: int) -> np.ndarray:
 def at_bounds(
     problem: Problem, theta: FloatArray, linearization: Linearization, noise_scale: float = 1.0
 ) -> tuple[AtBound, ...]:
-    """Parameters at a bound at the minimum `theta` (n_params,), by its linearization.
+    """Parameters at a bound at the minimum `theta`, from the linearized model.
 
-    One is at a bound where it lies within a hundredth of its range and a tenth of its standard deviation from it, and the
-    linear model has its minimum beyond. One that data without bounds would leave open over its whole range is not at
-    a bound but not determined.
+    A parameter is at a bound if it is within 1 % of its range and 0.1 standard deviations of the bound, and the minimum of the
+    linear model lies beyond. If its standard deviation without bounds exceeds both its range and its size, it counts as
+    undetermined and is not returned.
 
     Parameters
     ----------

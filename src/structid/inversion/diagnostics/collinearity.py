@@ -97,10 +97,11 @@ class _Directions:
 
 
 def variance_proportions(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Singular-value ratio of each direction, and each direction's share of every parameter's variance.
+    """Condition index of each singular direction, and its share in the variance of each parameter.
 
-    Shapes (n_params,) and (n_params, n_params): ``proportions[k, j]`` for direction k and parameter j; columns sum to 1.
-    The columns of the Jacobian are scaled to unit length first.
+    Shapes (n_params,) and (n_params, n_params): ``proportions[k, j]`` for direction k and parameter j; columns sum to 1. The
+    condition index is the largest singular value over that of the direction. `jacobian` (n_data, n_params) is scaled to columns
+    of unit length first.
     """
     lengths = np.linalg.norm(jacobian, axis=0)
     unit = jacobian / np.where(lengths > 0, lengths, 1.0)
@@ -111,7 +112,10 @@ def variance_proportions(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _by_correlation(size: FloatArray) -> list[set[int]]:
-    """Sets of parameters whose absolute correlations `size` (n_params, n_params) all reach the limit; strongest joined first."""
+    """Sets of indices of parameters whose absolute correlations are all at least 0.95, each with two members or more.
+
+    `size` (n_params, n_params) holds the absolute correlations; pairs are merged in order of falling correlation.
+    """
     clusters: dict[int, set[int]] = {i: {i} for i in range(len(size))}
     first, second = np.triu_indices(len(size), 1)
     strong = np.flatnonzero(size[first, second] >= STRONG_CORRELATION)
@@ -124,10 +128,10 @@ def _by_correlation(size: FloatArray) -> list[set[int]]:
 
 
 def _by_proportions(condition: FloatArray, proportions: FloatArray) -> list[set[int]]:
-    """Sets of parameters that share strong near-dependencies, by their variance proportions.
+    """Sets of indices of parameters that share near-dependencies, by their variance proportions; each has two members or more.
 
-    `condition` (n,) are the condition indices of the singular directions, `proportions` (n, n_params) their parts of
-    each variance.
+    `condition` (n,) are the condition indices of the singular directions, `proportions` (n, n_params) their shares in each
+    variance. Directions with a condition index above 30 count, and parameters with more than half of their variance there.
     """
     strong = proportions[condition > STRONG_CONDITION]
     involved = np.flatnonzero(strong.sum(axis=0) > STRONG_PROPORTION)
@@ -140,9 +144,10 @@ def _by_proportions(condition: FloatArray, proportions: FloatArray) -> list[set[
 
 
 def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_scale: float) -> CollinearGroup:
-    """Collinear group of the parameters with indices `members`, with its spread and words; all others are unknown too.
+    """Collinear group of the parameters with indices `members`, with its standard deviations and a sentence.
 
-    `correlation` is that of all parameters, `of` their singular directions, `noise_scale` the factor on the noise.
+    All other parameters count as unknown too. `correlation` is the matrix of all parameters, `of` holds their names, Jacobian
+    and singular directions, and `noise_scale` multiplies the noise.
     """
     others = [i for i in range(len(of.names)) if i not in members]
     triangle = np.asarray(np.linalg.qr(of.jacobian[:, others + members], mode="r"))
@@ -182,11 +187,12 @@ def percent_text(value: float) -> str:
 
 
 def _span(values: FloatArray) -> str:
+    """Text of the range of relative standard deviations `values`, such as ``2 to 5 %``; a single value if both ends agree."""
     low, high = percent_text(float(values.min())), percent_text(float(values.max()))
     return low if low == high else f"{low.removesuffix(' %')} to {high}"
 
 
 def _correlation_text(value: float) -> str:
-    """Text of a correlation, with as many digits as distinguish it from 1."""
+    """Correlation as text, with three to six decimals so that it does not round to 1."""
     digits = int(np.clip(np.ceil(-np.log10(max(1 - abs(value), 1e-12))), 3, 6))
     return f"{value:.{digits}f}"

@@ -26,16 +26,19 @@ _SMALLEST_GAIN = 1e-9
 
 
 def information_root(rows: FloatArray) -> FloatArray:
-    """R with R'R = J'J for blocks of rows J, (..., n_rows, n_params) to (..., min(n_rows, n_params), n_params)."""
+    """Matrix R with R'R = J'J for each block of rows J: J itself if it has no more rows than columns, else its triangle.
+
+    Shape (..., n_rows, n_params) to (..., min(n_rows, n_params), n_params).
+    """
     if rows.shape[-2] <= rows.shape[-1]:
         return rows
     return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def relative_std(rows: FloatArray) -> FloatArray:
-    """Standard deviation of each relative parameter from the rows of a set: the Cramer-Rao bound, (n_params,).
+    """Relative standard deviation of each parameter by the Cramer-Rao bound, (n_params,); NaN if not determined.
 
-    NaN where the rows do not determine it.
+    `rows` (n_rows, n_params) are whitened derivatives by the logarithms of the parameters.
     """
     if not rows.size:
         return np.full(rows.shape[-1], np.nan)
@@ -72,9 +75,9 @@ def gains(
 ) -> FloatArray:
     """Increase of the design criterion by adding each candidate to the existing rows, (n_candidates,).
 
-    With C the covariance by the existing rows, A = (J'J)^-1, and C_i its part of the parameters of interest: ``d`` is the
-    fall of log det C_i (D-optimality, Ds-optimality for a part of the parameters), ``a`` that of trace C_i. By the
-    matrix determinant lemma a candidate with rows G costs one factorization of I + G C G', of the size of its rows.
+    With C_i the covariance of the parameters of interest by the existing rows, (J'J)^-1 restricted to them, ``d`` is the
+    decrease of log det C_i (D-optimality, or Ds-optimality for a part of the parameters) and ``a`` that of trace C_i. By the
+    matrix determinant lemma each candidate costs one factorization of the size of its rows.
 
     Parameters
     ----------
@@ -168,9 +171,10 @@ def exchanged(
     criterion: Criterion = "d",
     of_interest: np.ndarray | None = None,
 ) -> tuple[int, ...]:
-    """Indices of the `chosen` candidates, improved by single exchanges until none gains (Fedorov's algorithm).
+    """Indices of chosen candidates after single exchanges that improve the design criterion (Fedorov's algorithm).
 
-    `existing` rows (n_existing, n_params) are there already; `criterion` and `of_interest` are those of `gains`.
+    `candidates` are (n_candidates, n_rows, n_params) and `existing` (n_existing, n_params), as in `gains`, with its `criterion`
+    and `of_interest`; `chosen` are the indices to start from. At most 20 passes over the members are made.
     """
     members = list(chosen)
     for _ in range(_MOST_PASSES):
@@ -195,10 +199,15 @@ def optimal(
     criterion: Criterion = "d",
     of_interest: np.ndarray | None = None,
 ) -> tuple[int, ...]:
-    """Indices of the best `count` candidates by greedy choice and exchange, most informative first.
+    """Indices of the best `count` candidates by greedy choice and exchange, in the order of greedy choice among them.
 
-    `candidates` are (n_candidates, n_rows, n_params), `existing` rows (n_existing, n_params) are there already; `criterion` is
-    the determinant or trace of the covariance of the parameters `of_interest`.
+    `candidates` are (n_candidates, n_rows, n_params), the rows `existing` (n_existing, n_params) are measured already;
+    `criterion` is the determinant or trace of the covariance of the parameters `of_interest`.
+
+    Raises
+    ------
+    InputError
+        If there are fewer candidates than `count`.
     """
     first = greedy(candidates, existing, count, criterion, of_interest)
     members = exchanged(candidates, existing, first, criterion, of_interest)

@@ -72,6 +72,9 @@ def identifiability(
 ) -> Identifiability:
     """Rank and undetermined directions of the parameters, from a Jacobian by relative parameters.
 
+    A direction is undetermined if its relative standard deviation is 1 or more, or its singular value is below 1e-10 of
+    the largest.
+
     Parameters
     ----------
     jacobian : (n_data, n_params) float array
@@ -113,7 +116,8 @@ def identifiability(
 def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ...]) -> str:
     """Sentence on which parameters an undetermined direction of relative change involves.
 
-    `vector` (n_params,) is the direction and `values` (n_params,) the physical parameters.
+    `vector` (n_params,) is the direction, `values` (n_params,) the physical parameters. Parameters with an entry above 0.1
+    of the largest count.
 
     Examples
     --------
@@ -143,16 +147,17 @@ def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ..
 
 
 def _joined(names: list[str]) -> str:
-    """All of few names, the first of many."""
+    """Names joined with commas and "and"; above 12, the first 12 and the number of the others."""
     if len(names) > _MOST_NAMED:
         return f"{', '.join(names[:_MOST_NAMED])} and {len(names) - _MOST_NAMED} more"
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
 
 
 def _gain_words(relative: FloatArray, names: list[str]) -> str:
-    """Words on an undetermined common scale of all parameters with channel gains; "" if there is none.
+    """Sentence part on a common scale of parameters that only channel gains could fix; "" if the direction is none.
 
-    `relative` (n,) is the direction of relative change of the parameters `names`.
+    `relative` (n,) is the undetermined direction of relative change of the parameters `names`. It must include a gain, and all
+    other parameters must change by about the same part.
     """
     is_gain = np.array([name.startswith("gain[") for name in names])
     others = relative[~is_gain]
@@ -166,9 +171,10 @@ def _gain_words(relative: FloatArray, names: list[str]) -> str:
 
 
 def _together(relative: FloatArray, values: FloatArray, kind: str) -> str:
-    """Words on the combination of parameters of one kind that is determined, their sum or series; "" if neither.
+    """Words on the combination of parameters that is determined, such as their sum; "" if there is none.
 
-    `relative` (n,) is the undetermined direction of relative changes of these parameters, with their `values`.
+    `relative` (n,) is the undetermined direction of relative change of parameters of one `kind`, `values` (n,) are their
+    physical values. A series (sum of reciprocals) is looked for only among stiffnesses.
     """
     change, inverse = relative * values, relative / values
     as_sum = abs(change.sum()) < 0.05 * np.abs(change).sum()

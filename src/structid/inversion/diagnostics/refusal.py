@@ -43,7 +43,10 @@ class Bound:
         return np.nan_to_num(self.std / safe, nan=np.inf)
 
     def words(self, names: tuple[str, ...]) -> str:
-        """Sentence with the lower bound of relative standard deviations, over all parameters and for the worst."""
+        """Sentence with the Cramer-Rao bound over sizes: RMS of all parameters `names`, and the worst parameter.
+
+        If some bounds are infinite, the sentence names these parameters only, three at most.
+        """
         relative = self.relative
         worst = int(np.argmax(relative))
         if not np.isfinite(relative[worst]):
@@ -57,9 +60,10 @@ class Bound:
 
 
 def bound_at(problem: Problem, theta: FloatArray, point_name: str) -> Bound:
-    """Cramer-Rao bound of the parameter standard deviations if the truth were `theta`; NaN if the model cannot be evaluated.
+    """Cramer-Rao bound of the parameters' standard deviations, physical units, if the truth were `theta` (n_params,).
 
-    `point_name` is how sentences call the point, such as "the initial values".
+    NaN for undetermined parameters, and for all if the model cannot be evaluated there. `point_name` is what sentences call the
+    point, such as "the initial values".
     """
     values, slope = problem.physical(theta), problem.slope(theta)
     try:
@@ -71,12 +75,10 @@ def bound_at(problem: Problem, theta: FloatArray, point_name: str) -> Bound:
 
 
 def carried(initial: Bound, sizes: FloatArray, std: FloatArray, fits: bool) -> np.ndarray:
-    """Which parameters the data carry by the bound at the initial values, (n_params,) bool.
+    """Mask of the parameters that the data can determine, judged by the bound at the initial values, (n_params,) bool.
 
-    A parameter is refused where its bound there is larger than its size there: a search in data that cannot carry a
-    parameter ends anywhere, also where the standard deviation is small beside a value that wandered off. An estimate
-    that `fits` to the noise and is determined to a quarter overrules the initial values, and so does any where these
-    have no bound at all (a contact that sticks there).
+    False where the bound there exceeds the size of the parameter there, unless the estimate fits (`fits`) and its standard
+    deviation is at most a quarter of its size. True where the initial values have no bound at all.
 
     Parameters
     ----------
@@ -91,10 +93,10 @@ def carried(initial: Bound, sizes: FloatArray, std: FloatArray, fits: bool) -> n
 
 
 def refusal_words(initial: Bound, final: Bound, carried_at_start: np.ndarray, names: tuple[str, ...]) -> str:
-    """Sentences for the bounds that show that the data cannot determine a parameter; empty if none does.
+    """Sentences with the Cramer-Rao bounds that show that the data cannot determine a parameter; "" if none does.
 
-    `initial` and `final` are Cramer-Rao bounds at the start and at the estimate; `carried_at_start` (n_params,) marks parameters
-    for which the bound at the start says nothing against the estimate.
+    `initial` and `final` are the bounds at the start and at the estimate; `carried_at_start` (n_params,) is the mask by
+    `carried`.
     """
     said = [] if carried_at_start.all() else [initial.words(names)]
     if (final.relative > 1).any():

@@ -53,7 +53,10 @@ class SeriesTest:
 
 
 def _doubted(series: Sequence[SeriesTest], p_values: Sequence[float]) -> tuple[str, ...]:
-    """Names of the channels whose p-value is too small, at 0.001 for all of them together."""
+    """Names of the channels whose p-value is below 0.001 after Holm's correction for their number, without repetition.
+
+    `p_values` are in the order of `series`; NaN never counts.
+    """
     adjusted = adjusted_p_values(np.array(p_values))
     return tuple(dict.fromkeys(test.name for test, p in zip(series, adjusted, strict=True) if p < _DOUBT))
 
@@ -93,7 +96,7 @@ class ResidualTests:
 
     @property
     def one_sided(self) -> tuple[str, ...]:
-        """Names of the channels whose signs come in too long or too short runs, by the same measure."""
+        """Names of the channels whose residual has too few or too many sign changes, at 0.001 for all channels together."""
         return _doubted(self.series, [test.runs_probability for test in self.series])
 
     @property
@@ -130,7 +133,7 @@ class ResidualTests:
         return tuple(said)
 
     def named(self, names: Sequence[str]) -> ResidualTests:
-        """A copy with the names of the channels, one for each series."""
+        """A copy with `names` as the names of the channels, in the order of `series`; both must be of equal length."""
         series = [replace(test, name=name) for test, name in zip(self.series, names, strict=True)]
         return replace(self, series=tuple(series))
 
@@ -149,8 +152,8 @@ def residual_tests(
     degrees_of_freedom : float
         Of chi-square.
     fixed_squares : float
-        Sum of squares of the fixed values that the residual is of, in tolerances: a part of chi-square, since each of them takes a
-        degree of freedom and brings one.
+        Sum of squares of the fixed values, in tolerances, if they are free in the fit; it is added to chi-square, since each
+        of them takes a degree of freedom and brings one.
 
     Returns
     -------
@@ -184,20 +187,30 @@ def residual_tests(
 
 
 def has_order(problem: Problem, residual: FloatArray, degrees_of_freedom: float) -> bool:
-    """True where a channel's residual, or its signs, are correlated along its axis."""
+    """True where the whiteness or the runs test rejects a channel of the residual, at 0.001 for all channels together.
+
+    `residual` is whitened, data rows first.
+    """
     tests = residual_tests(problem, residual, degrees_of_freedom)
     return bool(tests.not_white or tests.one_sided)
 
 
 def misfit_probability(problem: Problem, chi_square: float, freedom: float) -> float:
-    """Probability of a larger sum of squares of the data, by the one of its two possible laws that gives more."""
+    """Probability of a larger chi-square of the data, if model and noise level were right.
+
+    `chi_square` has `freedom` degrees of freedom. If few averages determine the noise, it is the median of 0.5 and the
+    probabilities for known noise and by `row_law`, so that the law with the less extreme result decides.
+    """
     scale, share = row_law(problem.rows.averages)
     known, few = (special.gammaincc(freedom * f / 2, chi_square / s / 2) for s, f in ((1.0, 1.0), (scale, share)))
     return float(sorted((known, 0.5, few))[1]) if share < 1 else float(known)
 
 
 def _series_test(name: str, values: FloatArray) -> SeriesTest:
-    """Whiteness tests of one residual series (n,): lag-1 correlation, periodogram and runs; NaN if too short."""
+    """Tests of one residual series (n,) in order of lines: lag-1 correlation, periodogram and runs.
+
+    Results are NaN (and 0 runs) if it has fewer than 20 values or is constant.
+    """
     n, nan = len(values), float("nan")
     if n < _FEWEST_ROWS or np.ptp(values) == 0:
         return SeriesTest(name, n, nan, nan, nan, 0, nan, nan)
@@ -208,11 +221,11 @@ def _series_test(name: str, values: FloatArray) -> SeriesTest:
 
 
 def periodogram_test(values: FloatArray) -> tuple[float, float]:
-    """Kolmogorov distance of the cumulative periodogram from that of white noise, and its p-value.
+    """Kolmogorov distance of the cumulative periodogram from that of white noise, 0 to 1, and its p-value.
 
-    For normal white noise the ordinates without frequency 0 and the last are independent exponentials, so that their
-    cumulative sums over the total are ordered uniform numbers for any length: Kolmogorov's distance, with Stephens'
-    (1970) correction for their number.
+    `values` (n,) are evenly ordered. For normal white noise the ordinates without frequency 0 and the Nyquist frequency are
+    independent exponentials, so their cumulative sums over the total are ordered uniform numbers. The p-value has the
+    correction of Stephens (1970) for their number.
     """
     ordinates = np.abs(np.fft.rfft(values)[1 : (len(values) + 1) // 2]) ** 2
     steps = np.cumsum(ordinates)[:-1] / ordinates.sum()
@@ -224,10 +237,10 @@ def periodogram_test(values: FloatArray) -> tuple[float, float]:
 
 
 def runs_test(values: FloatArray) -> tuple[int, float, float]:
-    """Number of runs of equal sign, its expectation for independent signs, and the two-sided p-value.
+    """Number of runs of equal sign in `values` (n,), its expectation for independent signs, and the two-sided p-value.
 
-    With n1 positive and n2 negative values the mean is 2 n1 n2 / n + 1 and the variance (mean - 1)(mean - 2) / (n - 1);
-    the count is drawn half a run towards the mean.
+    With n1 positive and n2 negative values the mean is 2 n1 n2 / n + 1 and the variance (mean - 1)(mean - 2) / (n - 1), with a
+    continuity correction of half a run. Zeros are dropped; the p-value is NaN if nothing is left or the variance is 0.
     """
     signs = values[values != 0] > 0
     n, n_positive = len(signs), int(signs.sum())
@@ -243,19 +256,26 @@ def runs_test(values: FloatArray) -> tuple[int, float, float]:
 
 
 def _smallest(tests: Sequence[SeriesTest], probability: Callable[[SeriesTest], float]) -> float:
+    """Smallest p-value of the series after Holm's correction for their number; NaN if all are NaN.
+
+    `probability` takes the p-value out of a `SeriesTest`.
+    """
     adjusted = adjusted_p_values(np.array([probability(test) for test in tests]))
     known = adjusted[np.isfinite(adjusted)]
     return float(known.min()) if known.size else float("nan")
 
 
 def _normality(values: FloatArray, averages: FloatArray | None) -> float:
-    """Probability by the test of normality, of the values or of those that `normal_values` makes of them."""
+    """p-value of the Jarque-Bera test of residual `values`; the larger of two if few averages tell the noise.
+
+    `averages` (n_data,) or None: if given, `normal_values` of the residual are tested as well.
+    """
     own = _jarque_bera(values)
     return own if averages is None else max(own, _jarque_bera(normal_values(values, averages)))
 
 
 def _jarque_bera(values: FloatArray) -> float:
-    """p-value of the Jarque-Bera test for normality of `values` (n,)."""
+    """p-value of the Jarque-Bera test for normality of `values` (n,); NaN below 50 values or if they are constant."""
     if len(values) < _FEWEST_FOR_SHAPE or np.ptp(values) == 0:
         return float("nan")
     z = (values - values.mean()) / values.std()
@@ -275,12 +295,11 @@ def _listed(names: Sequence[str], n_all: int) -> str:
 def misses_noise(
     problem: Problem, residual: FloatArray, scale: float, freedom: float, probability: float, more: float = 0.0
 ) -> bool:
-    """True if noise alone would leave a chi-square above that of `residual` with less than this `probability`.
+    """True if noise alone would exceed the chi-square of `residual` with less than `probability`.
 
-    `more` is added to the sum of squares. What few averages leave more than known noise would is no misfit, but where
-    it has an order that noise has not. Without degrees of freedom data are missed where they are as far off as the
-    truth itself seldom is. The sum of squares by noise alone is `scale` times chi-square of `freedom` degrees of
-    freedom.
+    Noise alone gives `scale` times chi-square of `freedom` degrees of freedom; `more` is added to the sum of squares. If few
+    averages tell the noise, a misfit by the law of known noise counts only if a channel is correlated (`has_order`). Without
+    degrees of freedom the number of data rows takes their place.
     """
     data, (_, share) = residual[: problem.n_data], row_law(problem.rows.averages)
     chi_square, of_known = float(data @ data) + more, freedom / share
@@ -292,5 +311,5 @@ def misses_noise(
 
 
 def is_misfit(chi_square: float, freedom: float, probability: float) -> bool:
-    """True where a larger chi-square has less than this probability."""
+    """True where a chi-square variable of `freedom` degrees of freedom exceeds `chi_square` with less than `probability`."""
     return bool(special.gammaincc(freedom / 2, chi_square / 2) < probability)

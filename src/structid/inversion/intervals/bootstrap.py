@@ -58,7 +58,7 @@ class Bootstrap:
     degrees_of_freedom: FloatArray
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
-        """All replicates as one chain, (1, n_replicates, n_params)."""
+        """All replicates as one chain, (1, n_succeeded, n_params), physical units; `n_draws` and `rng` are not used."""
         return self.values[None]
 
     @property
@@ -80,7 +80,7 @@ class Bootstrap:
 
     @property
     def bias(self) -> FloatArray:
-        """Mean of the replicates less the original, (n_params,): what nonlinearity adds to the estimate."""
+        """Mean of the replicates less the original estimate, (n_params,), physical units; NaN where they are not reliable."""
         if not self.is_reliable:
             return np.full(len(self.names), np.nan)
         return self.values.mean(axis=0) - self.original
@@ -128,10 +128,10 @@ def bootstrap(
     rng: np.random.Generator | None = None,
     work: Work = ALONE,
 ) -> Bootstrap:
-    """Bootstrap replicates of an estimate: refits of `problem` to data simulated from its own fit.
+    """Bootstrap replicates of an estimate: refits of `problem` to data simulated from the fit.
 
-    Each replicate has the residual r(theta) - r(estimate) + e: the model's prediction with new errors e, in units of
-    the noise, refitted from the estimate.
+    A replicate has the residual r(theta) - r(estimate) + e, the prediction of the model with new errors e in units of the
+    noise. Its search starts from the estimate.
 
     Parameters
     ----------
@@ -152,6 +152,11 @@ def bootstrap(
     Returns
     -------
     Bootstrap
+
+    Raises
+    ------
+    InputError
+        If `n_replicates` is below 1 or `kind` is unknown.
 
     Notes
     -----
@@ -181,7 +186,10 @@ def bootstrap(
 def bootstrap_ends(
     problem: Problem, estimate: Estimate, level: float, seed: int, work: Work
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """Interval ends (n_params, 2) from 400 replicates, and notes on them."""
+    """Interval ends (n_params, 2) in physical units from 400 bootstrap replicates, and warnings as a tuple of sentences.
+
+    `level` is the probability of the interval; the ends are NaN if the replicates are not reliable.
+    """
     found = bootstrap(problem, estimate, rng=np.random.default_rng(seed), n_replicates=400, work=work)
     return found.interval(level), found.words
 
@@ -189,9 +197,9 @@ def bootstrap_ends(
 def _refitted(
     shared: tuple[Problem, FloatArray, FloatArray, str], rng: np.random.Generator, tools: Tools
 ) -> FloatArray | str:
-    """Physical values (n_params,) of one bootstrap replicate, or a text on why its refit failed.
+    """Physical values (n_params,) of one bootstrap replicate, or a sentence on why its refit failed.
 
-    `shared` is the problem, the estimate's free variables, its residual, and the kind of bootstrap.
+    `shared` holds the problem, the free variables of the estimate, the residual there, and the kind of bootstrap.
     """
     problem, theta, at_minimum, kind = shared
     errors = rng.standard_normal(len(at_minimum))
@@ -233,6 +241,11 @@ def bootstrap_repeats(
     -------
     Bootstrap
 
+    Raises
+    ------
+    InputError
+        If there are fewer than three records.
+
     Notes
     -----
     From n repeats n - 1 are drawn each time, which makes the variance of a mean unbiased (Rao and Wu 1988); n would make
@@ -264,6 +277,10 @@ def bootstrap_repeats(
 def _gathered(
     original: Estimate, kind: str, results: Sequence[FloatArray | str], degrees_of_freedom: FloatArray
 ) -> Bootstrap:
+    """`Bootstrap` of the replicates in `results`: physical values (n_params,), or a sentence for one that failed.
+
+    `original` is the estimate from the data themselves, `degrees_of_freedom` (n_params,) those of the intervals.
+    """
     values = [result for result in results if not isinstance(result, str)]
     failures = [f"replicate {i + 1}: {result}" for i, result in enumerate(results) if isinstance(result, str)]
     return Bootstrap(

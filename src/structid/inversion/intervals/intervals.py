@@ -57,6 +57,8 @@ def parameter_intervals(
 ) -> Intervals:
     """Intervals of every parameter at probability `level`, by the method that `kind` names.
 
+    The tolerances of fixed values widen all of them.
+
     Parameters
     ----------
     problem : Problem
@@ -75,6 +77,11 @@ def parameter_intervals(
     -------
     Intervals
         NaN, and a note that says why, where the way chosen cannot give them.
+
+    Raises
+    ------
+    InputError
+        If `kind` is unknown or `level` is not between 0 and 1.
     """
     if kind not in INTERVAL_KINDS:
         raise InputError(f"`kind` must be one of {', '.join(INTERVAL_KINDS)}, got {kind!r}; 'laplace' costs nothing")
@@ -86,9 +93,10 @@ def parameter_intervals(
 
 
 def _with_tolerances(ends: FloatArray, estimate: Estimate, level: float) -> FloatArray:
-    """Interval ends (n_params, 2) widened by the tolerances of fixed values.
+    """Interval ends (n_params, 2) in physical units widened by the tolerances of fixed values.
 
-    Half-widths add in squares; an end that the data do not give stays open. `level` is the probability of the interval.
+    Half-widths add in squares, in logarithms where value and end are positive. Ends that are 0, infinite or NaN stay.
+    `level` is the probability of the interval.
     """
     assert estimate.fixed is not None
     values, wide = estimate.values, np.array(ends)

@@ -63,7 +63,10 @@ class StepSize:
     centre: float
 
     def after(self, i: int, accepted: float) -> StepSize:
-        """After draw `i` of a phase, which was accepted with this probability, to come to 80 %."""
+        """Step size after draw `i` (from 0) of a phase, by dual averaging towards an acceptance of 80 %.
+
+        `accepted` is the mean acceptance probability of the draw.
+        """
         error = self.error + (0.8 - accepted - self.error) / (i + 11)
         log_size = float(self.centre - np.sqrt(i + 1) / 0.05 * error)
         return StepSize(
@@ -117,20 +120,22 @@ def begun(log_density: LogDensity, start: FloatArray) -> ChainState:
 def continued(
     log_density: LogDensity, state: ChainState, n_warmup: int, n_draws: int, n: int, rng: np.random.Generator
 ) -> tuple[ChainState, FloatArray]:
-    """State of a no-U-turn chain after at most `n` further draws, and the kept draws, (at most n, n_params).
+    """Chain after at most `n` further draws of the no-U-turn sampler, and the kept draws, (at most n, n_params).
 
-    Draws by the no-U-turn sampler with multinomial weights; the step size is set in the warm-up, to accept 80 %. Half-way
-    through the warm-up the coordinates are turned and scaled by the covariance of the draws so far.
-
-    The kept draws are in the turned coordinates: `draws @ state.factor.T` are the samples. In pieces or at once, the
-    chain is the same to the last bit.
+    Multinomial weights; the step size is adapted in the warm-up towards an acceptance of 80 %. After half of the warm-up the
+    coordinates are scaled by the covariance of its draws. Kept draws are in these coordinates: `draws @ state.factor.T` are the
+    samples, where `state` is the returned chain. The result does not depend on how the draws are divided into calls.
 
     Parameters
     ----------
     log_density : callable
+        Log density and its gradient (n_params,) at x (n_params,); minus infinity where the density is 0.
     state : ChainState
-        Of `begun`, where the density is not 0, or of an earlier call.
-    n_warmup, n_draws, n : int
+        From `begun`, at a point of positive density, or from an earlier call.
+    n_warmup, n_draws : int
+        Length of the warm-up, whose draws are not kept, and number of draws kept by the whole chain.
+    n : int
+        Most draws of this call, warm-up included.
     rng : numpy Generator
 
     References
@@ -153,14 +158,21 @@ def continued(
 def _phase(
     log_density: LogDensity, x: FloatArray, factor: FloatArray, size: float, phase: int, spent: int
 ) -> ChainState:
-    """The state before the first draw of a phase."""
+    """Chain state before the first draw of a phase; the log density is evaluated once.
+
+    `x` (n_params,) is the place in the coordinates of the phase, `factor` takes these to the parameters, `size` is the first
+    step size, `phase` 0 to 2, and `spent` the number of gradients so far.
+    """
     value, gradient = _turned(log_density, factor, phase)(x)
     step = StepSize(float(np.log(size)), float(np.log(size)), 0.0, float(np.log(10 * size)))
     return ChainState(phase, 0, Place(x, value, gradient), factor, step, np.zeros((0, len(x))), spent + 1, 0, 0.0)
 
 
 def _next_phase(log_density: LogDensity, state: ChainState) -> ChainState:
-    """Chain state at the start of its next phase, with coordinates and step size set from its draws so far."""
+    """Chain state at the start of the next phase, with coordinates and step size from the draws of this one.
+
+    New coordinates are set after phase 0 only, from its draws without the first quarter.
+    """
     size, x, factor = float(np.exp(state.step.log_mean)), state.at.x, state.factor
     if state.phase == 0:
         kept = state.warmup[len(state.warmup) // 4 :]
@@ -171,7 +183,7 @@ def _next_phase(log_density: LogDensity, state: ChainState) -> ChainState:
 
 
 def _turned(log_density: LogDensity, factor: FloatArray, phase: int) -> LogDensity:
-    """Log density in coordinates y with x = `factor` y; in phase 0, before scaling, the density as it is."""
+    """Log density and gradient as a function of coordinates y with x = `factor` y; `log_density` itself in phase 0."""
     if phase == 0:
         return log_density
 
@@ -190,7 +202,7 @@ def _shrunk_covariance(draws: FloatArray) -> FloatArray:
 
 
 def _drawn(log_density: LogDensity, state: ChainState, rng: np.random.Generator) -> ChainState:
-    """Chain state after one more draw; in warm-up the step size is adapted to the acceptance rate."""
+    """Chain state after one more draw of its phase; in the warm-up also with an adapted step size."""
     density = _turned(log_density, state.factor, state.phase)
     tree = _trajectory(density, state.at, float(np.exp(state.step.log_size)), rng)
     accepted = tree.acceptance / max(tree.n_steps, 1)
@@ -205,9 +217,9 @@ def _drawn(log_density: LogDensity, state: ChainState, rng: np.random.Generator)
 
 
 def _trajectory(log_density: LogDensity, start: Place, size: float, rng: np.random.Generator) -> _Tree:
-    """Binary tree of leapfrog steps from `start` with fresh random momentum, doubled until it turns back.
+    """Binary tree of leapfrog steps from `start` with a new random momentum, doubled until it turns back or diverges.
 
-    `size` is the step size.
+    `size` is the step size; there are at most eight doublings. The next draw is `_Tree.drawn`.
     """
     begin = _State(start, rng.standard_normal(len(start.x)))
     tree = _Tree(begin, begin, begin, 0.0, begin.p, False, False, 0.0, 0)
@@ -230,9 +242,10 @@ def _trajectory(log_density: LogDensity, start: Place, size: float, rng: np.rand
 def _grown(
     log_density: LogDensity, end: _State, step: float, depth: int, energy: float, rng: np.random.Generator
 ) -> _Tree:
-    """Tree of 2^depth leapfrog steps of size `step` from the state `end`, built recursively.
+    """Tree of 2^`depth` leapfrog steps from the state `end`, built recursively; shorter if it turns back or diverges.
 
-    `energy` is that of the trajectory's start, against which states are weighed.
+    `step` is the step size, negative for backward. `energy` is that of the start of the trajectory: states have the weight
+    exp(energy - own energy), and a loss of more than 1000 is a divergence.
     """
     if depth == 0:
         half = end.p + 0.5 * step * end.at.gradient
@@ -255,9 +268,10 @@ def _grown(
 
 
 def _joined(near: _Tree, far: _Tree, sign: int, drawn: _State) -> _Tree:
-    """Tree of two adjoining trajectories, `far` ahead of `near` in direction `sign`, with the step counts of `near`.
+    """Tree of two adjoining trajectories, `far` ahead of `near` in the direction `sign` (1 or -1).
 
-    `drawn` is the state sampled from both.
+    Step counts and acceptance are those of `near`. `drawn` is the state chosen from both. The result is `stopped` if the joined
+    trajectory turns back.
     """
     early, late = (near, far) if sign > 0 else (far, near)
     momentum = near.momentum + far.momentum

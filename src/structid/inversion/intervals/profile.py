@@ -71,9 +71,9 @@ class Profile:
         return (self.name,)
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
-        """Random draws of the parameter, (1, n_draws, 1), distributed as the profile likelihood.
+        """Random draws of the parameter in physical units, (1, n_draws, 1), distributed as the profile likelihood.
 
-        Beyond the last point of the profile the root goes on straight.
+        A standard normal number is the signed root of the deviance, interpolated between the points and extrapolated linearly.
 
         Raises
         ------
@@ -187,7 +187,15 @@ def profiles(
     max_points: int = 24,
     work: Work = ALONE,
 ) -> tuple[Profile, ...]:
-    """`profile` of each of `parameters`, all by default, each a task of `work`."""
+    """Profile likelihoods of several `parameters`, in their order; each is a parallel task of `work`.
+
+    `parameters` are names or indices, all by default; the other arguments are those of `profile`.
+
+    Raises
+    ------
+    InputError
+        If there is no such parameter, or the level is not between 0 and 1.
+    """
     chosen = range(len(estimate.names)) if parameters is None else parameters
     shared = (problem, estimate.with_transform(np.array), level, max_points)
     return tuple(Profile(**found) for found in work.map("profiles", _profiled, shared, list(chosen)))
@@ -196,14 +204,21 @@ def profiles(
 def profile_ends(
     problem: Problem, estimate: Estimate, level: float, seed: int, work: Work
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """Interval ends (n_params, 2) of the profiles of all parameters, and a note on each that is far from a normal one."""
+    """Interval ends (n_params, 2) in physical units from all profiles, and sentences on those that are not quadratic.
+
+    A profile has a sentence if a half-width differs by 10 % from the Laplace interval, or a better fit was met. `level` is the
+    probability of the interval; `seed` is not used.
+    """
     found = profiles(problem, estimate, level=level, work=work)
     notes = tuple(item.words for item in found if item.nonlinearity >= 0.1 or item.better < -0.01)
     return np.array([(item.lower, item.upper) for item in found]).reshape(-1, 2), notes
 
 
 def _profiled(shared: tuple[Problem, Estimate, float, int], parameter: str | int, tools: Tools) -> Stored:
-    """`profile` as a task."""
+    """Fields of the `Profile` of one parameter by name, as a parallel task.
+
+    `shared` holds problem, estimate, level and the largest number of points on a side.
+    """
     problem, estimate, level, max_points = shared
     found = profile(problem, estimate.with_transform(problem.physical), parameter, level, max_points)
     return {entry.name: getattr(found, entry.name) for entry in fields(found)}
@@ -225,10 +240,9 @@ def _position(estimate: Estimate, parameter: str | int) -> int:
 
 
 def _scale(problem: Problem, estimate: Estimate, index: int) -> float:
-    """Ratio by which the parameter's variance exceeds that of the fit, for model error or few averages.
+    """Ratio of the parameter's variance to that of the fit with known noise; 1 without model error or few averages.
 
-    For a parameter that is not identified these say nothing, and chi-square per degree of freedom stands for it.
-    `index` is that of the parameter.
+    `index` is that of the parameter. If it is not identified, the ratio is chi-square per degree of freedom, at least 1.
     """
     few = few_averages(problem.rows.averages)
     if estimate.covariance_basis == "noise" and few is None:
@@ -264,7 +278,11 @@ class _Side:
     max_points: int
 
     def walked(self) -> tuple[list[_Point], float]:
-        """Points of the profile from the estimate outwards, and the interval end; infinite if none was found."""
+        """Points of the profile on this side, and the interval end in the free variable; infinite if none was reached.
+
+        A point is the free variable, the deviance and all free variables (n_params,); points go outwards from the estimate. The
+        walk ends after `max_points`, where a fit fails, or at the farthest distance allowed.
+        """
         start = float(self.estimate.theta[self.index])
         std = float(self.estimate.std_free[self.index])
         step = std if np.isfinite(std) and std > 0 else 1.0
@@ -299,7 +317,10 @@ class _Side:
         return sorted(points, key=lambda p: self.sign * p[0]), self.sign * np.inf
 
     def _is_linear(self) -> bool:
-        """True where the physical value has no limit; a log or interval variable of 40 is at its limit for all purposes."""
+        """True where the physical value has no limit for a free variable of minus or plus infinity.
+
+        False for a logarithmic or bounded parameter.
+        """
         ends = [
             self.problem.physical(_with(self.estimate.theta, self.index, end))[self.index] for end in (-np.inf, np.inf)
         ]
@@ -311,7 +332,11 @@ class _Side:
         outside: tuple[float, float, float] | None,
         last: tuple[float, float, float],
     ) -> float:
-        """Next trial value of the parameter for the interval end, by Newton's method kept inside its bracket."""
+        """Next trial value of the free variable for the interval end, by Newton's method kept inside a bracket.
+
+        `inside`, `outside` (None if not met yet) and `last` are points on either side of the end and the last one: free
+        variable, root of the deviance, and slope of this root.
+        """
         start = float(self.estimate.theta[self.index])
         at, root, rate = last
         newton = at + self.sign * (self.quantile - root) / rate if rate > 0 else self.sign * np.inf
@@ -326,7 +351,11 @@ class _Side:
         return inside[0] + min(max(share, 0.1), 0.9) * (outside[0] - inside[0])
 
     def _fitted(self, theta: FloatArray, at: float) -> tuple[FloatArray, float, float] | None:
-        """Constrained fit with the parameter at `at`: free variables, deviance and its slope; None if it fails."""
+        """Fit with the free variable of the parameter held at `at`; None if it fails.
+
+        Returns all free variables (n_params,), the deviance and its slope. The search starts from `theta` (n_params,), moved
+        along the tangent.
+        """
         others = np.delete(theta, self.index)
         others_free = FixedVariable(self.problem, self.index, at)
         try:
@@ -352,7 +381,7 @@ class _Side:
         return float(residual @ residual)
 
     def _tangent(self, theta: FloatArray) -> FloatArray:
-        """Derivative of the other variables with respect to this one along the constrained minima, (n_params - 1,)."""
+        """Derivative of the other free variables by this one along the constrained minima, (n_params - 1,), at `theta`."""
         jacobian = self.problem.linearize(theta).jacobian
         column = jacobian[:, self.index]
         return -np.linalg.lstsq(np.delete(jacobian, self.index, axis=1), column, rcond=None)[0]

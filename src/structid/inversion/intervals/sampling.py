@@ -189,9 +189,10 @@ def sample(
 def sampled_ends(
     problem: Problem, estimate: Estimate, level: float, seed: int, work: Work
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """Interval ends (n_params, 2) from posterior draws, and warnings; NaN if the posterior is not proper.
+    """Interval ends (n_params, 2) in physical units from posterior draws, and warnings as a tuple of sentences.
 
-    `level` is the probability of the interval.
+    `level` is the probability of the interval. The ends are NaN if the noise covariance is not finite or the draws are not
+    reliable.
     """
     if not np.isfinite(estimate.spread.covariance_noise).all():
         none = np.full((len(estimate.names), 2), np.nan)
@@ -210,7 +211,10 @@ class _Drawn:
 
 
 def _whitening(estimate: Estimate, fitted: FloatArray | None = None) -> FloatArray:
-    """Lower Cholesky factor of the covariance of the free variables, from noise or, if given, `fitted`; (n, n)."""
+    """Lower Cholesky factor (n, n) of a covariance of the free variables: `fitted`, or by default that from noise.
+
+    Raises `InputError` with the names of the parameters if it is not finite.
+    """
     slope = np.ones(len(estimate.names)) if estimate.parameters.slope is None else estimate.parameters.slope
     covariance = estimate.spread.covariance_noise / np.outer(slope, slope) if fitted is None else fitted
     if not np.isfinite(covariance).all():
@@ -237,7 +241,10 @@ class _Target:
         return float(residual @ residual), float(np.log(np.abs(self.problem.slope(self.centre))).sum())
 
     def __call__(self, x: FloatArray) -> tuple[float, FloatArray]:
-        """Log posterior density and its gradient (n_params,) at whitened `x` (n_params,); -inf if undefined."""
+        """Log posterior density and its gradient (n_params,) at `x` (n_params,) in whitened coordinates.
+
+        Minus infinity and a gradient of zeros where the model cannot be evaluated.
+        """
         (least, log_slope), none, theta = self._at_centre, np.zeros(len(x)), self.centre + self.factor @ x
         try:
             with np.errstate(all="ignore"):
@@ -255,14 +262,17 @@ class _Target:
 
 
 def _log_slope_derivative(problem: Problem, theta: FloatArray) -> FloatArray:
-    """d log|dp/dtheta| / d theta by central differences; each parameter depends on its own variable alone."""
+    """Derivative of log|dp/dtheta| by the own free variable of each parameter p, (n_params,), by central differences."""
     step = 1e-5
     ratio = problem.slope(theta + step) / problem.slope(theta - step)
     return np.log(np.abs(ratio)) / (2 * step)
 
 
 def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
-    """Symmetric square root of the estimate's covariance in coordinates whitened by the lower factor `factor`."""
+    """Symmetric root (n, n) of the covariance of the estimate in whitened coordinates x with theta = `factor` x.
+
+    Whitened draws times this matrix have the covariance of the estimate.
+    """
     slope = np.ones(len(estimate.names)) if estimate.parameters.slope is None else estimate.parameters.slope
     half = np.linalg.solve(factor, estimate.covariance / np.outer(slope, slope))
     values, vectors = np.linalg.eigh(np.linalg.solve(factor, half.T))
@@ -272,7 +282,10 @@ def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
 def _by_nuts(
     target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator, work: Work
 ) -> _Drawn:
-    """Posterior draws by the no-U-turn sampler: independent chains, drawn in parallel and piece by piece."""
+    """Posterior draws by the no-U-turn sampler: independent chains, run in parallel in pieces of 50 draws.
+
+    Each of the `n_chains` chains has `n_warmup` draws that are dropped and `n_draws` that are kept.
+    """
     states: list[Stored] = [{"chain": None, "random": child.bit_generator.state} for child in rng.spawn(n_chains)]
     kept: list[list[FloatArray]] = [[] for _ in states]
     total = n_warmup + n_draws
@@ -290,9 +303,10 @@ def _by_nuts(
 
 
 def _chain_piece(shared: tuple[_Target, int, int], item: Stored, tools: Tools) -> Stored:
-    """Next draws of one Markov chain, as a parallel task; `item` is the chain's stored state.
+    """Next 50 draws of one Markov chain, as a parallel task, with the stored state after them.
 
-    `shared` is the target density, the number of warm-up draws and that of draws.
+    `shared` holds the target density, the length of the warm-up and the number of kept draws. `item` and the result have the
+    keys ``chain`` (None before the first draw) and ``random``; the result also has ``draws``.
     """
     target, n_warmup, n_draws = shared
     rng = _generator(item["random"])
@@ -308,14 +322,18 @@ def _chain_piece(shared: tuple[_Target, int, int], item: Stored, tools: Tools) -
 
 
 def _generator(state: Stored) -> np.random.Generator:
-    """The generator in that state."""
+    """Random generator in the stored state `state` of its bit generator."""
     made = np.random.Generator(getattr(np.random, str(state["bit_generator"]))())
     made.bit_generator.state = state
     return made
 
 
 def _by_emcee(target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator) -> _Drawn:
-    """Posterior draws by emcee's ensemble sampler, each walker counted as a chain."""
+    """Posterior draws by the ensemble sampler of emcee, each walker counted as a chain.
+
+    There are max(`n_chains`, 2 n_params + 2) walkers, whose first max(`n_warmup`, `n_draws`) draws are dropped. Raises
+    `InputError` if emcee is missing.
+    """
     n_params = len(target.factor)
     try:
         import emcee
@@ -331,7 +349,9 @@ def _by_emcee(target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: 
 
 
 def split_r_hat(draws: FloatArray) -> float:
-    """Rank-normalized split R-hat of one quantity, about 1 for chains that agree.
+    """Rank-normalized split R-hat of one quantity, about 1 for chains that agree; NaN for draws that do not vary.
+
+    It is the larger value of the draws and of their distances from the median.
 
     Parameters
     ----------
@@ -348,12 +368,12 @@ def split_r_hat(draws: FloatArray) -> float:
 
 
 def bulk_sample_size(draws: FloatArray) -> float:
-    """Effective sample size of the rank-normalized draws (n_chains, n_draws): what holds for means and medians."""
+    """Effective sample size of the rank-normalized draws (n_chains, n_draws), for means and medians; NaN if not finite."""
     return _sample_size(_rank_normal(_split(draws))) if np.isfinite(draws).all() else float("nan")
 
 
 def tail_sample_size(draws: FloatArray) -> float:
-    """The smaller effective sample size of the 5 % and the 95 % quantile of draws (n_chains, n_draws)."""
+    """Smaller effective sample size of the 5 % and the 95 % quantile of draws (n_chains, n_draws); NaN if not finite."""
     if not np.isfinite(draws).all():
         return float("nan")
     ends = np.quantile(draws, [0.05, 0.95])
@@ -367,7 +387,7 @@ def _split(draws: FloatArray) -> FloatArray:
 
 
 def _rank_normal(draws: FloatArray) -> FloatArray:
-    """Normal quantiles of (rank - 3/8) / (S + 1/4), equal draws with their mean rank."""
+    """Normal quantiles of (rank - 3/8) / (S + 1/4) for all S draws together; equal draws have their mean rank. Same shape."""
     _, place, counts = np.unique(draws, return_inverse=True, return_counts=True)
     ranks = np.cumsum(counts) - 0.5 * (counts - 1)
     return special.ndtri((ranks - 0.375) / (draws.size + 0.25))[place].reshape(draws.shape)
@@ -382,7 +402,10 @@ def _r_hat(chains: FloatArray) -> float:
 
 
 def _sample_size(chains: FloatArray) -> float:
-    """Effective number of independent draws of `chains` (n_chains, n_draws), by Geyer's monotone autocorrelations."""
+    """Effective number of independent draws of `chains` (n_chains, n_draws), by Geyer's monotone autocorrelations.
+
+    NaN if they do not vary.
+    """
     m, n = chains.shape
     centred = chains - chains.mean(axis=1, keepdims=True)
     spectrum = np.abs(np.fft.rfft(centred, 2 * n, axis=1)) ** 2

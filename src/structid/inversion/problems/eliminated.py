@@ -42,7 +42,7 @@ class NormalEquations(NamedTuple):
         return np.asarray(np.sqrt(np.diag(self.matrix)))
 
     def compressed(self) -> Linearization:
-        """Residual (n_params + 1,) and Jacobian (n_params + 1, n_params) with these normal equations."""
+        """Linearization with n_params + 1 rows that has these normal equations: the same J'J, J'r and r'r, to rounding."""
         n = len(self.gradient)
         scale = np.where(self.columns > 0, self.columns, 1.0)
         values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
@@ -108,9 +108,9 @@ class EliminatedProblem(Problem):
 
 
 def minimize_eliminated(problem: EliminatedProblem, method: LevenbergMarquardt) -> tuple[FloatArray, bool] | None:
-    """Changes of the unknowns (n_params,) to the nearest minimum, and True if it was reached.
+    """Changes of the unknowns (n_params,) to the nearest minimum, and True if the search converged.
 
-    None where an unknown has no effect at the start, or one that is not finite.
+    None if an unknown has no effect at the start, or an effect that is not finite. `method` must have no acceleration.
     """
     assert method.acceleration == 0, "residual and linearization have other rows"
     effects = problem.normal_at(np.zeros(len(problem.sizes))).columns

@@ -86,7 +86,7 @@ class JointProblem(Problem):
         return Linearization(self._stacked([part.residual for part in parts]), self._stacked(wide), eliminated)
 
     def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
-        """Stacked residual of all records and products with its derivative, which is not formed."""
+        """Stacked residual of all problems, and products with its Jacobian, which is not formed, at `theta` (n_params,)."""
         parts = [
             problem.linearize_operator(own)
             for problem, own in zip(self.problems, self.unknowns.split(theta), strict=True)
@@ -124,7 +124,7 @@ class JointProblem(Problem):
 
     @cached_property
     def _first_priors(self) -> tuple[IntArray, ...]:
-        """Indices, for each problem, of the residual rows of priors that no earlier problem states."""
+        """Residual indices of the prior rows of each problem that no earlier problem states, an int array for each problem."""
         priors = [
             problem.prior_rows(own)
             for problem, own in zip(self.problems, self.unknowns.split(self.theta_start), strict=True)
@@ -134,7 +134,7 @@ class JointProblem(Problem):
 
     @cached_property
     def _is_one(self) -> bool:
-        """True if the joint problem is a single problem with its own order of parameters."""
+        """True if there is a single problem whose parameters and prior rows are in the joint order."""
         if len(self.problems) > 1:
             return False
         [index], [rows], [problem] = self.unknowns.columns, self._first_priors, self.problems
@@ -144,7 +144,7 @@ class JointProblem(Problem):
         )
 
     def _stacked(self, parts: Sequence[FloatArray]) -> FloatArray:
-        """Data rows of all problems, then the rows of priors that no earlier problem states."""
+        """Data rows of all `parts`, one array for each problem, then the prior rows that no earlier problem states."""
         data = [part[: problem.n_data] for part, problem in zip(parts, self.problems, strict=True)]
         priors = [part[rows] for part, rows in zip(parts, self._first_priors, strict=True)]
         return np.concatenate([*data, *priors])
@@ -168,10 +168,11 @@ def _first_prior_rows(
     names: tuple[str, ...],
     first_counts: bool,
 ) -> tuple[IntArray, ...]:
-    """Indices of the prior rows of each problem that no earlier problem states.
+    """Indices among the prior rows of each problem of those that no earlier problem states: one int array a problem.
 
-    `columns` are the joint indices of each problem's parameters; with `first_counts` a later prior on a parameter is
-    dropped where it differs, else it is an `InputError`.
+    `priors` are residual and derivative of the prior rows of each problem, `columns` the joint indices of its parameters, and
+    `names` the joint names. A prior on one parameter that differs from an earlier one is dropped with `first_counts`, else it
+    raises `InputError`.
     """
     known: dict[tuple[int, ...], list[tuple[FloatArray, float]]] = {}
     found = []
@@ -277,9 +278,9 @@ class JointUnknowns:
 
 
 def _first(unknowns: JointUnknowns, values: Sequence[FloatArray]) -> FloatArray:
-    """Row for each joint unknown, (n_params, ...), taken from the first problem that has it.
+    """Array (n_params, ...) with a row for each joint unknown, taken from the first problem that has it.
 
-    `values` are (n_own, ...) for each problem.
+    `values` has an array (n_own, ...) for each problem.
     """
     rows = np.zeros((len(unknowns.names), *values[0].shape[1:]))
     for part_rows, index in reversed(list(zip(values, unknowns.columns, strict=True))):
@@ -288,7 +289,10 @@ def _first(unknowns: JointUnknowns, values: Sequence[FloatArray]) -> FloatArray:
 
 
 def _first_words(labels: Sequence[tuple[str, ...]], words: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-    """Word for each joint unknown, taken from the first problem that has it."""
+    """Word for each joint unknown, in the order of first appearance, taken from the first problem that has it.
+
+    `labels` and `words` have a tuple for each problem, with an entry for each of its unknowns.
+    """
     word_of: dict[str, str] = {}
     for names, part_words in zip(labels, words, strict=True):
         for name, word in zip(names, part_words, strict=True):
@@ -297,7 +301,7 @@ def _first_words(labels: Sequence[tuple[str, ...]], words: Sequence[tuple[str, .
 
 
 def _require_same_declaration(unknowns: JointUnknowns, number: int) -> None:
-    """Raise `InputError` if problem `number` declares a shared unknown with another unit or transform."""
+    """Raise `InputError` if problem `number` (from 0) declares a shared unknown with another unit, transform or bounds."""
     start, part = unknowns.theta_start, unknowns.parts[number]
     index, names = unknowns.columns[number], unknowns.labels[number]
     for name, unit, column in zip(names, part.units, index, strict=True):
@@ -319,7 +323,10 @@ def _require_same_declaration(unknowns: JointUnknowns, number: int) -> None:
 
 
 def joint_rows(parts: Sequence[DataRows]) -> DataRows:
-    """Labels of the data rows of all `parts`, one after another; lines and channels of different parts are different."""
+    """Labels of the data rows of all `parts`, one after another; the numbers of lines and channels are distinct between parts.
+
+    Quantities keep their numbers, and are dropped if the parts that have any differ in them.
+    """
     return DataRows(
         _laid_out([np.asarray(part.lines) for part in parts]),
         _laid_out([np.asarray(part.series) for part in parts], 2),
@@ -330,7 +337,10 @@ def joint_rows(parts: Sequence[DataRows]) -> DataRows:
 
 
 def _joint_quantities(parts: Sequence[DataRows]) -> IntArray | None:
-    """Quantity number of each data row of all problems, (n_data,); None if the problems' quantities differ."""
+    """Quantity number of each data row of all `parts`, (n_data,), -1 for none.
+
+    None if no part has quantities, or the parts that have some do not have the same set.
+    """
     numbers = [set(part.quantities[part.quantities >= 0].tolist()) for part in parts if part.quantities is not None]
     if not numbers or any(other != numbers[0] for other in numbers):
         return None
@@ -338,7 +348,7 @@ def _joint_quantities(parts: Sequence[DataRows]) -> IntArray | None:
 
 
 def _joint_averages(parts: Sequence[DataRows]) -> FloatArray | None:
-    """Number of averages behind the variance of each data row; infinite in parts with known variances."""
+    """Number of averages behind the variance of each data row, (n_data,), infinite where it is known; None if all are known."""
     if all(part.averages is None for part in parts):
         return None
     return np.concatenate([np.full(part.n_data, np.inf) if part.averages is None else part.averages for part in parts])
@@ -364,7 +374,10 @@ class JointNoise:
     factor = None
 
     def score_covariance(self, jacobian: FloatArray) -> FloatArray | None:
-        """Sum of score covariances of all problems, (n_params, n_params); None if all rows are independent."""
+        """Sum of the score covariances of all problems, (n_params, n_params); None if it is J'J in all of them.
+
+        `jacobian` (n_data, n_params) has the data rows of the problems one after another.
+        """
         total, first, independent = np.zeros((jacobian.shape[1],) * 2), 0, True
         for law, n_data, index in zip(self.laws, self.n_data, self.columns, strict=True):
             rows = jacobian[first : first + n_data][:, index]
@@ -376,9 +389,9 @@ class JointNoise:
 
 
 def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
-    """Integer labels of all parts in one array.
+    """Non-negative integer labels of all parts in one array, raised so that different parts share none.
 
-    Those of each part are raised above those before it by a multiple of `step`.
+    Each part is raised by a multiple of `step`.
     """
     raised, first = [], 0
     for part in parts:

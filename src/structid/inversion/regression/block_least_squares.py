@@ -70,7 +70,15 @@ class BlockFit:
         return _condition(self._factor, _rows(self._state, self._scale)[0]) if full else np.inf
 
     def covariance(self, indices: IntArray) -> FloatArray:
-        """Covariance (k, k) of the parameters `indices`, in physical units; NaN for undetermined ones."""
+        """Covariance (k, k) of the parameters at `indices`, physical units; NaN for undetermined ones.
+
+        NaN everywhere without degrees of freedom.
+
+        Raises
+        ------
+        InputError
+            If an index is out of range.
+        """
         chosen = np.asarray(indices, dtype=np.int64).ravel()
         if chosen.size and (chosen.min() < 0 or chosen.max() >= len(self.values)):
             raise InputError(
@@ -128,7 +136,10 @@ class _Normal:
 
 
 def block_solution(state: StreamingQr, size: FloatArray | None = None) -> BlockFit:
-    """Least-squares solution of all rows reduced into the QR `state`.
+    """Least-squares solution of all rows reduced into the triangles of `state`, with NaN for undetermined parameters.
+
+    A banded sweep if the band is at most 128 wide, else sparse normal equations; a wider band if these are too inaccurate. If
+    that band would be too large, no value is given.
 
     Parameters
     ----------
@@ -157,9 +168,9 @@ def _column_norms(state: StreamingQr) -> FloatArray:
 
 
 def _by_band(state: StreamingQr, scale: FloatArray, layout: BandLayout) -> BlockFit:
-    """Least-squares fit of all blocks by a banded orthogonal sweep, without columns that are undetermined.
+    """Least-squares fit of all blocks by a banded orthogonal sweep, without undetermined columns.
 
-    `scale` (n_params,) is the factor on each column.
+    `scale` (n_params,) is the factor on each column, 0 for a column that is left out.
     """
     band, right, rest = swept(state.triangles, state.columns, layout, scale)
     kept = scale > 0
@@ -184,7 +195,10 @@ def _by_band(state: StreamingQr, scale: FloatArray, layout: BandLayout) -> Block
 
 
 def _partners(rows: sparse.csr_array, weak: np.ndarray, factor: _Band) -> np.ndarray:
-    """Mask (n_params,) of further parameters in undetermined combinations with the `weak` columns."""
+    """Mask (n_params,) of parameters that take part in an undetermined direction with the `weak` columns.
+
+    `rows` are the scaled rows, `weak` (n_params,) is a mask, and `factor` the triangle without the weak columns.
+    """
     mixture = np.zeros((rows.shape[1], 2))
     mixture[weak] = np.random.default_rng(0).uniform(0.5, 1.5, (int(weak.sum()), 2))
     share = factor.inverse(np.where(weak[:, None], 0.0, rows.T @ (rows @ mixture)))
@@ -192,7 +206,10 @@ def _partners(rows: sparse.csr_array, weak: np.ndarray, factor: _Band) -> np.nda
 
 
 def _rows(state: StreamingQr, scale: FloatArray) -> tuple[sparse.csr_array, FloatArray]:
-    """Compressed rows of all blocks with scaled columns, as a sparse matrix, and their right-hand sides."""
+    """Rows of the triangles of all blocks with scaled columns, sparse (n_rows, n_params), and right-hand sides (n_rows,).
+
+    `scale` (n_params,) is the factor on each column.
+    """
     n_blocks, side = state.triangles.shape[:2]
     used = np.broadcast_to((state.columns >= 0)[:, None, :], (n_blocks, side - 1, side - 1))
     used = used & np.triu(np.ones((side - 1, side - 1), dtype=bool))
@@ -204,9 +221,9 @@ def _rows(state: StreamingQr, scale: FloatArray) -> tuple[sparse.csr_array, Floa
 
 
 def _by_normal_equations(state: StreamingQr, scale: FloatArray) -> BlockFit | None:
-    """Least-squares fit of all blocks by sparse normal equations; None if these would lose its weakest direction.
+    """Least-squares fit of all blocks by sparse normal equations; None if the matrix is singular or its condition above 1e7.
 
-    `scale` (n_params,) is the factor on each column.
+    `scale` (n_params,) is the factor on each column, 0 for a column that is left out.
     """
     rows, right = _rows(state, scale)
     kept = scale > 0
@@ -283,7 +300,10 @@ def _fit(
 
 
 def _condition(factor: _Band | _Normal, rows: sparse.csr_array) -> float:
-    """Estimate of the condition number, largest over smallest singular value, by the power method."""
+    """Estimate of the condition number of `rows`, largest over smallest singular value, by twelve steps of the power method.
+
+    `factor` solves with the normal matrix of these rows; 1 without columns.
+    """
     start = np.random.default_rng(0).standard_normal((rows.shape[1], 2))
     large = small = start / np.linalg.norm(start, axis=0)
     top = bottom = np.ones(2)
@@ -318,7 +338,10 @@ class BandLayout:
 
 
 def band_layout(columns: IntArray, n_params: int) -> BandLayout:
-    """The layout of blocks with these columns, (n_blocks, n_columns), -1 where a block has fewer; small ones are kept."""
+    """Layout of the blocks with these `columns` in a narrow band; cached for small problems.
+
+    `columns` (n_blocks, n_columns) are the parameters of each block, -1 where it has fewer.
+    """
     if columns.size > _KEPT_UP_TO:
         return _layout(columns, n_params)
     return _kept_layout(columns.astype(np.int64).tobytes(), columns.shape[1], n_params)
@@ -330,7 +353,10 @@ def _kept_layout(columns: bytes, width: int, n_params: int) -> BandLayout:
 
 
 def _layout(columns: IntArray, n_params: int) -> BandLayout:
-    """Order of parameters and blocks with a narrow band, by reverse Cuthill-McKee on `columns` (n_blocks, k)."""
+    """Layout with a narrow band, by reverse Cuthill-McKee on the parameters of the blocks.
+
+    `columns` (n_blocks, k) are the parameters of each block, -1 where it has fewer.
+    """
     place = np.empty(n_params, dtype=np.int64)
     place[reverse_cuthill_mckee(_neighbours(columns, n_params), symmetric_mode=True)] = np.arange(n_params)
     used = columns >= 0
@@ -347,7 +373,10 @@ def _layout(columns: IntArray, n_params: int) -> BandLayout:
 
 
 def _neighbours(columns: IntArray, n_params: int) -> sparse.csr_array:
-    """Pattern of B'B."""
+    """Sparsity pattern of B'B, (n_params, n_params): positive where two parameters are in one block.
+
+    `columns` (n_blocks, k) are the parameters of each block, -1 where it has fewer.
+    """
     block, slot = np.nonzero(columns >= 0)
     incidence = sparse.csr_array(
         (np.ones(len(block), dtype=np.int32), (block, columns[block, slot])), (len(columns), n_params)
@@ -358,7 +387,9 @@ def _neighbours(columns: IntArray, n_params: int) -> sparse.csr_array:
 def swept(
     triangles: FloatArray, columns: IntArray, layout: BandLayout, scale: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
-    """QR factorization with a band: triangle (n, width), right-hand side (n,), and residual sum of squares.
+    """Banded QR factorization of all blocks: triangle (n, width), right-hand side (n,), and residual sum of squares.
+
+    Rows follow the order of `layout`; entry j of row i of the triangle is in column i + j.
 
     Parameters
     ----------
@@ -397,7 +428,7 @@ def swept(
 
 
 def _diagonals(dense: FloatArray, width: int) -> FloatArray:
-    """View of (n, n + width - 1) as a band: of row i the columns i to i + width."""
+    """View of dense rows (n, n + width - 1) as a band (n, width), with columns i to i + width - 1 of row i."""
     along, across = dense.strides
     return np.lib.stride_tricks.as_strided(dense, (len(dense), width), (along + across, across))
 
@@ -411,9 +442,9 @@ def _dense(band: FloatArray) -> FloatArray:
 
 
 def solved(band: FloatArray, right: FloatArray, transposed: bool = False) -> FloatArray:
-    """R^-1 b, or R'^-1 b, for a banded triangle with no zero on its diagonal and (n,) or (n, k) right-hand sides.
+    """Solution R^-1 b, or R'^-1 b with `transposed`, for a banded triangle R without zeros on its diagonal.
 
-    With `transposed`, R' is solved for.
+    `band` is (n, width) with the diagonal first; `right` is (n,) or (n, k), and so is the result.
     """
     stored = np.zeros((band.shape[1], len(band)))  # LAPACK's upper band: row width - 1 - j holds superdiagonal j
     for j in range(band.shape[1]):
@@ -424,7 +455,10 @@ def solved(band: FloatArray, right: FloatArray, transposed: bool = False) -> Flo
 
 
 def inverse_diagonal(band: FloatArray) -> FloatArray:
-    """Diagonal (n,) of (R'R)^-1 for a banded triangle `band` (n, width), by Takahashi's method."""
+    """Diagonal (n,) of (R'R)^-1 for a banded triangle R, stored as `band` (n, width) with the diagonal first.
+
+    Takahashi's method, by blocks of rows from the last.
+    """
     n, width = band.shape
     size = max(width, _WINDOW)
     out, corner = np.empty(n), np.zeros((size, size))  # of the inverse: what follows the rows at hand

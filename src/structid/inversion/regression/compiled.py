@@ -96,7 +96,7 @@ def _three(rows, k):
 
 @_part
 def _alike(blocks, row, other):
-    """True if two rows of the sparse operator `blocks` use the same fields, so that they can be formed together."""
+    """True if rows `row` and `other` of the sparse operator `blocks` use the same fields in the same order."""
     a, b, k = blocks.starts[row], blocks.starts[other], 0
     n = blocks.starts[row + 1] - a
     while k < n and blocks.which[a + k] == blocks.which[b + k]:
@@ -194,7 +194,10 @@ def _put_triangle_first(r, q, rows, new):
 
 @_part
 def _take(r, q, rows, i, j):
-    """Move entry i of column j of `rows` to the triangle `r` of `q` columns, and put zero in its place."""
+    """Move entry `i` of column `j` of `rows` to row i of the triangle `r` of `q` columns, and put zero in its place.
+
+    Entries of padding columns are dropped; the padded column after them goes to the last column of `r`, the right-hand side.
+    """
     at = rows.first + j * rows.apart + i
     if i < q and (j < q or j == _padded(q)):
         r[i, j if j < q else r.shape[0] - 1] = rows.b[at]
@@ -205,7 +208,8 @@ def _take(r, q, rows, i, j):
 def _reflect_panel(r, q, rows, k):
     """Reflect columns k to k + 2 of `rows` and the right-hand side by Householder vectors, and update the triangle `r`.
 
-    `q` is the number of columns. Returns the factors of the reflections and the products of their vectors with one another.
+    `q` is the number of columns. The vectors replace the columns. Returns the three factors of the reflections, and the
+    products of the vectors as nine numbers by rows (below the diagonal).
     """
     b, n, factors, overlap = rows.b, _padded(q), _THREE, _NINE
     v = _three(rows, k)
@@ -231,9 +235,9 @@ def _reflect_panel(r, q, rows, k):
 
 @_part
 def _by_reflections(r, q, rows):
-    """Update the triangle `r` of `q` columns by the samples in `rows`.
+    """Update the triangle `r` of `q` columns in place by the samples in `rows`, by Householder reflections.
 
-    Householder reflections, three columns at a time.
+    The samples in `rows` are overwritten.
     """
     n, last = _padded(q), r.shape[0] - 1
     for k in range(0, n, 3):
@@ -257,10 +261,11 @@ def _by_reflections(r, q, rows):
 
 @_part
 def _cholesky(g, q):
-    """Replace the products `g` of `q` columns by their Cholesky factor and its inverse; returns the inverse's squared norm.
+    """Replace the matrix of products `g` by its Cholesky factor and the inverse of this, in place; returns a squared norm.
 
-    The norm is that with unit columns, infinite where g is singular. The last column of `g`, of right-hand sides, is divided by
-    the transposed triangle.
+    The upper part becomes the factor of the first `q` columns, the part below the diagonal its inverse, and the last column the
+    right-hand sides divided by the transposed triangle. The norm is that of the inverse with unit columns, infinite where g is
+    singular.
     """
     sizes, weakness = np.zeros(q), 0.0
     for k in range(q):
@@ -286,7 +291,10 @@ def _cholesky(g, q):
 
 @_part
 def _with_right(g, rows, n):
-    """Put the products of all `n` columns of `rows` with the right-hand side into the last column of `g`."""
+    """Put the products of all columns of `rows` with the right-hand side into column `n` of `g`, in place.
+
+    `n` is the number of columns with padding; the last entry is the square of the right-hand side.
+    """
     right = (rows.first + n * rows.apart,)
     for i in range(0, n, 3):
         products = _products(rows.b, _three(rows, i), right, rows.length, _THREE)
@@ -325,11 +333,11 @@ def _refined(g, q, rows, n):
 
 @_part
 def _by_products(r, q, rows):
-    """Update the triangle `r` of `q` columns from the products of `rows` (Cholesky); False, and `r` unchanged, if inaccurate.
+    """Replace the triangle `r` of `q` columns by the Cholesky factor of the products of `rows`; returns False if inaccurate.
 
-    Products cost half the reflections and square the condition. They count only if the inverse of the triangle with
-    unit columns stays below `WEAKEST` in the sum of its squares: an error of so many roundings, 1e-13, in the weakest
-    direction. The residual of a right-hand side that is nearly explained is summed itself, not found as a difference.
+    In that case `r` is unchanged. `rows` include the old triangle. Products cost half as much as reflections but square the
+    condition: they count only if the sum of squares of the inverse triangle with unit columns is at most `WEAKEST` per column.
+    The residual of a right-hand side that is nearly explained is summed from the residual itself.
     """
     n, last = _padded(q), r.shape[0] - 1
     g = np.zeros((n + 1, n + 1))

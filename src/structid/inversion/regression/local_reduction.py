@@ -56,11 +56,11 @@ class Kernels:
             raise InputError("`engine` is 'numba', which is not installed; pip install structid[fast], or use 'auto'")
 
     def compiled(self, size: int) -> bool:
-        """True where work on so many samples times blocks is done by the compiled kernels."""
+        """True where work of this `size` (samples times blocks) is done by the compiled kernels."""
         return self.engine == "numba" or (self.engine == "auto" and size >= COMPILED_FROM and has_numba())
 
     def words(self, size: int) -> str:
-        """Name of the engine used for work of this `size`, with its version and number of threads."""
+        """Name of the engine used for work of this `size` (samples times blocks), with version and number of threads."""
         if not self.compiled(size):
             return "NumPy" if has_numba() or self.engine == "numpy" else "NumPy (structid[fast] would compile it)"
         import numba
@@ -74,7 +74,7 @@ def has_numba() -> bool:
 
 
 def shared_out(n: int, threads: int, work: Callable[[int, int], object]) -> None:
-    """Call `work(first, last)` in parallel on `threads` nearly equal parts of range(n)."""
+    """Call `work(first, last)` in parallel on at most `threads` nearly equal parts of range(n); exceptions are passed on."""
     edges = [n * k // threads for k in range(threads + 1)]
     parts = [(a, b) for a, b in pairwise(edges) if b > a]
     if len(parts) <= 1:
@@ -89,7 +89,7 @@ def shared_out(n: int, threads: int, work: Callable[[int, int], object]) -> None
 def block_widths(columns: IntArray) -> IntArray:
     """Number of used columns of each block, (n_blocks,).
 
-    `columns` (n_blocks, k) are parameter indices; unused ones (-1) come last.
+    `columns` (n_blocks, k) are parameter indices, -1 for unused columns. Raises `InputError` if an unused column is not last.
     """
     widths = (columns >= 0).sum(axis=1)
     if (columns[np.arange(columns.shape[1]) < widths[:, None]] < 0).any():
@@ -136,7 +136,11 @@ class RowMaker:
 
 
 def row_maker(operator: sparse.csr_array, columns: IntArray) -> RowMaker:
-    """The `RowMaker` of blocks with these columns, -1, last in its row, where a block has fewer."""
+    """`RowMaker` of an operator from the fields of one sample to the rows of blocks.
+
+    `operator` is sparse (n_blocks (k + 1), n_fields), right-hand side last in each block; `columns` (n_blocks, k) are parameter
+    indices, -1 last where a block has fewer. Raises `InputError` if the shapes differ.
+    """
     require_shape("operator", operator, (columns.shape[0] * (columns.shape[1] + 1), None))
     starts, which = operator.indptr.astype(np.int64, copy=False), operator.indices.astype(np.int32, copy=False)
     return RowMaker(operator, Blocks(starts, which, operator.data, block_widths(columns), _groups(columns)))
@@ -148,7 +152,10 @@ def only_operator(operator: sparse.csr_array) -> RowMaker:
 
 
 def _groups(columns: IntArray) -> IntArray:
-    """Indices where groups of neighbouring blocks with equal columns begin, with the end as last entry."""
+    """Index of the first block of each group of neighbours with equal columns, and the number of blocks as last entry.
+
+    A group has three blocks at most.
+    """
     fresh = np.ones(len(columns), dtype=bool)
     fresh[1:] = (columns[1:] != columns[:-1]).any(axis=1)
     begin = np.flatnonzero(fresh)
@@ -157,7 +164,9 @@ def _groups(columns: IntArray) -> IntArray:
 
 
 def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, work: Kernels) -> FloatArray:
-    """Block triangles (n_blocks, k + 1, k + 1) updated by the rows that `maker` forms of `fields`.
+    """New block triangles (n_blocks, k + 1, k + 1): the old ones updated by the rows that `maker` forms of `fields`.
+
+    Compiled if `work` says so and the operator goes block by block, else by NumPy.
 
     Parameters
     ----------
@@ -165,6 +174,11 @@ def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, wo
     maker : RowMaker
     fields : (n_fields, n_times) float array
     work : Kernels
+
+    Raises
+    ------
+    InputError
+        If the number of fields is not that of the operator.
     """
     n_blocks, side = triangles.shape[:2]
     require_shape("fields", fields, (maker.operator.shape[1], None))
@@ -181,7 +195,10 @@ def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, wo
 
 
 def _folded_by_numpy(triangles: FloatArray, operator: sparse.csr_array, fields: FloatArray) -> FloatArray:
-    """Block triangles (n_blocks, k + 1, k + 1) updated by QR with the rows operator @ fields, in NumPy."""
+    """New block triangles (n_blocks, k + 1, k + 1): the old ones updated by QR with rows `operator` @ `fields`, in NumPy.
+
+    `operator` is sparse (n_blocks (k + 1), n_fields), `fields` are (n_fields, n_times).
+    """
     n_blocks, side = triangles.shape[:2]
     found = np.array(triangles)
     samples = max(1, min(fields.shape[1], _ROW_ENTRIES // (8 * side)))

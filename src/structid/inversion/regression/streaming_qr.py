@@ -81,12 +81,17 @@ class StreamingQr:
     n_rows: int
 
     def updated(self, rows: FloatArray) -> StreamingQr:
-        """QR state updated by further rows of regressors and right-hand side.
+        """New QR state after further rows of regressors and right-hand side.
 
         Parameters
         ----------
         rows : (n_blocks, n_new, n_columns + 1) float array
             Regressors of each block in the order of `columns`, right-hand side last.
+
+        Raises
+        ------
+        InputError
+            If the shape is wrong or an entry is not finite.
         """
         require_shape("rows", rows, (len(self.columns), None, self.columns.shape[1] + 1))
         require_finite("rows", rows)
@@ -96,7 +101,9 @@ class StreamingQr:
     def reduced(
         self, rows: RowMaker | sparse.csr_array, fields: FloatArray, work: Kernels | None = None
     ) -> StreamingQr:
-        """QR state updated by the rows that `rows` makes of samples `fields`, formed in pieces to save memory.
+        """New QR state after the equations that `rows` forms of the samples in `fields`, made in pieces to save memory.
+
+        Every sample gives one equation for each block.
 
         Parameters
         ----------
@@ -141,7 +148,13 @@ class StreamingQr:
 
 
 def no_rows(columns: IntArray, n_params: int) -> StreamingQr:
-    """QR state of no rows, for blocks with the parameter indices `columns` (n_blocks, k)."""
+    """QR state before any row, for blocks with the parameter indices `columns` (n_blocks, k), -1 where a block has fewer.
+
+    Raises
+    ------
+    InputError
+        If an index is below -1 or not below `n_params`.
+    """
     table = locked(columns, np.int64)
     require_shape("columns", table, (None, None))
     if table.size and (table.max() >= n_params or table.min() < -1):
@@ -159,6 +172,8 @@ def stacked_triangles(triangles: FloatArray, rows: FloatArray) -> FloatArray:
 
 def folded_triangle(triangles: FloatArray, columns: IntArray, n_params: int) -> FloatArray:
     """Upper triangle [R | z] over all parameters, from the triangles of blocks of few parameters each.
+
+    `columns` are the parameters of each block, -1 where it has fewer; the right-hand side is the last column.
 
     Parameters
     ----------
@@ -187,9 +202,10 @@ def folded_triangle(triangles: FloatArray, columns: IntArray, n_params: int) -> 
 
 
 def triangle_solution(triangle: FloatArray, n_rows: int, size: FloatArray | None = None) -> LinearFit:
-    """Least-squares solution from one triangle [R | z], (n_params + 1, n_params + 1), of `n_rows` rows.
+    """Least-squares solution from the triangle [R | z], (n_params + 1, n_params + 1), of `n_rows` rows.
 
-    `size` (n_params,) is the norm of each column without cancellation.
+    `size` (n_params,) is the norm that each column would have without cancellation; a column below 1e-10 of it counts as zero.
+    Values in undetermined directions are NaN.
     """
     n_params = len(triangle) - 1
     factor, right = np.array(triangle[:n_params, :n_params]), triangle[:n_params, n_params]

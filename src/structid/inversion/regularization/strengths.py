@@ -48,7 +48,7 @@ class LocalModel:
 
     @cached_property
     def _data_triangle(self) -> tuple[FloatArray, FloatArray, float]:
-        """R and Q'r of the data's QR factorization, and the sum of squares that no step reaches."""
+        """Triangle R and product Q'r of the QR factorization of the data, and the sum of squares of a fit to data alone."""
         orthogonal, triangle = np.linalg.qr(self.data.jacobian)
         projected = orthogonal.T @ self.data.residual
         rest = float(self.data.residual @ self.data.residual - projected @ projected)
@@ -60,14 +60,17 @@ class LocalModel:
         return tuple(int(np.linalg.matrix_rank(p.jacobian)) if p.jacobian.size else 0 for p in self.penalties)
 
     def balance(self, index: int) -> float:
-        """Strength at which penalty `index` and data have information matrices of equal trace."""
+        """Strength at which penalty `index` and the data, in the parameters it holds, have information of equal trace.
+
+        1 for an empty penalty.
+        """
         jacobian = self.penalties[index].jacobian
         used = (jacobian != 0).any(axis=0)
         own = float((jacobian**2).sum())
         return float((self._data_triangle[0][:, used] ** 2).sum()) / own if own > 0 else 1.0
 
     def solved(self, strengths: tuple[FloatArray | float, ...]) -> LocalFit:
-        """Fit of the linearized problem with penalties times their `strengths`."""
+        """Fit of the linear model with each penalty multiplied by its strength: a number, or an array with one for each row."""
         triangle, projected, rest = self._data_triangle
         roots = [np.sqrt(np.broadcast_to(s, p.residual.shape)) for s, p in zip(strengths, self.penalties, strict=True)]
         rows = np.concatenate(
@@ -110,10 +113,10 @@ class LocalFit:
 
 
 def log_evidence(model: LocalModel, strengths: tuple[float, ...]) -> float:
-    """Logarithm of the marginal likelihood of the data, with penalties as Gaussian priors.
+    """Logarithm of the marginal likelihood of the data, with the penalties as Gaussian priors of these `strengths`.
 
-    -1/2 [n log 2 pi + |r|^2 + sum_k (l_k |x_k|^2 - rank_k log l_k) - log pdet(P) + log det(J'J + P)], less
-    what the directions without a prior leave undefined: the same for every strength. P is the sum of the penalties.
+    It is -1/2 [n log 2 pi + |r|^2 + sum_k l_k |x_k|^2 - log pdet(P) + log det(J'J + P)] with P the information of all
+    penalties, l_k the strengths and x_k the penalty rows. A constant from directions without a prior is left out.
 
     References
     ----------
@@ -130,10 +133,10 @@ def log_evidence(model: LocalModel, strengths: tuple[float, ...]) -> float:
 
 
 def marginal_likelihood_strengths(model: LocalModel, start: tuple[float, ...] | None = None) -> tuple[float, ...]:
-    """Penalty strengths of largest marginal likelihood, by MacKay's fixed point.
+    """Penalty strengths of largest marginal likelihood, by the fixed point of MacKay.
 
-    g_k = rank_k - l_k tr(C L_k'L_k) counts the combinations that the data determine in spite of the penalty. Each
-    penalty must hold combinations of its own. `start` are the strengths to begin with.
+    The strength of a penalty is g_k / |x_k|^2, with g_k = rank_k - l_k tr(C L_k'L_k) the number of combinations that the data
+    determine in spite of it. Strengths stay within 1e-8 and 1e8 of `LocalModel.balance`, which is also the default of `start`.
 
     References
     ----------
@@ -158,10 +161,15 @@ def marginal_likelihood_strengths(model: LocalModel, start: tuple[float, ...] | 
 
 
 def discrepancy_strength(model: LocalModel, n_data: int) -> float:
-    """Largest strength of the single penalty with which the residual is no larger than the noise allows.
+    """Largest strength of the single penalty at which the residual is no larger than the noise allows.
 
-    |r|^2 = n_data + sqrt(2 n_data): one standard deviation above what noise alone leaves on average, so that five of
-    six draws of the noise can reach it. The lowest strength that is searched where no strength does.
+    The limit is |r|^2 = n_data + sqrt(2 n_data), one standard deviation above the mean for noise alone. Strengths are searched
+    within 1e-8 and 1e8 of `LocalModel.balance`: the lowest if none meets the limit, the highest if all do.
+
+    Raises
+    ------
+    InputError
+        If there is not exactly one penalty.
 
     References
     ----------
@@ -184,7 +192,14 @@ def discrepancy_strength(model: LocalModel, n_data: int) -> float:
 
 
 def l_curve_strength(model: LocalModel) -> float:
-    """Strength of the single penalty at the corner of the L-curve.
+    """Strength of the single penalty at the corner of the L-curve, its point of largest curvature.
+
+    Taken from 241 strengths within 1e-8 and 1e8 of `LocalModel.balance`.
+
+    Raises
+    ------
+    InputError
+        If there is not exactly one penalty.
 
     References
     ----------
@@ -213,11 +228,11 @@ def _ends(model: LocalModel) -> FloatArray:
 
 
 def sparse_strengths(model: LocalModel, index: int, strengths: tuple[FloatArray | float, ...]) -> FloatArray:
-    """Strength for each row of penalty `index` of largest marginal likelihood, which makes few rows nonzero.
+    """Strength for each row of penalty `index`, (n_rows,), of largest marginal likelihood; it makes few rows nonzero.
 
-    Coordinate by coordinate: with mean m and variance v of a row without its own penalty, 1 / l = m^2 - v where that
-    is positive, and a million times the balance of data and penalty otherwise. Rows must be linearly independent. A sweep costs
-    a rank-one update of the covariance a row.
+    Row by row, with mean m and variance v of the row without its penalty, 1 / l = m^2 - v where that is positive; otherwise l
+    is 1e6 times the balance of data and penalty. Rows must be linearly independent. `strengths` are those of all penalties at
+    the start; the others stay.
 
     References
     ----------
@@ -246,7 +261,8 @@ def sparse_strengths(model: LocalModel, index: int, strengths: tuple[FloatArray 
 def _row_strength(variance: float, rest: float, strength: float, held: float) -> float:
     """Strength of largest marginal likelihood for one penalty row, from its fit at the present `strength`.
 
-    `variance` is the row's posterior variance, `rest` its residual, and `held` the largest strength, which makes the row zero.
+    `variance` is the posterior variance of the row, `rest` its residual, both at the present strength, and `held` the largest
+    strength, which makes the row zero.
     """
     own = 1 / variance - strength  # information from everything else
     if not own > 1e-12 * strength:
@@ -259,10 +275,10 @@ def _row_strength(variance: float, rest: float, strength: float, held: float) ->
 def absolute_strengths(
     model: LocalModel, index: int, strengths: tuple[FloatArray | float, ...], strength: float, smoothing: float
 ) -> FloatArray:
-    """Strength for each row of penalty `index` that makes its quadratic penalty act as a sum of magnitudes.
+    """Strength for each row of penalty `index`, (n_rows,), that turns its sum of squares into a sum of magnitudes.
 
-    That is a sum of magnitudes, rounded off where they are smaller than `smoothing`; by iteratively reweighted least
-    squares.
+    By iteratively reweighted least squares: `strength` / sqrt(x^2 + `smoothing`^2) for a row x. `strengths` are those of all
+    penalties; the others stay.
 
     References
     ----------
@@ -312,9 +328,10 @@ def settled(
     strengths: Strengths,
     max_rounds: int = 40,
 ) -> Settled:
-    """Fit with penalty strengths chosen from the data, by alternate refits and choices until both settle.
+    """Fit with penalty strengths chosen from the data, by alternate fits and choices until the strengths settle.
 
-    A single strength moves by a factor of ten a round at most: from strong to weak the fits follow one another.
+    They settle when none changes by more than 0.1 %. A single strength changes at most by a factor of ten in a round, one for
+    each row freely.
 
     Parameters
     ----------
@@ -351,10 +368,10 @@ def _near(new: FloatArray | float, old: FloatArray | float) -> FloatArray | floa
 
 
 def prior_share(jacobian: FloatArray, n_data: int) -> FloatArray:
-    """Share of each parameter's variance that is determined by priors instead of data, (n_params,), 0 to 1.
+    """Share of each parameter's variance that comes from priors instead of data, (n_params,), 0 to 1; NaN if undetermined.
 
-    With information A of the data, B of the priors and C = (A + B)^-1, C = C A C + C B C: the share is
-    (C B C)_ii / C_ii. It does not depend on units, and is b / (a + b) for a single parameter.
+    With information A of the data, B of the priors and C = (A + B)^-1, C = C A C + C B C, the share is (C B C)_ii / C_ii. For a
+    single parameter it is b / (a + b).
 
     Parameters
     ----------

@@ -22,11 +22,10 @@ _MOST_ROWS, _RIGHT_SIDES = 6000, 256
 
 
 def preconditioner(linearization: OperatorLinearization, damping: FloatArray) -> Solver:
-    """Solver of (S + U C^-1 U') x = b with S = P'P + damping + a small part of diag(J'J), P the rows of the priors.
+    """Function that solves (S + U C^-1 U') x = b, the preconditioner for the damped normal equations.
 
-    U C^-1 U' is J'J itself where J is stored and has not too many rows (U = J', C = 1), else its sketch:
-    S^-1 - S^-1 U (C + U'S^-1 U)^-1 U'S^-1. Only the small part of the diagonal, or what the sketch leaves out, is then
-    left for conjugate gradients to correct.
+    S = P'P + damping + a small part of diag(J'J), with P the prior rows and `damping` (n_params,) a diagonal. U = J' and C = 1
+    if J is stored with at most 6000 rows, else U C^-1 U' is the sketch of J'J.
     """
     from scipy.linalg import cho_factor, cho_solve
 
@@ -60,9 +59,11 @@ def conjugate_gradients(
     tolerance: float,
     most: int,
 ) -> tuple[FloatArray, int, float]:
-    """The solution of A x = `right` for positive definite A, iterations, and the residual in parts of `right`.
+    """Solution x of A x = `right` for positive definite A, the number of iterations, and the relative residual.
 
-    `apply` multiplies by A; iterations end at a relative residual of `tolerance`, or after `most` of them.
+    `apply` multiplies by A, `precondition` solves approximately. The residual is in the norm of the preconditioner. Iterations
+    end at a relative residual of `tolerance`, or after `most`; the residual is infinite where A is not positive along a
+    direction.
 
     References
     ----------

@@ -47,7 +47,10 @@ class GaussNewton(WithJacobian):
         return Point(theta, problem.linearize(theta), none, none + np.inf)
 
     def tried(self, problem: Problem, point: Point[Linearization], damping: Damping) -> Trial:
-        """Gauss-Newton step from `point`, halved until the cost falls if steps are controlled, or the reason to end."""
+        """Trial with the Gauss-Newton step from `point`, or without a step and with the reason to end the search.
+
+        With `step_control` the step is halved until the sum of squares does not grow. `damping` is not used.
+        """
 
         def cost_at(theta: FloatArray) -> float:
             return squared(residual_at(problem, theta))

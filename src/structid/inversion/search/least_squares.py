@@ -96,13 +96,20 @@ class Damping:
     reach: FloatArray
 
     def at(self, point: Point[A], largest_step: float) -> Damping:
-        """A copy that takes the lengths and sizes of a point into account."""
+        """A copy with the column lengths and step limits updated for `point`.
+
+        Each limit is the largest so far of `largest_step` times the size of the parameter.
+        """
         scale = np.maximum(point.scale, 0.1 * self.scale)
         reach = np.where(point.size > 0, largest_step * point.size, np.inf)
         return replace(self, scale=scale, limit=np.maximum(self.limit, reach))
 
     def after(self, gain: float) -> Damping:
-        """Damping after a step whose cost fell by the ratio `gain` of the predicted decrease."""
+        """Damping for the next step, after one whose decrease of the cost was `gain` times the predicted decrease.
+
+        For a gain above 1e-4 it is multiplied by a factor from 0.1 to 2, smaller for a larger gain; else by `growth`, which
+        doubles.
+        """
         if gain > _ACCEPTED:
             factor = self.factor * max(1 / 10, 1 - (2 * min(gain, 1.0) - 1) ** 3)
             return replace(self, factor=max(factor, _LEAST_DAMPING), growth=2.0)
@@ -229,7 +236,7 @@ def minimize(
 
 
 def _reach(problem: Problem, start: FloatArray) -> FloatArray:
-    """Between which free variables the search stays: the problem's, and its own start in any case."""
+    """Lower and upper limit of each free variable in the search, (n_params, 2): `Unknowns.reach`, widened to hold `start`."""
     return np.stack(
         [np.minimum(problem.unknowns.reach[:, 0], start), np.maximum(problem.unknowns.reach[:, 1], start)], axis=1
     )
@@ -259,9 +266,10 @@ def sizes_at(problem: Problem, theta: FloatArray) -> FloatArray:
 def damped_end(
     point: Point[A], damping: Damping, step: FloatArray, promised: float, step_tolerance: float, gain_tolerance: float
 ) -> End | None:
-    """Reason why a damped search ends before its next `step` of predicted decrease `promised`; None if it goes on.
+    """Reason why a damped search ends before `step` (n_params,), of predicted decrease `promised`; None if it goes on.
 
-    It ends below a relative step of `step_tolerance`, or a relative decrease of `gain_tolerance`.
+    It ends if every entry is below `step_tolerance` times the size of its parameter or the damping is extreme, or if the
+    decrease is below `gain_tolerance` times the sum of squares.
     """
     if (np.abs(step) <= step_tolerance * point.size).all() or damping.factor > _MOST_DAMPING:
         return End(True, "the step fell below its tolerance")
@@ -271,5 +279,5 @@ def damped_end(
 
 
 def shortened(step: FloatArray, limit: FloatArray) -> FloatArray:
-    """The step, as a whole, so short that no entry exceeds its limit."""
+    """Step scaled down as a whole so that no entry exceeds its `limit` in magnitude; as it is if none does."""
     return step / max(1.0, float((np.abs(step) / limit).max(initial=0.0)))

@@ -46,7 +46,7 @@ class WithJacobian:
         return self
 
     def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
-        """Misfit statistics from the chi-square distribution that the errors of the data rows imply."""
+        """True if noise alone would give a larger sum of squares than `minimum` with less than this probability."""
         return misfits(problem, minimum.theta, cast(Linearization, minimum.linearization), probability)
 
     def uncertainty(
@@ -75,7 +75,7 @@ class FactoredPoint(Point[Linearization]):
         return _ROUNDING * float(np.linalg.norm(self.triangle * self.size))
 
     def promised(self, step: FloatArray) -> float:
-        """Decrease of the sum of squares that the linear model predicts."""
+        """Decrease of the sum of squares after `step` (n_params,) that the linear model predicts."""
         linear = self.triangle @ step
         return -float(linear @ linear + 2 * linear @ self.projected)
 
@@ -99,7 +99,7 @@ class _Damped:
         return -solve_upper(self.triangle, down)
 
     def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
-        """Damped step (n_params,) with the entries `held` fixed at `values`.
+        """Damped step (n_params,) with the entries `held` (mask) fixed at those of `values` (n_params,).
 
         `projected` is Q'r, the residual in the coordinates of the triangle.
         """
@@ -120,11 +120,11 @@ def _damped(triangle: FloatArray, damping: float, scale: FloatArray) -> _Damped:
 
 
 def _velocity(point: FactoredPoint, damped: _Damped, damping: Damping) -> FloatArray:
-    """Damped step (n_params,), with parameters whose step exceeds the limit to no effect held at that limit.
+    """Damped step (n_params,) with runaway parameters and those at the end of their reach held.
 
-    One runs away where its step is beyond its limit though moving it that far would hardly change the residual, as
-    for a loss factor on its way to 0: the step would be cut for its sake, and all others would stand still. One that
-    would leave the reach of the search is held at its end.
+    A parameter is held at its limit if its step exceeds this but moving it that far hardly changes the residual, such as a loss
+    factor on its way to 0; otherwise the whole step would be shortened for it. A parameter that would leave the reach of the
+    search is held at the end.
     """
     limit, velocity = damping.limit, damped.step(point.projected)
     effect = point.scale * limit
@@ -208,7 +208,10 @@ class LevenbergMarquardt(WithJacobian):
         )
 
     def tried(self, problem: Problem, point: FactoredPoint, damping: Damping) -> Trial:
-        """Damped step from `point` with its gain ratio, or the reason why the search ends."""
+        """Trial with the damped step from `point` and its gain ratio, or without a step and with the reason to end.
+
+        If the step keeps at most 0.7 of the predicted decrease, it is also tried with acceleration and the better one taken.
+        """
         damped = _damped(point.triangle, damping.factor, damping.scale)
         velocity = _velocity(point, damped, damping)
         promised = point.promised(velocity)
@@ -231,7 +234,10 @@ class LevenbergMarquardt(WithJacobian):
     def _bent_step(
         self, point: FactoredPoint, damped: _Damped, step: FloatArray, residual: FloatArray
     ) -> FloatArray | None:
-        """The step with half its acceleration, from the residual after it; None where that is rounding or too long."""
+        """Step with half of its geodesic acceleration, (n_params,), from the `residual` after `step`.
+
+        None without acceleration, if the curvature is below rounding, or if the acceleration is too long.
+        """
         if self.acceleration <= 0:
             return None
         bend = residual - point.at.residual - point.at.jacobian @ step
@@ -259,7 +265,7 @@ class Raced(LevenbergMarquardt):
     left_at: Positive = _LEFT_AT
 
     def tried(self, problem: Problem, point: FactoredPoint, damping: Damping) -> Trial:
-        """Damped step from `point`, or the end of a search that will probably stay above the sum of squares `above`."""
+        """Trial from `point` as in Levenberg-Marquardt, or the end of a search that will probably stay above `above`."""
         promised = float(point.projected @ point.projected)
         if promised < self.left_at * point.cost and point.cost - _MOST_GAINED * promised > self.above:
             return Trial(None, end=End(False, LEFT))

@@ -82,7 +82,7 @@ class MatrixFree:
         return Point(theta, at, np.sqrt(at.squares), sizes_at(problem, theta))
 
     def tried(self, problem: Problem, point: Point[OperatorLinearization], damping: Damping) -> Trial:
-        """Damped step from `point` by conjugate gradients with its gain ratio, or the reason why the search ends."""
+        """Trial with the damped step from `point` by conjugate gradients and its gain ratio, or with the reason to end."""
         at, weight = point.at, damping.factor * damping.scale**2
         gradient = at.transposed(at.residual)
         step, count, _ = conjugate_gradients(
@@ -114,7 +114,10 @@ class MatrixFree:
         return self
 
     def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
-        """Misfit statistics; degrees of freedom are rows, those of priors included, minus parameters."""
+        """True if noise alone would give a larger sum of squares than `minimum` with less than this probability.
+
+        Degrees of freedom are the rows, priors included, less the parameters.
+        """
         at = minimum.linearization
         freedom, (scale, share) = len(at.residual) - at.n_params, row_law(problem.rows.averages)
         return misses_noise(problem, at.residual, scale, share * freedom, probability)
@@ -133,7 +136,7 @@ class MatrixFree:
 
 
 def dense_search_fits(n_params: int, n_data: int, dense_bytes: float = DENSE_BYTES) -> tuple[bool, str]:
-    """True if a search with a dense Jacobian fits in memory, and the reason in words.
+    """True if a search with a dense Jacobian fits in `dense_bytes` of memory, and a sentence with the reason.
 
     Parameters
     ----------

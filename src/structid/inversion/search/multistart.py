@@ -197,10 +197,10 @@ def searched_minima(
 
 
 def expected_answers(n_searches: int, n_answers: int) -> float:
-    """Estimated number of distinct minima, from how many of them random searches reached.
+    """Expected number of distinct minima, if `n_searches` random searches reached `n_answers` of them.
 
-    The expectation where every number of minima, and every size of their basins, is as likely beforehand: w (n - 1) / (n - w - 2)
-    for w minima of n searches.
+    It is w (n - 1) / (n - w - 2) for w minima of n searches, with every number of minima and every size of their basins equally
+    likely beforehand. Infinite for n <= w + 2.
 
     References
     ----------
@@ -218,7 +218,11 @@ class _GroupedMinima:
     distinct: list[tuple[Minimum, bool]] = field(default_factory=list)
 
     def add(self, minimum: Minimum) -> bool:
-        """Add a minimum, if it is a new one, and return True if the data allow it."""
+        """Add `minimum` if it is new, and return True if the data allow it.
+
+        A minimum within three posterior standard deviations of another is not new. Searches that did not converge count as not
+        allowed.
+        """
         if not minimum.converged:
             return False
         for other, is_fitting in self.distinct:
@@ -243,11 +247,10 @@ def _wide_minima(
     progress: StageProgress | None,
     work: Work,
 ) -> tuple[list[tuple[Minimum, int]], bool]:
-    """All ends of searches from distant random starts and along the weakest directions, each with its number of iterations.
+    """All minima of searches from distant random starts and along the weakest directions, and True if they are complete.
 
-    The flag is True if no further minimum is expected, False if `wide_starts` ran out first.
-
-    `path` is the continuation path of each search, `start` the centre of the starts, and `grouped` takes the new minima.
+    Each minimum comes with its number of iterations. They are complete if no further one is expected before `wide_starts` run
+    out. `path` is the continuation path of each search, `start` the centre of the starts; `grouped` takes the new minima.
     """
     rng = np.random.default_rng([search.seed, search.wide_starts])
     reach, size = problem.unknowns.reach, np.log(_WIDE) * sizes_at(problem, start)
@@ -255,7 +258,7 @@ def _wide_minima(
     n_made, n_ended, n_followed = 0, 0, 0
 
     def run(points: Sequence[FloatArray]) -> int:
-        """Search from each of `points`, and return the number of minima that the data allow."""
+        """Search from each of `points`, and return how many of the searches ended at minima that the data allow."""
         nonlocal n_made
         items = [(n_made + k, 0, np.clip(point, *reach.T)) for k, point in enumerate(points)]
         tasks = work.map("wide starts", _search_widely, (problem, method, (path,)), items, progress, first=n_made)
@@ -289,7 +292,7 @@ def _search_widely(
 
 
 def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
-    """Starting points on both sides of an answer, along its worst-determined directions."""
+    """Starting points on both sides of an answer along its two worst-determined directions, a factor of five away at most."""
     size = sizes_at(problem, answer.theta)
     rows = np.linalg.svd(cast(Linearization, answer.linearization).jacobian * size)[2][-_WEAKEST:]
     steps = [np.log(_WIDE) * row / np.abs(row).max() * size for row in rows]
@@ -311,7 +314,7 @@ def _is_determined_somewhere(problem: Problem, minimum: Minimum, start: FloatArr
 
 
 def _is_determined(problem: Problem, theta: FloatArray, at: Linearization) -> bool:
-    """True if data and priors determine every direction of the parameters at free variables `theta`."""
+    """True if the relative Jacobian `at` free variables `theta` has full rank (1e-8), prior rows included."""
     relative = at.jacobian * sizes_at(problem, theta)
     if len(relative) < len(theta) or not np.isfinite(relative).all():
         return False
@@ -322,9 +325,9 @@ def _is_determined(problem: Problem, theta: FloatArray, at: Linearization) -> bo
 def _ended(
     problem: Problem, method: Method, minima: list[tuple[Minimum, int]], progress: StageProgress | None, work: Work
 ) -> list[tuple[Minimum, int]]:
-    """Minima of all searches with their iterations.
+    """Minima with their iterations, after the stopped searches near the best were completed.
 
-    Searches that were stopped early but are near the best are completed.
+    A search that was stopped early is continued if its sum of squares is at most 1.01 times the smallest.
     """
     most = _NEAR_BEST * min(float(minimum.costs[-1]) for minimum, _ in minima)
     ended = []
@@ -349,7 +352,10 @@ def _after(first: Minimum, last: Minimum) -> Minimum:
 
 
 def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatArray, search: Search) -> bool:
-    """True if an answer is doubtful enough to start more searches; see `Search`."""
+    """True if the best answer is doubtful enough for more searches: far from the start, or pushed beyond a bound.
+
+    False without `doubt_starts` or for a matrix-free method. See `Search`.
+    """
     if not search.doubt_starts or method.is_matrix_free:
         return False
     moved = np.abs(best.theta - start)
@@ -362,7 +368,11 @@ def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatAr
 def _search(
     shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: Tools
 ) -> Stored:
-    """Minimum of one search as a parallel task; `item` is its number, the index of its stages and its start."""
+    """Minimum of one search as stored arrays with its iterations, as a parallel task; ``failed`` holds the error instead.
+
+    `shared` is the problem, the method and the continuation paths; `item` is the number of the search (from 0), the index of
+    its path and its start (n_params,).
+    """
     (problem, method, ways), (number, which, theta) = shared, item
     way = ways[which]
     stages = way(theta) if callable(way) else way
@@ -375,7 +385,7 @@ def _search(
 
 
 def _found(problem: Problem, method: Method, task: Stored) -> tuple[Minimum, int]:
-    """Minimum and iterations of a task; its failure is raised when its turn comes, as if it had run then."""
+    """Minimum of a stored task and its number of iterations; `SingularModelError` if the task failed."""
     if "failed" in task:
         raise SingularModelError(task["failed"])
     return restored_minimum(problem, method, task), int(task["iterations"])
@@ -390,10 +400,10 @@ def staged(
     prefix: str = "",
     minimize: Minimizer = ALONE.minimize,
 ) -> tuple[Minimum, int]:
-    """Minimum reached through the stages and then the problem itself, and the number of iterations.
+    """Minimum of `problem` after the searches of its easier `stages`, and the number of iterations of all of them.
 
-    Where the stages end with a larger sum of squares of the problem itself than they began with, they led astray: the
-    problem is then solved from where they began. `prefix` begins the names of stages in progress messages.
+    If the problem has a larger sum of squares at the end of the stages than at `theta`, its search starts from `theta`.
+    `prefix` begins the names of stages in progress messages.
     """
     start, iterations = theta, 0
     courses: list[StageCourse] = []
@@ -419,9 +429,9 @@ def distinct_answers(
     least_cost: Callable[[Minimum], float],
     probability: float,
 ) -> tuple[Answer, ...]:
-    """Distinct converged minima, best first, with whether each fits the data within noise.
+    """Distinct converged minima, best first, and for each if it fits the data within noise.
 
-    Two are the same where they are at most three posterior standard deviations apart.
+    Minima at most three posterior standard deviations apart are one answer.
 
     Parameters
     ----------
@@ -452,12 +462,14 @@ def distinct_answers(
 
 
 def cost_rank(minimum: Minimum) -> float:
-    """The sum of squares of a minimum, the same for those that differ by rounding alone."""
+    """Sum of squares of a minimum rounded down to a multiple of 1e-6, in that unit: rounding does not change the rank."""
     return float(np.floor(minimum.costs[-1] / _ROUNDED))
 
 
 def ends_at_other(problem: Problem, minimum: Minimum, end: FloatArray, other: Minimum, other_end: FloatArray) -> bool:
-    """True if a refit from one minimum ends nearer to the refit from another than to its own start.
+    """True if the refit of `minimum` ends nearer to the refit of `other` than to `minimum` itself.
+
+    False if both minima are the same within three posterior standard deviations.
 
     Parameters
     ----------
@@ -474,7 +486,7 @@ def ends_at_other(problem: Problem, minimum: Minimum, end: FloatArray, other: Mi
 
 
 def _distance(first: Minimum, second: Minimum) -> float:
-    """Posterior standard deviations between two minima, by the linearization that sees more of them."""
+    """Distance of two minima in posterior standard deviations; the larger of the values by their two linearizations."""
     step = second.theta - first.theta
     found = max(float(np.linalg.norm(m.linearization.product(step))) for m in (first, second))
     return found if np.isfinite(found) else np.inf

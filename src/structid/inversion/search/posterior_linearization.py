@@ -86,7 +86,8 @@ def _drawn(
 ) -> tuple[FloatArray, FloatArray]:
     """Antithetic standard normal draws, (n_draws, n_params), and the residuals there, (n_draws, n_rows).
 
-    Those where the model cannot be evaluated are left out. The parameters are `middle` plus `factor` times a draw.
+    The free variables are `middle` (n_params,) plus `factor` (n_params, n_params) times a draw, clipped to their reach. Draws
+    where the model cannot be evaluated are left out.
     """
     n_params = len(middle)
     half = rng.standard_normal((max(_FEWEST_DRAWS, _DRAWS_EACH * n_params) // 2, n_params))
@@ -97,7 +98,11 @@ def _drawn(
 
 
 def _line(draws: FloatArray, residuals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Regression of every residual row on the draws: value at the centre, significant slopes, remaining variance."""
+    """Regression of every residual row on the draws: value at the centre (n_rows,), slopes, remaining variance (n_rows,).
+
+    `draws` are (n_draws, n_params), `residuals` (n_draws, n_rows). Slopes (n_rows, n_params) are shrunk by the James-Stein
+    factor, to 0 where they are no larger than chance.
+    """
     n_draws, n_params = draws.shape
     design = np.column_stack([np.ones(n_draws), draws])
     fitted = np.linalg.lstsq(design, residuals, rcond=None)[0]

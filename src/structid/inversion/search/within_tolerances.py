@@ -66,9 +66,10 @@ class FixedValues:
     def refit(
         self, names: tuple[str, ...], theta: FloatArray, chi_square: float, progress: Progress | None = None
     ) -> FitWithinTolerances:
-        """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta`.
+        """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta` of `names`.
 
-        `chi_square` is the sum of squares of its data there; it says how far the steps may be trusted.
+        `chi_square` is the sum of squares at `theta`. Above four times the number of data, steps are damped more, and the refit
+        ends there if it stays above.
         """
         start, far = self._whole(names, theta), _FAR * self.problem.n_data
         if not self.is_matrix_free and chi_square > far:
@@ -81,16 +82,19 @@ class FixedValues:
         return self._fit(minimum.theta, minimum.linearization, names)
 
     def fit_at(self, theta: FloatArray, names: tuple[str, ...]) -> FitWithinTolerances:
-        """The fit that ended at the free variables `theta` of all unknowns; `names` are those that are sought."""
+        """Fit within tolerances at the free variables `theta` of all unknowns, without a search.
+
+        `names` are the parameters, apart from the fixed values.
+        """
         return self._fit(theta, self.problem.linearize(theta), names)
 
     def sensitivities_at(
         self, names: tuple[str, ...], theta: FloatArray, within: FitWithinTolerances | None = None
     ) -> FixedColumns:
-        """Derivatives (n_data, n_fixed) of the residual by the logarithm of each fixed value, with their names and tolerances.
+        """Derivatives (n_data, n_fixed) of the residual by the logarithm of each fixed value, with names and tolerances.
 
-        They are taken at the free variables `theta` of the parameters `names`. `within` is a fit with fixed values free within
-        their tolerances, made where the residual exceeds the noise.
+        Taken at the free variables `theta` of the parameters `names`, fixed values as in the model. `within` is a fit with
+        fixed values free within their tolerances, if one was made.
         """
         whole, index = self._whole(names, theta), self._index(self.names)
         if self.is_matrix_free:
@@ -108,7 +112,7 @@ class FixedValues:
         return FitWithinTolerances(self.problem, theta, linearization, asked, theta[self._index(names)])
 
     def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
-        """Free variables of all unknowns, with every fixed value at its value in the model."""
+        """Free variables of all unknowns, from those of the parameters `names`, with every fixed value as in the model."""
         whole = np.array(self.problem.theta_start, dtype=np.float64)
         whole[self._index(names)], whole[self._index(self.names)] = theta, 0.0
         return whole

@@ -37,9 +37,10 @@ _DAMPING_UNITS = {"-": 1.0, "1": 1.0, "%": 0.01}
 
 
 def modes_csv(modes: ModalRecord) -> str:
-    """Text of a CSV table of modes.
+    """Text of a CSV table of modes: a header, then one row for each mode.
 
-    Frequency, damping ratio, their standard deviations, MPC, scaling, then the shape by channel.
+    Columns are mode number, frequency (Hz), damping ratio, their standard deviations, MPC, scaling, then the shape by channel
+    (``1X+``, or ``1X+ real`` and ``1X+ imaginary``) with its standard deviations (``1X+ std``). Unknown numbers are blank.
     """
     n, shapes = modes.n_modes, modes.mode_shapes
     std = np.full(2 * n, np.nan) if modes.covariance is None else np.sqrt(np.diag(modes.covariance))
@@ -90,7 +91,10 @@ class _Table(NamedTuple):
 
 
 def _read_table(path: Path) -> _Table:
-    """Table of modes in the text file at `path`, in rows or columns, separated by commas, semicolons or tabs."""
+    """Table of modes in the text file at `path`, in rows or columns, separated by commas, semicolons or tabs.
+
+    `FileError` if it is no such table in UTF-8, or has no column of frequencies or no mode.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
         separator = max((",", ";", "\t"), key=text.partition("\n")[0].count)
@@ -130,9 +134,9 @@ class _Word(NamedTuple):
 
 
 def _canonical_column(cell: str) -> _Word:
-    """Standard column name, unit factor and assumption for a column header of another program.
+    """Standard column name, unit factor and assumption for a column header of this or another program.
 
-    `cell` is the text of the header.
+    `cell` is the text of the header. The name is "" for columns of no use, and the text itself for any other column.
 
     Raises
     ------
@@ -165,7 +169,10 @@ def _word_or_cell(cell: str) -> str:
 
 
 def is_modes_table(path: Path) -> bool:
-    """True if the first line or first column of a table names frequencies beside damping ratios or channels."""
+    """True if the first line or first column of a table names frequencies beside damping ratios or channels.
+
+    False also if the file cannot be read.
+    """
     try:
         head = read_start(path, _HEAD).decode("utf-8-sig", "replace").splitlines()
     except OSError:
@@ -240,7 +247,10 @@ def read_modes_csv(path: Path) -> ModalRecord:
 
 
 def _column(table: _Table, name: str) -> FloatArray:
-    """Values of the column `name` in its standard unit, (n_modes,); NaN where a cell is empty or the column is missing."""
+    """Values of the column `name` in its standard unit, (n_modes,); NaN where a cell is empty or the column is missing.
+
+    `FileError` if a cell is no finite number, or a frequency or deviation is negative.
+    """
     values = np.full(len(table.lines), np.nan)
     if name in table.header:
         index, factor = table.header.index(name), table.factors.get(name, 1.0)
@@ -261,7 +271,10 @@ def _column(table: _Table, name: str) -> FloatArray:
 
 
 def _scaling(path: Path, header: list[str], lines: list[list[str]]) -> Scaling:
-    """The scaling of the shapes, from the column `scaling`; ``unit_largest`` if there is none."""
+    """Scaling of the shapes, from the column `scaling`; "unit_largest" without such a column.
+
+    `FileError` if rows differ or it is neither "mass" nor "unit_largest".
+    """
     stated = {row[header.index("scaling")].strip() for row in lines} if "scaling" in header else {"unit_largest"}
     if stated == {"mass"}:
         return "mass"
@@ -271,7 +284,7 @@ def _scaling(path: Path, header: list[str], lines: list[list[str]]) -> Scaling:
 
 
 def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
-    """The channels that the header names, each once and in order."""
+    """Channels that the header names, each once and in order; `FileError` if a column is no channel or doubles another."""
     other_columns = {"", "mode", "mpc", "scaling", *_NUMBERS}
     channels: dict[Dof, None] = {}
     columns: dict[tuple[Dof, str], str] = {}
@@ -293,7 +306,10 @@ def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
 
 
 def _shapes(table: _Table, dofs: tuple[Dof, ...]) -> tuple[NumberArray, FloatArray | None]:
-    """Mode shapes (n_channels, n_modes), complex if there are imaginary parts, and standard deviations of their entries or None."""
+    """Mode shapes (n_channels, n_modes), complex if there are imaginary parts, and their standard deviations or None.
+
+    `FileError` if a real part is missing beside an imaginary part.
+    """
     names = {}
     for name in table.header:
         first, _, part = name.partition(" ")

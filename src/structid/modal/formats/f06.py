@@ -106,7 +106,10 @@ class _Listing:
             self._read_line(number, line)
 
     def _read_line(self, number: int, line: str) -> None:
-        """Read one line (`number` from 1), according to the state that earlier lines have left."""
+        """Read one line (`number` from 1) according to the state that earlier lines have left; updates `vectors` and `table`.
+
+        `FileError` if it reports a fatal error of the run or is damaged.
+        """
         self.since_page += 1
         if self.state == "second":
             self._read_second(number, line)
@@ -128,7 +131,10 @@ class _Listing:
             self._read_context(line)
 
     def _read_context(self, line: str) -> None:
-        """Read subcase, eigenvalue or mode number from a line above a title."""
+        """Read subcase, superelement, eigenvalue or mode number from a line above a title into `page`.
+
+        Other lines are ignored.
+        """
         if line.startswith("0"):  # the last of the lines that head a page, which some keep without the others
             self.page.subcase = None
         if line.startswith("0") or self.since_page <= 3:
@@ -143,7 +149,7 @@ class _Listing:
             self.page.mode = int(match[1])
 
     def _read_title(self, number: int, line: str) -> None:
-        """Read a title in spaced letters: begin the eigenvalue table, or the page of a vector."""
+        """Read a title in spaced letters: begin the eigenvalue table, or the page of a vector; any other title ends a table."""
         self.state = ""
         if _REAL_TABLE.search(line):
             self.state = "table"
@@ -173,7 +179,10 @@ class _Listing:
             self._read_context(line)
 
     def _read_columns(self, number: int, line: str) -> None:
-        """Read a line between the title of a vector and its rows: form of complex numbers, column headings."""
+        """Read a line between the title of a vector and its rows: form of complex numbers, or column headings.
+
+        `FileError` if the form is not stated or columns are not those of points sorted by mode.
+        """
         assert self.vector is not None
         text = line.strip()
         if text in _FORMS:
@@ -194,7 +203,10 @@ class _Listing:
             )
 
     def _read_row(self, number: int, line: str) -> bool:
-        """Read a row of the vector; returns True if the line is one, or blank."""
+        """Read a row of the vector; returns True if the line is a row or blank, so that the table goes on.
+
+        `number` is that of the line, from 1. `FileError` if the row is damaged or contradicts an earlier print of the point.
+        """
         assert self.vector is not None
         if match := _POINT_ROW.match(line):
             node, kind = int(match[1]), match[2]
@@ -224,7 +236,10 @@ class _Listing:
         return True
 
     def _read_second(self, number: int, line: str) -> None:
-        """Read the second line of a complex eigenvector row: imaginary parts, or phases."""
+        """Read the second line of a complex eigenvector row, imaginary parts or phases, and add it to the row of its point.
+
+        `FileError` if the line is damaged or contradicts an earlier print of the point.
+        """
         assert self.vector is not None
         self.state = "rows"
         if self.node < 0:
@@ -236,9 +251,10 @@ class _Listing:
         self.last_row = number
 
     def _six_numbers(self, number: int, line: str, first: int, is_grid: bool, is_phase: bool = False) -> list[str]:
-        """The six numbers of a row as texts, from columns that begin at `first`; "" for a blank one.
+        """The six numbers of a row as texts, from columns of 15 that begin at column index `first`; "" for a blank one.
 
-        `is_grid` says that the row is of a grid point, `is_phase` that phases are in it.
+        `is_grid` says that the row is of a grid point, which has six numbers or the first three, `is_phase` that these are
+        phases. `FileError` if a text is no number.
         """
         self.first_column = first
         fields = [line[first + k * _WIDTH : first + (k + 1) * _WIDTH].strip() for k in range(6)]
@@ -305,7 +321,11 @@ def f06_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes:
 def _real_eigenvalues(
     path: Path, listing: _Listing, keys: Sequence[VectorKey]
 ) -> tuple[list[complex], list[float], tuple[str, ...]]:
-    """Eigenvalues s (rad/s) and generalized masses of undamped modes, from their pages and the eigenvalue table, and notes."""
+    """Eigenvalues s (rad/s) and generalized masses of the undamped modes `keys`, in their order, and notes.
+
+    They come from the pages of the vectors and the eigenvalue table; a mass is NaN where none is printed. `FileError` if a mode
+    has no eigenvalue, the analysis is of buckling, or an eigenvalue is negative.
+    """
     squares: list[float] = []
     masses: list[float] = []
     notes: list[str] = []
@@ -338,9 +358,9 @@ def _real_eigenvalues(
 
 
 def _printed_mode(path: Path, key: VectorKey, vector: _Vector, eigenvalue: complex, mass: float) -> PrintedMode:
-    """One mode from the rows of its vector; `FileError` if a row is incomplete or a value is not finite.
+    """`PrintedMode` from the rows of its vector; `FileError` if a row is incomplete or a value is not finite.
 
-    `mass` is the generalized mass.
+    `eigenvalue` is s in rad/s, `mass` the generalized mass (NaN if not printed).
     """
     rows = list(vector.rows.values())
     n_parts = 2 if vector.is_complex else 1

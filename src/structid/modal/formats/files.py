@@ -153,7 +153,10 @@ def modal_fields(modes: ModalRecord) -> dict[str, Entry]:
 
 
 def _changes_fields(changes: ModalChanges) -> dict[str, Any]:
-    """Rows of one change each: frequencies, damping ratios, and shapes row by row, in nine digits."""
+    """Changes of modes for JSON, as tables with one row for each change, in nine digits.
+
+    Rows hold frequencies (Hz), damping ratios, and real and imaginary parts of shapes, all modes of one channel after another.
+    """
     shapes = changes.mode_shapes.reshape(len(changes.frequency), -1)
     parts = {
         "frequency_hz": changes.frequency,
@@ -165,7 +168,10 @@ def _changes_fields(changes: ModalChanges) -> dict[str, Any]:
 
 
 def _read_changes(path: Path, data: Mapping[str, object], shape: tuple[int, int]) -> ModalChanges | None:
-    """Changes of the modes by sources of uncertainty stored in modes.json; None without. `shape` is (n_channels, n_modes)."""
+    """`ModalChanges` stored in the fields `data` of modes.json; None without. `shape` is (n_channels, n_modes).
+
+    `FileError` if the tables do not have the shape.
+    """
     tables = data.get("changes")
     if tables is None:
         return None
@@ -184,7 +190,7 @@ def _read_changes(path: Path, data: Mapping[str, object], shape: tuple[int, int]
 
 
 def _read_json(path: Path) -> ModalRecord:
-    """The modes stored in a modes.json of `structid modes`."""
+    """Modal record stored in a modes.json of `structid modes`; `FileError` if it holds no modes or a field cannot be used."""
     with damage_told(path, "JSON", "copy it again, or run `structid modes` again"):
         data = json.loads(path.read_text(encoding="utf-8"))
     if not isinstance(data, dict) or "frequency_hz" not in data:
@@ -204,7 +210,10 @@ def _read_json(path: Path) -> ModalRecord:
 
 
 def _array(path: Path, data: Mapping[str, object], key: str, n_axes: int, prefix: str = "") -> np.ndarray:
-    """Numbers under `key` as an array with `n_axes` axes, null read as NaN; `prefix` completes the key in errors."""
+    """Numbers under `key` of `data` as an array with `n_axes` axes, null read as NaN; `FileError` if they are none.
+
+    `prefix` completes the key in errors.
+    """
     try:
         array = np.array(data.get(key), dtype=float)
     except (ValueError, TypeError) as error:

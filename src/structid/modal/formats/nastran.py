@@ -20,7 +20,13 @@ from structid.modal.modal_record import ModalRecord
 
 
 def nastran_modes(path: Path, options: ModeFileOptions | None = None) -> PrintedModes:
-    """The modes as they stand in the listing, punch file or binary file at `path`; raises `FileError` if there is none."""
+    """Modes as printed in the Nastran listing, punch file or binary file at `path`, in the units of the model.
+
+    Raises
+    ------
+    FileError
+        If there are no eigenvectors, or only those of scalar points.
+    """
     options = options or ModeFileOptions()
     if path.suffix.lower() in OP2_SUFFIXES:
         printed = op2_modes(path, options)
@@ -58,7 +64,10 @@ def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> Mo
 
 
 def _displacement_axes(path: Path, deck: Path, printed: PrintedModes) -> dict[int, FloatArray]:
-    """Axes (rows, global, (3, 3)) of each point whose displacement system in the `deck` is not the global one."""
+    """Axes (3, 3), as rows in global axes, of each point whose displacement system in the `deck` is not the global one.
+
+    Keys are node labels. `FileError` if the deck lacks a point that is printed.
+    """
     with damage_told(deck, "Nastran bulk data", "export it again"):
         cards = cards_of(bulk_text(deck), ("GRID", "GRDSET", *SYSTEM_CARDS))
         if "GRID" not in cards:

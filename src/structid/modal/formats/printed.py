@@ -79,7 +79,7 @@ class VectorKey:
 
 
 def chosen_run(path: Path, keys: Sequence[VectorKey], options: ModeFileOptions) -> list[VectorKey]:
-    """Keys of the vectors of one run: the subcase and kind of eigenvalue that `options` name, or the only run that there is.
+    """Keys of the vectors of one run: the subcase and kind of eigenvalue that `options` name, or the only run there is.
 
     Raises
     ------
@@ -115,14 +115,14 @@ def chosen_run(path: Path, keys: Sequence[VectorKey], options: ModeFileOptions) 
 def oscillating(
     path: Path, keys: Sequence[VectorKey], s: Sequence[complex]
 ) -> tuple[list[tuple[VectorKey, complex]], tuple[str, ...]]:
-    """Vectors with a positive frequency, each with its complex eigenvalue (rad/s), and notes on those left out.
+    """Vectors with a positive frequency, each as (key, eigenvalue in rad/s), and notes on those left out.
 
     Each stands for a conjugate pair; `s` are the eigenvalues of `keys` in rad/s.
 
     Raises
     ------
     FileError
-        If no eigenvalue has a frequency.
+        If no eigenvalue has a positive imaginary part.
     """
     with_frequency = [(key, value) for key, value in zip(keys, s, strict=True) if value.imag > 0]
     if not with_frequency:
@@ -132,7 +132,7 @@ def oscillating(
 
 
 def undamped(path: Path, squares: Sequence[float]) -> list[complex]:
-    """Eigenvalues s = i omega of undamped modes from their squares omega^2; values that are negative by rounding become 0.
+    """Eigenvalues s = i omega (rad/s) of undamped modes from `squares` omega^2; values negative by rounding become 0.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def undamped(path: Path, squares: Sequence[float]) -> list[complex]:
 
 
 def same_eigenvalue(first: float, other: float) -> bool:
-    """True if two printed eigenvalues are one but for the rounding of print."""
+    """True if two printed eigenvalues are equal to the rounding of print, 2e-5 of the larger."""
     return abs(first - other) <= _SAME_EIGENVALUE * max(abs(first), abs(other)) + 1e-12
 
 
@@ -160,12 +160,14 @@ def complex_values(first: FloatArray, second: FloatArray, is_polar: bool) -> Num
 
 
 def parse_numbers(path: Path, fields: Sequence[str]) -> FloatArray:
-    """Numbers from text fields, (n,), also with Fortran's exponents; `path` is for errors.
+    """Numbers (n,) from text fields, also with Fortran's exponents.
+
+    `path` is for errors.
 
     Raises
     ------
     FileError
-        If one is none.
+        If a field is no number.
     """
     table = np.array([field.encode("latin-1", "replace") for field in fields], dtype="S24")
     width = table.dtype.itemsize
@@ -260,7 +262,11 @@ def _in_global_axes(
     axes: Mapping[int, FloatArray] | None,
     notes: list[str],
 ) -> NumberArray:
-    """Mode shapes, (n_points, 6, n_modes), turned from the points' displacement systems to global axes; adds to `notes`."""
+    """Mode shapes (n_points, 6, n_modes) turned from the points' displacement systems to global axes.
+
+    `axes` maps node labels to (3, 3) axes as rows; None takes shapes as global, and `FileError` if a point states another
+    system. Assumptions are appended to `notes`.
+    """
     systems, nodes = modes[0].systems, modes[0].nodes
     if axes is None:
         turned = np.flatnonzero(systems > 0)

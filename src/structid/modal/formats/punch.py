@@ -52,9 +52,10 @@ class _Vector:
 
 
 def modes_punch(path: Path, modes: ModalRecord) -> str:
-    """Text of a Nastran punch file of real `modes`: a vector each, six components a grid point, seven digits.
+    """Text of a Nastran punch file of real `modes`: one vector for each mode, six components for each grid point.
 
-    Damping ratios are left out, since a real eigenvector of Nastran has none.
+    Numbers have seven digits; directions that were not measured are 0. Damping ratios are left out, since a real eigenvector of
+    Nastran has none. `path` is for errors.
 
     Raises
     ------
@@ -156,7 +157,10 @@ def punch_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes
 
 
 def _read_key(path: Path, number: int, line: str, subcase: int | None, superelement: int | None) -> VectorKey:
-    """The key (run, mode, eigenvalue) in an EIGENVALUE line of a punch file; `number` is that of the line."""
+    """Key (run, mode, eigenvalue) in an EIGENVALUE line of a punch file; `FileError` if the line holds none.
+
+    `number` is that of the line, from 1.
+    """
     if match := _EIGENVALUE.match(line):
         return VectorKey(subcase, superelement, int(match[2]), (match[1],))
     if match := _COMPLEX_EIGENVALUE.match(line):
@@ -173,7 +177,10 @@ def _add(path: Path, number: int, vector: _Vector, node: int, values: list[str])
 
 
 def _printed_mode(path: Path, key: VectorKey, vector: _Vector, eigenvalue: complex) -> PrintedMode:
-    """One mode from the rows of its vector; `FileError` if a row is incomplete or a value is not finite."""
+    """`PrintedMode` from the rows of its vector; `FileError` if a row is incomplete or a value is not finite.
+
+    `eigenvalue` is s in rad/s.
+    """
     width = _FORMS[vector.form]
     for node, values in vector.rows.items():
         if len(values) != width:

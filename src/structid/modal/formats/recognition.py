@@ -28,7 +28,10 @@ _MOST_SETS = 1000
 
 
 def holds_modes(path: Path) -> bool:
-    """True if the file at `path` holds modes and no responses, judged by its suffix and first bytes."""
+    """True if the file at `path` holds modes and no responses, judged by its suffix and first bytes.
+
+    False if it cannot be read, except for listings and binary results, which count by their suffix alone.
+    """
     suffix = path.suffix.lower()
     if suffix in CSV_SUFFIXES:
         return is_modes_table(path)

@@ -126,7 +126,7 @@ class _Kind:
     n_values: int
 
     def objection(self) -> str:
-        """The reason why the data are no mode shape; "" if they are."""
+        """Reason why the data are no mode shape, such as "results of buckling"; "" if they are one."""
         if self.model in _MODELS:
             return f"results of {_MODELS[self.model]}"
         if self.analysis != _NORMAL and self.analysis not in _EIGENVALUES:
@@ -217,7 +217,10 @@ def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalR
 
 
 def _read_datasets(path: Path, blocks: Sequence[Block], notes: list[str]) -> list[_Mode]:
-    """All modes of the file in order of frequency; a note is added for datasets that hold other data."""
+    """All modes of the file in order of frequency; `FileError` if there is none.
+
+    A note is appended to `notes` for datasets that hold other data.
+    """
     modes: list[_Mode] = []
     objections: Counter[str] = Counter()
     for dataset in blocks:
@@ -239,9 +242,10 @@ def _read_datasets(path: Path, blocks: Sequence[Block], notes: list[str]) -> lis
 
 
 def _drop_duplicates(path: Path, modes: list[_Mode], notes: list[str]) -> list[_Mode]:
-    """Modes with one shape each: displacements preferred, and one mode of each conjugate pair.
+    """Modes with one shape each: displacements preferred to velocities, and one mode of each conjugate pair.
 
-    Remarks are appended to `notes`.
+    Copies in datasets 2414 and real eigenvalues are left out too. Remarks are appended to `notes`. `FileError` if the two kinds
+    of dataset hold different modes, or all eigenvalues are real.
     """
     numbers = {mode.number for mode in modes}
     if len(numbers) > 1:
@@ -280,7 +284,10 @@ def _require_vibrations(modes: list[_Mode]) -> None:
 
 
 def _units(path: Path, blocks: Sequence[Block], options: ModeFileOptions) -> tuple[float, float, bool]:
-    """Units of length (m) and force (N) of a universal file, and True if file or options state them."""
+    """Units of length (m) and force (N) of a universal file, and True if the file or options state the unit of length.
+
+    `InputError` if an option contradicts the file; 1.0 where neither states a unit.
+    """
     factors = read_unit_factors(path, blocks)
     stated = (1.0, 1.0) if factors is None else (1 / factors.length, 1 / factors.force)
     units = []
@@ -298,14 +305,15 @@ def _units(path: Path, blocks: Sequence[Block], options: ModeFileOptions) -> tup
 
 
 def _mass_factors(modes: Sequence[_Mode], unit: float, notes: list[str]) -> list[complex]:
-    """Factors that scale each shape to unit modal mass (kg); empty if a mode's modal mass is not stated.
-
-    Remarks are appended to `notes`.
+    """Factors that scale each shape to unit modal mass (kg); [] if they cannot be used, with a remark in `notes` where stated.
 
     Parameters
     ----------
+    modes : sequence of _Mode
     unit : float
         Unit of force times length in the file, in N m.
+    notes : list of str
+        Remarks are appended here.
     """
     n_stated = sum(mode.modal_mass != 0 for mode in modes)
     if not n_stated:
@@ -330,7 +338,7 @@ def _turn_to_global_axes(
 ) -> None:
     """Turn `values` (mode, node, direction) of nodes with their own displacement systems to global axes, in place.
 
-    Remarks are appended to `notes`.
+    Remarks are appended to `notes`. `FileError` if a node was measured in directions that are along no global axes.
     """
     n_turned = 0
     for i, node in enumerate(nodes):
@@ -398,7 +406,11 @@ _Stated = tuple[complex, float, complex]
 
 
 def _normal(where: str, frequency: float, mass: float, viscous: float, hysteretic: float) -> _Stated:
-    """Eigenvalue, damping ratio and modal mass of a normal mode."""
+    """Eigenvalue i omega (rad/s), damping ratio and modal mass of a normal mode.
+
+    `frequency` is in Hz; the ratio is `viscous`, else half of `hysteretic`, else NaN; the mass is 0 if not stated. `FileError`
+    if a number is not finite or the frequency negative.
+    """
     if not np.isfinite([frequency, mass, viscous, hysteretic]).all() or frequency < 0:
         raise FileError(
             f"{where} has a frequency of {frequency:g} Hz; it must be at least 0, and all its numbers finite"
@@ -418,9 +430,10 @@ def _complex(reals: Sequence[float]) -> _Stated:
 
 
 def _make_mode(where: str, number: int, kind: _Kind, lines: list[str], begin: int, stated: _Stated) -> _Mode:
-    """The mode of a dataset whose nodes begin at line `begin`; `stated` is its eigenvalue (rad/s), damping ratio and modal mass.
+    """Mode of a dataset whose nodes begin at line index `begin`.
 
-    `where` names the dataset in errors, `number` is that of the dataset.
+    `stated` is its eigenvalue (rad/s), damping ratio and modal mass; `where` names the dataset in errors, `number` is 55 or
+    2414. `FileError` if a value is not finite or the data have an unknown layout.
     """
     s, ratio, mass = stated
     if not np.isfinite([s.real, s.imag, mass.real, mass.imag]).all():
@@ -442,9 +455,10 @@ def _make_mode(where: str, number: int, kind: _Kind, lines: list[str], begin: in
 def _read_nodes(
     where: str, lines: list[str], begin: int, n_values: int, is_complex: bool
 ) -> dict[int, NDArray[np.complex128]]:
-    """Motion (6,) of each node label: each node has a line with its label, then its values.
+    """Motion (6,) by node label: each node has a line with its label, then lines with its values.
 
-    `where` names the dataset in errors; the nodes begin at line `begin`.
+    `where` names the dataset in errors; the nodes begin at line index `begin`. Missing rotations are 0. `FileError` if a node
+    is damaged, repeated or incomplete.
     """
     n_numbers = n_values * (2 if is_complex else 1)
     step = 1 + -(-n_numbers // 6)

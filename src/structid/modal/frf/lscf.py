@@ -70,12 +70,12 @@ class FrfBand:
 
 
 def frf_band(record: FrfRecord, low: float, high: float) -> FrfBand:
-    """The lines of `record` from `low` to `high` Hz without that at 0 Hz.
+    """The lines of `record` from `low` to `high` Hz, without that at 0 Hz, each FRF scaled by output and input.
 
     Raises
     ------
     InputError
-        If too few lines are left, or an FRF is zero throughout.
+        If fewer than 16 lines are left, or an output or input is zero throughout.
     """
     keep = (record.frequency >= low) & (record.frequency <= high) & (record.laplace != 0)
     if keep.sum() < 16:
@@ -110,12 +110,15 @@ class PoleSweep:
 
 
 def pole_sweep(band: FrfBand, orders: Sequence[int] | None, criteria: HardCriteria) -> PoleSweep:
-    """Stable poles inside the band, with shapes in the unit of the record's outputs as displacement.
+    """Poles of each order inside the band that meet the damping limits, with their participation and displacement shapes.
 
     Parameters
     ----------
+    band : FrfBand
     orders : sequence of int, optional
         Numbers of states; polynomials have 1 / n_inputs of it as their order, rounded up.
+    criteria : HardCriteria
+        Its range of damping ratios is used only.
     """
     n_inputs = band.values.shape[2]
     degrees = polynomial_orders(band.values.shape, orders)
@@ -144,26 +147,30 @@ def pole_sweep(band: FrfBand, orders: Sequence[int] | None, criteria: HardCriter
 
 
 def _energy_fractions(s: ComplexArray, shapes: ComplexArray, participation: ComplexArray, power: int) -> FloatArray:
-    """Root of the integral of each resonance squared over all frequencies, over that of all of them, (n_poles,)."""
+    """Root of the energy of each resonance over all frequencies, relative to that of all poles, (n_poles,).
+
+    `s` (n_poles,) are poles in rad/s, `shapes` (n_outputs, n_poles), `participation` (n_inputs, n_poles); `power` is 0, 1 or
+    2 for receptance, mobility or accelerance. Squares add up to 1.
+    """
     peak = np.linalg.norm(shapes, axis=0) * np.linalg.norm(participation, axis=0) * np.abs(s) ** power
     size = peak / np.sqrt(np.maximum(np.abs(s.real), 1e-6 * np.abs(s)))
     return np.asarray(size / max(float(np.linalg.norm(size)), np.finfo(np.float64).tiny))
 
 
 def polynomial_orders(shape: tuple[int, ...], given: Sequence[int] | None) -> list[int]:
-    """Orders n of the polynomials, increasing, for the numbers of states given.
+    """Orders n of the polynomials to try, increasing: those for the numbers of states `given`, else up to 60.
 
     FRFs of L lines, p outputs and m inputs hold 2 L p m real values, for n m^2 coefficients of A, which all outputs share,
-    and n m for each output: four values a coefficient leave room for L / 4 of one FRF, for nearly L / 2 of many outputs.
-    That further room counts where lines are few, up to the highest order by default; above it the limit is L / 4, since every
-    order above adds poles that fit noise, each of them to be refined.
+    and n m for each output. Four values a coefficient leave room for n up to L / 4 with one FRF, and to nearly L / 2 with many
+    outputs. Above the highest default order (60) the limit is L / 4, since every order above adds poles that fit noise, each of
+    them to be refined.
 
     Parameters
     ----------
     shape : (n_lines, n_outputs, n_inputs)
         Of the FRFs.
     given : sequence of int, optional
-        Numbers of states.
+        Numbers of states, n_inputs times n.
 
     Raises
     ------
@@ -187,16 +194,17 @@ def polynomial_orders(shape: tuple[int, ...], given: Sequence[int] | None) -> li
 
 
 def denominators(band: FrfBand, angle: FloatArray, degrees: Sequence[int]) -> Iterator[FloatArray]:
-    """A_1 .. A_n of every order n, (n, n_inputs, n_inputs), from one set of normal equations.
+    """Coefficients A_1 .. A_n, (n, n_inputs, n_inputs), of every order n in `degrees`, from one set of normal equations.
 
-    Equations are weighted by 1 over the mean variance of the inputs' FRFs, where the record has a variance.
+    Equations of an output are weighted by 1 over its variance, averaged over the inputs, where the record has a variance.
 
     Parameters
     ----------
+    band : FrfBand
     angle : (n_lines,) float array
         theta of z = exp(i theta).
     degrees : sequence of int
-        Increasing.
+        Orders of the polynomials, increasing.
     """
     n, m = degrees[-1], band.values.shape[2]
     weight = np.ones(band.values.shape[:2]) if band.variance is None else 1 / band.variance.mean(axis=2)
@@ -223,12 +231,17 @@ def denominators(band: FrfBand, angle: FloatArray, degrees: Sequence[int]) -> It
 
 
 def right_poles(denominator: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-    """z with det A(z) = 0 in the upper half plane, and w' with w' A(z) = 0, each with largest entry 1.
+    """Poles z in the upper half plane with det A(z) = 0, and left null vectors w with w' A(z) = 0, largest entry 1.
 
     Parameters
     ----------
     denominator : (n, n_inputs, n_inputs) float array
         A_1 .. A_n of A(z) = I + A_1 z + ... + A_n z^n.
+
+    Returns
+    -------
+    (n_poles,) complex array
+    (n_inputs, n_poles) complex array
     """
     n, m, _ = denominator.shape
     companion = np.eye(n * m, k=-m)

@@ -101,9 +101,9 @@ def _bands(record: FrfRecord, options: ModalOptions) -> list[tuple[float, float]
 
 
 def _of_band(record: FrfRecord, low: float, high: float, options: ModalOptions) -> _BandModes:
-    """Modes of FRFs between `low` and `high` (Hz): stable poles over the model orders, refined by least squares.
+    """Modes of FRFs between `low` and `high` (Hz), with their poles, clusters and notes.
 
-    `NoModesError` if no mode is stable.
+    Stable poles over the model orders are refined by least squares. `NoModesError` if no mode is stable.
     """
     band = frf_band(record, low, high)
     poles = pole_sweep(band, options.orders, options.criteria)
@@ -133,7 +133,8 @@ def _refined(
 ) -> tuple[FrfModes, IntArray, bool, list[str]]:
     """Least-squares modes of one band refined from `start`, indices of the poles kept, convergence, and notes.
 
-    Poles that leave the band or the criteria are fixed at their start; those that fit noise only are left out.
+    Indices refer to `start` and are sorted by frequency. Poles that leave the band or the criteria are fixed where they
+    started; those that fit noise only are left out. `NoModesError` if none is left.
     """
     notes: list[str] = []
     kept: IntArray = np.arange(len(start.poles))
@@ -191,7 +192,8 @@ def _refined(
 def _settled(band: FrfBand, start: PolesAndParticipation) -> tuple[PolesAndParticipation, FrfData, bool]:
     """Least-squares fit of the modes in one band from `start`: poles, data with their weights, and True if it converged.
 
-    Powers of s that stand for modes outside the band are added as long as they lower the misfit enough.
+    Powers of s that stand for modes outside the band are added, up to six steps on either side, as long as they lower the
+    misfit enough.
     """
     data, at = _data(band, band.variance), start
     for gain in (1e-3, 1e-5):
@@ -211,11 +213,11 @@ def _settled(band: FrfBand, start: PolesAndParticipation) -> tuple[PolesAndParti
 def _wider(
     data: FrfData, at: PolesAndParticipation, widths: Sequence[tuple[int, int]]
 ) -> tuple[tuple[int, int], FrfData, PolesAndParticipation] | None:
-    """Wider powers of s for the modes outside the band, with the data and poles refitted; None where none of them pays.
+    """More powers of s for modes outside the band: their numbers (below, above), data and refitted poles; None if none pays.
 
-    `widths` are candidate numbers of powers below and above; the one with the least misfit at the present poles is tried first.
-    No more than half of the values may be taken up, and each new unknown must lower the misfit by `_PAYS` mean squares of the
-    residual.
+    `widths` are candidate numbers (below, above) of steps in `_outside`; the one with the least misfit at the present poles is
+    tried first. No more than half of the real values may be taken up by unknowns, and each new unknown must lower the misfit by
+    twice the mean square of the residual.
     """
     cost, freedom = misfit(data, at), _freedom(data, at)
     trials = [(width, replace(data, outside=_outside(*width))) for width in widths]
@@ -228,19 +230,19 @@ def _wider(
 
 
 def _outside(below: int, above: int) -> tuple[int, ...]:
-    """Powers of s of a receptance: -2, -3 and -4, and so on, and 0, 1 and 2, and so on."""
+    """Powers of s of a receptance for the modes outside the band: -2 to -2 `below`, and 0 to 2 `above` - 2."""
     return (*range(-2 * below, -1), *range(2 * above - 1))
 
 
 def _weighted(band: FrfBand, data: FrfData, at: PolesAndParticipation) -> FrfData:
-    """The record with weights from the residual around each line, unless it has a variance."""
+    """`data` with new weights from the residual around each line; unchanged if the record has a variance."""
     if band.variance is not None:
         return data
     return replace(data, weights=_data(band, _residual_variance(data, at, band)).weights)
 
 
 def _weakest(modes: FrfModes) -> np.ndarray:
-    """Mask (n_modes,) of the mode least certain to exist, where noise alone could explain its shape; else all False.
+    """Mask (n_modes,) of the mode least certain to exist, where noise alone could explain its shape; else all false.
 
     The sum over outputs of phi' cov^-1 phi counts as a gain in likelihood, which must exceed Schwarz's (1978) price of
     log(number of values) for each unknown of the mode.
@@ -265,9 +267,9 @@ def _data(band: FrfBand, variance: FloatArray | None) -> FrfData:
 
 
 def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) -> FloatArray:
-    """Mean square residual of each FRF of `band` over the lines around each line, which is left out, not below rounding.
+    """Mean square residual around each line, that line left out, (n_lines, n_outputs, n_inputs), in the scale of `band`.
 
-    A weight that included the error of its own line would make that error look small.
+    It is not below rounding. A weight that included the error of its own line would make that error look small.
     """
     scale = band.output_scale[:, None] * band.input_scale
     power = np.abs(residuals(data, at) / data.weights / scale) ** 2
@@ -288,21 +290,24 @@ def _lost(at: PolesAndParticipation, band: FrfBand, options: ModalOptions) -> np
 
 
 def _freedom(data: FrfData, at: PolesAndParticipation) -> int:
-    """Real values less unknowns, at least 1."""
+    """Degrees of freedom of the fit: number of real values less unknowns, at least 1."""
     _, n_outputs, n_inputs = data.values.shape
     own = 2 * len(at.poles) + len(data.outside) * n_inputs
     return max(2 * data.values.size - len(at.free) - n_outputs * own, 1)
 
 
 def _excess(data: FrfData, at: PolesAndParticipation) -> float:
-    """Sum of squares over its degrees of freedom where that is more than noise leaves, else 1."""
+    """Weighted sum of squares over its degrees of freedom if that exceeds 1 significantly (by 4 deviations), else 1."""
     freedom = _freedom(data, at)
     ratio = misfit(data, at) / freedom
     return ratio if ratio > 1 + 4 * np.sqrt(2 / freedom) else 1.0
 
 
 def _modal_record(record: FrfRecord, outcomes: Sequence[_BandModes]) -> ModalRecord:
-    """Modes of all bands together; errors of different bands are independent, as their lines are."""
+    """Modal record of the modes of all bands; errors of different bands are independent, since their lines are.
+
+    Shapes have modal mass 1 if a driving point shows the mass of every mode, else largest entry 1 and a warning.
+    """
     driving = [
         DrivingPoint(o, i, out.sign * load.sign)
         for o, out in enumerate(record.outputs)
@@ -332,7 +337,10 @@ def _modal_record(record: FrfRecord, outcomes: Sequence[_BandModes]) -> ModalRec
 
 
 def _doubts(outcomes: Sequence[_BandModes], driving: list[DrivingPoint]) -> str:
-    """Why shapes are not scaled to mass, or nothing."""
+    """Warning that the driving point cannot scale shapes to mass, with the modes concerned; "" if it can.
+
+    A mode is concerned if the relative standard deviation of its factor exceeds 0.5.
+    """
     doubt = np.concatenate([scaled_shapes(outcome.modes, driving)[2] for outcome in outcomes])
     still = np.flatnonzero(~(doubt <= _DOUBTFUL_SCALE))
     if not len(still):

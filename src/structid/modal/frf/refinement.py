@@ -67,12 +67,15 @@ class PolesAndParticipation:
 
     @property
     def held(self) -> IntArray:
-        """The input of largest participation, mode by mode."""
+        """Index of the input with the largest participation in each mode, (n_modes,), which is held fixed."""
         return np.abs(self.participation).argmax(axis=0)
 
     @property
     def free(self) -> IntArray:
-        """Columns of `slopes` that belong to unknowns: both parts of poles, and of participation not held."""
+        """Column numbers of `slopes` that belong to free unknowns, (n_unknowns,).
+
+        The order is Re p, Im p, then Re l, Im l of the entries not held, without modes that are `fixed`.
+        """
         n_inputs, n = self.participation.shape
         moving = np.flatnonzero(~self.fixed)
         entries = np.flatnonzero(((np.arange(n_inputs)[:, None] != self.held) & ~self.fixed).ravel())
@@ -80,13 +83,13 @@ class PolesAndParticipation:
 
     @property
     def sizes(self) -> FloatArray:
-        """Magnitudes of the unknowns, in the order of `free`: of the pole, and of the largest participation of the mode."""
+        """Magnitude of each free unknown, in the order of `free`: that of the pole, or of the mode's largest participation."""
         largest = np.abs(self.participation).max(axis=0)
         entries = np.broadcast_to(largest, self.participation.shape).ravel()
         return np.concatenate([np.abs(self.poles), np.abs(self.poles), entries, entries])[self.free]
 
     def moved(self, step: FloatArray) -> PolesAndParticipation:
-        """Copy with `step` added to the unknowns in the order of `free`."""
+        """Copy with `step` (n_unknowns,) added to the free unknowns, in the order of `free`."""
         n_inputs, n = self.participation.shape
         whole = np.zeros(2 * n + 2 * n_inputs * n)
         whole[self.free] = step
@@ -145,7 +148,10 @@ class OutputBlock:
 def output_blocks(
     data: FrfData, at: PolesAndParticipation, free: IntArray | None = None, with_slopes: bool = True
 ) -> Iterator[OutputBlock]:
-    """Every output in turn, with derivatives by the unknowns `free` (those of `at` by default) where they are wanted.
+    """Blocks of the least-squares problem, one for each output in turn.
+
+    Derivatives are by the unknowns `free` (column numbers of `slopes`; by default those of `at`), and left out (zero columns)
+    unless `with_slopes`.
 
     Raises
     ------
@@ -177,7 +183,7 @@ def residuals(data: FrfData, at: PolesAndParticipation) -> ComplexArray:
 
 
 def misfit(data: FrfData, at: PolesAndParticipation) -> float:
-    """Sum of squares of the weighted residual; infinite where own terms of outputs depend on one another exactly."""
+    """Sum of squares of the weighted residual with the outputs' own terms fitted; infinite if these are linearly dependent."""
     columns, total = terms(data.laplace, at.poles, at.participation, data.power, data.outside), 0.0
     for o in range(data.values.shape[1]):
         with_values = np.concatenate([columns, data.values[:, o, :, None]], axis=2)
@@ -191,9 +197,10 @@ def misfit(data: FrfData, at: PolesAndParticipation) -> float:
 def refined(
     data: FrfData, start: PolesAndParticipation, gain: float = _SMALL_GAIN
 ) -> tuple[PolesAndParticipation, bool]:
-    """The nearest minimum of the FRF misfit from the poles and participation `start`, and True if it was reached.
+    """Poles and participation at the nearest minimum of the FRF misfit from `start`, and True if it was reached.
 
-    Steps continue while each promises to lower the misfit by the fraction `gain`.
+    Steps continue while each promises to lower the misfit by the fraction `gain`. Fixed poles stay; if the search cannot
+    begin, the result is `start` and False.
     """
     n_free = len(start.free)
     if not n_free:

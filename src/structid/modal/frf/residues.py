@@ -66,12 +66,15 @@ def slopes(
 
     Parameters
     ----------
+    laplace, poles, participation, power
+        As in `terms`.
     shape : (n_modes,) complex array
-        Of this output.
+        Entry of this output in each shape.
 
     Returns
     -------
     (n_lines, n_inputs, 2 n_modes + 2 n_inputs n_modes) complex array
+        Participation is counted input by input, all modes of each.
     """
     here, there = _fractions(laplace, poles, power)
     a = (here / (laplace[:, None] - poles) * shape)[:, None, :] * participation
@@ -90,7 +93,10 @@ def _fractions(laplace: ComplexArray, poles: ComplexArray, power: int) -> tuple[
 
 
 def weighted(columns: ComplexArray, weights: FloatArray) -> FloatArray:
-    """Rows of real parts, then of imaginary ones, times the weights of lines and inputs: (2 n_lines n_inputs, ...)."""
+    """Real matrix of weighted columns, (2 n_lines n_inputs, n_columns): rows of real parts, then of imaginary parts.
+
+    `columns` is (n_lines, n_inputs, n_columns), `weights` (n_lines, n_inputs).
+    """
     n_lines, n_inputs, n_columns = columns.shape
     return stack_real(
         (columns * weights[:, :, None]).reshape(n_lines * n_inputs, n_columns)
@@ -105,13 +111,16 @@ def residue_shapes(
     participation: ComplexArray,
     power: int,
 ) -> ComplexArray:
-    """Shapes phi of all outputs with poles and participation given, (n_outputs, n_modes).
+    """Shapes phi of all outputs, (n_outputs, n_modes), by least squares with poles and participation held.
 
     `power` is 0, 1 or 2 for receptance, mobility or accelerance.
 
     Parameters
     ----------
+    laplace, poles, participation, power
+        As in `terms`.
     values : (n_lines, n_outputs, n_inputs) complex array
+        FRFs.
     weights : (n_lines, n_inputs) float array
         The same for all outputs, which share one factorization.
     """

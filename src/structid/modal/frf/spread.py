@@ -49,7 +49,10 @@ class FrfModes:
     own: FloatArray
 
     def joint(self, mode: int, outputs: tuple[int, int]) -> FloatArray:
-        """Covariance of the nonlinear unknowns, then Re and Im of the mode's shape at both outputs."""
+        """Covariance (n_unknowns + 4, n_unknowns + 4) of the nonlinear unknowns, then Re and Im of the shape at both outputs.
+
+        `mode` and `outputs` are indices; the last four rows are Re, Im at the first output, then Re, Im at the second.
+        """
         rows = [mode, len(self.at.poles) + mode]
         through = [self.through[o][rows] for o in outputs]
         cross = [self.cross[o][rows] for o in outputs]
@@ -70,10 +73,13 @@ class FrfModes:
 def frf_modes(
     data: FrfData, at: PolesAndParticipation, from_residual: bool, widening: FloatArray | float = 1.0
 ) -> FrfModes:
-    """Shapes and spread at the minimum of `misfit`.
+    """Shapes, residuals and covariances at the minimum of `misfit`.
 
     Parameters
     ----------
+    data : FrfData
+    at : PolesAndParticipation
+        The minimum.
     from_residual : bool
         Squares of the residual stand for the variance, value by value, each over the square of the part that the model
         does not take up (HC3); otherwise weights are right and the variance of every weighted value is 1.
@@ -104,12 +110,11 @@ def frf_modes(
 
 
 def correlation_excess(residuals: ComplexArray) -> FloatArray:
-    """The most that correlation from line to line multiplies variances by, (n_outputs,); 1 where none is seen.
+    """Upper bound of the factor by which correlation between lines multiplies variances, (n_outputs,); 1 where none is seen.
 
     Noise with correlations r_k at a distance of k lines gives a weighted sum over lines at most 1 + 2 (r_1 + r_2 + ...) times
-    the variance that white noise gives it, where this is the peak of the noise's spectrum. The sum ends at that one of 1,
-    2, 4, ... lines, up to an eighth of all, where it is surest, and counts above `_WHITE` of its standard deviations in
-    white noise.
+    the variance that white noise gives it, where this is the peak of the noise's spectrum. The sum ends after 1, 2, 4, ...
+    lines, up to an eighth of all, where it is most significant, and counts above 4 of its standard deviations in white noise.
 
     Parameters
     ----------
@@ -139,7 +144,7 @@ def _inverse(normal: FloatArray) -> FloatArray:
 
 
 def frequency_damping_covariance(modes: FrfModes) -> FloatArray:
-    """Covariance of frequencies (Hz), then damping ratios; NaN for modes whose poles are fixed."""
+    """Covariance (2 n_modes, 2 n_modes) of frequencies (Hz), then damping ratios; NaN for modes whose poles are fixed."""
     slope, n = frequency_damping_slope(modes.at.poles), len(modes.at.poles)
     of_poles = np.full((2 * n, 2 * n), np.nan)
     own = modes.at.free[modes.at.free < 2 * n]
@@ -163,14 +168,15 @@ class DrivingPoint:
 def scaled_shapes(modes: FrfModes, driving: list[DrivingPoint] | None) -> tuple[ComplexArray, FloatArray, FloatArray]:
     """Shapes of largest entry 1, or of modal mass 1 by the driving point that moves most in each mode.
 
-    Mass scaling: the residue at the driving point is phi_d^2 / (2 i omega_d) with omega_d the damped circular
-    frequency Im p, exact for proportional damping; for complex modes it says that modal a is 2 i omega_d.
+    `driving` None asks for the largest entry. Mass scaling: the residue at the driving point is phi_d^2 / (2 i omega_d) with
+    omega_d the damped circular frequency Im p, exact for proportional damping; for complex modes it says that modal a is
+    2 i omega_d.
 
     Returns
     -------
     (n_outputs, n_modes) complex array
     (n_outputs, n_modes) float array
-        Standard deviation of real parts.
+        Standard deviation of real parts; NaN for modes whose poles are fixed.
     (n_modes,) float array
         Standard deviation of the factor of each shape relative to the factor itself; 0 for largest entries of 1.
     """
@@ -197,16 +203,17 @@ def scaled_shapes(modes: FrfModes, driving: list[DrivingPoint] | None) -> tuple[
 
 
 def _largest_change(modes: FrfModes, mode: int, top: int) -> ComplexArray:
-    """Relative change of 1 / phi_top by the unknowns of `FrfModes.joint`."""
+    """Derivative of log(1 / phi_top) by the unknowns of `FrfModes.joint`, (n_unknowns + 4,); `mode` and `top` are indices."""
     change = np.zeros(len(modes.covariance) + 4, dtype=complex)
     change[-2:] = -np.array([1.0, 1j]) / modes.shapes[top, mode]
     return change
 
 
 def _mass_change(modes: FrfModes, mode: int, point: DrivingPoint) -> tuple[complex, ComplexArray]:
-    """The factor c with c^2 = 2 i omega_d l_d / phi_d, and its relative change.
+    """Factor c with c^2 = 2 i omega_d l_d / phi_d that scales a shape to modal mass 1, and the derivative of log c.
 
-    `mode` is the index of the mode, and l_d and phi_d are its participation and shape at the driving point.
+    `mode` is the index of the mode; l_d and phi_d are its participation and shape at the driving point, omega_d is Im p. The
+    derivative (n_unknowns + 4,) is by the unknowns of `FrfModes.joint` with the driving point as second output.
     """
     s, phi = modes.at.poles[mode], modes.shapes[point.output, mode]
     own = modes.at.participation[point.input, mode]

@@ -101,12 +101,15 @@ class HardCriteria:
 
     @property
     def damped(self) -> HardCriteria:
-        """Copy of these criteria for modes of ambient motion, all of which have damping."""
+        """Copy of these criteria with a damping ratio above 0, for modes of ambient motion."""
         low, high = self.damping_ratio
         return replace(self, damping_ratio=(max(low, float(np.nextafter(0.0, 1.0))), high))
 
     def meets(self, frequency: FloatArray, ratio: FloatArray) -> NDArray[np.bool_]:
-        """Which frequencies (Hz) with their damping ratios meet the first two criteria."""
+        """Mask (n,) of frequencies (Hz) and damping ratios `ratio` that lie in both ranges, limits included.
+
+        `mpc` is not tested.
+        """
         good = (frequency >= self.frequency[0]) & (frequency <= self.frequency[1])
         return np.asarray(good & (ratio >= self.damping_ratio[0]) & (ratio <= self.damping_ratio[1]))
 
@@ -119,9 +122,9 @@ class HardCriteria:
 
 
 def modal_phase_collinearity(shapes: ComplexArray) -> FloatArray:
-    """Modal phase collinearity of each mode shape, (n_modes,): 1 for a real shape in any phase.
+    """Modal phase collinearity of each mode shape, (n_modes,): 1 for a real shape in any phase, 0 for a circular one.
 
-    Of the known entries; NaN where all of a column are unknown (NaN).
+    `shapes` is (n_channels, n_modes). Unknown entries (NaN) are passed over; NaN where all of a column are unknown.
 
     References
     ----------
@@ -153,7 +156,10 @@ def modal_phase_deviation(shapes: ComplexArray) -> FloatArray:
 
 
 def frequency_damping_slope(poles: ComplexArray) -> FloatArray:
-    """Derivative of frequencies (Hz) and damping ratios by Re s and Im s, (2 n_poles, 2 n_poles)."""
+    """Derivatives of frequencies (Hz), then damping ratios, by all Re s, then all Im s, (2 n_poles, 2 n_poles).
+
+    `poles` (n_poles,) are s in rad/s.
+    """
     size = np.abs(poles)
     across = poles.imag / size**3
     slope = np.block([[np.diag(poles.real / size), np.diag(poles.imag / size)],

@@ -72,7 +72,7 @@ def without_window_damping(modes: ModalRecord, decay: float) -> ModalRecord:
 
 
 def _carried(covariance: FloatArray | None, moved: FloatArray) -> FloatArray | None:
-    """Covariance after the linear map `moved`; NaN where it depends on an unknown (NaN) entry."""
+    """Covariance after the linear map `moved`, or None if it is None; NaN where it depends on an unknown (NaN) entry."""
     if covariance is None:
         return None
     lost = np.isnan(covariance)
@@ -82,7 +82,7 @@ def _carried(covariance: FloatArray | None, moved: FloatArray) -> FloatArray | N
 
 
 def _doubts(modes: ModalRecord) -> list[str]:
-    """Notes on modes whose damping is hidden by that of the exponential window."""
+    """Warnings on modes whose damping is negative, or uncertain by more than half, once the window's damping is taken off."""
     notes, ratio = [], modes.damping_ratio
     negative = [str(i + 1) for i in np.flatnonzero(ratio < 0)]
     if negative:

@@ -49,7 +49,7 @@ def sample_weights(n_samples: int, rule: str) -> FloatArray:
 
 
 def _gregory_coefficients(order: int) -> list[float]:
-    """1/12, 1/24, 19/720 ...: magnitudes of the power series of z / log(1 + z) from z^2 on."""
+    """Magnitudes of Gregory's coefficients, `order` of them: 1/12, 1/24, 19/720, ..., of z / log(1 + z) from z^2 on."""
     series = [1.0]
     for n in range(1, order + 2):
         series.append(-sum(series[k] * (-1.0) ** (n - k) / (n - k + 1) for k in range(n)))
@@ -94,9 +94,9 @@ class FreeMotion:
 
     @property
     def misfit(self) -> float:
-        """Relative RMS part of the acceleration that no constant matrix times the motion explains.
+        """Relative RMS part (0 to 1) of the acceleration that no constant matrix times the motion explains; 0 without motion.
 
-        Undamped modes no more than channels leave nothing, whatever the step: the second difference of cos(w t) is
+        Undamped modes, no more than channels, leave nothing, whatever the step: the second difference of cos(w t) is
         -(4/h^2) sin^2(w h/2) cos(w t), and the central difference of its derivative -(w/h) sin(w h) cos(w t).
         """
         triangle = np.asarray(np.linalg.qr(np.concatenate([self.inner, self.curvature], axis=1), mode="r"))
@@ -117,6 +117,11 @@ def free_motion(records: Sequence[TimeRecord], quantities: Sequence[str], rule: 
         derivative is taken by differences of samples; the first and last sample of each record then drop out.
     rule : str
         See `sample_weights`.
+
+    Raises
+    ------
+    InputError
+        If a record lacks a quantity or has other channels, samples are too few, or sampling steps differ for differences.
     """
     channels = _channels(records, quantities)
     parts = [_one_record(record, channels, quantities, rule) for record in records]
@@ -142,7 +147,7 @@ def free_motion(records: Sequence[TimeRecord], quantities: Sequence[str], rule: 
 
 
 def _one_record(record: TimeRecord, channels: tuple[Dof, ...], quantities: Sequence[str], rule: str) -> FreeMotion:
-    """Motion of one record, weighted for time averages by the `rule`.
+    """`FreeMotion` of one record, weighted for time averages by the `rule`; arguments as in `free_motion`.
 
     Its `ends` are the boundary terms times the duration.
     """
@@ -163,7 +168,10 @@ def _one_record(record: TimeRecord, channels: tuple[Dof, ...], quantities: Seque
 
 
 def _channels(records: Sequence[TimeRecord], quantities: Sequence[str]) -> tuple[Dof, ...]:
-    """The degrees of freedom where every record holds every quantity, in the order of the first record."""
+    """Degrees of freedom with all `quantities` in every record, in the order of the first record.
+
+    `InputError` if a quantity is missing, degrees of freedom differ, or samples are too few.
+    """
     if not records:
         raise InputError("`records` must hold at least one TimeRecord, got none")
     wanted: tuple[Dof, ...] | None = None
@@ -196,7 +204,7 @@ def _channels(records: Sequence[TimeRecord], quantities: Sequence[str]) -> tuple
 
 
 def _columns(record: TimeRecord, channels: tuple[Dof, ...], quantity: str) -> FloatArray:
-    """`quantity` at `channels`, (n_times, n_channels)."""
+    """Samples of `quantity` at `channels`, (n_times, n_channels)."""
     column_of = {
         (str(dof), str(held)): i for i, (dof, held) in enumerate(zip(record.channels, record.quantities, strict=True))
     }

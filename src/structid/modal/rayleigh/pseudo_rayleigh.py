@@ -169,10 +169,15 @@ def stationary_values(
     n_modes: int | None = None,
     tolerance: float = 1e-12,
 ) -> StationaryValues:
-    """Stationary values of the pseudo-Rayleigh quotient and their vectors, behind `pseudo_rayleigh`.
+    """Stationary values of the pseudo-Rayleigh quotient and their vectors, behind `pseudo_rayleigh` (same arguments).
 
     y is first brought to independent motions z with <z z'> = 1, by a QR and a singular value decomposition of the
     samples; A itself, whose condition number is the square of theirs, is never formed.
+
+    Raises
+    ------
+    InputError
+        If options do not fit together, or the records do not suit them.
     """
     quantities = _checked_quantities(pair, form)
     chosen = rule or ("gregory" if form == "end_corrected" else "trapezoid")
@@ -201,7 +206,10 @@ def stationary_values(
 
 
 def _smooth_end_corrected(z: FloatArray, derivative: FloatArray, to_z: FloatArray, motion: FreeMotion) -> FloatArray:
-    """(<zdot zdot'> - [zdot z'] / T) <z z'>^-1 with the most exact quadrature, whatever rule was asked for."""
+    """(<zdot zdot'> - [zdot z'] / T) <z z'>^-1, (rank, rank), by Gregory's quadrature, whatever rule was asked for.
+
+    `z` and `derivative` are (n_rows, rank), `to_z` (n_channels, rank) maps y to z.
+    """
     weights = motion.smooth_weights[:, None]
     b = derivative.T @ (weights * derivative) - to_z.T @ motion.ends @ to_z
     return np.linalg.solve(z.T @ (weights * z), b.T).T
@@ -210,9 +218,10 @@ def _smooth_end_corrected(z: FloatArray, derivative: FloatArray, to_z: FloatArra
 def _independent_motions(
     motion: FreeMotion, tolerance: float, n_modes: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Maps between channels y and independent motions z, <z z'> = 1, and relative eigenvalues of <y y'>.
+    """Maps from channels y to independent motions z with <z z'> = 1 and back, and relative eigenvalues of <y y'>.
 
-    Relative eigenvalues below `tolerance` count as zero.
+    The maps are (n_channels, rank) each: z = y @ first, y = z @ second'; eigenvalues (n_channels,) are over the largest.
+    Those below `tolerance` count as zero, and `n_modes`, if not None, is the rank kept.
     """
     if not 0 < tolerance < 1:
         raise InputError(f"`tolerance` must lie between 0 and 1, got {tolerance!r}")
@@ -234,9 +243,9 @@ def _independent_motions(
 
 
 def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
-    """Scale of each channel: root mean square of all translations or of all rotations.
+    """Scale of each channel, (n_channels,): root mean square of all translations, or of all rotations; 1 where that is 0.
 
-    `base` (n_times, n_channels) are the samples.
+    `base` (n_times, n_channels) are the samples. `InputError` if all are 0.
     """
     turning = np.array([dof.is_rotation for dof in channels])
     scale = np.ones(len(channels))
@@ -249,9 +258,10 @@ def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
 
 
 def _real_where_close(eigenvalues: NumberArray, x: NumberArray) -> tuple[NumberArray, NumberArray]:
-    """Eigenvalues and vectors with nearly real conjugate pairs replaced by two real vectors each.
+    """Eigenvalues and vectors (columns of `x`), with nearly real conjugate pairs replaced by two real ones each.
 
-    Pairs stand side by side, the positive imaginary part first, as LAPACK gives them. `x` holds the vectors as columns.
+    The two vectors are real and imaginary part of the first. Pairs stand side by side, the positive imaginary part first, as
+    LAPACK gives them. The result is real if all are.
     """
     if np.isrealobj(eigenvalues):
         return eigenvalues, x
@@ -264,9 +274,10 @@ def _real_where_close(eigenvalues: NumberArray, x: NumberArray) -> tuple[NumberA
 
 
 def _omega(eigenvalues: NumberArray, step: float) -> tuple[FloatArray, NDArray[np.bool_], tuple[str, ...]]:
-    """Circular frequencies (rad/s), mask of the meaningful ones, and notes on the others.
+    """Circular frequencies (rad/s), mask of the meaningful ones, and notes on the others; (n_modes,) each, and a tuple.
 
-    `eigenvalues` are those of the quotient, omega^2; `step` is the time step of a second difference, s, else 0.
+    `eigenvalues` are those of the quotient, omega^2; `step` is the time step of a second difference, s, else 0. Values that are
+    negative or beyond the Nyquist frequency are not meaningful; of complex ones the magnitude is taken.
     """
     size = np.abs(eigenvalues)
     value = np.where(eigenvalues.imag == 0, np.maximum(eigenvalues.real, 0.0), size)
@@ -290,7 +301,10 @@ def _omega(eigenvalues: NumberArray, step: float) -> tuple[FloatArray, NDArray[n
 
 
 def _by_mass(mass: ArrayLike, shapes: NumberArray) -> NumberArray:
-    """Phi (Phi' M Phi)^-1 for `shapes` Phi (n_channels, n_modes) and the mass matrix M, full or its diagonal."""
+    """Phi (Phi' M Phi)^-1 for `shapes` Phi (n_channels, n_modes) and the mass matrix M, full or its diagonal.
+
+    `InputError` if `mass` has a wrong shape or Phi' M Phi is nearly singular.
+    """
     matrix = locked(mass, np.float64)
     require_finite("mass", matrix)
     n = len(shapes)
@@ -303,7 +317,7 @@ def _by_mass(mass: ArrayLike, shapes: NumberArray) -> NumberArray:
 
 
 def _checked_quantities(pair: str, form: str) -> tuple[str, ...]:
-    """Measured quantities that `form` uses of `pair`; `InputError` if the two do not fit together."""
+    """One or two measured quantities of `pair` that `form` uses; `InputError` if the two do not fit together."""
     if form not in _NEEDS:
         raise InputError(f"`form` must be one of {', '.join(_NEEDS)}, got {form!r}")
     if pair not in PAIRS:
@@ -375,9 +389,10 @@ def _slow_modes(omega: FloatArray, duration: float, pair: str) -> list[str]:
 
 
 def _close_modes(apart: FloatArray, duration: float, form: str) -> list[str]:
-    """Notes on neighbouring modes too close in frequency for the `duration` (s) of the records.
+    """Warnings on neighbouring modes too close in frequency for the `duration` (s) of the records; [] if there are none.
 
-    `apart` are the circular frequencies of the modes, rad/s; `form` is that of the quotient.
+    Too close is a gap times duration below pi. `apart` are the circular frequencies of the modes, rad/s, increasing; `form` is
+    that of the quotient.
     """
     effect = (
         "their frequencies are pushed apart and their shapes mixed; use the form 'end_corrected' or 'exact', and measure"

@@ -105,12 +105,14 @@ def bayesian_fft(
 def band_lines(data: Outputs, low: float, high: float) -> tuple[BandLines, tuple[Dof, ...]]:
     """Scaled Fourier lines of all records from `low` to `high` (Hz), and the degrees of freedom measured.
 
+    All channels are brought to the commonest quantity by powers of i omega.
+
     Returns
     -------
     BandLines
-        Scaled so that their mean square is 1.
+        Lines of all records, one record after another, scaled so that their mean square is 1.
     tuple of Dof
-        One a channel; channels of one place are averaged.
+        One for each column of the lines; channels of one place are averaged.
     """
     kinds = data.derivative
     kind = int(np.bincount(kinds).argmax())
@@ -131,7 +133,10 @@ def band_lines(data: Outputs, low: float, high: float) -> tuple[BandLines, tuple
 
 
 def _bands(data: Outputs, options: ModalOptions, notes: list[str]) -> tuple[Band, ...]:
-    """Frequency bands as given or around peaks, with the places of their modes; adds to `notes` which they are."""
+    """Frequency bands given in `options`, or around automatic peaks, with the places (Hz) of their modes.
+
+    A note that lists automatic bands is appended to `notes`.
+    """
     if options.bands is not None:
         spectrum = singular_spectrum(data, options.segment or default_segment(data))
         return tuple(_given_band(spectrum, *band, options, notes) for band in options.separate_bands)
@@ -143,9 +148,10 @@ def _bands(data: Outputs, options: ModalOptions, notes: list[str]) -> tuple[Band
 
 
 def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptions, notes: list[str]) -> Band:
-    """Frequency band given by the user, with the places (Hz) of its modes: as given, at peaks, or at the maximum.
+    """Band from `low` to `high` (Hz), with the places (Hz) of its modes: `options.frequencies`, peaks, or the maximum.
 
-    `low` and `high` are its ends, Hz; remarks are appended to `notes`.
+    A note is appended to `notes` if no peak stands out. `InputError` if the band lies outside the spectrum, or none of the
+    frequencies lies in it.
     """
     top = spectrum.frequency[-1]
     if high > top:
@@ -165,9 +171,9 @@ def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptio
 
 
 def _doubts(number: int, band: Band, posterior: Posterior, data: Outputs) -> list[str]:
-    """Notes on a frequency band whose modes are doubtful.
+    """Warnings on a frequency band whose modes are doubtful; an empty list if none is.
 
-    `number` is that of the band.
+    `number` (from 1) is that of the band in the words.
     """
     words, spacing = [], 1 / data.duration
     where = f"band {number}, {band.low:.4g} to {band.high:.4g} Hz"
@@ -192,7 +198,11 @@ def _doubts(number: int, band: Band, posterior: Posterior, data: Outputs) -> lis
 def _modal_record(
     posteriors: Sequence[Posterior], places: tuple[Dof, ...], options: ModalOptions, notes: list[str], source: str
 ) -> ModalRecord:
-    """Modal record of the modes of all bands, by increasing frequency."""
+    """Modal record of the modes of all bands that meet `options.criteria`, by increasing frequency.
+
+    `posteriors` has one item per band, `places` are the channels. Modes left out are appended to `notes`, which become the
+    warnings. `NoModesError` if none is left.
+    """
     parts = []
     for one in posteriors:
         unit, std = _unit_largest(one.modes.shapes, one.shape_covariance)
@@ -210,9 +220,9 @@ def _modal_record(
 
 
 def _unit_largest(shapes: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shapes with largest entry 1, and the standard deviation of every entry.
+    """Shapes with largest entry 1, and the standard deviation of every entry, (n_channels, n_modes) each.
 
-    `covariances` are those of each shape, (n_modes, n_channels, n_channels).
+    `covariances` (n_modes, n_channels, n_channels) are those of each shape; the deviation of the largest entry is 0.
     """
     unit, std = np.empty_like(shapes), np.empty_like(shapes)
     for r, (shape, covariance) in enumerate(zip(shapes.T, covariances, strict=True)):

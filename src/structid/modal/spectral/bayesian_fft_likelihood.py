@@ -105,13 +105,13 @@ class Chart:
 
 
 def chart(centre: BandModes) -> Chart:
-    """Coordinates about `centre`."""
+    """Chart of coordinates about the modes `centre`, with an orthonormal tangent basis for each shape."""
     tangents = [np.linalg.svd(shape[None, :])[2][1:].T for shape in centre.shapes.T]
     return Chart(centre, np.array(tangents))
 
 
 def coordinates(chart: Chart) -> FloatArray:
-    """Coordinates x of the centre of a chart, (size,)."""
+    """Coordinates x (size,) of the centre of a chart; only those of forces and noise differ from 0."""
     m, x = chart.centre.n_modes, np.zeros(chart.size)
     root = np.linalg.cholesky(chart.centre.force)
     size, below = root.diagonal().real, np.tril_indices(m, -1)
@@ -122,7 +122,7 @@ def coordinates(chart: Chart) -> FloatArray:
 
 
 def _root(x: FloatArray, m: int) -> ComplexArray:
-    """Lower Cholesky factor (m, m) of the modal force spectra from its coordinates x."""
+    """Lower Cholesky factor L (m, m) of the spectral density of modal forces, S = L L^*, from coordinates `x` of m modes."""
     tail = x[len(x) - m * m - 1 : len(x) - 1]
     size, n_below = np.exp(tail[:m]), m * (m - 1) // 2
     below, root = np.tril_indices(m, -1), np.diag(size).astype(complex)
@@ -138,7 +138,7 @@ def _vectors(chart: Chart, x: FloatArray) -> FloatArray:
 
 
 def modes_at(chart: Chart, x: FloatArray) -> BandModes:
-    """The modes at coordinates x."""
+    """Modes, forces and noise with coordinates `x` (size,) in a chart."""
     centre, m = chart.centre, chart.centre.n_modes
     vectors, root = _vectors(chart, x), _root(x, m)
     return BandModes(
@@ -151,7 +151,7 @@ def modes_at(chart: Chart, x: FloatArray) -> BandModes:
 
 
 def transfer(data: BandLines, modes: BandModes) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Transfer function of every line and mode, and its derivatives by ln f and ln zeta, (n_lines, m) each."""
+    """Transfer function h of every line and mode, and its derivatives by ln f and ln zeta, (n_lines, m) each."""
     b = data.frequency[:, None] / modes.frequency
     friction = 2j * modes.damping_ratio * b
     below = 1 - b**2 + friction
@@ -186,9 +186,10 @@ class Solved:
 
 
 def solved(data: BandLines, modes: BandModes, spectra: ComplexArray) -> Solved:
-    """Solutions with the spectral matrices of all lines, by kernels of size n_modes instead of n_channels.
+    """Negative log-likelihood of the lines, and solutions with the covariance E of each line.
 
-    Shapes that nearly span all channels, or are nearly parallel, leave no such parts: E itself is inverted then.
+    `spectra` (n_lines, m, m) are those of `force_spectra`. Kernels of size m serve instead of n_channels; where shapes span
+    all channels or are nearly parallel, E itself is inverted.
     """
     n, m = modes.shapes.shape
     gram = modes.shapes.T @ modes.shapes
@@ -209,12 +210,12 @@ def solved(data: BandLines, modes: BandModes, spectra: ComplexArray) -> Solved:
 
 
 def force_spectra(h: ComplexArray, modes: BandModes) -> ComplexArray:
-    """H of every line, (n_lines, m, m)."""
+    """Spectral density H of the modal responses at every line, (n_lines, m, m); `h` (n_lines, m) is the transfer function."""
     return np.asarray(h[:, :, None] * modes.force * h[:, None, :].conj())
 
 
 def negative_log_likelihood(data: BandLines, modes: BandModes) -> float:
-    """Sum over lines of ln det E_k + F_k^* E_k^-1 F_k."""
+    """Negative log-likelihood of the lines: the sum of ln det E_k + F_k^* E_k^-1 F_k over lines k, without constants."""
     return solved(data, modes, force_spectra(transfer(data, modes)[0], modes)).value
 
 
@@ -247,14 +248,20 @@ def gradient(data: BandLines, chart: Chart, x: FloatArray) -> tuple[float, Float
 
 
 def _along_tangents(chart: Chart, x: FloatArray, modes: BandModes, slope: FloatArray) -> FloatArray:
-    """Slopes to shapes as slopes to coordinates."""
+    """Gradient by the shape coordinates, (m (n_channels - 1),), from the gradient `slope` (n_channels, m) by unit shapes.
+
+    `modes` are those at coordinates `x`.
+    """
     length = np.linalg.norm(_vectors(chart, x), axis=0)
     across = (slope - modes.shapes * np.sum(modes.shapes * slope, axis=0)) / length
     return np.einsum("mnt,nm->mt", chart.tangents, across).ravel()
 
 
 def _of_triangle(root: ComplexArray, slope: ComplexArray) -> FloatArray:
-    """Gradient by the coordinates of a lower Cholesky factor `root`, from the gradient `slope` by its entries."""
+    """Gradient by the m^2 coordinates of a lower Cholesky factor `root` (m, m), from the gradient `slope` by its entries.
+
+    The order is that of `Chart`: logarithms of the diagonal, then real and imaginary parts below it.
+    """
     below, size, lower = np.tril_indices(len(root), -1), root.diagonal().real, np.tril(root)
     slope_log = np.sum(slope.real * lower.real + slope.imag * lower.imag, axis=1)
     part = slope[below] * size[below[0]]

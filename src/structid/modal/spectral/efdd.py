@@ -115,10 +115,10 @@ def efdd(record: SpectrumRecord | CorrelationRecord, options: ModalOptions | Non
 
 
 def _bell(frequency: FloatArray, vectors: ComplexArray, matrix: ComplexArray, line: int) -> _Bell:
-    """The spectral lines around a peak whose first singular vector resembles that of the peak: its spectral bell.
+    """Spectral bell of a mode: consecutive lines around a peak whose first singular vectors have a MAC of 0.8 with the peak's.
 
-    `frequency` (n_lines,), `vectors` (first singular vectors) and `matrix` (spectral matrices) are of all lines, `line` is the
-    index of the peak.
+    `frequency` (n_lines,), Hz, `vectors` (n_lines, n_channels), the first singular vectors, and `matrix` (n_lines, n_channels,
+    n_references), the spectral matrices, are of all lines; `line` is the index of the peak.
     """
     left = vectors[line]
     right = matrix[line].conj().T @ left
@@ -179,10 +179,7 @@ def _mode(
 
 
 def _scatter(n_lines: int, averages: float, n_draws: int, rng: np.random.Generator) -> FloatArray:
-    """Random factors (n_draws, n_lines) by which a spectrum scatters about its mean.
-
-    The spectrum has so many `averages` under Hann windows.
-    """
+    """Random factors (n_draws, n_lines) with mean 1, by which a spectrum of so many `averages` under Hann windows scatters."""
     count = min(max(round(averages), 1), _DRAWN)
     parts = rng.standard_normal((2, n_draws, count, n_lines + 2))
     parts = sum(weight * parts[..., k : k + n_lines] for k, weight in enumerate(_HANN))
@@ -193,12 +190,15 @@ def _scatter(n_lines: int, averages: float, n_draws: int, rng: np.random.Generat
 def _decay(
     offset: FloatArray, values: ComplexArray, duration: float, window: Callable[[FloatArray], FloatArray]
 ) -> _Decay | None:
-    """Decay of the correlation functions of spectra `values` (n_draws, n_lines), the first of which says which lags serve.
+    """Decay of the correlation functions of spectra `values` (n_draws, n_lines); None if it is too short or too slow to fit.
+
+    The first spectrum decides which lags serve: from 0.9 to 0.2 of its start.
 
     Parameters
     ----------
     offset : (n_lines,) float array
         Hz, from the peak.
+    values : (n_draws, n_lines) complex array
     duration : float
         s, one over the spacing of the lines.
     window : callable
@@ -225,13 +225,13 @@ def _no_window(part: FloatArray) -> FloatArray:
 
 
 def _hann_window(part: FloatArray) -> FloatArray:
-    """Correlation of a Hann window with itself, at lags that are parts of its length, 1 at lag 0."""
+    """Correlation of a Hann window with itself at lags `part` (0 to 1) of its length; 1 at lag 0."""
     turn = 2 * np.pi * part
     return np.asarray((1 - part) * (2 / 3 + np.cos(turn) / 3) + np.sin(turn) / (2 * np.pi))
 
 
 def _half_hann_window(part: FloatArray) -> FloatArray:
-    """The window that `stored_spectrum` lays on correlation functions, whose lags reach half of `duration`."""
+    """Window that `stored_spectrum` applies to correlation functions, at lags `part` of `duration`; these reach 0.5."""
     return np.asarray(np.cos(np.pi * part) ** 2)
 
 

@@ -65,7 +65,7 @@ class Spectrum:
 
     @property
     def error(self) -> float:
-        """The greatest error of the logarithm of a line to be expected over all lines."""
+        """Greatest error expected over all lines in the natural logarithm of a line, sqrt(2 ln n_lines / averages)."""
         return float(np.sqrt(2 * np.log(len(self.frequency)) / self.averages))
 
 
@@ -93,7 +93,13 @@ def hann(segment: int) -> FloatArray:
 
 
 def segments(data: Outputs, segment: int) -> Iterator[FloatArray]:
-    """Half-overlapping stretches of `segment` samples of all records, (segment, n_channels) each."""
+    """Half-overlapping stretches of `segment` samples of all records, (segment, n_channels) each.
+
+    Raises
+    ------
+    InputError
+        If `segment` is below 8 or longer than the shortest record.
+    """
     shortest = min(len(y) for y in data.series)
     if not 8 <= segment <= shortest:
         raise InputError(
@@ -105,15 +111,20 @@ def segments(data: Outputs, segment: int) -> Iterator[FloatArray]:
 
 
 def default_segment(data: Outputs) -> int:
-    """The power of two that leaves about 40 half-overlapping segments in all records, 8 at the least."""
+    """Number of samples in a segment: a power of two that leaves about 40 half-overlapping segments in all, at least 8."""
     total, shortest = sum(len(y) for y in data.series), min(len(y) for y in data.series)
     return int(2 ** max(3, np.floor(np.log2(max(min(2 * total / (_AVERAGES + 1), shortest), 8)))))
 
 
 def singular_spectrum(data: Outputs, segment: int) -> Spectrum:
-    """Singular value decomposition of the Welch spectral matrix at every line, with Hann windows.
+    """Singular value decomposition of the Welch spectral matrix at every line, with Hann windows and half overlap.
 
-    `segment` is the number of samples in a segment.
+    `segment` is the number of samples in a segment. The mean of each record is removed; `matrix` of the result is empty.
+
+    Raises
+    ------
+    InputError
+        If `segment` is below 8 or longer than the shortest record.
     """
     data = centred(data)
     window = hann(segment)
@@ -130,9 +141,9 @@ def singular_spectrum(data: Outputs, segment: int) -> Spectrum:
 
 
 def coherence(spectrum: Spectrum, line: int) -> float:
-    """Modal coherence of a line: mean MAC of its first singular vector with two neighbours on the better side.
+    """Modal coherence (0 to 1) of the line with index `line`: mean MAC of its first singular vector with two neighbours.
 
-    One side, because the vector turns quickly between the peaks of close modes.
+    The neighbours are those on the better side, since the vector turns quickly between the peaks of close modes.
     """
     sides = []
     for near in ([line - 2, line - 1], [line + 1, line + 2]):
@@ -143,12 +154,14 @@ def coherence(spectrum: Spectrum, line: int) -> float:
 
 
 def automatic_peaks(spectrum: Spectrum, level: int = 0) -> IntArray:
-    """Line indices of significant peaks of a singular value of the spectrum, lowest first.
+    """Line indices of significant peaks of a singular value of the spectrum, lowest first, without two lines at either end.
 
     Parameters
     ----------
+    spectrum : Spectrum
     level : int
-        Which singular value. Modal coherence is asked of the first only: vectors of the second turn at a crossing.
+        Index of the singular value, 0 for the greatest. Only its peaks need a modal coherence of 0.8, since vectors of the
+        second turn at a crossing.
     """
     from scipy.signal import find_peaks
 
@@ -161,7 +174,9 @@ def automatic_peaks(spectrum: Spectrum, level: int = 0) -> IntArray:
 
 
 def peaks_by_hand(spectrum: Spectrum, frequencies: Sequence[float]) -> IntArray:
-    """Line of the peak of the first singular value near each of `frequencies` (two lines or 2 %), lowest first.
+    """Line index of the highest peak of the first singular value near each of `frequencies` (Hz), lowest first.
+
+    Near is within two lines or 2 %, whichever is more.
 
     Raises
     ------
@@ -189,7 +204,9 @@ def peaks_by_hand(spectrum: Spectrum, frequencies: Sequence[float]) -> IntArray:
 
 
 def chosen_peaks(data: Outputs, options: ModalOptions) -> tuple[Spectrum, IntArray]:
-    """The singular spectrum, and the lines of its peaks within the criteria: by hand, or automatic, lowest first.
+    """Singular spectrum of the records, and line indices of its peaks within the criteria, lowest first.
+
+    Peaks are those near `options.frequencies`, or automatic ones.
 
     Raises
     ------
@@ -203,11 +220,16 @@ def chosen_peaks(data: Outputs, options: ModalOptions) -> tuple[Spectrum, IntArr
 
 
 def stored_spectrum(record: SpectrumRecord | CorrelationRecord) -> tuple[Outputs, Spectrum]:
-    """Channels of a record of spectra, scaled to equal power, and its singular value spectrum.
+    """Channels of a record of spectra (`Outputs` without samples), scaled to equal power, and its singular spectrum.
 
     Where the references are not all channels, the singular vectors on the side of the channels are taken. Correlation functions
     are transformed under a Hann window of twice their length: with the lags before 0 where the references are all channels,
     else from lag 0 on alone.
+
+    Raises
+    ------
+    InputError
+        If the spectra of a channel are 0.
     """
     frequency, matrix = _lines(record)
     power = np.sqrt((np.abs(matrix) ** 2).sum(axis=0))
@@ -224,7 +246,7 @@ def stored_spectrum(record: SpectrumRecord | CorrelationRecord) -> tuple[Outputs
 
 
 def _lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArray, ComplexArray]:
-    """Frequencies (Hz) and matrices (n_lines, n_channels, n_references) of stored spectra, or of functions from lag 0 on."""
+    """Frequencies (Hz) and spectral matrices (n_lines, n_channels, n_references) of stored spectra or correlation functions."""
     if isinstance(record, SpectrumRecord):
         return record.frequency, record.values
     n = len(record.values)
@@ -239,7 +261,15 @@ def _lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArray, Comp
 
 
 def peaks_within(spectrum: Spectrum, options: ModalOptions) -> IntArray:
-    """Lines of the peaks within the criteria, by hand or automatic, lowest first; see `chosen_peaks`."""
+    """Line indices of the peaks within the frequency limits, by hand or automatic, lowest first; see `chosen_peaks`.
+
+    Raises
+    ------
+    InputError
+        As `peaks_by_hand` does, or if neither frequencies nor the number of averages are known.
+    NoModesError
+        If no peak is left.
+    """
     by_hand = options.frequencies is not None
     if not by_hand and not np.isfinite(spectrum.averages):
         raise InputError(
@@ -261,11 +291,11 @@ def peaks_within(spectrum: Spectrum, options: ModalOptions) -> IntArray:
 
 
 def peak_range(spectrum: Spectrum, line: int, others: Sequence[int] = ()) -> tuple[int, int]:
-    """First and last line index of the frequency band of a peak.
+    """First and last line index of the frequency band of the peak at line index `line`.
 
     The band ends where the first singular value is down by 30, or at the errors of the background, or in the valley
-    before another peak, or at three times the distance at which the steeper flank is down by 5 (six half-power
-    half-widths); it has three lines on either side at the least, which is the window's own width.
+    before another peak (`others`, line indices), or at three times the distance at which the steeper flank is down by 5 (six
+    half-power half-widths). It has three lines on either side at least, the window's own width.
     """
     logs = np.log(np.maximum(spectrum.values[:, 0], 1e-300))
     lower = max([0, *(k for k in others if k < line)])
@@ -283,13 +313,16 @@ def peak_range(spectrum: Spectrum, line: int, others: Sequence[int] = ()) -> tup
 
 
 def valley(spectrum: Spectrum, first: int, second: int) -> float:
-    """Depth of the valley between two peaks below the lower of them, in natural logarithms."""
+    """Depth of the valley between peaks at line indices `first` < `second` below the lower peak, in natural logarithms."""
     logs = np.log(np.maximum(spectrum.values[first : second + 1, 0], 1e-300))
     return float(min(logs[0], logs[-1]) - logs.min())
 
 
 def automatic_bands(spectrum: Spectrum, peaks: Sequence[int]) -> tuple[Band, ...]:
-    """Frequency bands around spectral peaks, merged across shallow valleys, with the places of their modes."""
+    """Frequency bands around spectral peaks (line indices), with the places (Hz) of their modes, by frequency.
+
+    Touching bands with a valley less deep than a factor of 10 are merged.
+    """
     lines = sorted(int(k) for k in peaks)
     ends = {k: peak_range(spectrum, k, [other for other in lines if other != k]) for k in lines}
     groups: list[list[int]] = []
@@ -308,12 +341,12 @@ def automatic_bands(spectrum: Spectrum, peaks: Sequence[int]) -> tuple[Band, ...
 
 
 def mode_places(spectrum: Spectrum, low: float, high: float, peaks: Sequence[int]) -> tuple[float, ...]:
-    """Frequencies (Hz) where modes of a band may lie: peaks of the first and crests of the second singular value.
+    """Frequencies (Hz), sorted, where modes of a band may lie: peaks of the first and crests of the second singular value.
 
     Between two peaks of different shape the second singular value has one crest, where the modes change places. Modes
-    that fall together show one peak and one crest. So there are as many modes as peaks, or one more than crests. Crests
-    count near the top of a peak only, where the first singular value is down by less than 5: those in the valleys
-    between separate modes are explained. `low` and `high` are the ends of the band, Hz, `peaks` the lines of peaks.
+    that coincide show one peak and one crest. So there are as many modes as peaks, or one more than crests. Crests count only
+    where the first singular value is above a fifth of the nearest peak: those in valleys between separate modes are explained.
+    `low` and `high` are the ends of the band, Hz, `peaks` the line indices of peaks.
     """
     frequency = spectrum.frequency
     inside = [int(k) for k in peaks if low <= frequency[k] <= high]
@@ -333,7 +366,7 @@ def mode_places(spectrum: Spectrum, low: float, high: float, peaks: Sequence[int
 
 
 def unexplained_peaks(frequency: FloatArray, level: FloatArray, modes: ModalRecord) -> FloatArray:
-    """Frequencies of peaks that stand out by 10 dB or more and lie at none of `modes`, Hz.
+    """Frequencies (Hz) of peaks that stand out by 10 dB or more and lie at none of `modes`.
 
     Parameters
     ----------
@@ -342,7 +375,7 @@ def unexplained_peaks(frequency: FloatArray, level: FloatArray, modes: ModalReco
     level : (n_lines,) float array
         First singular value of a spectral matrix, or of an FRF matrix squared.
     modes : ModalRecord
-        A mode explains peaks within two half-power bandwidths and three lines of it.
+        A mode explains peaks within two half-power bandwidths, or three lines, of it.
     """
     from scipy.signal import find_peaks
 

@@ -22,7 +22,7 @@ _ONE_SHAPE, _FEWEST_CHANNELS = 0.99, 3
 
 
 def gap_std(modes: ModalRecord) -> FloatArray:
-    """Standard deviation of the frequency difference of each mode and the next one, Hz, (n_modes - 1,).
+    """Standard deviation of the frequency difference between each mode and the next, Hz, (n_modes - 1,).
 
     NaN where the modes have no covariance.
     """
@@ -39,11 +39,11 @@ def neighbour_std(covariance: FloatArray) -> FloatArray:
 
 
 def is_close(modes: ModalRecord) -> np.ndarray:
-    """True for each mode that is close to the next one in frequency, (n_modes - 1,) bool array.
+    """Mask (n_modes - 1,) that is true for each mode that is close to the next in frequency.
 
-    It is where the gap is less than half the sum of both half-power bandwidths (2 zeta f each), so that their
-    resonances overlap to one peak, or less than the half width of its own 95 % interval, so that the two are not told
-    apart. An unknown bandwidth or standard deviation counts as 0; equal frequencies are always close.
+    Close are modes whose gap is at most half the sum of both half-power bandwidths (2 zeta f each), so that their resonances
+    overlap to one peak, or at most 1.96 of its standard deviations, so that the two cannot be told apart. An unknown bandwidth
+    or standard deviation counts as 0; equal frequencies are always close.
     """
     f = modes.frequency
     bandwidth = 2 * np.maximum(np.nan_to_num(modes.damping_ratio), 0.0) * f
@@ -53,16 +53,15 @@ def is_close(modes: ModalRecord) -> np.ndarray:
 
 
 def close_groups(modes: ModalRecord) -> tuple[IntArray, ...]:
-    """Numbers of the modes (from 0) of every group, single modes included, by frequency; see `is_close`."""
+    """Mode numbers (from 0) of each group of close modes, by frequency; a single mode is a group too. See `is_close`."""
     return tuple(np.split(np.arange(modes.n_modes), np.flatnonzero(~is_close(modes)) + 1))
 
 
 def repeated_modes(modes: ModalRecord) -> np.ndarray:
-    """Mask (n_modes,) of modes that duplicate a better known one in frequency and shape.
+    """Mask (n_modes,) of modes that duplicate another in frequency and shape whose damping ratio is known better.
 
-    Models of more states than a record of random motion carries give a resonance two stable poles, whose errors go
-    together: how they do counts for nothing here. None where the modes have no covariance, or the channels are too few for
-    shapes to differ.
+    Duplicates are within 1.96 standard deviations in frequency, errors taken as independent, with a MAC above 0.99: a model
+    of too high an order gives a resonance two stable poles. All false without a covariance or with fewer than 3 channels.
     """
     repeated = np.zeros(modes.n_modes, dtype=bool)
     if len(modes.channels) < _FEWEST_CHANNELS or modes.covariance is None:
@@ -79,7 +78,7 @@ def repeated_modes(modes: ModalRecord) -> np.ndarray:
 def close_mode_notes(
     modes: ModalRecord, duration: float, n_records: int = 1, free_decay: bool = False
 ) -> tuple[str, ...]:
-    """Notes for the user on close and repeated modes, with remedies.
+    """Warnings on close and repeated modes, with remedies; () if there are none.
 
     Parameters
     ----------
@@ -87,7 +86,7 @@ def close_mode_notes(
     duration : float
         Of the longest record, s.
     n_records : int
-        Records with excitations of their own.
+        Number of records with different excitations.
     free_decay : bool
         Whether the records are free decays. Free motion from one start moves the modes of a repeated frequency in one
         fixed proportion and shows one combination of their shapes.
@@ -132,7 +131,10 @@ def close_mode_notes(
 
 
 def _told_apart(modes: ModalRecord, group: IntArray, std: FloatArray) -> list[bool]:
-    """True for each neighbouring pair of the group whose gap exceeds its 95 % interval."""
+    """True for each neighbouring pair of `group` whose frequency gap exceeds 1.96 of its standard deviations.
+
+    `group` are mode numbers, `std` (n_modes - 1,) is that of `gap_std`, Hz.
+    """
     pairs = group[:-1]
     gaps = modes.frequency[pairs + 1] - modes.frequency[pairs]
     return (gaps > NOT_TOLD_APART * np.nan_to_num(std[pairs])).tolist()

@@ -95,12 +95,12 @@ def decay_fit(data: Outputs, start: ComplexArray) -> DecayFit | None:
     data : Outputs
         Free decays.
     start : (n_modes,) complex array
-        Poles of a subspace method, rad/s.
+        Poles of a subspace method, rad/s, in the upper half plane.
 
     Returns
     -------
     DecayFit or None
-        None where the records hold no noise, or the search ends at a merged pair or without a minimum.
+        None where the records hold no noise, or the search ends without a minimum or with two poles merged.
 
     Notes
     -----
@@ -121,7 +121,10 @@ def decay_fit(data: Outputs, start: ComplexArray) -> DecayFit | None:
 
 
 def energy_fractions(data: Outputs, poles: ComplexArray) -> FloatArray:
-    """Energy of each mode's decay relative to that of the records, (n_modes,), channels scaled to equal power."""
+    """Energy of each mode's fitted decay over that of all records, (n_modes,), channels scaled to equal power.
+
+    `poles` (n_modes,) are in rad/s. Fractions need not add up to 1.
+    """
     n, found = len(poles), np.zeros(len(poles))
     for p in _projected(data, poles):
         gram = p.triangle.T @ p.triangle
@@ -132,7 +135,7 @@ def energy_fractions(data: Outputs, poles: ComplexArray) -> FloatArray:
 
 
 def strength(data: Outputs, poles: ComplexArray) -> FloatArray:
-    """Wald's F statistic of the amplitudes of each mode, about 1 where there is nothing but noise; (n_modes,)."""
+    """Wald's F statistic of the amplitudes of each mode with `poles` (rad/s), (n_modes,); about 1 for mere noise."""
     parts = _projected(data, poles)
     sigma, n = _noise(parts), len(poles)
     found = np.zeros(n)
@@ -145,9 +148,10 @@ def strength(data: Outputs, poles: ComplexArray) -> FloatArray:
 
 
 def stands_out(data: Outputs, poles: ComplexArray) -> NDArray[np.bool_]:
-    """Which modes of a free decay no noise makes, (n_modes,).
+    """Mask (n_modes,) of the modes of a free decay whose `strength` is above that of noise; `poles` in rad/s.
 
-    Poles that a method has chosen to follow the noise reach a `strength` of some 1 + 5 / sqrt(n) for n series.
+    Poles that a method has chosen to follow the noise reach a `strength` of some 1 + 5 / sqrt(n) for n series; the limit is
+    1 + 9 / sqrt(n).
     """
     return np.asarray(strength(data, poles) > noise_strength(data))
 
@@ -158,7 +162,7 @@ def noise_strength(data: Outputs) -> float:
 
 
 def schwarz(data: Outputs, poles: ComplexArray) -> float:
-    """Schwarz's (1978) criterion of free decays with `poles`: the least of several tells the right number of modes."""
+    """Schwarz's (1978) information criterion of a free decay with `poles` (rad/s); the lowest value marks the best set."""
     n_samples = sum(len(y) for y in data.series)
     unknowns = 2 * len(poles) * (1 + len(data.series) * data.n_channels)
     misfit = 2 * n_samples * float(np.sum(np.log(_noise(_projected(data, poles)))))
@@ -166,7 +170,7 @@ def schwarz(data: Outputs, poles: ComplexArray) -> float:
 
 
 def left_over(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> FloatArray:
-    """F statistic (see `strength`) of each of the poles `candidates` if added to `poles`, (n_candidates,)."""
+    """F statistic (see `strength`) of each of the poles `candidates` if added alone to `poles`, (n_candidates,); rad/s."""
     parts = _projected(data, poles)
     sigma = _noise(parts)
     found = np.zeros(len(candidates))
@@ -181,17 +185,17 @@ def left_over(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> F
 
 
 def is_left_over(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> bool:
-    """True if one of `candidates` would stand out beside `poles`."""
+    """True if at least one of `candidates` (rad/s), added to `poles`, would exceed `noise_strength`."""
     return bool((left_over(data, poles, candidates) > noise_strength(data)).any())
 
 
 def is_near(poles: ComplexArray, start: ComplexArray) -> bool:
-    """True if each of `poles` is still the mode that its search began at."""
+    """True if each of `poles` (rad/s) is within 5 % of the magnitude of the pole of `start` that it was refined from."""
     return bool((np.abs(poles - start) <= _FAR * np.abs(start)).all())
 
 
 def _projected(data: Outputs, poles: ComplexArray) -> list[_Projected]:
-    """Projection of each record onto the decays of `poles` (rad/s): coefficients, residual and derivatives."""
+    """Projection of each record onto the decays of `poles` (rad/s), one `_Projected` for each record."""
     found = []
     for y in data.series:
         time = np.arange(len(y))[:, None] / data.sampling_rate
@@ -221,7 +225,7 @@ def _inverse_gram(part: _Projected) -> FloatArray:
 
 
 def _noise(parts: Sequence[_Projected]) -> FloatArray:
-    """Standard deviation of the residual of each channel."""
+    """Standard deviation of the residual of each channel over all records, (n_channels,), by degrees of freedom."""
     freedom = sum(max(p.residual.shape[0] - len(p.triangle), 1) for p in parts)
     return np.asarray(np.sqrt(sum(np.sum(p.residual**2, axis=0) for p in parts) / freedom))
 
@@ -229,7 +233,8 @@ def _noise(parts: Sequence[_Projected]) -> FloatArray:
 def _directions(coefficients: FloatArray) -> FloatArray:
     """Coefficients S_i of t times the decays in the fit's derivative by Re s, then Im s, (2 n, 2 n, n_channels).
 
-    With a = alpha - i beta, d/d Re s of alpha Re E + beta Im E is t (alpha Re E + beta Im E), and d/d Im s is
+    `coefficients` (2 n, n_channels) are alpha, then beta, of n modes; axes are unknown, basis function, channel. With
+    a = alpha - i beta, d/d Re s of alpha Re E + beta Im E is t (alpha Re E + beta Im E), and d/d Im s is
     t (beta Re E - alpha Im E).
     """
     n = len(coefficients) // 2
@@ -241,7 +246,10 @@ def _directions(coefficients: FloatArray) -> FloatArray:
 
 
 def _normal(parts: Sequence[_Projected], sigma: FloatArray) -> NormalEquations:
-    """Normal equations of residuals divided by `sigma` (n_channels,), in all Re s, then all Im s."""
+    """Normal equations, in all Re s, then all Im s, of residuals divided by `sigma` (n_channels,).
+
+    `parts` are the projections of the records at the present poles.
+    """
     size = len(parts[0].triangle)
     matrix, gradient = np.zeros((size, size)), np.zeros(size)
     for p in parts:
@@ -257,17 +265,18 @@ def _cost(parts: Sequence[_Projected], sigma: FloatArray) -> float:
 
 
 def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[ComplexArray, list[_Projected]] | None:
-    """Poles (rad/s) of least squared residual, and projections; None without convergence.
+    """Poles (n_modes,), rad/s, of least squared residual, and the projections there; None without convergence.
 
-    `start` are the poles to begin with, `sigma` (n_channels,) the noise of each channel.
+    `start` are the poles to begin with, `sigma` (n_channels,) the standard deviation of the noise. None also if a pole of
+    `start` does not oscillate, grows or decays too fast.
     """
     n = len(start)
 
     @lru_cache(maxsize=1)  # a step is tried and taken at the same poles
     def project(changes: bytes) -> tuple[ComplexArray, list[_Projected]] | None:
-        """The poles after changes of Re s and Im s (an array as bytes), and the projections.
+        """Poles (rad/s) after changes of all Re s, then all Im s (a float array as bytes), and the projections.
 
-        None where a pole is no mode or two coincide.
+        None where a pole does not oscillate, decays or grows too fast, or the projection is singular.
         """
         parts = np.frombuffer(changes)
         poles = start + parts[:n] + 1j * parts[n:]
@@ -300,7 +309,10 @@ def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[Com
 
 
 def _with_covariance(data: Outputs, poles: ComplexArray, parts: list[_Projected]) -> DecayFit | None:
-    """Decay fit at its minimum `poles`, with covariance from the noise around each mode; None if singular."""
+    """Decay fit at its minimum `poles` (rad/s), with covariance from the noise around each mode; None if that is singular.
+
+    `parts` are the projections at these poles, one for each record.
+    """
     n = len(poles)
     level = _noise(parts)
     matrix = _normal(parts, level).matrix
@@ -333,11 +345,11 @@ def _with_covariance(data: Outputs, poles: ComplexArray, parts: list[_Projected]
 
 
 def _local_noise(data: Outputs, poles: ComplexArray, parts: Sequence[_Projected], level: FloatArray) -> FloatArray:
-    """Residual power near each mode's frequency, relative to white noise of standard deviation `level`; (n_modes,).
+    """Residual power near each mode's frequency, relative to white noise of standard deviation `level`, (n_modes,).
 
-    The mean over four to sixteen segments, fewer for many channels, Hann-windowed, half of them overlapping, and over
-    all channels. What the fit takes out of white noise there is taken into account; peaks of noise narrower than a
-    segment's lines are not resolved.
+    `poles` are in rad/s, `level` is (n_channels,). The mean over 4 to 16 Hann-windowed segments per record, half overlapping,
+    and over channels; what the fit removes from white noise is corrected for. Peaks narrower than a segment's line are not
+    resolved.
     """
     n_segments = min(max(-(-24 // len(level)), 4), 16)
     found, expected = np.zeros(len(poles)), np.zeros(len(poles))
@@ -353,10 +365,11 @@ def _local_noise(data: Outputs, poles: ComplexArray, parts: Sequence[_Projected]
 
 
 def decay_shapes(fit: DecayFit, scale: FloatArray, merge: ComplexArray) -> tuple[ComplexArray, FloatArray]:
-    """Shapes with largest entry 1, and the standard deviation of their real parts.
+    """Mode shapes (n_dofs, n_modes) with largest entry 1, and the standard deviations of their real parts.
 
     Parameters
     ----------
+    fit : DecayFit
     scale : (n_channels,) float array
         Unit of each scaled channel.
     merge : (n_dofs, n_channels, n_modes) complex array
@@ -400,12 +413,12 @@ def decay_modes(data: Outputs, modes: ModalRecord) -> ModalRecord:
     data : Outputs
         Records that `modes` come from.
     modes : ModalRecord
-        By a subspace method; its frequencies, damping ratios, shapes and their covariance are replaced.
+        By a subspace method; for refined modes, frequencies, damping ratios, shapes and their covariance are replaced.
 
     Returns
     -------
     ModalRecord
-        `modes` itself where the search does not end near its start.
+        `modes` itself if no mode stands out, or the search does not end near its start.
     """
     poles = modes.poles
     strong = np.flatnonzero(stands_out(data, poles))
@@ -434,7 +447,10 @@ def decay_modes(data: Outputs, modes: ModalRecord) -> ModalRecord:
 
 
 def _shown_decay(data: Outputs, s: ComplexArray) -> tuple[str, ...]:
-    """A word where the records are too short to show that their motion dies out."""
+    """Warning, in a tuple, that the records are too short to show that their motion dies out; () if they do show it.
+
+    They do if the fastest of the poles `s` (rad/s) decays by a factor e within the longest record.
+    """
     if float(np.max(-s.real)) * data.duration > _SHOWN:
         return ()
     return (

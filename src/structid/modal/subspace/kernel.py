@@ -62,11 +62,11 @@ class Subspace:
         return len(self.inverse)
 
     def transition(self, order: int) -> FloatArray:
-        """A of `order` states."""
+        """State matrix A of the model with `order` states, (order, order), for one sample step."""
         return self.inverse[:order, :order] @ self.moved[:order, :order]
 
     def output(self, order: int) -> FloatArray:
-        """C of `order` states, in the units of the channels."""
+        """Output matrix C of the model with `order` states, (n_channels, order), in the units of the channels."""
         return self.data.scale[:, None] * self.left[: self.data.n_channels, :order]
 
 
@@ -84,18 +84,24 @@ def shift_invariant(
     Parameters
     ----------
     matrix : (n_rows, n_columns) float array
+        A block row holds all channels of `data`.
     data : Outputs
         The records behind it.
     method : str
         Name of the subspace method.
     max_order : int
-        Largest model order.
+        Largest model order; lowered where the matrix has less room.
     parts : callable, optional
         Gives the parts of the matrix from windows of the data.
     windows : sequence of Piece
         Windows for a covariance; with several the decomposition is complete.
     complete : bool
         Whether all singular vectors are computed.
+
+    Raises
+    ------
+    InputError
+        If the block rows hold fewer than `max_order` independent states.
     """
     left, singular, right = _singular_vectors(matrix, max_order, complete or len(windows) > 1)
     m, n = data.n_channels, min(max_order, len(singular), len(matrix) - data.n_channels)
@@ -106,7 +112,10 @@ def shift_invariant(
 
 
 def _singular_vectors(matrix: FloatArray, rank: int, complete: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Singular value decomposition U, s, V' of `matrix`: complete, or the leading `rank` if much cheaper."""
+    """Singular value decomposition (U, s, V') of `matrix`, values decreasing: complete, or the leading `rank` of a large one.
+
+    It is complete if `complete`, or if the smaller side is below 200 or 4 `rank`.
+    """
     if complete or min(matrix.shape) < max(_LARGE, _FEW * rank):
         return tuple(linalg.svd(matrix, full_matrices=False))
     from scipy.sparse.linalg import svds

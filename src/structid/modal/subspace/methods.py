@@ -53,6 +53,11 @@ def pencil(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) ->
         Greatest number of states wanted.
     n_pieces : int
         Pieces for the covariance of the result.
+
+    Raises
+    ------
+    InputError
+        If a record is too short for the delays.
     """
     require_length(data, 2 * block_rows + 1, max_order)
     windows = pieces(data, block_rows - 1, block_rows, n_pieces)
@@ -74,6 +79,11 @@ def ssi_cov(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -
         Greatest number of states.
     n_pieces : int
         Pieces of the data for the covariance of the result.
+
+    Raises
+    ------
+    InputError
+        If a record is too short for the delays.
     """
     require_length(data, 2 * block_rows, max_order)
     windows = pieces(data, 0, 2 * block_rows, n_pieces)
@@ -124,12 +134,12 @@ def ssi_data(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) 
 
 
 def _forward(matrix: FloatArray, rows: int) -> FloatArray:
-    """Columns of a past that runs backwards in time, as the pencil's does, in order of time."""
+    """Matrix with its block columns, `rows` in number, in reverse order: from backwards in time to forwards."""
     return np.asarray(matrix.reshape(len(matrix), rows, -1)[:, ::-1].reshape(len(matrix), -1))
 
 
 def _cholesky(gram: FloatArray, least: float) -> FloatArray | None:
-    """Upper triangle R with R' R = `gram`; None where its diagonal spans more than 1 / `least`."""
+    """Upper triangle R with R' R = `gram`; None if not positive definite, or if its diagonal spans more than 1 / `least`."""
     try:
         triangle = np.asarray(linalg.cholesky(gram))
     except np.linalg.LinAlgError:
@@ -139,7 +149,11 @@ def _cholesky(gram: FloatArray, least: float) -> FloatArray | None:
 
 
 def _projected(data: Outputs, windows: Sequence[Piece], rows: int, past: FloatArray) -> Iterator[FloatArray]:
-    """Parts of the projection: sums of F P' of every piece, times the inverse of the past's triangle."""
+    """Contribution of each window, in order, to the projection of future on past samples: F P' times the inverse of R.
+
+    `rows` is the number of block rows, `past` the upper triangle R with R' R the sum of P P' over all windows. Each matrix is
+    (rows * n_channels, rows * n_channels).
+    """
     total = sum(piece.stop - piece.start for piece in windows)
     for part in window_hankels(data, windows, rows, rows, 1):
         yield total * linalg.solve_triangular(past.T, _forward(part, rows).T, lower=True).T

@@ -74,7 +74,10 @@ class FreeDecay:
 
 
 def free_decay(data: Outputs, poles: ComplexArray) -> FreeDecay:
-    """Records split into free decays with the given `poles` (rad/s) and the rest."""
+    """Records split into the least-squares free decay with `poles` (rad/s) and the rest, and how much the decay explains.
+
+    The split is left out (empty lists) if a quick estimate finds less than 20 % of the power explained.
+    """
     if _decay_fraction(data, poles) < _HARDLY:
         return FreeDecay([], [], explains_most=False, explains_all=False)
     decay, rest = [], []
@@ -96,9 +99,10 @@ def free_decay(data: Outputs, poles: ComplexArray) -> FreeDecay:
 
 
 def _decay_fraction(data: Outputs, poles: ComplexArray) -> float:
-    """Fraction of the records' power that free decays with `poles` (rad/s) explain, estimated quickly.
+    """Fraction (0 to 1) of the records' power that free decays with `poles` (rad/s) explain, estimated from a few channel sums.
 
-    By normal equations, whose matrix is a geometric series. 1 where a pole grows so fast that it would overflow.
+    Normal equations are used, whose matrix is a geometric series. 1 where a pole grows so fast that it would overflow, or the
+    records are zero.
     """
     if (poles.real * data.duration > _OVERFLOW).any():
         return 1.0
@@ -127,9 +131,9 @@ def _decay_fraction(data: Outputs, poles: ComplexArray) -> float:
 
 
 def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
-    """Ratio of the highest spectral level near the `poles` (rad/s) to the median level.
+    """Greatest smoothed spectral level at the frequencies of `poles` (rad/s) over the median level of the spectrum.
 
-    `y` are the samples (n_times, n_channels).
+    `y` are the samples (n_times, n_channels), `sampling_rate` in Hz. 0 where the median is 0.
     """
     n = len(y)
     size = np.sqrt(np.mean(y**2, axis=0))
@@ -143,7 +147,11 @@ def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
 
 
 def deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_modes: int) -> Deviations | None:
-    """Deviations of the subspace matrix by windows or noise, as suits the motion; None if they cannot be had."""
+    """Deviations of the subspace matrix: by noise if `motion` is a free decay throughout, else by windows of the records.
+
+    None if there are fewer than two windows, or the method gives no parts of the matrix. `n_modes` sets the least number of
+    noise deviations, 4 `n_modes`.
+    """
     if len(subspace.windows) < 2 or subspace.parts is None:
         return None
     if not motion.explains_all:
@@ -152,7 +160,10 @@ def deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_modes: i
 
 
 def piece_deviations(subspace: Subspace, max_order: int) -> Deviations:
-    """Deviation of the subspace matrix of each data window from their mean, for stationary motion."""
+    """Deviation of each window's part of the subspace matrix from its share of the whole, for stationary motion.
+
+    There is one deviation per window, through the leading `max_order` singular vectors.
+    """
     assert subspace.parts is not None
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]
     s = subspace.singular[:max_order]
@@ -168,20 +179,28 @@ def piece_deviations(subspace: Subspace, max_order: int) -> Deviations:
 def overlapping_batches(
     ds: ComplexArray, dshape: ComplexArray, piece: float, memory: float
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Sums of neighbouring changes of poles and shapes, for a covariance that includes their correlation.
+    """Scaled sums of L neighbouring changes of poles and shapes, whose covariance includes correlation between pieces.
 
-    Pieces short against the memory of a mode are no independent repeats. Every run of L of them is one, L the least
-    with L pieces as long as `_BATCH` memories, but at most an eighth of all pieces; runs overlap. Standard deviations
-    are scaled so that 1.96 of them are the 95 % interval of Student's t with 1.5 n / L degrees of freedom for n pieces.
+    Pieces short against the memory of a mode are no independent repeats. L is the least number of pieces that are together as
+    long as two memories, but at most an eighth of all pieces; runs of L overlap. Standard deviations are scaled so that 1.96
+    of them are the 95 % interval of Student's t with 1.5 n / L degrees of freedom for n pieces.
 
     Parameters
     ----------
     ds : (n_pieces, n_modes) complex array
+        Changes of poles by each piece.
     dshape : (n_pieces, n_channels, n_modes) complex array
+        Changes of shapes by each piece.
     piece : float
         Duration of a piece, s.
     memory : float
         Of the slowest mode, 1 / (zeta omega), s.
+
+    Returns
+    -------
+    (n_pieces - L + 1, n_modes) complex array
+    (n_pieces - L + 1, n_channels, n_modes) complex array
+        The arguments themselves if L is 1.
 
     References
     ----------
@@ -202,16 +221,19 @@ def overlapping_batches(
 
 
 def _batch_size(n_pieces: int, piece: float, memory: float) -> int:
-    """Pieces of `piece` s in a batch that is long against the `memory` (s) of the slowest mode, as far as pieces allow."""
+    """Number of pieces of `piece` s in a batch of at least two memories of the slowest mode; at most an eighth of `n_pieces`.
+
+    `memory` is in s; the result is at least 1.
+    """
     return int(np.clip(np.ceil(_BATCH * memory / piece), 1, max(1, n_pieces // 8)))
 
 
 def frequency_widening(poles: ComplexArray, seconds: float, n_pieces: int, memory: float) -> FloatArray:
-    """Factors, 1 or more, on standard deviations of frequencies that themselves rest on an uncertain damping, (n_modes,).
+    """Factors, 1 or more, on standard deviations of frequencies, since these rest on an uncertain damping; (n_modes,).
 
-    In T seconds a frequency f with damping ratio zeta has a variance of f zeta / (2 pi T) at least, and zeta one of
-    zeta / (2 pi f T): a variance stated with the damping found has a relative variance of 1 / (T zeta omega), which is that of
-    2 T zeta omega degrees of freedom. Batches of the record cannot have more. Where they would, 1.96 standard deviations
+    In T seconds a frequency f with damping ratio zeta has a variance of f zeta / (2 pi T) at least, and zeta has one of
+    zeta / (2 pi f T). A variance stated with the damping found thus has a relative variance of 1 / (T zeta omega), that of
+    2 T zeta omega degrees of freedom (4 at least). Where batches of the record would have more, 1.96 standard deviations
     become the 95 % interval of Student's t with these. Damping ratios err together with their own standard deviation, and are
     not widened.
 
@@ -220,8 +242,10 @@ def frequency_widening(poles: ComplexArray, seconds: float, n_pieces: int, memor
     poles : (n_modes,) complex array
         rad/s.
     seconds : float
-        Of all records.
-    n_pieces, memory
+        Duration of all records together.
+    n_pieces : int
+        Number of pieces.
+    memory : float
         As in `overlapping_batches`, which has its own degrees of freedom in already.
 
     References
@@ -235,10 +259,10 @@ def frequency_widening(poles: ComplexArray, seconds: float, n_pieces: int, memor
 
 
 def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_changes: int) -> Deviations:
-    """Deviations of the subspace matrix by noise, estimated from shifted residuals of a free decay.
+    """Deviations of the subspace matrix by noise, `n_changes` in number, from shifted residuals of a free decay.
 
-    Pieces of a decay are no repeats of each other, and what noise does at the end of one the next one undoes.
-    `n_changes` is the number of deviations.
+    The residual of each record is shifted cyclically and added to its fitted decay. Pieces of a decay cannot serve, since
+    they are no repeats of each other.
     """
     assert subspace.parts is not None
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]
@@ -259,7 +283,7 @@ def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_ch
 
 
 def _whole_windows(windows: Sequence[Piece]) -> tuple[Piece, ...]:
-    """Windows that join all pieces of each record into one."""
+    """Windows that join all pieces of each record, one for each record, by record number."""
     joined = []
     for number in sorted({piece.record for piece in windows}):
         pieces = [piece for piece in windows if piece.record == number]
@@ -271,18 +295,23 @@ def _whole_windows(windows: Sequence[Piece]) -> tuple[Piece, ...]:
 def pole_deviations(
     subspace: Subspace, spread: Deviations, order: int, chosen: Sequence[int]
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Changes of poles (rad/s) and shapes of the model of `order` states by each window's deviation.
+    """Changes of poles (rad/s) and shapes of the model of `order` states by each deviation in `spread`.
 
     Parameters
     ----------
+    subspace : Subspace
+    spread : Deviations
+        Of its matrix, through at least `order` singular vectors.
+    order : int
+        Number of states.
     chosen : sequence of int
-        Which of its poles, counted as in `poles_of_orders`.
+        Indices of the poles wanted, counted as in `poles_of_orders`.
 
     Returns
     -------
-    (n_pieces, n_chosen) complex array
+    (n_changes, n_chosen) complex array
         Changes of the continuous poles, rad/s.
-    (n_pieces, n_channels, n_chosen) complex array
+    (n_changes, n_channels, n_chosen) complex array
         Changes of the shapes C phi, of which the parts along the shapes themselves mean nothing.
     """
     m, u = subspace.data.n_channels, subspace.left[:, :order]
@@ -309,8 +338,8 @@ def pole_deviations(
 def _left_change(subspace: Subspace, right: FloatArray, left: FloatArray, order: int) -> FloatArray:
     """First-order change (n_rows, order) of the leading left singular vectors of the subspace matrix by a change of the matrix.
 
-    `right` is that change times the leading right singular vectors, `left` its transpose times the left ones. Directions at the
-    level of rounding, as of noise-free motion, stay unchanged.
+    `right` (n_rows, order) is that change times the leading right singular vectors, `left` (n_columns, order) its transpose
+    times the left ones. Directions at the level of rounding, as of noise-free motion, stay unchanged.
     """
     u, s, v = subspace.left, subspace.singular, subspace.right
     known = s[:order] > np.finfo(float).eps * len(u) * s[0]

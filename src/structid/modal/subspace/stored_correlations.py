@@ -68,7 +68,15 @@ _NO_AVERAGES = (
 
 
 def correlation_outputs(record: CorrelationRecord) -> Outputs:
-    """Channels of a record of correlation functions without samples, each with the size of its functions as its scale."""
+    """`Outputs` without samples for the channels of a correlation record, scaled by the root mean square of their functions.
+
+    The scale of a channel is that of its largest function, (n_channels,).
+
+    Raises
+    ------
+    InputError
+        If all functions of a channel are 0.
+    """
     power = np.sqrt((record.values**2).mean(axis=0))
     size = power.max(axis=1)
     if not (size > 0).all():
@@ -174,9 +182,10 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
 def error_deviations(
     record: CorrelationRecord, averages: int, subspace: Subspace, rows: int, columns: int, max_order: int
 ) -> Deviations:
-    """Deviations of the block Hankel matrix by errors of correlation functions whose references are all channels.
+    """Deviations of the block Hankel matrix by 100 drawn errors of correlation functions whose references are all channels.
 
-    `averages` is the number behind each function; the matrix has so many block `rows` and `columns`.
+    `averages` is the number of averages behind each function; `rows` and `columns` are numbers of blocks of the matrix, and
+    `max_order` is the number of singular vectors.
     """
     order = [record.references.index(dof) for dof in record.channels]
     scale = subspace.data.scale
@@ -192,11 +201,11 @@ def error_deviations(
 
 
 def drawn_errors(functions: FloatArray, averages: float, n_draws: int) -> Iterator[FloatArray]:
-    """Errors (n_lags, n_channels, n_channels) of correlation functions by as many averages of blocks as long as the lags.
+    """Random errors (n_lags, n_channels, n_channels) of correlation functions, `n_draws` in number.
 
-    The spectral matrix S of a line has the error B Z B' / sqrt(averages / 2) with S = B B' and Z Hermitian, its entries
-    independent with variance 1: lines are those of twice the lags. A taper on the later half of the lags keeps strong modes
-    from leaking into the lines of weak ones.
+    `functions` (n_lags, n_channels, n_channels) are the mean of `averages` blocks as long as the lags. The spectral matrix S
+    of a line has the error B Z B' / sqrt(averages / 2) with S = B B' and Z Hermitian, with independent entries of variance 1;
+    lines are those of twice the lags. A taper on the later half of the lags limits leakage of strong modes.
     """
     n = len(functions)
     taper = np.cos(0.5 * np.pi * np.maximum(2 * np.arange(n) / n - 1, 0.0)) ** 2
@@ -213,9 +222,10 @@ def drawn_errors(functions: FloatArray, averages: float, n_draws: int) -> Iterat
 
 
 def _split(poles: ComplexArray, shapes: ComplexArray, probability: FloatArray) -> NDArray[np.bool_]:
-    """Mask (n_modes,) of poles that a surer one of the same shape stands for: noise splits a mode in two.
+    """Mask (n_modes,) of poles near a more probable pole of the same shape, as when noise splits a mode in two.
 
-    `probability` (n_modes,) tells how sure each pole is.
+    Near is within the half-power bandwidth, the same shape a MAC above 0.9. `poles` (n_modes,) are in rad/s, `shapes`
+    (n_channels, n_modes) scaled, `probability` (n_modes,) is that of being a mode (NaN counts as 0).
     """
     likeness = mac(shapes, shapes)
     width = 2 * np.abs(poles.real)
@@ -228,10 +238,10 @@ def _split(poles: ComplexArray, shapes: ComplexArray, probability: FloatArray) -
 
 
 def _shape(record: CorrelationRecord, scale: FloatArray, block_rows: int | None) -> tuple[int, int]:
-    """Block rows and block columns of the Hankel matrix, which take one lag less than their sum.
+    """Numbers of block rows and block columns of the Hankel matrix, which together take one lag less than their sum.
 
-    They cover a period of the lowest motion that has a part of the power, as far as there are lags. `scale` is the size
-    of each channel, `block_rows` the option.
+    The rows cover a period of the lowest motion that has 2 % of the power below it, as far as there are lags. `scale`
+    (n_channels,) is the size of each channel, `block_rows` the option. `InputError` if the lags do not suffice.
     """
     n_lags, n_channels, n_references = record.values.shape
     lines = np.abs(np.fft.rfft(record.values / scale[:, None], 2 * n_lags, axis=0)).sum(axis=(1, 2))

@@ -62,12 +62,16 @@ _STRONG = 0.01  # of the energy of a free decay: part from which on a mode is ke
 def subspace_modes(
     records: TimeRecord | Sequence[TimeRecord], options: ModalOptions, method: str
 ) -> ModalIdentification:
-    """Modes by the method of `SUBSPACE_METHODS` of that name; see `identify_modes`."""
+    """Modes of time records by a method of `SUBSPACE_METHODS` ("pencil", "ssi_cov" or "ssi_data"); see `identify_modes`."""
     return _modes(outputs(records), options, method)
 
 
 def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = False) -> ModalIdentification:
-    """Modes by a subspace method, for records that are free decays (`is_decay`) or any motion."""
+    """Modes by a subspace method named in `SUBSPACE_METHODS`.
+
+    `is_decay` is true where the records were already cut to the free decay; they are then not cut again. Raises `NoModesError`
+    if no pole is stable and meets the criteria.
+    """
     rows = _block_rows(data, options.block_rows)
     wanted = _orders(data, rows, options.orders)
     subspace = SUBSPACE_METHODS[method](data, rows, max(wanted), n_pieces=max(options.n_pieces, 1))
@@ -115,10 +119,10 @@ def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = F
 
 
 def _until_noise(data: Outputs, motion: FreeDecay, n_least: int) -> Outputs | None:
-    """Records cut where their free decay is lost in the noise; None if more than half of them would be kept.
+    """Records cut where their free decay falls to 0.1 of the noise left; None if more than half of the samples would be kept.
 
-    What comes after tells nothing of the modes, but its noise hides those that die out first from a subspace method.
-    `n_least` is the least number of samples to keep.
+    The samples after that tell nothing of the modes, and their noise hides modes that die out early. `n_least` is the least
+    number of samples to keep of each record.
     """
     series = []
     for y, decay, rest in zip(data.series, motion.decay, motion.rest, strict=True):
@@ -137,7 +141,8 @@ def _with_left_over(
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], FreeDecay]:  # fmt: skip
     """The chosen poles, their clusters and the free decay, with missing modes added if its residual is more than noise.
 
-    Heavily damped modes scatter over the orders, so that their clusters are too small to be taken for modes.
+    Heavily damped modes scatter over the orders, so that their clusters are too small to be taken for modes. The first three
+    results replace `picked`, `chosen_clusters` and `motion`; these are returned as they are if nothing is added.
 
     Parameters
     ----------
@@ -174,7 +179,8 @@ def _with_left_over(
 def _pursued(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> ComplexArray:
     """Poles with those `candidates` (rad/s) added, strongest first, that lower Schwarz's criterion.
 
-    All poles are refined by maximum likelihood each time, and those that no longer stand out are left out.
+    All poles are refined by maximum likelihood each time, and those that no longer stand out are left out. At most four
+    candidates in a row are tried without gain.
     """
     price = schwarz(data, poles)
     while True:
@@ -192,7 +198,7 @@ def _pursued(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> Co
 
 
 def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int]]:
-    """Places (order number, pole index) in the `sweep` of the poles nearest to `poles`, none used twice."""
+    """Places (order number, pole index) in `sweep` of the poles nearest to each of `poles` (rad/s), none used twice."""
     places = [(k, i) for k, one in enumerate(sweep) for i in range(len(one.poles))]
     values, chosen = np.concatenate([one.poles for one in sweep]), []
     for pole in poles:
@@ -202,9 +208,9 @@ def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int
 
 
 def _around(sweep: Sequence[Poles], all_clusters: Sequence[Cluster], number: int, index: int) -> Cluster:
-    """The cluster that holds the pole `index` of order `number`, with that pole chosen.
+    """Cluster of `all_clusters` that holds the pole `index` of order number `number` in the sweep, with that pole chosen.
 
-    A new cluster of that pole alone if there is none.
+    If none holds it: a new cluster of that pole alone.
     """
     for cluster in all_clusters:
         here = np.flatnonzero((cluster.number == number) & (cluster.index == index))
@@ -224,8 +230,8 @@ def _damped(
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str], tuple[Cluster, ...]]:
     """Chosen poles (order number, pole index) of ambient motion, their clusters, notes, and the other clusters.
 
-    `before` are the poles that would be chosen with undamped ones allowed; a note names those left out. `scale`
-    (n_channels,) divides shapes before they are compared.
+    `options` hold criteria that exclude poles without damping; `before` are the poles (rad/s) chosen without this, and a note
+    names those lost. `scale` (n_channels,) divides shapes before they are compared. `NoModesError` if none is left.
     """
     selection = picked_poles(sweep, scale, options)
     picked = selection.places
@@ -247,7 +253,7 @@ def _standing_out(
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], FreeDecay]:  # fmt: skip
     """The chosen poles, their clusters and the free decay, without modes that do not stand out of the noise.
 
-    `picked` are pairs of order number and pole index; modes left out are named in `notes`.
+    `picked` are pairs (order number, pole index); modes left out are named in `notes`. All are kept if none stands out.
     """
     s = poles_of(sweep, picked)
     keep = stands_out(data, s)
@@ -260,12 +266,11 @@ def _standing_out(
 
 
 def _keep_certain_modes(data: Outputs, identification: ModalIdentification, motion: FreeDecay) -> ModalIdentification:
-    """Identification without modes whose frequency deviation exceeds their half-power bandwidth, or 2 / T.
+    """Identification without modes whose frequency deviation exceeds their half-power bandwidth, or 2 / T if that is larger.
 
-    Stable poles of mere noise seldom are so certain; half of that is the limit for modes of a probability below `_PERHAPS`.
-    Of random motion each mode is kept once, and its channels move in one phase or the opposite as far as a modal phase
-    collinearity of `ONE_PHASE`. In free decays modes must also be certain to `_CERTAIN`, or
-    hold `_STRONG` of the energy.
+    T is the duration of the longest record. The limit is half as large for modes with a probability below 0.3. Without a clean
+    free decay, duplicates and modes with a phase collinearity below 0.5 are left out too. In free decays modes must also have
+    a frequency deviation of at most 0.5 % or 1 % of the energy, unless `options.deviation` is set, and must not be tones.
     """
     modes, std = identification.modes, identification.modes.frequency_std
     doubtful = identification.probability < _PERHAPS
@@ -296,7 +301,11 @@ def _keep_certain_modes(data: Outputs, identification: ModalIdentification, moti
 
 
 def _is_steady(data: Outputs, modes: ModalRecord) -> NDArray[np.bool_]:
-    """Mask (n_modes,) of steady tones in a free decay: weak, with far less damping than the decaying modes."""
+    """Mask (n_modes,) of steady tones in a free decay: weak modes with far less damping than modes that die out.
+
+    Weak is below 1 % of the energy; far less is below a tenth of the median damping ratio of modes that die out significantly,
+    with 95 % confidence. All false if fewer than three die out.
+    """
     ratio, std = modes.damping_ratio, np.nan_to_num(modes.std[modes.n_modes :])
     dying = ratio > NOT_TOLD_APART * std
     steady = np.zeros(modes.n_modes, dtype=bool)
@@ -309,7 +318,10 @@ def _is_steady(data: Outputs, modes: ModalRecord) -> NDArray[np.bool_]:
 
 
 def _block_rows(data: Outputs, given: int | None) -> int:
-    """Number of block rows of the Hankel matrix: as given, or from channel count and record length."""
+    """Number of block rows of the Hankel matrix: `given`, or else by the number of channels and the record length.
+
+    `InputError` if it is below 2, or a record has fewer than 16 samples.
+    """
     shortest = min(len(y) for y in data.series)
     if given is not None:
         if given < 2:
@@ -323,9 +335,9 @@ def _block_rows(data: Outputs, given: int | None) -> int:
 
 
 def _orders(data: Outputs, rows: int, given: Sequence[int] | None) -> list[int]:
-    """Model orders to be tried, as given or all even ones; `InputError` if they exceed the matrix.
+    """Model orders to try, increasing: those `given`, or all even ones up to 60; `InputError` if they exceed the matrix.
 
-    `rows` is the number of block rows.
+    `rows` is the number of block rows, which leaves room for (rows - 1) * n_channels states.
     """
     room = (rows - 1) * data.n_channels
     orders = list(range(2, min(MAX_ORDER, room) + 1, 2)) if given is None else sorted({int(n) for n in given})
@@ -360,9 +372,10 @@ class PickedPoles:
 
 
 def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions) -> PickedPoles:
-    """Poles of the `sweep` over orders chosen as modes: the ones nearest given frequencies, or of stable clusters.
+    """Poles of the `sweep` over orders chosen as modes: those nearest to `options.frequencies`, or of likely clusters.
 
-    `scale` (n_channels,) divides shapes before they are compared.
+    A sweep with a single order gives all its poles that meet the criteria, or the nearest, without clusters. `scale`
+    (n_channels,) divides shapes before they are compared.
     """
     criteria, frequencies = options.criteria, options.frequencies
     if len(sweep) == 1:
@@ -389,7 +402,10 @@ def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOption
 
 
 def left_out_clusters(clusters: Sequence[Cluster], frequency: FloatArray, damping_ratio: FloatArray) -> list[LeftOut]:
-    """Clusters that may be modes but were not taken, with the reason; `frequency` (Hz) lists those taken."""
+    """Clusters with a probability of 0.3 or more that were not taken for a mode, as `LeftOut` with the reason.
+
+    `frequency` (Hz) and `damping_ratio` are of the modes taken; clusters near one of these are passed over.
+    """
     width = np.maximum(np.abs(damping_ratio), _SAME) * frequency
     listed = []
     for cluster in clusters:
@@ -417,7 +433,7 @@ def _pole_changes(
     clusters: Sequence[Cluster],
     motion: FreeDecay,
 ) -> PoleChanges | None:
-    """Changes of the chosen poles by the scatter of the data; None where that cannot be had."""
+    """Changes of the `picked` poles (order number, pole index) by the scatter of the data; None where `deviations` are None."""
     numbers = [k for k, _ in picked] if motion.explains_all else [k for k, _ in picked] + numbers_of(clusters)
     spread = deviations(subspace, max(sweep[k].order for k in numbers), motion, len(picked))
     return None if spread is None else PoleChanges(spread, *changes_of_poles(subspace, spread, sweep, picked))
@@ -436,13 +452,20 @@ def surest_poles(
     piece: float | None = None,
     least_probability: float = _RATHER,
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], PoleChanges]:
-    """Chosen poles, clusters and changes, with other poles of the clusters of modes that are less certain than need be.
+    """Chosen poles, clusters and changes, where a less uncertain pole of the same cluster replaces the chosen one.
 
     A model of high order may have a pole of noise beside that of a mode, which then is uncertain although all orders agree
-    on it. Modes of `least_probability` whose frequency has more than `_WIDE` times the standard deviation that a long record
-    allows are looked at in a few other orders: the surest pole of the cluster, equal to the chosen one within its
-    deviations, takes its place. `seconds` is the length of all records, `piece` that of a piece where changes are those by
-    pieces.
+    on it. Modes with a probability of `least_probability` or more, whose frequency has more than 1.5 times the least standard
+    deviation that `seconds` of record allow, are looked at in up to four other orders. The surest pole of the cluster, equal
+    to the chosen one within its deviations, takes its place. `seconds` is the length of all records, `piece` (s) that of a
+    piece, or None where changes are not by pieces.
+
+    Returns
+    -------
+    list of (int, int)
+        Order number and pole index of each mode, by frequency.
+    tuple of Cluster
+    PoleChanges
 
     References
     ----------
@@ -453,9 +476,9 @@ def surest_poles(
     memory = _memory(start)
 
     def std(poles: ComplexArray, moved: ComplexArray) -> FloatArray:
-        """Standard deviations (2, n_poles) of frequencies (Hz) and damping ratios.
+        """Standard deviations (2, n_poles) of frequencies (Hz), then damping ratios, of `poles` (rad/s).
 
-        `moved` (n_changes, n_poles) are the poles after each change.
+        `moved` (n_changes, n_poles) are the changes of the poles, rad/s.
         """
         batches = moved if piece is None else overlapping_batches(moved, moved[:, None], piece, memory)[0]
         slope = frequency_damping_slope(poles)
@@ -503,9 +526,10 @@ def _modal_record(
     subspace: Subspace, sweep: Sequence[Poles], picked: list[tuple[int, int]], motion: FreeDecay,
     changes: PoleChanges | None, notes: list[str],
 ) -> ModalRecord:  # fmt: skip
-    """Modal record of the chosen poles, with shapes scaled to largest entry 1, covariance and notes.
+    """Modal record of the chosen poles, with shapes scaled to largest entry 1, covariance and warnings.
 
-    `picked` are pairs of order number and pole index.
+    `picked` are pairs (order number, pole index). Without `changes` there is no covariance. `notes` become warnings, and
+    further ones are appended to this list in place.
     """
     data = subspace.data
     s = poles_of(sweep, picked)
@@ -537,10 +561,10 @@ def changes_of_modes(
     poles: ComplexArray, pole_changes: ComplexArray, shapes: ComplexArray, shape_changes: ComplexArray,
     widening: FloatArray | float = 1.0,
 ) -> ModalChanges:  # fmt: skip
-    """Changes of frequencies, damping ratios and shapes with largest entry 1 from those of poles (rad/s) and shapes.
+    """Changes of frequencies (Hz), damping ratios and shapes with largest entry 1 from those of poles (rad/s) and raw shapes.
 
-    `pole_changes` is (n_changes, n_modes), `shape_changes` (n_changes, n_channels, n_modes); `widening` are factors on the
-    changes of frequencies.
+    `poles` is (n_modes,), `pole_changes` (n_changes, n_modes), `shapes` (n_channels, n_modes) and `shape_changes`
+    (n_changes, n_channels, n_modes); `widening` (n_modes,) are factors on the changes of frequencies.
     """
     largest = np.abs(shapes).argmax(axis=0), np.arange(len(poles))
     top = shape_changes[:, largest[0], largest[1]]
@@ -563,9 +587,9 @@ def _memory(s: ComplexArray) -> float:
 def changes_of_poles(
     subspace: Subspace, spread: Deviations, sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Changes of poles (rad/s) and shapes of chosen modes from models of several orders; see `pole_deviations`.
+    """Changes of poles (rad/s), (n_changes, n_modes), and of shapes, (n_changes, n_channels, n_modes), of chosen modes.
 
-    `picked` are pairs of order number and pole index.
+    `picked` are pairs (order number, pole index), of models of several orders; see `pole_deviations`.
     """
     n_pieces = len(spread.right)
     ds = np.empty((n_pieces, len(picked)), dtype=complex)
@@ -579,7 +603,10 @@ def changes_of_poles(
 
 
 def frequency_damping_covariance(changes: ModalChanges, notes: list[str]) -> FloatArray:
-    """Covariance of frequencies (Hz), then damping ratios; modes independent if pieces are few."""
+    """Covariance (2 n, 2 n) of n frequencies (Hz), then n damping ratios, as sum over `changes`.
+
+    With at most 2 n changes, entries between different modes are set to 0, and a note is appended to `notes`.
+    """
     change = np.concatenate([changes.frequency, changes.damping_ratio], axis=1)
     n = changes.frequency.shape[1]
     covariance = change.T @ change
@@ -594,7 +621,10 @@ def frequency_damping_covariance(changes: ModalChanges, notes: list[str]) -> Flo
 
 
 def _warnings(data: Outputs, s: ComplexArray, n_pieces: int) -> list[str]:
-    """Warnings on what makes the modes with poles `s` (rad/s) doubtful."""
+    """Warnings on modes with poles `s` (rad/s) that are doubtful: one channel only, or records or pieces that are too short.
+
+    `n_pieces` is the number of pieces behind the covariance, 0 where pieces were not used.
+    """
     notes, duration, omega = [], data.duration, np.abs(s)
     if data.n_channels == 1:
         notes.append("one channel shows frequencies and damping only, no mode shape; add sensors")

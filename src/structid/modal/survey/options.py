@@ -81,13 +81,16 @@ class ModesOptions:
 
     @property
     def modal(self) -> ModalOptions:
-        """Options for a method of modal identification."""
+        """`ModalOptions` with these orders, frequencies (Hz) and deviation, and with `band` and `damping` as hard criteria."""
         band, damping = self.band or (0.0, np.inf), self.damping or HardCriteria().damping_ratio
         return ModalOptions(self.orders, None, HardCriteria(band, damping), self.frequencies, deviation=self.deviation)
 
 
 def _orders(text: str) -> tuple[int, ...]:
-    """Model orders from a text such as ``10,20,30`` or ``2:60``."""
+    """Model orders from a text such as ``10,20,30``, ``2:60`` (in steps of 2, end included) or ``4:80:4``.
+
+    Raises `InputError` if the text is no list or range, or the range is empty.
+    """
     try:
         if ":" not in text:
             return tuple(int(word) for word in text.split(",") if word.strip())
@@ -101,7 +104,7 @@ def _orders(text: str) -> tuple[int, ...]:
 
 
 def _numbers(name: str, text: str) -> tuple[float, ...]:
-    """The numbers in a text with commas; `InputError` that names the option `name` if a word is no number."""
+    """Numbers in a text such as ``1.9,2.4``; `InputError` that names the option `name` if a word is no number."""
     try:
         return tuple(float(word) for word in text.split(",") if word.strip())
     except ValueError as error:

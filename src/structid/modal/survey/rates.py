@@ -32,7 +32,11 @@ _OF_TWO = "come from the record at two sampling rates"
 
 
 def lower_rate(record: TimeRecord) -> float | None:
-    """Lower sampling rate (Hz) that suits the lowest spectral peak; None if the record's own rate suits it."""
+    """Lower sampling rate (Hz) that suits the lowest spectral peak; None if the record's own rate suits it.
+
+    A peak counts if it stands out by a factor of 10 and has more than 20 samples per period. The new rate leaves about 12
+    samples per period of the lowest such peak, and at least about 2000 samples in all.
+    """
     from scipy.signal import find_peaks
 
     n = len(record.values)
@@ -49,7 +53,10 @@ def lower_rate(record: TimeRecord) -> float | None:
 
 
 def join_frequency(low: ModalRecord, high: ModalRecord, rate: float) -> float:
-    """Frequency (Hz) that separates modes of the low-rate and the high-rate analysis, far from modes of both."""
+    """Frequency (Hz) at which to join a low-rate and a high-rate analysis, as far as possible from modes of both.
+
+    It lies between 0.30 and 0.38 of `rate` (Hz), the lower sampling rate.
+    """
     places = np.linspace(*_SPLIT, 41) * rate
     modes = np.concatenate([low.frequency, high.frequency])
     if not len(modes):
@@ -58,7 +65,10 @@ def join_frequency(low: ModalRecord, high: ModalRecord, rate: float) -> float:
 
 
 def look_rates(record: TimeRecord) -> tuple[float, ...]:
-    """Additional sampling rates (Hz), decreasing, for analysing a record; () if its own rate suffices."""
+    """Additional sampling rates (Hz), decreasing, for analysing a record; () if its own rate suffices.
+
+    The last is that of `lower_rate`; each is about a third of the rate before.
+    """
     lowest = lower_rate(record)
     if lowest is None:
         return ()
@@ -71,9 +81,10 @@ def look_rates(record: TimeRecord) -> tuple[float, ...]:
 def joined(
     low: ModalIdentification, high: ModalIdentification, frequency: float, greatest: float = np.inf
 ) -> ModalIdentification:
-    """Modes of `low` below `frequency` (Hz) and of `high` from there on; of a mode that both have, the surer one.
+    """Modes of two analyses: of `low` below `frequency` (Hz) and of `high` from there on.
 
-    A mode that only the other look has is taken as well where it is likely to be one (`mode_probability`).
+    Of a mode that both have, the one with the smaller standard deviation of frequency is taken. A mode that only the other
+    analysis has is taken as well where it is likely to be a mode (`mode_probability`).
 
     Parameters
     ----------
@@ -126,7 +137,10 @@ def _is_of_two(words: str) -> bool:
 
 
 def _same_modes(low: ModalRecord, high: ModalRecord) -> list[tuple[int, int]]:
-    """Index pairs of modes that `low` and `high` both have: mutually nearest in frequency, with the same shape."""
+    """Index pairs (in `low`, in `high`) of modes that both have: mutually nearest in frequency, with a MAC of 0.8 or more.
+
+    Frequencies may differ by three standard deviations or the half-power half-width, whichever is larger.
+    """
     if not (low.n_modes and high.n_modes):
         return []
     gap = np.abs(low.frequency[:, None] - high.frequency)
@@ -142,7 +156,8 @@ def _likely_alone(
 ) -> NDArray[np.bool_]:
     """Mask (n_modes,) of the likely modes of `identification` that the `other` analysis does not have.
 
-    They have no neighbour among its modes `taken`.
+    Likely is a probability of at least `LIKELY`. `taken` is a mask over the modes of `other`; a mode near one of these
+    in frequency is not alone.
     """
     modes = identification.modes
     gap = np.abs(modes.frequency[:, None] - other.frequency[taken])
@@ -153,7 +168,10 @@ def _likely_alone(
 def _limited(
     identification: ModalIdentification, keep_mode: NDArray[np.bool_], least: float, greatest: float
 ) -> ModalIdentification:
-    """Identification with the modes marked in `keep_mode` and other poles between `least` and `greatest` (Hz)."""
+    """Identification with the modes marked in `keep_mode` (n_modes,), and other poles from `least` to below `greatest` (Hz).
+
+    Poles that belong to a kept mode stay in `sweep` wherever they lie; indices in clusters follow.
+    """
     modes = identification.modes
     clusters = (
         [c for c, keep in zip(identification.clusters, keep_mode, strict=True) if keep]

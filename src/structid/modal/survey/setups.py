@@ -83,7 +83,10 @@ def modes_of_setups(
 
 
 def recovered_modes(result: ModesResult, merging: Merging, number: int) -> ModalRecord | None:
-    """Modes that set-up `number` lacks in `merging` but its record shows at the merged frequency; None if none."""
+    """Modes that set-up `number` (from 0) lacks in `merging` but its record shows near the merged frequency; None if none.
+
+    `result` is that of the set-up. Only modes within its frequency limits are looked for, and only in time records and FRFs.
+    """
     lost = np.flatnonzero(merging.members[number] < 0)
     limits = result.identification.options.criteria.frequency
     lost = lost[(merging.modes.frequency[lost] > limits[0]) & (merging.modes.frequency[lost] < limits[1])]
@@ -107,7 +110,11 @@ def recovered_modes(result: ModesResult, merging: Merging, number: int) -> Modal
 
 
 def _wanted_modes(again: ModalRecord, merged: ModalRecord, lost: IntArray, present: ModalRecord) -> IntArray:
-    """Indices of modes of `again` that match the `lost` ones in frequency and shape and are not `present`."""
+    """Indices, increasing, of modes of `again` that match the `lost` modes of `merged` and are not among `present`.
+
+    A match is within 2 % in frequency, has a MAC of 0.7 or more over the known entries, and a standard deviation of frequency
+    below the half-power bandwidth. `lost` are mode numbers of `merged`; `present` are modes the set-up already has.
+    """
     places = {dof.unsigned: i for i, dof in enumerate(merged.channels)}
     rows = np.array([places[dof.unsigned] for dof in again.channels])
     sign = np.array([dof.sign for dof in again.channels])[:, None]

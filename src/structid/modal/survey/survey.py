@@ -186,7 +186,11 @@ def modes_of_file(
 def read_and_identify(
     path: Path, options: ModesOptions, read: ReadOptions | None, geometry: str | Path | None, alone: bool
 ) -> ModesResult:
-    """Modes of the file at `path` (see `modes_of_file`); unnamed columns are numbered if it stands `alone`."""
+    """Modes of the file at `path` (see `modes_of_file`).
+
+    Columns without names are numbered 1X+, 2X+, ... if it stands `alone`, that is, if no other set-up is merged with it; else
+    they raise `UnnamedChannelsError`. Stored spectra and correlation functions are recognized.
+    """
     read = read or ReadOptions()
     if read.kind in (SPECTRUM, CORRELATION):
         return _modes_of_averages(path, options, read, geometry, read.kind)
@@ -226,7 +230,10 @@ def read_and_identify(
 def _modes_of_averages(
     path: Path, options: ModesOptions, read: ReadOptions, geometry: str | Path | None, kind: str
 ) -> ModesResult:
-    """Modes of stored spectra or correlation functions, by the `kind` of what the file holds."""
+    """Modes of the stored spectra or correlation functions in a file; `kind` is `SPECTRUM` or `CORRELATION`.
+
+    Raises `InputError` if an option is set that the method does not use.
+    """
     record = read_spectrum(path, read) if kind == SPECTRUM else read_correlation(path, read)
     is_subspace = kind == CORRELATION and options.method in (None, "ssi_cov")
     words = "stored spectra" if kind == SPECTRUM else "stored correlation functions"
@@ -258,7 +265,10 @@ def _modes_of_averages(
 
 
 def _read(path: Path, read: ReadOptions, alone: bool) -> tuple[Record, ReadOptions, tuple[str, ...]]:
-    """Record read from `path`, and the options used; columns without names are numbered if it stands `alone`."""
+    """Record read from `path`, the read options used, and words on numbered channels (empty if they are named).
+
+    Columns without names are numbered 1X+, 2X+, ... if `alone`; else `UnnamedChannelsError` is raised.
+    """
     try:
         return read_record(path, read), read, ()
     except UnnamedChannelsError as error:
@@ -272,7 +282,11 @@ def _read(path: Path, read: ReadOptions, alone: bool) -> tuple[Record, ReadOptio
 def _prepared(
     record: Record, options: ModesOptions
 ) -> tuple[Record, tuple[str, ...], tuple[Finding, ...], tuple[Tone, ...]]:
-    """Record prepared for identification, words on what was done, findings on doubtful data, and tones taken off."""
+    """Record prepared for identification, words on the steps, findings on doubtful signals, and tones removed.
+
+    FRFs are only cut to `options.band` and given the decay of an exponential window; findings and tones are then empty.
+    Raises `InputError` for options that do not suit FRFs, or frequencies above half the sampling rate.
+    """
     steps: list[str] = []
     if options.window is not None:
         steps.append(f"damping of an exponential window of {options.window:g} s taken off the modes")
@@ -294,7 +308,15 @@ def _prepared(
 
 
 def shared_or_whole(record: Record) -> tuple[Record, SharedMotions | None]:
-    """Record reduced to the few motions that very many channels share, and these; else the record and None."""
+    """Record reduced to at most 40 motions that its channels share, and these motions; else the record itself and None.
+
+    Reduced are time records of more than 200 channels, or of more channels than samples.
+
+    Raises
+    ------
+    InputError
+        If such a record holds more than one quantity.
+    """
     if not isinstance(record, TimeRecord) or len(record.channels) <= min(_MANY_CHANNELS, len(record.values)):
         return record, None
     quantity = record.quantities[0]
@@ -308,7 +330,7 @@ def shared_or_whole(record: Record) -> tuple[Record, SharedMotions | None]:
 
 
 def _require_below_nyquist(record: TimeRecord, options: ModesOptions) -> None:
-    """Raise `InputError` if wanted frequencies lie above half the sampling rate used."""
+    """Raise `InputError` if `band` or `frequencies` of `options` reach half the sampling rate that will be used."""
     highest = max([*(options.band or ())[1:], *(options.frequencies or ())], default=0.0)
     rate = record.sampling_rate if options.rate is None else min(options.rate, record.sampling_rate)
     if highest >= rate / 2:
@@ -319,7 +341,10 @@ def _require_below_nyquist(record: TimeRecord, options: ModesOptions) -> None:
 
 
 def rate_for(record: TimeRecord, options: ModesOptions) -> float | None:
-    """Sampling rate (Hz) to decimate to, as given or by the highest wanted frequency; None to keep the record's."""
+    """Sampling rate (Hz) to decimate to: `options.rate`, else about 4 times the highest frequency wanted; None to keep it.
+
+    The highest frequency is that of `options.band` and `options.frequencies`; at least about 500 samples are left.
+    """
     if options.rate is not None:
         return options.rate
     highest = max([*(options.band or ())[1:], *(options.frequencies or ())], default=None)
@@ -330,7 +355,10 @@ def rate_for(record: TimeRecord, options: ModesOptions) -> float | None:
 
 
 def _identified(record: Record, options: ModesOptions) -> tuple[ModalIdentification, tuple[str, ...]]:
-    """Modes of the record, identified at its own and at lower sampling rates, and words on the latter."""
+    """Modes of the record, joined from its own and lower sampling rates, and words on the latter (empty if none is used).
+
+    Lower rates are tried only for time records, where no method, rate, band or frequencies are set.
+    """
     settings = options.modal
     asked = (options.method, options.rate, options.band, options.frequencies)
     if isinstance(record, FrfRecord) or any(given is not None for given in asked):
@@ -359,7 +387,10 @@ def _identified(record: Record, options: ModesOptions) -> tuple[ModalIdentificat
 
 
 def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSpectra) -> ModalIdentification:
-    """Identification with a warning on spectral peaks that no mode explains, if there are any."""
+    """Identification with a warning on spectral peaks inside the frequency limits that no mode explains, if any.
+
+    It is returned unchanged where `frequencies` were asked for.
+    """
     low, high = identification.options.criteria.frequency
     level = spectra.values[:, 0] if spectra.is_power else spectra.values[:, 0] ** 2
     peaks = unexplained_peaks(spectra.frequency, level, identification.modes)
@@ -376,9 +407,10 @@ def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSp
 
 
 def _tone_kurtosis(record: Record, identification: ModalIdentification) -> FloatArray:
-    """Kurtosis of the motion of hardly damped modes, (n_modes,), which tells tones; NaN for other modes.
+    """Median kurtosis over channels of narrow-band motion at each mode, (n_modes,): 1.5 for a tone, 3 for random response.
 
-    NaN for modes of a free decay whose damping is significant: no tone dies out.
+    NaN for FRFs, for damping ratios from 0.001 on, for modes of a free decay whose damping is significant (no tone dies
+    out), and for frequencies too close to half the sampling rate.
     """
     modes = identification.modes
     kurtosis = np.full(modes.n_modes, np.nan)
@@ -393,14 +425,20 @@ def _tone_kurtosis(record: Record, identification: ModalIdentification) -> Float
 
 
 def dies_out(identification: ModalIdentification) -> NDArray[np.bool_]:
-    """True for each mode of a free decay whose damping ratio is significantly above 0, (n_modes,)."""
+    """Mask (n_modes,) of modes of a free decay whose damping ratio exceeds 0 significantly; all false otherwise.
+
+    Significant is more than `NOT_TOLD_APART` standard deviations.
+    """
     modes = identification.modes
     damping_std = modes.std[modes.n_modes :]
     return np.asarray(identification.is_free_decay & (modes.damping_ratio > NOT_TOLD_APART * damping_std))
 
 
 def mode_spectra(record: Record) -> ModeSpectra:
-    """Singular values of the spectral matrix, or of the FRF matrix, at every line."""
+    """Singular values, greatest first, of the spectral matrix of a time record, or of the FRF matrix, for every line.
+
+    Time records: powers in 1/Hz, channels scaled to a root mean square of 1, without the line at 0 Hz.
+    """
     if isinstance(record, FrfRecord):
         values = np.linalg.svd(record.values, compute_uv=False)
         return ModeSpectra(record.frequency, values, "singular values of the FRF matrix", record.unit, is_power=False)
@@ -423,14 +461,16 @@ def modes_provenance(paths: Sequence[str | Path | None], options: ModesOptions, 
 def record_geometry(
     path: Path, record: Record | SpectrumRecord | CorrelationRecord, given: Path | None
 ) -> Geometry | None:
-    """Geometry from the file `given`, or from the record's own file; None if there is none.
+    """Geometry from the file `given`, else from a universal file's own nodes; None if there is none.
+
+    The file's own is passed over (None) where it lacks a node with a sensor.
 
     Raises
     ------
     FileError
-        If a geometry is there and damaged.
+        If a geometry file is damaged.
     InputError
-        If the file that was given lacks a node with a sensor.
+        If the file `given` lacks a node with a sensor.
     """
     if given is None:
         own = path.suffix.lower() in UFF.SUFFIXES and any(dataset_lines(path, number) for number in (15, 2411))

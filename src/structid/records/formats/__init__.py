@@ -44,7 +44,10 @@ __all__ = [
 
 
 def _format_of(path: Path) -> FormatModule | LoggerFormat:
-    """The format (a module, or one of loggers) of the file at `path`, by its suffix."""
+    """The module, or the logger's format, that reads files with the suffix of `path`; the file is not opened.
+
+    Raises `FileError` if no format has this suffix.
+    """
     suffix = path.suffix.lower()
     formats: tuple[FormatModule | LoggerFormat, ...] = (*FORMATS, *LOGGERS)
     for module in formats:
@@ -57,7 +60,7 @@ def _format_of(path: Path) -> FormatModule | LoggerFormat:
 
 
 def how_read(source: str, path: str | Path) -> str:
-    """The reader's note on how it took the file `path`, cut from the record's `source`; "" without one."""
+    """Note of the reader on the file `path`, the part of the record's `source` after the path; "" without a note."""
     return source.removeprefix(str(path)).partition("; ")[2] if source.startswith(str(path)) else ""
 
 
@@ -98,7 +101,7 @@ def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfReco
 
 
 def _require_applicable(path: Path, module: FormatModule | LoggerFormat, options: ReadOptions) -> None:
-    """Raise `InputError` if an option is given that this format cannot use, such as columns for a file without names."""
+    """Raise `InputError` if an option was set that the format `module` of the file at `path` cannot use."""
     options_given = options.given()
     if "csv" in options_given and module is not CSV:
         raise InputError(f"{path}: is no table, which `csv` is about; leave it out", "csv")

@@ -31,7 +31,7 @@ _FEWEST, _EVEN = 8, 0.1
 
 
 def require_option(path: Path, options: ReadOptions, name: str, purpose: str) -> None:
-    """Raise `InputError` that names the option `name` unless it is given."""
+    """Raise `InputError` unless the option `name` is set; `purpose` says in the message what it would tell."""
     if name in options.given():
         return
     raise InputError(f"{path}: the array does not say {purpose}; give {option_words(**{name: None})}")
@@ -44,27 +44,27 @@ def read_bare(
     options: ReadOptions,
     statements: Statements | None = None,
 ) -> FrfRecord | TimeRecord:
-    """A record from the bare arrays of a file, as `options` describe them.
+    """The record made of unlabelled arrays in a file: FRFs if `options.frequency_array` is set, else time histories.
 
     Parameters
     ----------
     path : Path
         File, for messages and for the record's source.
-    shapes : mapping
-        Shape and type of each array in the file.
+    shapes : mapping of str to (shape, dtype)
+        Shape and type of each array in the file, by name.
     load : callable
-        Gives the values of an array by its name.
+        Returns the values of an array by its name.
     options : ReadOptions
         Names, degrees of freedom, units.
     statements : mapping, optional
-        Texts, small arrays and attributes beside the array, which the options must not contradict.
+        Texts, small arrays and attributes stored beside the array, which the options must not contradict.
 
     Raises
     ------
     FileError
-        If the file has no numeric array, or not the one asked for.
+        If the file has no numeric array, or lacks the array named in `options`.
     InputError
-        If an option is missing or contradicts the array or what stands beside it.
+        If an option is missing or contradicts the array or what is stored beside it.
     """
     if "frequency_array" in options.given():
         name = _choose_array(path, shapes, options.array, {options.frequency_array, options.coherence_array})
@@ -102,7 +102,10 @@ def _require_present(path: Path, shapes: Shapes, name: str) -> None:
 
 
 def _choose_array(path: Path, shapes: Shapes, wanted: str, taken: set[str]) -> str:
-    """Name of the array to read: `wanted`, or the only numeric one that is not among `taken`."""
+    """Name of the array to read: `wanted`, or if that is "" the only numeric array whose name is not in `taken`.
+
+    Raises `FileError` if there is none, `InputError` if there are several.
+    """
     if wanted:
         _require_present(path, shapes, wanted)
         return wanted
@@ -123,9 +126,9 @@ def _require_numbers(path: Path, array: np.ndarray, allowed: str, what: str) -> 
 
 
 def _per_channel(path: Path, name: str, entries: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """One entry for each of `count` channels from the option `name`: one for all, or as many as channels.
+    """The option `name` as a tuple of `count` entries, one per channel; a single entry holds for all channels.
 
-    `entries` are those of the option.
+    `entries` are the option's values. Raises `InputError` if their number is neither 1 nor `count`.
     """
     if len(entries) == 1:
         return entries * count
@@ -137,9 +140,14 @@ def _per_channel(path: Path, name: str, entries: tuple[str, ...], count: int) ->
 def channel_units(
     path: Path, channels: tuple[Dof, ...], options: ReadOptions
 ) -> tuple[tuple[Quantity, ...], NDArray[np.float64]]:
-    """Quantity and factor to SI, (n_channels,), of each of `channels`, from the options `quantities` and `units`.
+    """Quantities of `channels` and their factors to SI, (n_channels,), from the options `quantities` and `units`.
 
-    `path` is named in errors.
+    Without `units` values are in SI, and all factors are 1. `path` is named in errors.
+
+    Raises
+    ------
+    InputError
+        If units or quantities are unknown, contradict each other or a channel's direction, or are not 1 or one per channel.
     """
     if not options.units:
         quantities = _per_channel(path, "quantities", options.quantities, len(channels))
@@ -164,7 +172,10 @@ def channel_units(
 
 
 def require_same_rotation(path: Path, name: str, dof_rotates: bool, unit_rotates: bool) -> None:
-    """Raise `InputError` when a unit of rotation meets a translation, or the reverse."""
+    """Raise `InputError` if a channel and its unit are not both translations or both rotations.
+
+    `name` is the channel in the message; the flags are True for rotations.
+    """
     if dof_rotates != unit_rotates:
         words = ("translation", "rotation")
         raise InputError(
@@ -174,14 +185,18 @@ def require_same_rotation(path: Path, name: str, dof_rotates: bool, unit_rotates
 
 
 def time_from_array(path: Path, values: np.ndarray, options: ReadOptions) -> TimeRecord:
-    """A time record from `values` (n_times, n_channels), with channels, rate and units as `options` state them.
+    """A time record from `values` (n_times, n_channels) or (n_times,), with channels, rate and units from `options`.
+
+    The record runs from `options.start` to `options.stop`, with gaps filled as `options.longest_gap` allows.
 
     Raises
     ------
     UnnamedChannelsError
         If the channels are missing.
     InputError
-        If sampling rate, or quantities and units are missing, or do not fit the array.
+        If sampling rate, or quantities and units are missing, or do not fit the array, or a column holds times.
+    FileError
+        If samples are missing in a gap that may not be filled.
     """
     frf_options = [name for name in options.given() if name in _FRF_OPTIONS]
     if frf_options or values.dtype.kind == "c":
@@ -222,7 +237,7 @@ def time_from_array(path: Path, values: np.ndarray, options: ReadOptions) -> Tim
 
 
 def _require_no_times(path: Path, values: np.ndarray) -> None:
-    """Raise `InputError` if a column of samples (n_times, n_channels) rises in even steps, as times and counts do."""
+    """Raise `InputError` if some, but not all, columns of `values` (n_times, n_channels) rise in even steps, as times do."""
     if values.ndim != 2 or min(values.shape) < 2 or len(values) < _FEWEST or values.dtype.kind not in "fiu":
         return
     ramps = []
@@ -247,7 +262,15 @@ def _refuse_frf(path: Path, reason: str) -> NoReturn:
 
 
 def frf_kind(path: Path, options: ReadOptions) -> tuple[FrfKind, float]:
-    """Kind of FRF and factor to SI, from the options `kind` and `unit`."""
+    """Kind of the FRFs and factor to SI of their values, from the options `kind` and `unit`.
+
+    Without `unit` the values are in SI, and the factor is 1.
+
+    Raises
+    ------
+    InputError
+        If both options are missing, one of them is unknown, or they contradict each other.
+    """
     if options.kind and options.kind not in DERIVATIVES:
         raise InputError(f"{path}: `kind` must be one of {', '.join(DERIVATIVES)}, got {options.kind!r}", "kind")
     if not options.unit:
@@ -267,12 +290,22 @@ def frf_from_array(
     coherence: np.ndarray | None,
     options: ReadOptions,
 ) -> FrfRecord:
-    """An FRF record from `values` (n_frequencies, n_outputs, n_inputs), with channels and units as `options` state them.
+    """An FRF record from an array, with channels and units from `options`; trailing axes of length 1 may be missing.
+
+    Parameters
+    ----------
+    path : Path
+        File, for messages and for the record's source.
+    values : (n_frequencies, n_outputs, n_inputs) complex array
+    frequency : (n_frequencies,) array
+        In Hz, or in `options.axis_unit`.
+    coherence : array of the shape of `values`, or None
+    options : ReadOptions
 
     Raises
     ------
     InputError
-        If outputs, inputs or kind are missing, or do not fit the array.
+        If outputs, inputs or kind are missing, or do not fit the array, or the array is real.
     """
     time_options = [name for name in options.given() if name in _TIME_OPTIONS]
     if time_options:
@@ -316,7 +349,10 @@ def frf_from_array(
 
 
 def _with_shape(path: Path, name: str, values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
-    """`values` with trailing axes of length 1 added; `InputError` unless the result has `shape`."""
+    """`values` with axes of length 1 appended up to three axes; `InputError` unless the result has `shape`.
+
+    `shape` is (n_frequencies, n_outputs, n_inputs); `name` is the argument that the message names.
+    """
     full = values
     while full.ndim < 3:
         full = full[..., None]

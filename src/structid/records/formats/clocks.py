@@ -32,15 +32,18 @@ class Rate(NamedTuple):
 
 
 def even_rate(time: FloatArray, digits: FloatArray) -> Rate | None:
-    """The sampling rate of times in s that are even except for rounding to their last digits; None if they are uneven.
+    """The sampling rate of evenly spaced times; None if they are uneven beyond the rounding of their last digits.
+
+    Returns the rate in Hz, its relative uncertainty, and the largest rounding step in s; the last two are 0 where the times
+    are even without rounding.
 
     Parameters
     ----------
     time : (n_times,) float array
-        s, increasing from first to last, two or more.
+        Times in s, increasing, two or more.
     digits : (n_times,) float array
-        Size of the last digit of each time as it was written, s: a step that differs by the rounding is even too, where it is
-        longer than two such digits.
+        Size of the last written digit of each time, in s. Deviations of this size count as even, provided that the step is
+        longer than twice the largest of them.
     """
     step = float(time[-1] - time[0]) / (time.size - 1)
     rounding = 4 * np.finfo(float).eps * float(np.abs(time).max())
@@ -69,14 +72,23 @@ class Resampled(NamedTuple):
 
 
 def resample(path: Path, time: FloatArray, values: FloatArray) -> Resampled:
-    """`values` (n_times, n_channels) at uneven times `time` (s), as cubic splines at even times between the same ends.
+    """Samples at uneven times, interpolated by cubic splines at as many even times between the same ends.
 
-    The error is measured on this clock: two sines, sampled at `time` and resampled, against the true ones.
+    Returns samples, rate in Hz, first time in s and words on the error, which is measured by resampling sines of two
+    frequencies from the same times.
+
+    Parameters
+    ----------
+    path : Path
+        File, named in errors.
+    time : (n_times,) float array
+        Times in s, at least four.
+    values : (n_times, n_channels) float array
 
     Raises
     ------
     FileError
-        If times do not increase, samples are missing between them, or a value is.
+        If times do not increase, a step is far from the median step, or a value is NaN or infinite.
     """
     from scipy.interpolate import CubicSpline
 
@@ -109,5 +121,5 @@ def resample(path: Path, time: FloatArray, values: FloatArray) -> Resampled:
 
 
 def resampling_remedy() -> str:
-    """The option that resamples, in words."""
+    """Advice for an error on uneven times: the option that resamples."""
     return f"bring the samples to an even raster with {option_words(resample='spline')}, which says what it costs"

@@ -41,17 +41,20 @@ def whole(
     named: bool = True,
     lines: Lines | None = None,
 ) -> Whole:
-    """The samples from `options.start` to `options.stop`, with gaps up to `options.longest_gap` filled by cubics.
+    """Samples between `options.start` and `options.stop`, with gaps up to `options.longest_gap` samples filled by cubics.
+
+    Returns the samples (n_kept, n_channels), the time of the first of them in s, and a note on filled samples ("" for none).
 
     Parameters
     ----------
     path : Path
         For messages.
     values : (n_times, n_channels) float array
+        Samples; NaN and infinite values are missing.
     channels : sequence of Dof
-        One a column.
+        Degree of freedom of each column.
     rate, start : float
-        Hz, and time of the first sample in s.
+        Sampling rate in Hz, and time of the first sample in s.
     options : ReadOptions
     named : bool
         True if the file names its channels, so that `options.channels` chooses among them; gaps of others do not count.
@@ -61,7 +64,9 @@ def whole(
     Raises
     ------
     FileError
-        If no sample is left, or a gap is too long or not to be filled; it names channel, sample, time and remedy.
+        If a gap is longer than allowed or lies at an end; the message names channel, sample, time and remedy.
+    InputError
+        If no sample lies between `options.start` and `options.stop`.
     """
     time = start + np.arange(len(values)) / rate
     first, last = sample_range(path, time, options)
@@ -98,10 +103,10 @@ def _describe_gaps(
     lines: Lines | None,
     named: bool,
 ) -> str:
-    """A message on the gaps of each channel (first sample, one after the last): the first one, totals and remedies.
+    """Text of an error on missing samples: the first gap, totals and remedies.
 
-    `missing` is the mask (n_times, n_channels), `rate` in Hz and `start` in s. `named` says that the file names its
-    channels.
+    `gaps` maps column indices to (first sample, one after the last); `missing` is the mask (n_times, n_channels), `rate` is in
+    Hz and `start` in s. `lines` are line numbers, None without; `named` says that the file names its channels.
     """
     j, (a, b) = min(((j, runs[0]) for j, runs in gaps.items()), key=lambda entry: entry[1])
     longest = max(b - a for runs in gaps.values() for a, b in runs)

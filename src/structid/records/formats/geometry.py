@@ -75,7 +75,10 @@ def read_geometry(path: str | Path) -> Geometry:
 
 
 def _read_universal_file(path: Path) -> Geometry:
-    """Nodes and lines of a universal file."""
+    """Nodes and lines of a universal file; the edges of its elements if there are no trace lines.
+
+    Raises `FileError` if the file has no nodes.
+    """
     blocks = read_blocks(path)
     nodes = read_nodes(path, blocks).points
     if not nodes:
@@ -86,7 +89,10 @@ def _read_universal_file(path: Path) -> Geometry:
 
 
 def _trace_line(path: Path, block: Block) -> tuple[int, ...]:
-    """The node labels of a trace line, dataset 82."""
+    """Node labels of the trace line in a block of dataset 82, in drawing order; 0 lifts the pen.
+
+    Raises `FileError` if the block is damaged.
+    """
     where, lines = f"{path}: dataset {block.ordinal} (82)", block.lines
     try:
         count = integers(lines[0], (10, 10, 10))[1]
@@ -101,7 +107,10 @@ def _trace_line(path: Path, block: Block) -> tuple[int, ...]:
 
 
 def _read_csv(path: Path) -> Geometry:
-    """Nodes and lines of a CSV table with rows ``node,x,y,z`` and ``line,1,2``, which joins nodes in order."""
+    """Nodes in m and lines of a CSV table with rows ``node,x,y,z`` and ``line,1,2,...``, which joins nodes in order.
+
+    Raises `FileError` for any other row, a node with two positions, or a table without nodes.
+    """
     try:
         rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines(), strict=True))
     except (UnicodeDecodeError, csv.Error) as error:

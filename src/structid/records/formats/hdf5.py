@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
-    """The record in the HDF5 file at `path`: structid's own layout, or bare arrays that `options` describe.
+    """The record in the HDF5 file at `path`: structid's layout, or bare arrays that `options` describe.
 
     Raises
     ------
     FileError
         If the file is not HDF5, is damaged, or has its values in other files.
     InputError
-        If it holds bare arrays and an option is missing.
+        If it holds bare arrays and an option is missing, or an option contradicts the file.
     """
     shapes: Shapes = {name: (dataset.shape, dataset.dtype) for name, dataset in hdf5_datasets(path).items()}
     if MARK in shapes:
@@ -53,7 +53,10 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
 def _with_stated_units(
     path: Path, shapes: Shapes, attributes: Statements, options: ReadOptions
 ) -> tuple[ReadOptions, str]:
-    """Options with the units that attributes of the arrays state, and words on them; what was given must agree."""
+    """Options completed by the units in the attributes of the arrays to read, and words on them ("" if nothing was added).
+
+    Raises `InputError` if an attribute contradicts a unit that `options` has already.
+    """
     stated: dict[str, tuple[str, ...]] = {}
     for address, value in attributes.items():
         dataset, _, key = address.rpartition("@")
@@ -84,9 +87,9 @@ def _with_stated_units(
 
 
 def _agree(key: str, option: str | tuple[str, ...], stated: tuple[str, ...]) -> bool:
-    """True if the units `option` by an option are the units `stated` by a file, one for all or one for each channel.
+    """True if the units `option` and the units `stated` by a file agree; a single unit holds for all channels.
 
-    `key` is the name of the option.
+    `key` is ``unit``, ``units`` or ``axis_unit`` and decides how texts are parsed.
     """
     parse: Callable[[str], object] = {"unit": parse_frf_unit, "units": parse_unit, "axis_unit": parse_frequency_unit}[
         key
@@ -103,14 +106,17 @@ def _agree(key: str, option: str | tuple[str, ...], stated: tuple[str, ...]) -> 
 
 
 def _needed_datasets(shapes: Shapes, wanted: set[str]) -> set[str]:
-    """Datasets to load: those wanted by name; all of numbers unless the array was named."""
+    """Names of the datasets to load: those in `wanted` that exist, and in clear cases all numeric datasets.
+
+    The latter are added if `wanted` holds no name, or at most a single numeric dataset lies beside the wanted ones.
+    """
     named = {name for name in shapes if name in wanted}
     numeric = {name for name, (_, dtype) in shapes.items() if dtype.kind in "fciu"}
     return named if any(wanted) and len(numeric) > len(named) + 1 else named | numeric
 
 
 def write(path: Path, record: FrfRecord | TimeRecord) -> None:
-    """Write `record` to `path` as an HDF5 file in structid's layout, complete.
+    """Write all of `record` to `path` as an HDF5 file in structid's layout.
 
     It is made in memory, so that a full disk shows as an ordinary error when the bytes are written.
 
@@ -118,6 +124,8 @@ def write(path: Path, record: FrfRecord | TimeRecord) -> None:
     ------
     FileError
         If the file cannot be written.
+    InputError
+        If a text of the record holds control characters.
     """
     import h5py
 

@@ -46,32 +46,32 @@ _LEVEL = re.compile(
 
 
 def name_and_unit(text: str) -> tuple[str, str]:
-    """A header without its unit, and the unit in brackets behind it or ""."""
+    """Name in a header and the unit in brackets after it, which is "" without brackets."""
     text = text.strip()
     match = _HEAD.match(text) if len(text) <= _LONGEST_HEAD else None
     return (match["name"], match["unit"].strip()) if match else (text, "")
 
 
 def is_time(text: str) -> bool:
-    """True if a header is one of times."""
+    """True if a header is that of a column of times, by its name or by a unit of time."""
     name = name_and_unit(text)[0]
     return _TIME.match(name) is not None or time_factor(name) is not None
 
 
 def time_factor(name: str, unit: str = "") -> float | None:
-    """Factor to s for a column of times with this header; None if neither name nor unit states it.
+    """Factor from a column of times to s, by its header; None if neither `name` nor `unit` states the unit.
 
     Parameters
     ----------
     name : str
         Header, such as ``Time [ms]``, ``Time ms``, ``t_us``, ``time_s`` or ``millis``.
     unit : str
-        Unit beside or below the name; it must be a unit of time.
+        Unit beside or below the name, "" if absent; it must be a unit of time.
 
     Raises
     ------
     InputError
-        If the unit is said, and is none of times, or two are.
+        If the stated unit is not one of time, or two different units are stated.
     """
     bare, bracketed = name_and_unit(name)
     match = _TIME_AND_UNIT.match(bare)
@@ -83,7 +83,7 @@ def time_factor(name: str, unit: str = "") -> float | None:
 
 
 def _read(parse: Callable[[str], T], text: str) -> list[T]:
-    """The unit that a text names as the only entry, or no entry."""
+    """List with the unit parsed from `text` as its only entry; empty if `parse` does not read it."""
     try:
         return [parse(text)] if text else []
     except InputError:
@@ -97,14 +97,19 @@ def _require_one(factors: Sequence[float], where: str) -> None:
 
 
 def frequency_factor(name: str, unit: str = "") -> float | None:
-    """Factor to Hz for a column with this header; NaN if it states no unit, None if it is no column of frequencies.
+    """Factor from a column of frequencies to Hz, by its header; NaN without a unit, None for a column of anything else.
 
     Parameters
     ----------
     name : str
         Header, such as ``Frequency [Hz]``, ``freq_hz``, ``f [kHz]`` or ``omega [rad/s]``.
     unit : str
-        Unit from a second header line.
+        Unit from a second header line, "" if absent.
+
+    Raises
+    ------
+    InputError
+        If both state a unit, and these differ.
     """
     text = name.strip()
     match = _FREQUENCY.fullmatch(text) if len(text) <= LONGEST_NAME else None
@@ -120,7 +125,10 @@ def frequency_factor(name: str, unit: str = "") -> float | None:
 
 
 def factors_in_header(name: str, unit: str, parse: Callable[[str], float]) -> dict[str, float]:
-    """Units that a header, or a line of units below it, states anywhere, whatever the column is called, each with its factor."""
+    """Units stated anywhere in a header or in the line of units below it, each with its factor, by their texts.
+
+    `parse` returns the factor of a unit's text, or raises `InputError`.
+    """
     stated = {text: factor for text, factor, _ in units_in_name(name, parse)}
     return stated | {text: factor for text in (name.strip(), unit) for factor in _read(parse, text)}
 
@@ -134,21 +142,22 @@ def require_axis_unit(
     factor: float,
     parse: Callable[[str], float],
 ) -> None:
-    """Raise `InputError` where the header of a column says another unit than the option `axis_unit`.
+    """Raise `InputError` if the header of a column states another unit than the option `axis_unit`.
 
     Parameters
     ----------
     described : str
         Begins the message, as in ``table.csv: column 1 (f) says the unit of its frequencies``.
     name, unit : str
-        The header, and what stands in a line of units below it.
+        The header, and the unit in the line below it ("" if absent).
     known : float or None
-        Factor of the unit that the header says; None or NaN where it says none of the kind of the column.
+        Factor of the unit that the header states; None or NaN if it states none of the column's kind.
     axis_unit : str
+        The option, for the message.
     factor : float
-        Of `axis_unit`.
+        Factor of `axis_unit` to Hz or s.
     parse : callable
-        It gives the factor of a unit, or raises `InputError`.
+        Returns the factor of a unit's text, or raises `InputError`.
     """
     stated = factors_in_header(name, unit, parse) if known is None or math.isnan(known) else {"": known}
     for text, other in stated.items():
@@ -164,13 +173,16 @@ def bare_unit(cell: str) -> str:
 
 
 def units_in_name(name: str, parse: Callable[[str], T]) -> list[tuple[str, T, bool]]:
-    """The units that a header says in any place: text, unit, and whether brackets show that it is meant as one.
+    """Units that occur anywhere in a header: (text, parsed unit, True if brackets show that it is meant as a unit) each.
+
+    The list is empty for a header of extreme length.
 
     Parameters
     ----------
     name : str
+        The header.
     parse : callable
-        It reads a unit, or raises `InputError`.
+        Returns the unit of a text, or raises `InputError`, in which case the text is skipped.
     """
     if len(name) > _LONGEST_HEAD:
         return []
@@ -185,9 +197,10 @@ def units_in_name(name: str, parse: Callable[[str], T]) -> list[tuple[str, T, bo
 
 
 def other_unit_in_name(name: str, parse: Callable[[str], Unit | FrfUnit], kind: str, factor: float) -> str:
-    """The unit that a header says if it is another than that of a quantity or `kind` and of a `factor`; "" for none.
+    """Text of a unit in a header that differs from the unit a channel is read in; "" if there is none.
 
-    A unit without brackets counts where it is one of that kind.
+    `kind` is the quantity (or kind of FRF) that the channel is read as, and `factor` that to SI. A unit without brackets
+    counts only if it is a unit of this kind.
     """
     for text, stated, is_bracketed in units_in_name(name, parse):
         is_same = stated[0] == kind

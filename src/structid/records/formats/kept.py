@@ -27,13 +27,16 @@ _kept = _Kept()
 
 
 def keep_records(most_bytes: int) -> None:
-    """Keep records of this process in memory from now on, those read last up to `most_bytes`; none with 0."""
+    """Cache records in memory from now on, those read last up to `most_bytes` in all; 0 empties and ends the cache."""
     _kept.most = most_bytes
     _forget()
 
 
 def kept_or_read(path: Path, options: ReadOptions, read: Callable[[], Record]) -> Record:
-    """The record of the file at `path`: the cached one if file and `options` are unchanged, else what `read` returns."""
+    """The cached record of the file at `path` if file and `options` are unchanged; else the result of `read()`.
+
+    That result is cached, unless it is too large or the file changed while it was read.
+    """
     key = _mark(path, options)
     record = _kept.records.get(key)
     if record is None:
@@ -58,5 +61,5 @@ def _forget() -> None:
 
 
 def record_bytes(record: object) -> int:
-    """Bytes of the arrays of a record."""
+    """Total size of the arrays in a record, in bytes."""
     return sum(value.nbytes for value in vars(record).values() if isinstance(value, np.ndarray))

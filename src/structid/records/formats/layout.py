@@ -34,7 +34,7 @@ _FRF_MARK, _TIME_MARK = "frf 1", "time 1"
 
 
 def fields_of(record: FrfRecord | TimeRecord) -> dict[str, Field]:
-    """The fields of `record` by name, complete: `record_from` makes the same record of them.
+    """All fields of `record` by name in structid's layout, arrays and texts; `record_from` restores the record from them.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def _is_plain(text: str) -> bool:
 
 
 def _time_fields(record: TimeRecord) -> dict[str, Field]:
-    """The fields of a time record in structid's layout."""
+    """Arrays and texts of a time record by their names in structid's layout; a variance of None is left out."""
     fields: dict[str, Field] = {
         MARK: _TIME_MARK,
         "sampling_rate": np.float64(record.sampling_rate).reshape(1),
@@ -70,7 +70,7 @@ def _time_fields(record: TimeRecord) -> dict[str, Field]:
 
 
 def _frf_fields(record: FrfRecord) -> dict[str, Field]:
-    """The arrays and texts of an FRF record by their names in structid's layout; absent ones are left out."""
+    """Arrays and texts of an FRF record by their names in structid's layout; fields that are None are left out."""
     fields: dict[str, Field] = {
         MARK: _FRF_MARK,
         "frequency": record.frequency,
@@ -115,7 +115,7 @@ def record_from(path: Path, fields: Mapping[str, Field]) -> FrfRecord | TimeReco
 
 
 def _frf_record(path: Path, fields: Mapping[str, Field]) -> FrfRecord:
-    """The FRF record that `fields` hold."""
+    """The FRF record made from `fields` in structid's layout; `path` is named in errors."""
     frequency = _array(path, fields, "frequency").ravel()
     outputs = parse_dofs(_texts(path, fields, "outputs"))
     inputs = parse_dofs(_texts(path, fields, "inputs"))
@@ -136,7 +136,7 @@ def _frf_record(path: Path, fields: Mapping[str, Field]) -> FrfRecord:
 
 
 def _time_record(path: Path, fields: Mapping[str, Field]) -> TimeRecord:
-    """The time record that `fields` hold."""
+    """The time record made from `fields` in structid's layout; `path` is named in errors."""
     channels = parse_dofs(_texts(path, fields, "channels"))
     values = _array(path, fields, "values")
     if values.dtype.kind == "c":
@@ -168,7 +168,7 @@ def _field(path: Path, fields: Mapping[str, Field], name: str) -> Field:
 
 
 def _array(path: Path, fields: Mapping[str, Field], name: str) -> np.ndarray:
-    """The numeric array in the field `name`; `FileError` if it is none, or complex where it must be real."""
+    """The numeric array in the field `name`; `FileError` if it is missing, not numeric, or complex where it must be real."""
     value = _field(path, fields, name)
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fciu":
         raise FileError(f"{path}: field {name!r} must hold numbers; the file is damaged, write it again")
@@ -182,7 +182,7 @@ def _optional(path: Path, fields: Mapping[str, Field], name: str, shape: tuple[i
 
 
 def _number(path: Path, fields: Mapping[str, Field], name: str) -> float:
-    """The one number in the field `name`."""
+    """The single number in the field `name`; `FileError` if it is missing or an array of another size."""
     array = _array(path, fields, name)
     if array.size != 1:
         raise FileError(f"{path}: field {name!r} must be one number, got shape {array.shape}")
@@ -190,7 +190,7 @@ def _number(path: Path, fields: Mapping[str, Field], name: str) -> float:
 
 
 def _text(path: Path, fields: Mapping[str, Field], name: str) -> str:
-    """The text in the field `name`."""
+    """The text in the field `name`; `FileError` if it is missing or of another type."""
     value = _field(path, fields, name)
     if not isinstance(value, str):
         raise FileError(f"{path}: field {name!r} must be a text; the file is damaged, write it again")
@@ -198,7 +198,7 @@ def _text(path: Path, fields: Mapping[str, Field], name: str) -> str:
 
 
 def _texts(path: Path, fields: Mapping[str, Field], name: str) -> tuple[str, ...]:
-    """The texts in the field `name`, one or several."""
+    """The texts in the field `name` as a tuple, also for a single text; `FileError` if it is missing or of another type."""
     value = _field(path, fields, name)
     if isinstance(value, str):
         return (value,)

@@ -37,20 +37,26 @@ class LoggerFormat:
         return bool(_READER.is_installed(self))
 
     def read(self, path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
-        """The time record in the file at `path`, one clock for all its channels.
+        """The time record in the file at `path`; all of its channels share a clock.
 
         Raises
         ------
         FileError
             If the library is missing, or the file is damaged or holds no time histories.
         InputError
-            If `options` do not fit, or channels of different clocks are not chosen from.
+            If `options` do not fit, or the chosen channels have different clocks.
         """
         record: TimeRecord = _READER.read(path, options, self)
         return record
 
     def write(self, path: Path, record: FrfRecord | TimeRecord) -> None:
-        """Refused."""
+        """Refuse: files of loggers are only read.
+
+        Raises
+        ------
+        FileError
+            Always.
+        """
         raise FileError(f"{path}: {self.words} files are read only; write .npz, .h5, .mat, .csv or .uff")
 
 

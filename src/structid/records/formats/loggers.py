@@ -35,7 +35,7 @@ _EVEN, _SAME_CLOCK, _SAME_RATE = 1e-3, 0.01, 1e-6
 
 
 def read(path: Path, options: ReadOptions, logger: LoggerFormat) -> FrfRecord | TimeRecord:
-    """The time record in the file at `path`, one clock for all its channels; errors as in `LoggerFormat.read`."""
+    """The time record in the file at `path`; all of its channels share a clock. Errors are those of `LoggerFormat.read`."""
     return record_of(_join_channels(path, _read_channels(path, logger), options, logger.words), options)
 
 
@@ -66,7 +66,11 @@ def _read_channels(path: Path, logger: LoggerFormat) -> list[Channel]:
 
 
 def _join_channels(path: Path, channels: Sequence[Channel], options: ReadOptions, words: str) -> NamedChannels:
-    """The chosen channels on one clock, cut to the time span that they share."""
+    """The channels chosen by `options.columns` on a common clock, cut to the time span that they share.
+
+    Without `columns`, all but the channel of times are taken; uneven times are resampled where `options.resample` asks for
+    it. `words` begin the note on what was read.
+    """
     names = [channel.name for channel in channels]
     numbers = list(range(1, len(channels) + 1))
     time = _time_channel(path, channels, options)
@@ -99,9 +103,10 @@ def _join_channels(path: Path, channels: Sequence[Channel], options: ReadOptions
 def _uneven_times(
     path: Path, channels: Sequence[Channel], time: int | None, wanted: Sequence[int], options: ReadOptions
 ) -> FloatArray | None:
-    """The times, s, of channels that are to be resampled; None where that is not asked for or they are even.
+    """Sample times in s, (n_times,), of channels to be resampled; None if times are even or `options.resample` is not set.
 
-    `time` is the index of the channel of times, `wanted` are those of the chosen channels.
+    `time` is the index of the channel of times, None if each channel has its clock; `wanted` are the indices of the chosen
+    channels. Raises `InputError` if these are sampled at different times.
     """
     if not options.resample:
         return None
@@ -127,7 +132,10 @@ def _uneven_times(
 def _resample_channels(
     path: Path, channels: Sequence[Channel], wanted: Sequence[int], times: FloatArray, words: str
 ) -> NamedChannels:
-    """Channels at uneven times on an even raster; see `resample`."""
+    """The channels with indices `wanted`, resampled from `times` (n_times,) in s to even times; see `resample`.
+
+    `words` begin the note on what was read.
+    """
     made = resample(path, times, np.stack([channels[j].values for j in wanted], axis=1))
     return NamedChannels(
         path=path,
@@ -142,7 +150,10 @@ def _resample_channels(
 
 
 def _time_channel(path: Path, channels: Sequence[Channel], options: ReadOptions) -> int | None:
-    """Index of the channel that holds the times: as stated, or by its name if no channel has a clock; or None."""
+    """Index of the channel that holds the times: `time_column` if set, else the first whose name is that of a time.
+
+    None if there is none, or if `time_column` is not set and any channel states its sampling rate.
+    """
     names = [channel.name for channel in channels]
     if options.time_column:
         return choose_columns(path, [options.time_column], names, list(range(1, len(names) + 1)))[0]
@@ -157,7 +168,7 @@ def _scale_of_times(path: Path, channel: Channel, options: ReadOptions) -> float
 
 
 def _clock_of(path: Path, channel: Channel, options: ReadOptions) -> tuple[float, float]:
-    """Sampling rate in Hz and first time in s from a channel of times."""
+    """Sampling rate in Hz and first time in s from a channel of times; `FileError` unless these are even and increase."""
     time = channel.values * _scale_of_times(path, channel, options)
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
     if not np.isfinite(time).all() or not step > 0 or np.abs(np.diff(time) - step).max() > _EVEN * step:
@@ -166,7 +177,10 @@ def _clock_of(path: Path, channel: Channel, options: ReadOptions) -> tuple[float
 
 
 def _own_clock(path: Path, channel: Channel, options: ReadOptions) -> tuple[float, float]:
-    """Sampling rate in Hz and start in s of a channel, as the file or the option `sampling_rate` states."""
+    """Sampling rate in Hz and first time in s of a channel, from the file or the option `sampling_rate`.
+
+    Raises an error if neither states the rate, both differ, or the channel is sampled unevenly.
+    """
     stated = options.sampling_rate
     if not channel.rate:
         if stated is None:
@@ -195,7 +209,7 @@ def _own_clock(path: Path, channel: Channel, options: ReadOptions) -> tuple[floa
 
 
 def _common_rate(path: Path, channels: Sequence[Channel], rates: Sequence[float]) -> float:
-    """The sampling rate that all channels share; `InputError` if they differ."""
+    """The sampling rate in Hz that all channels share; `InputError` if they differ. `rates` are those of `channels`."""
     for channel, rate in zip(channels, rates, strict=True):
         if abs(rate / rates[0] - 1) > _SAME_RATE:
             raise InputError(
@@ -208,9 +222,10 @@ def _common_rate(path: Path, channels: Sequence[Channel], rates: Sequence[float]
 def _cut_to_common_span(
     path: Path, channels: Sequence[Channel], starts: Sequence[float], rate: float
 ) -> tuple[list[FloatArray], float, str]:
-    """Samples of each channel in the span that all have, the first time in s, and a note if samples were cut off.
+    """Samples (n_times,) of each channel in the time span that all share, the first time in s, and a note on the cut.
 
-    `starts` are the first times of the channels, s; `rate` is in Hz.
+    `starts` are the first times of the channels in s, `rate` is in Hz; the note is "" if nothing was cut. Raises `InputError`
+    if the channels share no time, or their samples do not fall together.
     """
     offsets = (np.asarray(starts) - max(starts)) * rate
     skip = np.round(-offsets).astype(int)

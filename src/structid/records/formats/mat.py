@@ -21,7 +21,9 @@ _LARGEST = 2**31 - 1
 
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
-    """The record in the MAT file at `path`; a field of a struct is named with a dot, as in ``test.frf``.
+    """The record in the MAT file at `path`: structid's layout, or bare arrays that `options` describe.
+
+    A field of a struct is named with a dot, as in ``test.frf``.
 
     Raises
     ------

@@ -80,7 +80,7 @@ class NamedChannels:
 
     @property
     def told_units(self) -> list[str]:
-        """Unit text of each channel, beside its name or in it; "" where the file has none."""
+        """Unit text of each channel, from the line of units or from its name; "" for a channel without a unit."""
         return [unit or name_and_unit(name)[1] for name, unit in zip(self.names, self.units, strict=True)]
 
     def number(self, j: int) -> int:
@@ -88,13 +88,15 @@ class NamedChannels:
 
 
 def scale_of_times(described: str, name: str, unit: str, times: FloatArray, options: ReadOptions) -> float:
-    """Factor from `times` to s, by the column's name and unit or by the option `axis_unit`.
+    """Factor from the times of a column to s, by its name and unit or by the option `axis_unit`.
+
+    `times` (n_times,) are as written; `described` begins error messages.
 
     Raises
     ------
     InputError
-        If nothing says their unit, the unit is none of times, the option contradicts the file, or times in s look like dates of a
-        spreadsheet; `described` begins the message.
+        If nothing states the unit, it is no unit of time, the option contradicts the file, or times in s look like dates of a
+        spreadsheet.
     """
     scale = _stated_scale_of_times(described, name, unit, options)
     _require_no_dates(described, times, scale, options)
@@ -102,9 +104,10 @@ def scale_of_times(described: str, name: str, unit: str, times: FloatArray, opti
 
 
 def _stated_scale_of_times(described: str, name: str, unit: str, options: ReadOptions) -> float:
-    """Factor from times to s that the column or the option `axis_unit` says.
+    """Factor from the times of a column to s, as its header or the option `axis_unit` states.
 
-    `described` begins error messages.
+    `name` and `unit` are the header and the unit below it; `described` begins error messages. Raises `InputError` if nothing
+    states the unit, or header and option differ.
     """
     try:
         by_file = time_factor(name, unit)
@@ -128,10 +131,10 @@ def _stated_scale_of_times(described: str, name: str, unit: str, options: ReadOp
 
 
 def _require_no_dates(described: str, times: FloatArray, scale: float, options: ReadOptions) -> None:
-    """Raise `InputError` for times in s that look like dates of a spreadsheet, days since 1900; `described` begins the message.
+    """Raise `InputError` for times that are taken as s but look like the dates of a spreadsheet, days since 1900.
 
-    Seconds of a day lie between the same numbers, but hardly at 50 kHz and more. `scale` turns the written times into
-    s.
+    `times` (n_times,) are in s, `scale` is the factor from the written times to s, and `described` begins the message. Times
+    that agree with `options.sampling_rate` pass.
     """
     step = float(times[-1] - times[0]) / max(len(times) - 1, 1)
     if scale != 1.0 or not _DATES[0] < times[0] < _DATES[1] or not 0 < step < _SHORTEST:
@@ -146,12 +149,22 @@ def _require_no_dates(described: str, times: FloatArray, scale: float, options: 
 
 
 def choose_columns(path: Path, wanted: Sequence[str | int], names: Sequence[str], numbers: Sequence[int]) -> list[int]:
-    """Index of the column for each of `wanted`, a name (with its unit or without) or a number.
+    """Indices (from 0) of the columns named in `wanted`, each by its name, with or without unit, or else by its number.
+
+    Parameters
+    ----------
+    path : Path
+        File, named in errors.
+    wanted : sequence of str or int
+    names : sequence of str
+        Headers of all columns.
+    numbers : sequence of int
+        Numbers of these columns in the file.
 
     Raises
     ------
     InputError
-        If there is no such column, or several of one name.
+        If there is no such column, or several have the name.
     """
     indices = []
     for text in map(str, wanted):
@@ -169,7 +182,7 @@ def choose_columns(path: Path, wanted: Sequence[str | int], names: Sequence[str]
 
 
 def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRecord:
-    """The time record of the channels that `options` choose, with gaps treated as they state.
+    """The time record of the channels that `options` choose, with units, names and gaps as they state.
 
     Raises
     ------
@@ -224,7 +237,7 @@ def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRe
 
 
 def _own_channels(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof, ...]:
-    """Degrees of freedom from the names of the channels; `FileError` for a name that is none."""
+    """`dofs`, the degrees of freedom that the channels' names state; `FileError` if one of them is None."""
     for j, dof in enumerate(dofs):
         if dof is None:
             try:
@@ -238,7 +251,7 @@ def _own_channels(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof,
 
 
 def _given_channels(part: NamedChannels, options: ReadOptions) -> tuple[Dof, ...]:
-    """Degrees of freedom from the option `channels`, one for each column."""
+    """Degrees of freedom from the option `channels`, one for each column; `FileError` if their numbers differ."""
     with about("channels"):
         channels = parse_dofs(options.channels)
     if len(channels) != len(part.names):
@@ -253,7 +266,10 @@ def _given_channels(part: NamedChannels, options: ReadOptions) -> tuple[Dof, ...
 
 
 def _units_of(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptions) -> tuple[tuple, FloatArray]:
-    """Quantity and factor to SI, (n_channels,), of each channel, from the file or from `units` and `quantities`."""
+    """Quantities of the channels and their factors to SI, (n_channels,), from the file or from `units` and `quantities`.
+
+    Raises `FileError` if a unit is missing, unknown or does not fit the channel, `InputError` if file and options differ.
+    """
     unit_texts = part.told_units
     by_file: list[Unit | None] = []
     for j, text in enumerate(unit_texts):
@@ -299,9 +315,9 @@ def _require_samples(part: NamedChannels, j: int) -> None:
 def _require_names_agree(
     part: NamedChannels, quantities: Sequence[str], factors: Sequence[float], options: ReadOptions
 ) -> None:
-    """Raise `FileError` if the name of a channel says another unit than that which it is read in.
+    """Raise `FileError` if the name of a channel states another unit than the channel is read in.
 
-    `factors` turn the channels' values into SI.
+    `quantities` and `factors` to SI are those of the channels as they are read.
     """
     for j, (name, quantity, factor) in enumerate(zip(part.names, quantities, factors, strict=True)):
         text = other_unit_in_name(name, parse_unit, quantity.removeprefix("support_"), factor)
@@ -315,7 +331,10 @@ def _require_names_agree(
 
 
 def _unit(text: str, is_given: bool) -> Unit | None:
-    """The unit that the text of a file names; None if there is none, or one that is unreadable while the user gives another."""
+    """The unit parsed from a file's text; None for an empty text, or for an unknown unit if `is_given`.
+
+    `is_given` says that the user states units. Otherwise an unknown unit raises `InputError`.
+    """
     try:
         return parse_unit(text) if text else None
     except InputError:
@@ -325,7 +344,7 @@ def _unit(text: str, is_given: bool) -> Unit | None:
 
 
 def _describe_reading(part: NamedChannels, channels: Sequence[Dof], options: ReadOptions) -> str:
-    """A sentence on what was read: columns, samples, rate, units, and the names that stand for other channels."""
+    """A sentence on what was read: number of columns, samples, rate, units, and columns whose names were replaced."""
     units = part.told_units
     if options.units:
         units = list(options.units) * (len(units) if len(options.units) == 1 else 1)

@@ -137,13 +137,13 @@ class ReadOptions:
             raise InputError(f"`longest_gap` must be a whole number, at least 1, got {self.longest_gap!r}")
 
     def given(self) -> tuple[str, ...]:
-        """Names of the options that were set."""
+        """Names of the options that differ from their empty default: None, "" or ()."""
         return tuple(f.name for f in fields(self) if getattr(self, f.name) not in (None, "", ()))
 
 
 @contextmanager
 def options_given_as_flags() -> Iterator[None]:
-    """Within it, messages name options of reading as flags of the command line; elsewhere as keys of a study."""
+    """Context manager in which messages name options of reading as command-line flags; elsewhere they are keys of a study."""
     token = _AS_FLAGS.set(True)
     try:
         yield
@@ -152,7 +152,10 @@ def options_given_as_flags() -> Iterator[None]:
 
 
 def option_words(**values: object) -> str:
-    """Options, with their values where these are known, as a study, Python and the command line take them."""
+    """Text for an error message that names options of reading: as keys of a study and flags, or as flags alone.
+
+    Keywords are the options and their values, None where no value is proposed. See `options_given_as_flags`.
+    """
     flags = _flags(values)
     if _AS_FLAGS.get():
         return flags
@@ -189,7 +192,7 @@ def _is_positive(value: object) -> bool:
 
 
 def _as_texts(name: str, value: str | Iterable[object]) -> tuple[str, ...]:
-    """The option `name` as a tuple of texts: a list, or one text with commas."""
+    """The value of the option `name` as a tuple of texts, from a list or from a text that is split at commas."""
     if isinstance(value, str):
         return split_commas(value)
     try:

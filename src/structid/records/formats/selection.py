@@ -37,7 +37,10 @@ def _contradiction(path: Path, name: str, option: object, in_file: object) -> In
 
 
 def positions(path: Path, name: str, texts: tuple[str, ...], present: tuple[Dof, ...]) -> list[int]:
-    """Index in `present` of each channel of `texts`, or all indices if `texts` is empty; `name` is the option in errors."""
+    """Indices in `present` of the channels `texts`, in their order; all indices if `texts` is empty.
+
+    `name` is the option that errors name. Raises `InputError` if a channel is not present.
+    """
     if not texts:
         return list(range(len(present)))
     with about(name):
@@ -53,7 +56,10 @@ def positions(path: Path, name: str, texts: tuple[str, ...], present: tuple[Dof,
 
 
 def _select_frf(path: Path, record: FrfRecord, options: ReadOptions) -> FrfRecord:
-    """The outputs and inputs of an FRF record that `options` choose, after checks against what the record says."""
+    """The FRF record reduced to the outputs and inputs in `options`, in their order; all of them if not set.
+
+    Raises `InputError` for options of time histories, and for a `kind` that contradicts the record.
+    """
     refuse_options(path, "frequency response functions", options, _OF_HISTORIES)
     if options.kind and options.kind != record.kind:
         raise _contradiction(path, "kind", options.kind, record.kind)
@@ -64,7 +70,10 @@ def _select_frf(path: Path, record: FrfRecord, options: ReadOptions) -> FrfRecor
 
 
 def _select_time(path: Path, record: TimeRecord, options: ReadOptions) -> TimeRecord:
-    """The channels and the time span of a time record that `options` choose, after checks against what the record says."""
+    """The time record reduced to the channels in `options` and to the samples from `start` to `stop`.
+
+    Raises `InputError` for options of FRFs, and for rates or quantities that contradict the record.
+    """
     frf_options = ("frequency_array", "outputs", "inputs", "kind", "coherence_array", "averages")
     refuse_options(path, "time histories", options, frf_options)
     rate = options.sampling_rate
@@ -86,12 +95,12 @@ def _select_time(path: Path, record: TimeRecord, options: ReadOptions) -> TimeRe
 
 
 def sample_range(path: Path, time: FloatArray, options: ReadOptions) -> tuple[int, int]:
-    """Index of the first sample and of the one after the last between `options.start` and `options.stop`; `time` (s) is even.
+    """Index of the first sample between `options.start` and `options.stop`, and that after the last; `time` is in s and even.
 
     Raises
     ------
     InputError
-        If no sample of `time` (s, even) lies between them.
+        If no sample lies between them.
     """
     slack = 1e-6 * (time[-1] - time[0]) / max(len(time) - 1, 1)
     first = 0 if options.start is None else int(np.searchsorted(time, options.start - slack))
@@ -104,7 +113,10 @@ def sample_range(path: Path, time: FloatArray, options: ReadOptions) -> tuple[in
 
 
 def _time_positions(path: Path, record: TimeRecord, options: ReadOptions) -> list[int]:
-    """Indices of the columns of the chosen channels; a channel with several quantities gives each of them."""
+    """Column indices of the channels in `options.channels`, in their order; all indices if the option is not set.
+
+    A channel with several quantities adds a column for each.
+    """
     first = positions(path, "channels", options.channels, record.channels)
     if not options.channels:
         return first
@@ -113,7 +125,7 @@ def _time_positions(path: Path, record: TimeRecord, options: ReadOptions) -> lis
 
 
 def refuse_options(path: Path, content: str, options: ReadOptions, names: tuple[str, ...]) -> None:
-    """Refuse options of `names`, which are about something else than what a file holds."""
+    """Raise `InputError` if an option among `names` is set, since it does not apply to `content`, which the file holds."""
     wrong = [name for name in options.given() if name in names]
     if wrong:
         raise InputError(f"{path}: holds {content} and says what they are; leave out `{wrong[0]}`", wrong[0])

@@ -60,7 +60,7 @@ def read_spectrum(path: str | Path, options: ReadOptions | None = None) -> Spect
 
 
 def _arrays(path: Path) -> tuple[list[str], Callable[[str], np.ndarray]]:
-    """Names of the arrays of a file, and what loads one."""
+    """Names of the numeric arrays of an NPZ, MAT or HDF5 file, and a function that returns the array of a name."""
     suffix = path.suffix.lower()
     if suffix in NPZ.SUFFIXES:
         arrays = npz_arrays(path)
@@ -101,7 +101,11 @@ def read_correlation(path: str | Path, options: ReadOptions | None = None) -> Co
 
 
 def _bare_correlation(path: Path, options: ReadOptions) -> CorrelationRecord:
-    """The correlation functions in bare arrays of a file, as the options describe them, in SI units."""
+    """The correlation functions in an unlabelled array of a file, as the options describe it, in SI units.
+
+    Lags run from 0 s on at `options.sampling_rate`; a second half with negative lags is dropped. Raises `InputError` or
+    `FileError` if options are missing or do not fit.
+    """
     _refuse_others(path, options, _OF_CORRELATIONS, "correlation functions")
     names, load = _arrays(path)
     require_option(path, options, "sampling_rate", "how many lags a second it has")
@@ -134,7 +138,7 @@ class _MatrixOfArray(NamedTuple):
 
 
 def _refuse_others(path: Path, options: ReadOptions, allowed: Sequence[str], words: str) -> None:
-    """Raise `InputError` if an option is given that is not among those `allowed`."""
+    """Raise `InputError` if an option is set that is not in `allowed`; `words` name the content of the file."""
     other = next((name for name in options.given() if name not in allowed), None)
     if other is not None:
         raise InputError(f"{path}: `{other}` is not about {words}; leave it out", other)
@@ -148,9 +152,10 @@ def _matrix_of_array(
     n_points: int | None,
     points: str,
 ) -> _MatrixOfArray:
-    """The array that the options choose, of shape (n_points, n_channels, n_references); `points` names what comes first.
+    """The array that the options choose, with name, values in SI, channels, references and quantities.
 
-    `load` gives the values of an array by its name.
+    The values are (n_points, n_channels, n_references), scaled by the units of both channels. `names` are those of the file's
+    arrays, `load` returns an array by its name, `n_points` is required (None for any), and `points` is "lines" or "lags".
     """
     require_option(path, options, "channels", "where its channels were measured")
     if not options.quantities and not options.units:
@@ -183,7 +188,10 @@ def _matrix_of_array(
 
 
 def _bare_spectrum(path: Path, options: ReadOptions) -> SpectrumRecord:
-    """The spectral matrix in bare arrays of a file, as the options describe them, in SI units."""
+    """The spectral matrix in unlabelled arrays of a file, as the options describe them, in SI units.
+
+    Raises `InputError` or `FileError` if options are missing or do not fit, or cross-spectra are real.
+    """
     _refuse_others(path, options, _OPTIONS, "spectra")
     names, load = _arrays(path)
     require_option(path, options, "frequency_array", "at which frequencies its lines are")

@@ -40,7 +40,7 @@ _ANGULAR = re.compile(r"omegas?|\u03c9|w|om|.*rad.*", re.IGNORECASE)
 
 
 def _with_plurals(words: str) -> set[str]:
-    """The words of a text, each with its plural."""
+    """Set of the words in a text, each also with an s at its end."""
     return {word + end for word in words.split() for end in ("", "s")}
 
 
@@ -61,7 +61,7 @@ _TIME_UNITS = (1.0, 1e-3, 1e-6)
 
 
 def is_statement(name: str) -> bool:
-    """True if what stands at `name` may be a unit, a rate, a step or times."""
+    """True if the name of an array or attribute suggests a unit, rate, step, times, channel names, a scale or a sensitivity."""
     plain = tuple(_plain(part) for part in _parts(name))
     known = _UNITS | _RATES | _STEPS | _TIMES | _NAMES | _SENSITIVITIES | _SCALES.keys()
     is_unit_of_array = plain[-1].endswith(("unit", "units"))
@@ -69,40 +69,42 @@ def is_statement(name: str) -> bool:
 
 
 def statements_of(fields: Mapping[str, np.ndarray | str | tuple[str, ...]]) -> dict[str, np.ndarray | tuple[str, ...]]:
-    """Texts and arrays of a file as statements beside its arrays."""
+    """Texts and arrays of a file by name, as `require_agreement` takes them: a single text becomes a tuple."""
     return {name: (field,) if isinstance(field, str) else field for name, field in fields.items()}
 
 
 def require_agreement(
     path: Path, array: str, shape: tuple[int, ...], dtype: np.dtype, statements: Statements, options: ReadOptions
 ) -> str:
-    """Raise an error where the file says something else of an array than the options do.
+    """Check the metadata stored beside an array against the options; returns notes on what was overruled or not applied.
 
     Parameters
     ----------
     path : Path
+        File, named in errors.
     array : str
-        Where the array stands.
+        Name (path in the file) of the array.
     shape : tuple of int
-        Of the array, its points along the first axis.
+        Shape of the array, with its points along the first axis.
     dtype : dtype
+        Type of the array as stored.
     statements : mapping
-        What stands beside it and above it.
+        Texts, small arrays and attributes beside the array and above it, by name.
     options : ReadOptions
 
     Returns
     -------
     str
-        Notes on a unit beside the array that was overruled by the one given, and on factors that are not applied; "" for none.
+        Notes on a unit in the file that the option overrules, and on factors that are not applied; "" for none.
 
     Raises
     ------
     FileError
         If the array is stored scaled or shifted.
     InputError
-        If it may be, and no unit says what its values are; if a rate, a step or times contradict `sampling_rate`; if a unit that is
-        not SI stands there and no unit was given; if names of channels are others than those given, or the array's own name says
-        another unit.
+        If it may be scaled, and no option states the unit of its values; if a rate, a step or times contradict
+        `sampling_rate`; if a unit beside it is not SI and no option states the unit; if names of channels, or the unit in
+        the array's name, differ from the options.
     """
     parts, notes = _parts(array), list[str]()
     _require_name_agrees(path, array, options)
@@ -141,7 +143,10 @@ def _plain(part: str) -> str:
 
 
 def _with_unit(name: str) -> tuple[str, float] | None:
-    """Plain name of a rate, a step or times with a unit behind it, as in ``fs_khz`` and ``dt_ms``, and its factor to Hz or s."""
+    """Plain name and factor to Hz or s of a rate, step or times whose name ends with its unit, as ``fs_khz`` or ``dt_ms``.
+
+    None for other names.
+    """
     base, _, unit = _parts(name)[-1].rpartition("_")
     parse = (
         parse_frequency_unit if _plain(base) in _RATES else parse_time_unit if _plain(base) in _STEPS | _TIMES else None
@@ -153,12 +158,12 @@ def _with_unit(name: str) -> tuple[str, float] | None:
 
 
 def frequency_unit(path: Path, name: str, options: ReadOptions) -> str:
-    """The unit of an array of frequencies by its name or by `axis_unit`; "" for Hz, where neither says one.
+    """Unit of an array of frequencies, from `axis_unit` or from the array's name; "", which means Hz, if neither states it.
 
     Raises
     ------
     InputError
-        If the name says another unit than the option, or an angular frequency without one.
+        If name and option state different units, or the name is that of an angular frequency and no unit is stated.
     """
     last = _parts(name)[-1]
     stated = ""
@@ -185,7 +190,7 @@ def frequency_unit(path: Path, name: str, options: ReadOptions) -> str:
 
 
 def _require_name_agrees(path: Path, array: str, options: ReadOptions) -> None:
-    """Raise `InputError` if the array's own name, such as ``acc_g``, says another unit than the one given."""
+    """Raise `InputError` if the array's name, such as ``acc_g``, states another unit than the options."""
     parse: Callable[[str], FrfUnit | Unit] = parse_frf_unit if options.frequency_array else parse_unit
     for _, unit, _ in units_in_name(_parts(array)[-1], parse):
         if _is_other_unit(unit, options):
@@ -196,7 +201,10 @@ def _require_name_agrees(path: Path, array: str, options: ReadOptions) -> None:
 
 
 def _is_other_unit(stated: FrfUnit | Unit, options: ReadOptions, channel: int | None = None) -> bool:
-    """True if a unit is one of the same motion or force as that which was given (of a channel, or any), and of another size."""
+    """True if the options state a unit of the same quantity as `stated`, but of another size.
+
+    `channel` is the index of the channel whose option counts; None compares with the options of all channels.
+    """
     given: list[tuple[str, float]]
     if options.frequency_array:
         given = [parse_frf_unit(options.unit)[:2]] if options.unit else []
@@ -207,7 +215,10 @@ def _is_other_unit(stated: FrfUnit | Unit, options: ReadOptions, channel: int | 
 
 
 def _require_channels(path: Path, name: str, texts: tuple[str, ...], options: ReadOptions) -> None:
-    """Raise `InputError` if degrees of freedom beside the array are others than the channels that were given."""
+    """Raise `InputError` if the degrees of freedom stored beside the array differ from the option `channels`.
+
+    `texts` are the names in the statement `name`; nothing is compared unless all of them are degrees of freedom.
+    """
     stated, given = [as_dof(text) for text in texts], [as_dof(text) for text in options.channels]
     if None not in stated and len(stated) == len(given) and stated != given:
         raise InputError(
@@ -218,7 +229,10 @@ def _require_channels(path: Path, name: str, texts: tuple[str, ...], options: Re
 
 
 def _key(where: tuple[str, ...], array: tuple[str, ...]) -> str:
-    """The plain name of a statement that is about an array, "" where it is about something else."""
+    """Plain name of a statement about the array, such as ``fs``, ``units`` or ``dt``; "" if it is about something else.
+
+    `where` and `array` are the parts of the paths of both in the file.
+    """
     plain = tuple(_plain(part) for part in where)
     if where[:-1] == array[: len(where) - 1]:
         if re.fullmatch(rf"{re.escape(array[-1])}_?units?", where[-1], re.IGNORECASE):
@@ -239,12 +253,11 @@ def _judge_scale(
     is_own: bool,
     options: ReadOptions,
 ) -> str:
-    """A note on a factor, an offset or a sensitivity of an array that is not applied; "" where it changes nothing.
+    """Note on a factor, offset or sensitivity beside an array, which is not applied; "" if it changes nothing.
 
-    As an attribute of the array itself it may stand only beside units that say what the values are, since a gain may be
-    taken out already and an offset may be one of time; a packed array, and one of whole numbers, is refused by
-    `FileError`. `key` is the plain name of the statement `name`; `is_own` says that it is an attribute of the array
-    itself.
+    `name` is the statement, `key` its plain name and `value` its content; `is_own` says that it is an attribute of the array
+    itself. Such an attribute raises `FileError` if the array is packed or of whole numbers, and `InputError` if no option
+    states the unit of the values.
     """
     try:
         numbers = np.ravel(value)
@@ -273,7 +286,11 @@ def _judge_scale(
 
 
 def _compare_units(path: Path, array: str, name: str, texts: tuple[str, ...], options: ReadOptions) -> str:
-    """A note on a stated unit that is not the one given, or ""; `InputError` if it is not SI where options give a kind alone."""
+    """Note on a stated unit that differs from the option's, which prevails; "" if they agree.
+
+    `texts` are the units that the statement `name` holds. Raises `InputError` if they are not SI and the options state the
+    quantities or the kind, but no unit.
+    """
     is_frf = bool(options.frequency_array)
     parse: Callable[[str], FrfUnit | Unit] = parse_frf_unit if is_frf else parse_unit
     if options.unit if is_frf else options.units:

@@ -17,13 +17,13 @@ _CLOSE = 50.0
 
 
 def double_hit(record: TimeRecord, index: int) -> Finding | None:
-    """The first blow of a force channel that is followed closely by another; None where there is none.
+    """Finding on the first blow of a force channel that another follows closely; None if there is none.
 
     Parameters
     ----------
     record : TimeRecord
     index : int
-        Of the channel.
+        Column of the force channel, from 0.
     """
     force = np.abs(record.values[:, index])
     for (first, last), (second, end) in pairwise(_blows(force)):
@@ -41,7 +41,10 @@ def double_hit(record: TimeRecord, index: int) -> Finding | None:
 
 
 def _blows(force: FloatArray) -> list[tuple[int, int]]:
-    """First and last sample of each blow; none of a force that is not that of a hammer."""
+    """First and last sample of each hammer blow in `force` (n_times,), the magnitude of a force channel.
+
+    Empty if the force is large for too much of the record, as that of a shaker.
+    """
     loud = np.flatnonzero(force > _BLOW * force.max())
     if not 0 < len(loud) <= _MOST_OF_RECORD * len(force):
         return []

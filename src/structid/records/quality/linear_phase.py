@@ -45,7 +45,7 @@ class Fir:
         return float(np.sum(self.taps**2))
 
     def crossing(self, near: float) -> float:
-        """Frequency in Hz, nearest to `near`, at which the response of the filter is -3 dB."""
+        """Frequency in Hz nearest to `near` at which the gain of the filter is -3 dB; `near` itself if there is none."""
         from scipy.signal import freqz
 
         n_lines = 1 << int(np.ceil(np.log2(64 * len(self.taps))))
@@ -59,7 +59,10 @@ class Fir:
 
 
 def low_pass(passed: float, stopped: float, rate: float, decibel: float) -> FloatArray:
-    """Taps of a Kaiser-windowed low-pass: to `passed` Hz unchanged, from `stopped` Hz on down by `decibel`."""
+    """Taps of a Kaiser-windowed low-pass FIR filter: unchanged up to `passed` Hz, reduced by `decibel` from `stopped` Hz on.
+
+    `rate` is the sampling rate in Hz. The number of taps is odd.
+    """
     from scipy.signal import firwin, kaiserord
 
     n_taps, beta = kaiserord(decibel, (stopped - passed) / (rate / 2))
@@ -67,7 +70,7 @@ def low_pass(passed: float, stopped: float, rate: float, decibel: float) -> Floa
 
 
 def rate_ratio(rate: float, wanted: float) -> Fraction:
-    """`wanted` / `rate` as a ratio of whole numbers.
+    """Ratio of sampling rates `wanted` / `rate`, both in Hz, as a fraction of whole numbers.
 
     Raises
     ------
@@ -90,9 +93,9 @@ def rate_ratio(rate: float, wanted: float) -> Fraction:
 
 
 def decimation_filter(rate: float, ratio: Fraction) -> Fir:
-    """The anti-alias filter of a change of rate by `ratio`, at `rate` times its numerator.
+    """Anti-alias filter for a change of sampling rate by `ratio` (new over old), at `rate` times the numerator, in Hz.
 
-    Unchanged within 0.001 dB up to 0.8 of the new Nyquist frequency, down by 80 dB from that frequency on.
+    The gain is 1 within 0.001 dB up to 0.8 of the new Nyquist frequency, and -80 dB from that frequency on.
     """
     nyquist = rate * float(ratio) / 2
     fine = rate * ratio.numerator
@@ -100,9 +103,10 @@ def decimation_filter(rate: float, ratio: Fraction) -> Fir:
 
 
 def decimate(values: FloatArray, ratio: Fraction, fir: Fir, keep_edges: bool) -> tuple[FloatArray, int]:
-    """`values` (n_times, n_channels) at the rate times `ratio`, and how many new samples were dropped at the start.
+    """`values` (n_times, n_channels) resampled by `ratio` (new rate over old), and the number of new samples dropped first.
 
-    With `keep_edges`, samples at the ends are kept although the filter sees only a part of the record there.
+    `fir` is the anti-alias filter. Samples at the ends, where the filter does not see the record on both sides, are dropped
+    unless `keep_edges`.
     """
     from scipy.signal import resample_poly
 
@@ -116,10 +120,10 @@ def decimate(values: FloatArray, ratio: Fraction, fir: Fir, keep_edges: bool) ->
 
 
 def band_filter(low: float, high: float, rate: float) -> Fir:
-    """FIR filter that passes `low` to `high` Hz within 0.01 dB; `low` 0 or `high` at the Nyquist frequency leave an end open.
+    """FIR filter that passes `low` to `high` Hz within 0.01 dB; `low` 0 and `high` at half the `rate` leave that end open.
 
-    It is down by 60 dB from half of `low` down, and from a quarter above `high` up (or half way to the Nyquist
-    frequency, if that is nearer). `rate` is the sampling rate, Hz.
+    The gain is -60 dB below half of `low`, and above 1.25 `high` or the middle between `high` and half the `rate`, whichever
+    is lower. `rate` is the sampling rate in Hz.
     """
     taps: FloatArray = np.ones(1)
     if high < rate / 2:
@@ -132,7 +136,10 @@ def band_filter(low: float, high: float, rate: float) -> Fir:
 
 
 def filter_without_delay(values: FloatArray, fir: Fir, keep_edges: bool) -> tuple[FloatArray, int]:
-    """`values` (n_times, n_channels) without delay, and the number of samples dropped at the start."""
+    """`values` (n_times, n_channels) filtered without delay, and the number of samples dropped at the start.
+
+    Samples at both ends, where the filter does not lie on the record, are dropped unless `keep_edges`.
+    """
     from scipy.signal import oaconvolve
 
     mode, dropped = ("same", 0) if keep_edges else ("valid", fir.half)

@@ -130,12 +130,13 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
     ----------
     record : TimeRecord
     preparation : Preparation, optional
-        By default means are taken off, and faults are looked for and named.
+        Steps to take; by default means are removed, and faults are searched for and reported, not repaired.
 
     Returns
     -------
     Prepared
-        The variance of noise in the record is carried as that of white noise; noise is coloured by a filter.
+        Record, sentences on the steps, findings, and the tones removed. Its noise variance is that of white noise after all
+        steps, although a filter colours noise.
 
     Raises
     ------
@@ -180,7 +181,7 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
 
 
 def _require_rate(record: TimeRecord, wanted: Preparation) -> None:
-    """Raise `InputError` if a sampling rate is too low for the band asked for."""
+    """Raise `InputError` if the record's sampling rate, or that after decimation, is too low for `wanted.band`."""
     if wanted.band is None:
         return
     high = max(f for f in (*wanted.band, 0.0) if f is not None)
@@ -198,7 +199,10 @@ def _require_rate(record: TimeRecord, wanted: Preparation) -> None:
 
 
 def _select_channels(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
-    """`record` with the wanted channels only; the step is appended to `steps`."""
+    """`record` with the channels in `wanted.channels` only, in that order; all if None. A sentence is appended to `steps`.
+
+    Raises `InputError` if one of them is missing.
+    """
     if wanted.channels is None:
         return record
     dofs = parse_dofs(wanted.channels)
@@ -220,7 +224,10 @@ def _select_channels(record: TimeRecord, wanted: Preparation, steps: list[str]) 
 
 
 def _cut_interval(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
-    """`record` cut to the wanted time interval; the step is appended to `steps`."""
+    """`record` cut to `wanted.interval` in s, the whole record if None. A sentence is appended to `steps`.
+
+    Raises `InputError` if too few samples are left.
+    """
     if wanted.interval is None:
         return record
     time, (start, stop) = record.time, wanted.interval
@@ -241,9 +248,17 @@ def _cut_interval(record: TimeRecord, wanted: Preparation, steps: list[str]) -> 
 def repair_samples(
     record: TimeRecord, dropouts: bool, outliers: bool, longest_gap: int = 10
 ) -> tuple[TimeRecord, list[str]]:
-    """`record` with drop-outs up to `longest_gap` samples, then spikes, replaced by cubics, and a list of what was done.
+    """The record with faulty samples replaced by cubic interpolation, and sentences on what was replaced.
 
-    Spikes in force channels stay: impacts look alike.
+    Parameters
+    ----------
+    record : TimeRecord
+    dropouts : bool
+        True to replace drop-outs of up to `longest_gap` samples.
+    outliers : bool
+        True to replace spikes; those in force channels stay, since impacts look alike.
+    longest_gap : int
+        Samples.
     """
     values, steps = np.array(record.values), []
     for i in range(len(record.channels)):
@@ -273,7 +288,10 @@ def repair_samples(
 
 
 def _remove_trend(record: TimeRecord, degree: str | int, steps: list[str]) -> TimeRecord:
-    """`record` without its mean, line or polynomial of `degree` in each channel; the step is appended to `steps`."""
+    """`record` without its mean, straight line or polynomial in each channel. A sentence is appended to `steps`.
+
+    `degree` is "mean", "linear", "none" (unchanged) or the degree of the polynomial.
+    """
     if degree == "none":
         return record
     power = {"mean": 0, "linear": 1}.get(str(degree)) if isinstance(degree, str) else degree
@@ -290,7 +308,7 @@ def _remove_trend(record: TimeRecord, degree: str | int, steps: list[str]) -> Ti
 
 
 def _decimate(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
-    """`record` at the wanted lower sampling rate; the step is appended to `steps`."""
+    """`record` at `wanted.sampling_rate` in Hz, unchanged if None or equal. A sentence is appended to `steps`."""
     if wanted.sampling_rate is None:
         return record
     ratio = rate_ratio(record.sampling_rate, wanted.sampling_rate)
@@ -314,7 +332,10 @@ def _decimate(record: TimeRecord, wanted: Preparation, steps: list[str]) -> Time
 def _remove_tones(
     record: TimeRecord, wanted: Preparation, steps: list[str], findings: list[Finding]
 ) -> tuple[TimeRecord, tuple[Tone, ...]]:
-    """`record` without tones, and these; steps are appended to `steps`, and a finding for each tone that is not there."""
+    """The record without the tones in `wanted.remove_tones`, and these tones; unchanged and () if None.
+
+    Sentences are appended to `steps`, and a finding to `findings` for each named tone that is not there.
+    """
     if wanted.remove_tones is None:
         return record, ()
     asked = wanted.remove_tones
@@ -331,7 +352,11 @@ def _remove_tones(
 
 
 def _filter_band(record: TimeRecord, wanted: Preparation, steps: list[str], findings: list[Finding]) -> TimeRecord:
-    """`record` filtered to the wanted band; the step is appended to `steps` and a note to `findings`."""
+    """`record` filtered to `wanted.band` in Hz, unchanged if None or open at both ends.
+
+    A sentence is appended to `steps` and a note on damping and edges to `findings`. `InputError` if the filter is longer than
+    the record.
+    """
     if wanted.band is None or wanted.band == (None, None):
         return record
     low, high = wanted.band[0] or 0.0, wanted.band[1] or record.sampling_rate / 2
@@ -365,7 +390,7 @@ def _filter_band(record: TimeRecord, wanted: Preparation, steps: list[str], find
 
 
 def _require_longer(record: TimeRecord, fir: Fir) -> None:
-    """Refuse a filter that leaves nothing, or that is never wholly on the record."""
+    """Raise `InputError` if the record is too short for a filter, so that too few samples would be left."""
     duration, span = (len(record.values) - 1) / record.sampling_rate, 2 * fir.half / fir.rate
     if duration - span < _LEAST / record.sampling_rate:
         raise InputError(

@@ -19,13 +19,13 @@ _MARGIN = 1.6  # over the Gaussian quantile, for scales from 64 samples that dep
 
 
 def runs(values: NDArray[np.generic]) -> tuple[IntArray, IntArray]:
-    """Starts and lengths of the runs of equal values."""
+    """First index and length of each run of equal values, two arrays (n_runs,), in order."""
     starts = np.concatenate([[0], np.flatnonzero(values[1:] != values[:-1]) + 1])
     return starts, np.diff(np.concatenate([starts, [len(values)]]))
 
 
 def flagged_runs(flags: Flags) -> list[tuple[int, int]]:
-    """First sample and the one after the last of every run of True."""
+    """Runs of True in a mask (n_times,), as (first sample, sample after the last) each."""
     starts, lengths = runs(flags)
     return [(int(a), int(a + n)) for a, n in zip(starts, lengths, strict=True) if flags[a]]
 
@@ -38,11 +38,11 @@ def quantum(y: FloatArray) -> float:
 
 
 def clipped_samples(y: FloatArray) -> Flags:
-    """Mask (n_times,) of samples at the highest or lowest value of `y` because the converter or amplifier saturates.
+    """Mask (n_times,) of samples of `y` at its highest or lowest value because the converter or amplifier saturates.
 
-    That value must occur 2.5 times as often as the next two steps of the converter together, at least three times in a
+    That value must occur 2.5 times as often as the next two steps of the converter together, and at least three times in a
     row away from the ends or 20 times in all. A smooth crest in coarse steps gives at most 1.4 times (levels in the
-    ratio 1 : 0.41 : 0.32). A signal filtered or resampled after it was clipped does not show it.
+    ratio 1 : 0.41 : 0.32). Signals that were filtered or resampled after clipping are not recognised.
     """
     flags = np.zeros(len(y), dtype=bool)
     levels, counts = np.unique(y, return_counts=True)
@@ -60,17 +60,19 @@ def clipped_samples(y: FloatArray) -> Flags:
 
 
 def drop_outs(y: FloatArray, besides: Flags | None = None) -> list[tuple[int, int]]:
-    """Runs of one repeated value that the samples around do not explain, as (first sample, one after the last).
+    """Runs of a repeated value that the samples around do not explain, as (first sample, sample after the last) each.
 
-    With p the part of repeats among 50 samples on either side, such a run of length L is expected N p^(L - 1) times;
-    what is expected less than 0.001 times is reported, if it is longer than eight times what 98 % of all runs stay below
-    (crests in coarse steps), and unless the signal around moves by less than four steps of the converter (a decay that
-    has died out).
+    With p the fraction of repeats among 50 samples on either side, a run of length L is expected N p^(L - 1) times among N
+    samples. A run is reported if that is below 0.001, it is longer than eight times the 98 % quantile of all run lengths
+    (crests in coarse steps), and the signal around it moves by four steps of the converter or more (else a decay has died
+    out).
 
     Parameters
     ----------
+    y : (n_times,) float array
+        Samples of a channel.
     besides : (n_times,) bool array, optional
-        Samples that are known to repeat (clipped ones).
+        Samples that are known to repeat (clipped ones); runs of them are not reported.
     """
     starts, lengths = runs(y)
     n = len(y)
@@ -98,12 +100,12 @@ def drop_outs(y: FloatArray, besides: Flags | None = None) -> list[tuple[int, in
 
 
 def spikes(y: FloatArray) -> Flags:
-    """Mask (n_times,) of single samples, up to three in a row, that are thrown off the motion around them.
+    """Mask (n_times,) of single samples of `y`, up to about three in a row, that lie off the motion around them.
 
     e_i = y_i - (y_(i-1) + y_(i+1)) / 2 is compared with the median of |e| in blocks of 64 samples, the greatest of a
-    block and its neighbours; the limit is 1.6 times the Gaussian quantile for 0.001 false alarms a channel. A spike
-    starts and ends on the motion (sum of e and its first moment are 0 over it) and leaves nothing behind it: a step, a
-    kink or a shock that rings is none.
+    block and its neighbours; the limit is 1.6 times the Gaussian quantile for 0.001 false alarms per channel. A spike
+    starts and ends on the motion (the sum of e and its first moment vanish over it) and leaves nothing behind: a step, a
+    kink or a shock that rings is no spike. Records shorter than two blocks have none.
     """
     from scipy.stats import norm
 
@@ -127,7 +129,10 @@ def spikes(y: FloatArray) -> Flags:
 
 
 def local_scale(e: FloatArray) -> FloatArray:
-    """Standard deviation from the median of |e| in blocks, the largest of three neighbouring blocks, (n_times,)."""
+    """Standard deviation of `e` (n_times,) around each sample, (n_times,), from the median of |e| in blocks of samples.
+
+    The largest of a block and both neighbours counts.
+    """
     n_blocks = len(e) // _BLOCK
     medians = np.median(np.abs(e[: n_blocks * _BLOCK]).reshape(n_blocks, _BLOCK), axis=1) / 0.6745
     padded = np.concatenate([medians[:1], medians, medians[-1:]])
@@ -136,7 +141,10 @@ def local_scale(e: FloatArray) -> FloatArray:
 
 
 def _is_spike(e: FloatArray, first: int, last: int) -> bool:
-    """True if e over the samples `first` to `last` is that of a spike, alone within twelve samples."""
+    """True if the second differences `e` (n_times,) over samples `first` to `last` (included) are those of an isolated spike.
+
+    They must sum to about 0, also weighted by time, and be small within the twelve samples on either side.
+    """
     if first < 1 or last > len(e) - 2:
         return False
     in_spike = e[first : last + 1]
@@ -150,9 +158,10 @@ def _is_spike(e: FloatArray, first: int, last: int) -> bool:
 
 
 def fill_missing(y: FloatArray, missing: Flags) -> FloatArray:
-    """`y` (n_times,) with the samples `missing` replaced by the cubic through two kept samples on either side.
+    """`y` (n_times,) with the samples in the mask `missing` replaced by the cubic through two kept samples on either side.
 
-    With fewer on one side the polynomial is of lower degree; beyond the first or last kept sample that value is held.
+    With fewer kept samples on a side the polynomial is of lower degree; before the first and after the last kept sample its
+    value is held.
     """
     result, kept = np.array(y, dtype=float), np.flatnonzero(~missing)
     for start, stop in flagged_runs(missing):

@@ -25,8 +25,10 @@ def signal_checks(record: TimeRecord, band: tuple[float, float] | None = None) -
 
     Parameters
     ----------
+    record : TimeRecord
     band : (float, float), optional
-        Hz: what will be looked for; it says how long the record has to be. Otherwise the spectrum tells.
+        Frequency range of interest in Hz, whose lower end decides how long the record has to be; by default the spectrum
+        does.
 
     Returns
     -------
@@ -54,7 +56,7 @@ def signal_checks(record: TimeRecord, band: tuple[float, float] | None = None) -
 
 
 def channel_checks(record: TimeRecord) -> tuple[Finding, ...]:
-    """Findings of `signal_checks` on the samples of each channel."""
+    """Findings on the samples of each channel, in the order of the channels; see `signal_checks`."""
     level = record.values.std(axis=0)
     usual = _usual_level(record, level)
     findings: list[Finding] = []
@@ -76,7 +78,10 @@ def channel_checks(record: TimeRecord) -> tuple[Finding, ...]:
 
 
 def _usual_level(record: TimeRecord, level: FloatArray) -> FloatArray:
-    """Median level, (n_channels,), of those channels of the same quantity that move; `level` is the deviation of each."""
+    """Median level of the channels of the same quantity that move, for each channel, (n_channels,); 0 if none of them moves.
+
+    `level` (n_channels,) holds the standard deviation of each channel.
+    """
     kinds = [(q, c.is_rotation) for q, c in zip(record.quantities, record.channels, strict=True)]
     moving = np.ptp(record.values, axis=0) > 0
     alike = [[j for j, k in enumerate(kinds) if k == kind and moving[j]] for kind in kinds]
@@ -84,7 +89,10 @@ def _usual_level(record: TimeRecord, level: FloatArray) -> FloatArray:
 
 
 def _silent(record: TimeRecord, i: int, level: float, usual: float) -> Finding | None:
-    """Finding that channel `i` is constant or dead against the `usual` level, or None."""
+    """Finding that channel `i` is constant, or dead against the `usual` level; None if it moves.
+
+    `level` is its standard deviation, in the unit of the channel as `usual`.
+    """
     y, name = record.values[:, i], channel_name(record, i)
     remedy = "check sensor and cable, or leave the channel out with `channels`"
     if np.ptp(y) <= 1e-12 * np.abs(y).max():
@@ -96,7 +104,7 @@ def _silent(record: TimeRecord, i: int, level: float, usual: float) -> Finding |
 
 
 def _sample_findings(record: TimeRecord, i: int) -> list[Finding]:
-    """Findings on clipping, drop-outs and spikes in channel `i`."""
+    """Findings on clipping, drop-outs, double hits (forces) and spikes (motions) in the channel with index `i`."""
     y, name, n = record.values[:, i], channel_name(record, i), len(record.values)
     unit = record.units[i]
     findings: list[Finding] = []
@@ -124,7 +132,7 @@ def _sample_findings(record: TimeRecord, i: int) -> list[Finding]:
 
 
 def _drop_out_findings(record: TimeRecord, i: int) -> list[Finding]:
-    """Findings on drop-outs and on a late start in channel `i`."""
+    """Findings on drop-outs and on a late start, a run of one value from the first sample on, in the channel with index `i`."""
     y, name = record.values[:, i], channel_name(record, i)
     findings: list[Finding] = []
     runs_of_one = drop_outs(y, clipped_samples(y))
@@ -148,7 +156,10 @@ def _drop_out_findings(record: TimeRecord, i: int) -> list[Finding]:
 
 
 def lost_samples(record: TimeRecord, i: int) -> list[tuple[int, int]]:
-    """Drop-outs of channel `i` as (first sample, one after the last), without a late start or a force at rest."""
+    """Drop-outs of the channel with index `i` as (first sample, sample after the last) each, see `drop_outs`.
+
+    A run from the first sample on (late start) and a force at rest do not count.
+    """
     y = record.values[:, i]
     runs = [part for part in drop_outs(y, clipped_samples(y)) if part[0] > 0]
     if record.quantities[i] == "force":

@@ -25,7 +25,10 @@ _RARE = 1e-6  # probability at which a spectral line of a smooth spectrum is cal
 def spectral_checks(
     record: TimeRecord, sound: Sequence[int], band: tuple[float, float] | None = None
 ) -> tuple[Finding, ...]:
-    """Findings on record length, aliasing and mains in the channels with indices `sound`; `band` in Hz as in `signal_checks`."""
+    """Findings on record length, aliasing and mains hum in the motion channels among `sound`, which are column indices.
+
+    `band` is in Hz as in `signal_checks`. Empty if there is no such channel.
+    """
     n = len(record.values)
     motion = [i for i in sound if record.quantities[i] != "force"]
     if not motion:
@@ -41,10 +44,11 @@ def harmonic_indicator(record: TimeRecord, frequency: float, width: float | None
 
     Parameters
     ----------
+    record : TimeRecord
     frequency : float
-        Hz.
+        Centre of the band in Hz.
     width : float, optional
-        Of the band around it, Hz; by default the greatest of 1 % of the frequency and 100 lines of the record, at
+        Width of the band in Hz; by default the greatest of 1 % of the frequency and 100 lines of the record, at
         most 40 % of the frequency. With B T = width times duration the estimate of a Gaussian channel has a standard
         deviation near 3 / sqrt(B T).
 
@@ -90,7 +94,11 @@ def harmonic_indicator(record: TimeRecord, frequency: float, width: float | None
 
 
 def _short(record: TimeRecord, motion: list[int], band: tuple[float, float] | None) -> list[Finding]:
-    """Findings if the record holds too few periods of the lowest frequency of the band, or of most of the motion."""
+    """Finding if the record holds too few periods of the lowest frequency of `band`, or of its slow motion; else empty.
+
+    `motion` are the indices of the motion channels. Without a `band` in Hz, the frequency below which half the power lies
+    counts.
+    """
     n = len(record.values)
     duration = n / record.sampling_rate
     if band is not None and band[0] > 0:
@@ -112,9 +120,9 @@ def _short(record: TimeRecord, motion: list[int], band: tuple[float, float] | No
 
 
 def drifts(record: TimeRecord) -> tuple[Finding, ...]:
-    """Findings on channels of motion with far more power in the first lines of the spectrum than above; not for decays.
+    """Findings on motion channels with far more power in the first lines of the spectrum than in the next; not for decays.
 
-    Under a force, slow motion is that of the amplifier; ambient motion may have it of its own.
+    Under a measured force, such slow motion comes from the amplifier; ambient motion may be slow by itself.
     """
     motion = [
         i for i, quantity in enumerate(record.quantities) if quantity != "force" and np.ptp(record.values[:, i]) > 0
@@ -141,7 +149,10 @@ def drifts(record: TimeRecord) -> tuple[Finding, ...]:
 
 
 def _power(record: TimeRecord, columns: list[int], segment: int) -> tuple[FloatArray, FloatArray]:
-    """Frequencies without 0, and auto spectra by Welch's method, (n_lines, len(columns))."""
+    """Frequencies in Hz, (n_lines,), and auto-spectra by Welch's method, (n_lines, n_columns), both without the line at 0 Hz.
+
+    `columns` are the indices of the channels, `segment` the samples in a segment.
+    """
     from scipy.signal import welch
 
     lines, power = welch(record.values[:, columns], record.sampling_rate, nperseg=segment, axis=0)
@@ -149,7 +160,7 @@ def _power(record: TimeRecord, columns: list[int], segment: int) -> tuple[FloatA
 
 
 def _aliasing(record: TimeRecord, motion: list[int]) -> list[Finding]:
-    """Finding if much power lies just below the Nyquist frequency, where an anti-alias filter leaves little; or none.
+    """Finding if much power lies just below half the sampling rate, where an anti-alias filter leaves little; else empty.
 
     `motion` are the indices of the motion channels.
     """
@@ -172,7 +183,7 @@ def _aliasing(record: TimeRecord, motion: list[int]) -> list[Finding]:
 def _mains(record: TimeRecord, motion: list[int]) -> list[Finding]:
     """Findings on narrow lines of steady amplitude at multiples of 50 and 60 Hz.
 
-    `motion` are the indices of the motion channels.
+    `motion` are the indices of the motion channels. Empty for records too short to resolve the lines, or sampled below 120 Hz.
     """
     rate, n = record.sampling_rate, len(record.values)
     segment = min(round(rate / _LINE), n // 5)
@@ -194,9 +205,9 @@ def _mains(record: TimeRecord, motion: list[int]) -> list[Finding]:
 def _harmonic_at(
     record: TimeRecord, motion: list[int], lines: FloatArray, power: FloatArray, frequency: float
 ) -> Finding | None:
-    """Finding on a line of steady amplitude at `frequency` Hz, or None; `power` (n_lines, n_channels) belongs to `lines` in Hz.
+    """Finding on a line of steady amplitude near `frequency` Hz in any channel; None if there is none.
 
-    `motion` are the indices of the motion channels.
+    `power` (n_lines, n_channels) belongs to `lines` in Hz; `motion` are the indices of the motion channels.
     """
     from scipy.stats import chi2
 

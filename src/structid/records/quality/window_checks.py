@@ -17,15 +17,16 @@ _END = 0.02
 
 
 def leakage(record: TimeRecord, length: int, window: Window, frequency: FloatArray, damping_ratio: FloatArray) -> str:
-    """A sentence on how far segments of `length` samples lower the peaks of modes; "" if they hardly do.
+    """A sentence on how much segments of `length` samples lower the peaks of modes; "" if they hardly do.
 
-    Segments that repeat each other, or begin and end at rest, leak nothing under a window that is flat. Otherwise the
+    Segments that repeat each other, or begin and end at rest, leak nothing under a flat window. Otherwise the
     power spectrum of a mode is smoothed by that of the window.
 
     Parameters
     ----------
     record : TimeRecord
     length : int
+        Samples in a segment.
     window : str or tuple
         Window as for `frf_from_time`.
     frequency, damping_ratio : (n_modes,) float arrays
@@ -66,7 +67,10 @@ def leakage(record: TimeRecord, length: int, window: Window, frequency: FloatArr
 
 
 def _peak_loss(power: FloatArray, lines: float) -> float:
-    """Fraction that a window of this `power` spectrum takes off the peak of a mode with `lines` lines in its bandwidth."""
+    """Fraction by which a window lowers the peak of a mode with `lines` spectral lines in its half-power bandwidth.
+
+    `power` is the window's power spectrum, with `_FINE` points per line.
+    """
     offset = np.arange(len(power)) / _FINE
     weight = np.where(offset > 0, 2.0, 1.0) * power
     peak = 1 / (1 + (2 * offset / max(lines, 1e-9)) ** 2)
@@ -74,7 +78,10 @@ def _peak_loss(power: FloatArray, lines: float) -> float:
 
 
 def _normalized_segments(record: TimeRecord, length: int) -> FloatArray:
-    """Whole segments, (n_segments, length, n_channels), each channel without mean and of unit power."""
+    """Consecutive whole segments, (n_segments, length, n_channels), with mean and power of each channel of the record scaled.
+
+    Over the whole record, each channel has mean 0 and mean square 1.
+    """
     count = len(record.values) // length
     values = record.values - record.values.mean(axis=0)
     size = np.sqrt((values**2).mean(axis=0))
@@ -89,9 +96,9 @@ def _repeats(record: TimeRecord, length: int) -> bool:
 
 
 def _is_at_rest(record: TimeRecord, length: int) -> bool:
-    """True if the motion is at rest at the start or the end of the segments.
+    """True if the motion is at rest both at the start and at the end of the segments, on average.
 
-    `length` is the number of samples in a segment.
+    `length` is the number of samples in a segment. False if the record is shorter than that.
     """
     parts = _normalized_segments(record, length)
     end = max(int(_END * length), 1)

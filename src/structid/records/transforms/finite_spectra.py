@@ -95,17 +95,20 @@ class FiniteSpectra:
 
     @cached_property
     def output_powers(self) -> ComplexArray:
-        """s^d of each line and output, (n_frequencies, n_outputs)."""
+        """Power s^d of the Laplace variable that turns displacement into each output, (n_frequencies, n_outputs)."""
         return self.laplace[:, None] ** self.orders[None, :]
 
     @cached_property
     def input_powers(self) -> ComplexArray:
-        """Recorded inputs over acting ones: 1 for forces, s^2 for support accelerations; (n_frequencies, n_inputs)."""
+        """Ratio of recorded to acting inputs, (n_frequencies, n_inputs): 1 for forces, s^2 for support accelerations."""
         return self.laplace[:, None] ** (2 * self.driven)[None, :]
 
     @property
     def hold_factor(self) -> ComplexArray:
-        """Integral of a first-order hold input over that of its samples, (sinh(s dt/2) / (s dt/2))^2, (n_frequencies,)."""
+        """Transform of a first-order hold input over that of its samples, (n_frequencies,); 1 unless `straight`.
+
+        It is (sinh(s dt/2) / (s dt/2))^2 with the sampling interval dt in s.
+        """
         if not self.straight:
             return np.ones(len(self.frequency), dtype=np.complex128)
         half = 0.5 * self.straight * self.laplace
@@ -113,10 +116,11 @@ class FiniteSpectra:
 
     @property
     def hold_aliases(self) -> ComplexArray:
-        """Aliases of a first-order hold input in the motions, per unit of its samples' integral, (n_frequencies, n_outputs).
+        """Alias terms of a first-order hold input in sampled motions, (n_frequencies, n_outputs); 0 unless `straight`.
 
-        An input that is linear between samples has parts at all s_k = s + 2 pi i k / dt, of which sampled motions show
-        the sum. There a structure answers by its mass alone, by D s_k^(order - 2); this is what multiplies D.
+        An input that is linear between samples has parts at all s_k = s + 2 pi i k / dt, whose responses add up in sampled
+        motions. At these a structure responds by its mass alone, as D s_k^(order - 2); the result is the factor of D, per unit
+        of the transform of the input's samples.
         """
         if not self.straight:
             return np.zeros((len(self.frequency), len(self.orders)), dtype=np.complex128)
@@ -129,12 +133,12 @@ class FiniteSpectra:
         return np.stack(of_order, axis=1)[:, self.orders]
 
     def lines(self, keep: np.ndarray) -> FiniteSpectra:
-        """The spectra at the lines where the mask `keep` is True.
+        """The spectra at the lines where the mask `keep` (n_frequencies,) is True.
 
         Raises
         ------
-        InputError
-            If none is.
+        NoLinesError
+            If no line is left.
         """
         if not keep.any():
             raise NoLinesError(f"no line is left of {self.frequency[0]:g}-{self.frequency[-1]:g} Hz; widen the band")
@@ -155,28 +159,30 @@ def finite_spectra(
     Parameters
     ----------
     record : TimeRecord
-        With the noise variance of its channels; that of a force may be 0.
+        Record with the noise variance of its channels; that of a force may be 0.
     inputs, outputs : iterable of str or Dof, optional
-        Force and motion channels; all by default. A degree of freedom measured in several quantities gives one
-        output for each.
+        Force (or support acceleration) and motion channels; all by default. A degree of freedom measured in several
+        quantities gives an output for each.
     band : (float, float), optional
-        Hz; every line above 0 Hz and below half the sampling rate by default.
+        Lowest and highest line in Hz; every line above 0 Hz and below half the sampling rate by default.
     decay : float
-        1/s. Signals are multiplied by exp(-decay t) first. It blurs lines over decay / pi Hz, and only lines that
+        Decay in 1/s: signals are multiplied by exp(-decay t) first. It blurs lines over decay / pi Hz, and only lines that
         far apart are kept, whose noise is nearly independent.
     straight : bool
-        True if forces are linear between samples, as those of simulations are, in place of holding nothing above half
-        the sampling rate, as those that went through a filter.
+        True if forces are linear between samples, as in simulations; False if they hold nothing above half the sampling
+        rate, as after an anti-alias filter.
 
     Raises
     ------
     InputError
-        If channels are missing, the noise is not declared, or no line lies in the band.
+        If channels are missing, or the noise is not declared.
+    NoLinesError
+        If no line lies in the band.
 
     Notes
     -----
     The integrals are sums of samples times the sampling interval, so signals must hold nothing above half the
-    sampling rate, but for forces that run `straight`. White noise of variance v gives
+    sampling rate, except forces that are `straight`. White noise of variance v gives
     E|error|^2 = v dt^2 sum exp(-2 decay t) at every line.
     """
     if record.variance is None:
@@ -214,7 +220,10 @@ def finite_spectra(
 def _choose_columns(
     record: TimeRecord, wanted: Iterable[str | Dof] | None, quantities: tuple[str, ...], role: str
 ) -> list[int]:
-    """Column indices of the channels with these quantities, or of those among `wanted`; `role` is for errors."""
+    """Column indices of the channels with one of `quantities`, in the record's order, or in that of `wanted` if not None.
+
+    `role` is "input" or "output", for messages. Raises `InputError` if a wanted channel is missing or none is left.
+    """
     columns = [i for i, quantity in enumerate(record.quantities) if quantity in quantities]
     if wanted is not None:
         dofs = parse_dofs(wanted)

@@ -28,35 +28,35 @@ _FEWEST_MEANS = 250
 def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) -> FrfRecord:
     """FRFs at s = decay + i omega by the Poisson integral over the lines of `record`, with their error as variance.
 
-    H(s) = (1/pi) integral of decay / (decay^2 + (omega - nu)^2) H(i nu) d nu, with H(-i nu) = conj H(i nu): a Lorentzian
-    average, which takes noise down too. It is made of receptance, mobility and accelerance, each then brought to the
-    record's kind by powers of s, and the one with the smallest error is taken at each line: receptance is cut off
-    best at the end of the band, accelerance alone is bounded at 0 where a structure is free, and so is transmissibility,
-    which counts as accelerance. Beyond the last line receptance and mobility count as 0, accelerance, which tends to a
-    real limit, as its mean near the end.
+    H(s) = (1/pi) integral of decay / (decay^2 + (omega - nu)^2) H(i nu) d nu, with H(-i nu) = conj H(i nu): an average with a
+    Lorentzian weight, which reduces noise too. It is formed of receptance, mobility and accelerance, each converted to the
+    record's kind by powers of s, and at each line the result with the smallest error is taken: receptance loses least at the
+    end of the band, and accelerance alone is bounded at 0 Hz where a structure is free. Transmissibility counts as
+    accelerance. Beyond the last line receptance and mobility count as 0, accelerance, which tends to a real limit, as its
+    mean near the end.
 
     Parameters
     ----------
     record : FrfRecord
-        On the axis, or with the same `decay` at every line; evenly spaced lines or not.
+        FRFs on the imaginary axis, or with the same `decay` at every line; lines may be unevenly spaced.
     frequency : (n_lines,) array
         omega / 2 pi of the new lines, Hz, increasing.
     decay : (n_lines,) array
-        1/s, positive.
+        Decay of the new lines, 1/s, above that of the record.
 
     Returns
     -------
     FrfRecord
-        Its `decay` set. `variance` is E|error|^2: that of the noise, plus what a finite number of lines costs, judged
-        by the part of the kernel that lies beyond either end of the band times the size of the FRF there, and by the
-        differences to every second line; the error counts as `SMALLEST_ERROR` at least. Lines where no channel has an
-        error below `LARGEST_ERROR` are left out; a single value above it keeps a weight of almost nothing.
+        FRFs with `decay` set. `variance` is E|error|^2: that of the noise, plus the error of a finite number of lines,
+        estimated from the part of the kernel beyond either end of the band and from the difference to every second line;
+        the error is at least `SMALLEST_ERROR` of the value. Lines where no channel has a relative error below
+        `LARGEST_ERROR` are left out; single values above it get a very large variance.
 
     Raises
     ------
     InputError
-        If the record has several decays or too few lines, a decay does not lie to its right, or no line is left: the
-        lines are too coarse or the band too short for such a decay.
+        If the record has several decays or fewer than 8 lines, a decay is not above the record's, or no line is left
+        because the lines are too coarse or the band too short.
 
     Notes
     -----
@@ -104,9 +104,10 @@ def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) 
 
 
 def _smooth_best_kind(record: FrfRecord, laplace: ComplexArray, std: float) -> tuple[ComplexArray, FloatArray]:
-    """Smoothed values in the record's kind and E|error|^2, taken from the kind of FRF with the least error at each value.
+    """Poisson integrals in the record's kind and E|error|^2, (n_lines, n_outputs, n_inputs) each.
 
-    `laplace` are s = decay + i omega, (n_lines,); `std` is the decay of the record itself.
+    Each value comes from receptance, mobility or accelerance, whichever has the least error. `laplace` (n_lines,) holds
+    s = decay + i omega in 1/s; `std` is the decay of the record itself in 1/s.
     """
     if record.is_per_motion:  # as accelerance, it is bounded at 0 and tends to a real limit
         record = replace(record, kind="accelerance")
@@ -133,13 +134,16 @@ def _smooth_best_kind(record: FrfRecord, laplace: ComplexArray, std: float) -> t
 
 
 def _subsets(record: FrfRecord) -> tuple[IntArray, IntArray, IntArray]:
-    """All lines, and every second in either way, whose difference to all shows what the spacing costs."""
+    """Indices of all lines, of the even lines and of the odd lines; results of the latter show the error of the spacing."""
     every = np.arange(len(record.frequency))
     return every, every[::2], every[1::2]
 
 
 def _average_lines(record: FrfRecord, ratio: float) -> FrfRecord:
-    """`record` averaged over groups of lines much narrower than the decay ratio * omega: fewer lines, the same integral."""
+    """`record` averaged over groups of neighbouring lines much narrower than the decay, for a faster Poisson integral.
+
+    `ratio` is the smallest ratio of decay to |s| among the new lines.
+    """
     per_unit = max(_MEANS_A_DECAY / ratio, _FEWEST_MEANS)
     stretch = np.floor(per_unit * np.log(record.omega / record.omega[0]))
     first = np.flatnonzero(np.concatenate([[True], np.diff(stretch) > 0]))
@@ -164,9 +168,9 @@ def _average_lines(record: FrfRecord, ratio: float) -> FrfRecord:
 def _integrate(
     records: list[FrfRecord], laplace: ComplexArray, weights: list[tuple[FloatArray, FloatArray]]
 ) -> tuple[ComplexArray, FloatArray]:
-    """Poisson integrals of the first record at `laplace`, (n, n_outputs, n_inputs), and E|error|^2 from the other records.
+    """Poisson integrals of the first record and E|error|^2, (n, n_outputs, n_inputs) each, at `laplace` (n,) in 1/s.
 
-    `weights` are those on the lines and on their mirror images, for each record.
+    The other records have fewer lines and serve for the error. `weights` holds those of `poisson_weights` for each record.
     """
     record = records[0]
     shape = (len(laplace), *record.values.shape[1:])
@@ -188,7 +192,10 @@ def _integrate(
 
 
 def _kernel_outside(omega: FloatArray, laplace: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Fractions of the Poisson kernel below the first line and above the last, mirror images included, (n,) each."""
+    """Fractions of the Poisson kernel at `laplace` (n,) below the first and above the last line of `omega`, (n,) each.
+
+    `omega` is in rad/s; mirror images at negative frequencies are included.
+    """
 
     def reach(end: float) -> FloatArray:
         """The fraction of the kernel between -end and end, (n,)."""
@@ -200,19 +207,19 @@ def _kernel_outside(omega: FloatArray, laplace: ComplexArray) -> tuple[FloatArra
 
 
 def poisson_weights(omega: FloatArray, laplace: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Quadrature weights of the Poisson integral on the lines `omega` and on their mirror images.
+    """Quadrature weights of the Poisson integral on the lines `omega` and on their mirror images at -`omega`.
 
-    H(s_i) is forward[i] @ H + backward[i] @ conj(H). Where the decay is at least twice the spacing of the lines near
-    omega, by the trapezoidal rule, whose error is of the order exp(-2 pi decay / spacing); else H is taken to run
-    straight between lines and the kernel is integrated exactly. Beyond the last line H counts as 0, below the first
-    as straight to its mirror image.
+    H(s_i) is forward[i] @ H + backward[i] @ conj(H). If the decay is at least twice the spacing of the lines near omega, the
+    trapezoidal rule is used, with an error of the order exp(-2 pi decay / spacing); otherwise H is interpolated linearly
+    between lines and the kernel integrated exactly. Beyond the last line H counts as 0; below the first it is interpolated
+    to its mirror image.
 
     Parameters
     ----------
     omega : (n_lines,) float array
-        rad/s, positive and increasing.
+        Angular frequencies in rad/s, positive and increasing.
     laplace : (n_points,) complex array
-        1/s, real parts positive.
+        Points s in 1/s, real parts positive.
 
     Returns
     -------
@@ -231,7 +238,10 @@ def poisson_weights(omega: FloatArray, laplace: ComplexArray) -> tuple[FloatArra
 
 
 def _trapezoid(nodes: FloatArray, width: FloatArray, laplace: ComplexArray) -> FloatArray:
-    """Trapezoidal weights of the Poisson kernel on `nodes` of these widths, (n_laplace, n_nodes)."""
+    """Trapezoidal weights of the Poisson kernel at each of `laplace`, (n_laplace, n_nodes).
+
+    `nodes` are frequencies in rad/s, negative ones included, and `width` (n_nodes,) their widths in rad/s.
+    """
     kernel = nodes - laplace.imag[:, None]
     kernel *= kernel
     kernel += np.square(laplace.real)[:, None]
@@ -243,7 +253,7 @@ def _trapezoid(nodes: FloatArray, width: FloatArray, laplace: ComplexArray) -> F
 def _exact_weights(nodes: FloatArray, spacing: FloatArray, laplace: ComplexArray) -> FloatArray:
     """Integrals of the Poisson kernel times the hat function of each node, (n_laplace, n_nodes).
 
-    `spacing` is that between neighbouring nodes.
+    `nodes` are frequencies in rad/s, and `spacing` (n_nodes - 1,) the differences between neighbours.
     """
     depth = laplace.real[:, None]
     away = (nodes - laplace.imag[:, None]) / depth

@@ -138,7 +138,7 @@ def frf_from_time(
 
 
 def _are_supports(record: TimeRecord, inputs: tuple[Dof, ...]) -> bool:
-    """True if the inputs are accelerations of supports; `InputError` if only some are."""
+    """True if `inputs` are support accelerations of the record, False if none is; `InputError` if only some are."""
     pairs = set(zip(record.channels, (str(q) for q in record.quantities), strict=True))
     driven = [(dof, "support_acceleration") in pairs for dof in inputs]
     if any(driven) and not all(driven):
@@ -149,7 +149,10 @@ def _are_supports(record: TimeRecord, inputs: tuple[Dof, ...]) -> bool:
 def _loads_and_sensors(
     record: TimeRecord, inputs: tuple[Dof, ...], outputs: tuple[Dof, ...]
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
-    """Loads and sensors as given, or by their quantities: forces are loads, motions are sensors."""
+    """Inputs and outputs of FRFs as named, or where empty by the quantities of the channels.
+
+    Loads are then all forces, or all support accelerations if there are no forces; sensors are all other motion channels.
+    """
     pairs = list(zip(record.channels, record.quantities, strict=True))
     forces, supports = ([dof for dof, own in pairs if own == name] for name in ("force", "support_acceleration"))
     loads = inputs or tuple(forces or supports)
@@ -158,7 +161,10 @@ def _loads_and_sensors(
 
 
 def _quantities(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity | None) -> list[Quantity]:
-    """The quantity of motion of each output; `wanted` if it has several."""
+    """Quantity of motion to use for each of `outputs`; `wanted` for an output with several.
+
+    Raises `InputError` if an output is no motion channel, or has several quantities and `wanted` is None or not among them.
+    """
     if not outputs:
         raise InputError("`outputs` must name at least one channel, got none")
     if wanted is not None and wanted not in KINDS:
@@ -177,7 +183,7 @@ def _quantities(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity |
 
 
 def _columns(record: TimeRecord, dofs: tuple[Dof, ...], quantities: Sequence[Quantity]) -> list[int]:
-    """Column indices of the channels with these degrees of freedom and quantities."""
+    """Column index of the channel with each of `dofs` and the quantity at the same place; `InputError` if one is missing."""
     if not dofs:
         raise InputError(
             "no channel is a force, so `inputs` names none: name the channel of the load (`quantities`), or of the support that"
@@ -199,9 +205,10 @@ def _average_spectra(
     step: int,
     detrend: Detrend,
 ) -> tuple[Spectra, int]:
-    """Spectra averaged over all segments, and the number of segments; `columns` are those of inputs and outputs.
+    """Auto- and cross-spectra of inputs and outputs, averaged over all segments, and the number of segments.
 
-    `weights` are those of the window; segments begin `step` samples apart.
+    `columns` are the indices of inputs and of outputs, `weights` (segment_length,) those of the window; segments begin `step`
+    samples apart. Raises `InputError` if no record is as long as a segment.
     """
     if detrend not in ("constant", "linear", "none"):
         raise InputError(f"`detrend` must be constant, linear or none, got {detrend!r}")
@@ -225,9 +232,9 @@ def _average_spectra(
 
 
 def _require_separable(spectra: Spectra, count: int, inputs: tuple[Dof, ...], frequency: FloatArray) -> None:
-    """Raise `InputError` if an input has no power at a line, or inputs are coherent.
+    """Raise `InputError` if an input has no power at a line, inputs are coherent, or segments are fewer than inputs.
 
-    `count` is the number of segments.
+    `count` is the number of segments, `frequency` (n_lines,) in Hz.
     """
     power = np.einsum("fii->fi", spectra.inputs).real
     silent = np.argwhere(power <= 0)
@@ -251,7 +258,7 @@ def _require_separable(spectra: Spectra, count: int, inputs: tuple[Dof, ...], fr
 
 
 def _require_moving(spectra: Spectra, outputs: tuple[Dof, ...], frequency: FloatArray) -> None:
-    """Raise `InputError` if an output has no power at a line."""
+    """Raise `InputError` if an output has no power at a line; `frequency` (n_lines,) is in Hz."""
     still = np.argwhere(spectra.outputs <= 0)
     if still.size:
         line, o = still[0]
@@ -261,7 +268,7 @@ def _require_moving(spectra: Spectra, outputs: tuple[Dof, ...], frequency: Float
 
 
 def effective_averages(weights: FloatArray, step: int, segments: Sequence[int]) -> float:
-    """Number of independent segments with the same variance of a spectrum as the overlapping ones.
+    """Number of independent segments that give a spectrum the same variance as the overlapping segments do.
 
     For K segments: K / (1 + 2 sum_j (1 - j / K) r_j), r_j = (sum_k w_k w_(k + j step))^2 / (sum_k w_k^2)^2.
 
@@ -288,7 +295,7 @@ def effective_averages(weights: FloatArray, step: int, segments: Sequence[int]) 
 
 
 def require_repeated(records: Sequence[TimeRecord]) -> None:
-    """Raise `InputError` if repeats differ in channels or sampling rate."""
+    """Raise `InputError` if repeats differ in channels, quantities or sampling rate."""
     sources = [record.source for record in records]
     channels = [
         [f"{dof} {quantity}" for dof, quantity in zip(record.channels, record.quantities, strict=True)]
@@ -299,7 +306,10 @@ def require_repeated(records: Sequence[TimeRecord]) -> None:
 
 
 def require_alike(records: list[TimeRecord], segment_length: int | None) -> None:
-    """Raise `InputError` if repeats differ in channels, sampling rate or (without a segment length) length."""
+    """Raise `InputError` if repeats differ in channels or sampling rate, or cannot be cut into segments of equal length.
+
+    `segment_length` may be None only for several records of the same length.
+    """
     if not records:
         raise InputError("`records` must hold at least one time record, got none")
     require_repeated(records)
@@ -314,7 +324,13 @@ def require_alike(records: list[TimeRecord], segment_length: int | None) -> None
 
 
 def segment_step(length: int, overlap: float) -> int:
-    """Number of samples from the start of a segment to the start of the next; `overlap` is a fraction of `length`."""
+    """Samples from the start of a segment to the start of the next, at least 1; `overlap` is a fraction of `length`.
+
+    Raises
+    ------
+    InputError
+        If `length` is below 2, or `overlap` is not from 0 to less than 1.
+    """
     if length < 2:
         raise InputError(f"`segment_length` must be at least 2 samples, got {length}")
     if not 0 <= overlap < 1:
@@ -323,7 +339,7 @@ def segment_step(length: int, overlap: float) -> int:
 
 
 def window_weights(window: Window, length: int) -> FloatArray:
-    """Weights, (length,), of a window that `scipy.signal.get_window` knows."""
+    """Weights, (length,), of a window that `scipy.signal.get_window` knows by `window`; `InputError` for another."""
     from scipy.signal import get_window
 
     try:
@@ -334,14 +350,17 @@ def window_weights(window: Window, length: int) -> FloatArray:
 
 
 def segment_count(record: TimeRecord, length: int, step: int) -> int:
-    """Number of whole segments in `record`."""
+    """Number of whole segments of `length` samples in `record` that begin `step` samples apart."""
     return max((record.values.shape[0] - length) // step + 1, 0)
 
 
 def segment_transforms(
     records: list[TimeRecord], weights: FloatArray, step: int, detrend: Detrend
 ) -> Iterator[ComplexArray]:
-    """Fourier transform (n_lines, n_channels) of each windowed segment of each record; `step` samples apart."""
+    """Fourier transform (n_lines, n_channels) of each detrended and windowed segment of each record, not scaled.
+
+    `weights` (segment_length,) are those of the window; segments begin `step` samples apart.
+    """
     from scipy.signal import detrend as without_trend
 
     length = weights.size
@@ -356,9 +375,10 @@ def segment_transforms(
 def estimate_frf(
     spectra: Spectra, estimator: Estimator, averages: float
 ) -> tuple[ComplexArray, FloatArray, FloatArray | None]:
-    """FRF values, coherence and variance (None with too few averages), (n_lines, n_outputs, n_inputs) each.
+    """FRF values, coherence and variance of the values, (n_lines, n_outputs, n_inputs) each.
 
-    The variance is (1 - g2) S_yy [S_xx^-1]_ii / (n - q) for n averages and q inputs; see `frf_from_time`.
+    The coherence is the same for all inputs. The variance is (1 - g2) S_yy [S_xx^-1]_ii / (n - q) for n = `averages` and q
+    inputs, see `frf_from_time`; None unless n is above q.
 
     Raises
     ------
@@ -385,9 +405,9 @@ def estimate_frf(
 
 
 def _values(h1: ComplexArray, spectra: Spectra, estimator: Estimator) -> ComplexArray:
-    """FRFs of the estimator H1, H2 or Hv from averaged spectra, (n_lines, n_outputs, n_inputs).
+    """FRFs by the estimator H1, H2 or Hv from averaged spectra, (n_lines, n_outputs, n_inputs).
 
-    `h1` are the FRFs of H1.
+    `h1` are the FRFs of H1. Raises `InputError` for H2 with several inputs, or if an estimate divides by 0.
     """
     if estimator == "H1":
         return h1
@@ -404,7 +424,10 @@ def _values(h1: ComplexArray, spectra: Spectra, estimator: Estimator) -> Complex
 
 
 def _total_least_squares(spectra: Spectra) -> ComplexArray:
-    """Hv estimate: from the smallest eigenvector of the spectra of inputs and one output, each scaled to unit power."""
+    """Hv estimate of the FRFs by total least squares, (n_lines, n_outputs, n_inputs).
+
+    It is the smallest eigenvector of the spectra of all inputs and one output, each scaled to unit power.
+    """
     xx, yx, yy = spectra
     lines, outputs, inputs = yx.shape
     values = np.zeros_like(yx)

@@ -113,7 +113,10 @@ class _Phase:
         return len(self.coefficients) > 0
 
     def spline(self, time: FloatArray, derivative: int = 0) -> FloatArray:
-        """Part of the phase beside 2 pi f t, rad, or a derivative of it; 0 for a steady tone."""
+        """Phase in rad beside 2 pi f t at `time` (n_times,) in s, or its `derivative` of this order; 0 for a steady tone.
+
+        Times beyond the record take the value at its end.
+        """
         if not self.wanders:
             return np.zeros(len(time))
         from scipy.interpolate import BSpline
@@ -162,18 +165,19 @@ class _Evidence:
 
 
 def remove_tones(record: TimeRecord, frequencies: Sequence[float] | Literal["auto"] = "auto") -> TonesRemoved:
-    """Record without the tones of machines: steady ones, and those whose frequency wanders slowly.
+    """The record without the tones of machines, whether their frequency is steady or wanders slowly, and these tones.
 
     Parameters
     ----------
     record : TimeRecord
-        Forces in it stay as they are.
+        Record of motions; its forces stay as they are.
     frequencies : sequence of float or "auto"
-        Hz: where tones are, to 0.6 % or better; ``"auto"`` looks for them.
+        Frequencies of the tones in Hz, known to 0.6 % or better; ``"auto"`` searches for tones.
 
     Returns
     -------
     TonesRemoved
+        The record, the tones that were subtracted, and sentences on frequencies without a tone.
 
     Raises
     ------
@@ -182,15 +186,15 @@ def remove_tones(record: TimeRecord, frequencies: Sequence[float] | Literal["aut
 
     Notes
     -----
-    The motion around a frequency is brought to baseband in all channels, blocks of 200 periods under Hann windows. Its phase is
-    a straight line in time or a cubic spline, with as many coefficients as pay (Schwarz's criterion) and the same for all channels;
-    tones at multiples of another may share its phase. Sine and cosine of this phase, with amplitudes that change slowly or with the
-    frequency where that pays, are taken off by least squares.
+    The motion around a frequency is demodulated in all channels, in blocks of 200 periods under Hann windows. Its phase,
+    common to all channels, is a straight line in time or a cubic spline whose number of coefficients is chosen by Schwarz's
+    criterion; tones at multiples of another may share its phase. Sine and cosine of this phase, with amplitudes that change
+    slowly or with the frequency where the criterion allows, are subtracted by least squares.
 
-    Two tests tell a tone from a mode. A steady tone is one line of the transform over the record: it must stand out of the lines
-    within the half-power bandwidth of a mode of 0.1 % damping, where random motion has lines of exponential power. A free decay
-    has such a bandwidth, too, if the record is longer than five memories 1 / (zeta omega). Of a tone that wanders,
-    the amplitude must be steady as well: a kurtosis below 1.75.
+    Two tests distinguish a tone from a mode. A steady tone is a single line of the transform over the record: it must exceed
+    the lines within the half-power bandwidth of a mode of 0.1 % damping, where the power of random motion is exponentially
+    distributed. A free decay has such a bandwidth, too, if the record is longer than five time constants
+    1 / (zeta omega). A tone that wanders must also have a steady amplitude: a kurtosis below 1.75.
 
     References
     ----------
@@ -234,7 +238,10 @@ def remove_tones(record: TimeRecord, frequencies: Sequence[float] | Literal["aut
 
 
 def _require_frequencies(frequencies: Sequence[float] | Literal["auto"], rate: float) -> list[float] | None:
-    """Frequencies of tones in Hz, in order, checked against the sampling rate; None for "auto"."""
+    """Frequencies of tones in Hz, sorted; None for "auto". `rate` is the sampling rate in Hz.
+
+    Raises `InputError` if they are no list of numbers between 0 and half the rate.
+    """
     if isinstance(frequencies, str) and frequencies == "auto":
         return None
     if isinstance(frequencies, str) or np.ndim(frequencies) != 1:
@@ -261,7 +268,7 @@ class _Search:
         return len(self.values) / self.rate
 
     def remove_all(self) -> None:
-        """Take off tones until none stands out any more."""
+        """Find tones and subtract them from `values` until none stands out, or a limit of passes or tones is reached."""
         refused: list[float] = []
         for _ in range(_PASSES):
             before = len(self.taken)
@@ -280,9 +287,9 @@ class _Search:
                 return
 
     def remove(self, frequency: float, is_automatic: bool) -> str:
-        """Take the tone near `frequency` (Hz) off and return no words, or words why there is none.
+        """Subtract the tone near `frequency` (Hz) and return ""; without a tone there, return a sentence on the reason.
 
-        `is_automatic` says that it was looked for, not named by the user.
+        `is_automatic` says that the search proposed the frequency, which needs stronger evidence than a user's.
         """
         if not self.is_inside(frequency):
             return f"no tone is taken off at {frequency:g} Hz, which is too near to half the sampling rate"
@@ -313,7 +320,7 @@ class _Search:
         return ""
 
     def remove_multiple(self, phase: _Phase) -> None:
-        """Take off a tone with the given phase where there is one."""
+        """Subtract a tone with exactly this phase, a multiple of another tone's, if the evidence for it is strong."""
         if not self.is_inside(phase.frequency) or _count_time_constants(phase.frequency, self.duration) < _FEWEST:
             return
         evidence = self.evidence(phase)
@@ -325,12 +332,12 @@ class _Search:
         return (1 + 4 / _BLOCK) * frequency < self.rate / 2
 
     def evidence(self, phase: _Phase) -> _Evidence:
-        """Evidence that there is a tone with this phase, of which nothing was fitted."""
+        """Evidence of a tone with exactly this phase, none of whose coefficients was fitted to the motion."""
         _, blocks = _demodulated(self.values, self.rate, phase)
         return _judge_blocks(blocks, phase, 0, _line_noise(blocks))
 
     def fits(self, frequency: float) -> list[_Evidence]:
-        """Evidence of a steady tone near `frequency` (Hz), and of a tone that wanders about it."""
+        """Evidence of a steady tone near `frequency` (Hz) and of a tone whose frequency wanders about it, in this order."""
         start = _Phase(frequency, self.duration, np.zeros(0))
         time, blocks = _demodulated(self.values, self.rate, start)
         frequency += np.clip(_mean_frequency_offset(time, blocks), -_RANGE * frequency, _RANGE * frequency)
@@ -360,7 +367,7 @@ class _Search:
         return [line, wandering]
 
     def improved(self, rough: _Evidence, noise: FloatArray) -> _Evidence:
-        """Evidence with its phase refined, or as it is where it is too weak (`_DOUBTFUL`).
+        """Evidence with its phase refined, or `rough` itself if that is too weak to be worth it (`_DOUBTFUL`).
 
         `noise` (n_channels,) is the power of a line of random motion.
         """
@@ -371,7 +378,7 @@ class _Search:
         return _judge_blocks(blocks, phase, max(1, len(phase.coefficients)), noise)
 
     def refined(self, phase: _Phase) -> _Phase:
-        """Phase after two Gauss-Newton steps, each with the motion brought to baseband anew."""
+        """The phase after two Gauss-Newton steps; the motion is demodulated anew for each."""
         for _ in range(2):
             time, blocks = _demodulated(self.values, self.rate, phase)
             error = _phase_error(time, blocks / np.sqrt(_line_noise(blocks)), phase)
@@ -382,7 +389,10 @@ class _Search:
         return phase
 
     def take_off(self, evidence: _Evidence) -> None:
-        """Subtract a tone, with amplitudes that change as far as that pays, from all channels."""
+        """Subtract a tone from all channels of `values`, and append its evidence and power (n_channels,) to `taken`.
+
+        Its amplitudes are fitted by least squares, as polynomials of time and frequency where `_amplitude_degrees` says so.
+        """
         phase = evidence.phase
         degrees = _amplitude_degrees(self, phase)
         chunks = [slice(first, first + _CHUNK) for first in range(0, len(self.values), _CHUNK)]
@@ -406,13 +416,16 @@ def _count_time_constants(frequency: float, duration: float) -> float:
 
 
 def _ratios(ratio: float) -> list[float]:
-    """Ratios of small whole numbers that are near to `ratio`, and not 1."""
+    """Ratios m / n, n up to 4 and m up to 12, within half of `_RANGE` of `ratio` and other than 1, ascending."""
     near = {m / n for n in (1, 2, 3, 4) for m in range(1, 13) if m != n and abs(ratio * n / m - 1) < _RANGE / 2}
     return sorted(near)
 
 
 def _demodulated(values: FloatArray, rate: float, phase: _Phase) -> tuple[FloatArray, ComplexArray]:
-    """Times (s) of blocks of 200 periods, and complex amplitudes of `values` beside a phase in them, (n_blocks, n_channels)."""
+    """Times in s of blocks of 200 periods, (n_blocks,), and complex amplitudes relative to the phase, (n_blocks, n_channels).
+
+    `values` is (n_times, n_channels), `rate` in Hz. Blocks overlap by three quarters under Hann windows.
+    """
     n = len(values)
     hop = max(1, round(rate * _BLOCK / _QUARTERS / phase.frequency))
     n_hops = -(-n // hop)
@@ -432,9 +445,9 @@ def _demodulated(values: FloatArray, rate: float, phase: _Phase) -> tuple[FloatA
 
 
 def _sum_quarters(quarters: FloatArray) -> FloatArray:
-    """Sum over each window, (n_hops + 1, n_columns), from sums over its quarters; half windows at the ends.
+    """Sum over each window, (n_hops + 1, n_columns), from sums over its quarters, with partial windows at the ends.
 
-    Each hop (n_hops, 4, n_columns) is a quarter of four windows in turn.
+    `quarters` is (n_hops, 4, n_columns): each hop is the first to fourth quarter of the four windows that cover it.
     """
     n, half = len(quarters), _QUARTERS // 2
     ends = np.zeros((half, *quarters.shape[1:]))
@@ -448,7 +461,10 @@ def _turned(blocks: ComplexArray, angle: FloatArray) -> ComplexArray:
 
 
 def _line_noise(blocks: ComplexArray) -> FloatArray:
-    """Power of a line of random motion in each channel, (n_channels,), from the median of the lines around."""
+    """Power of a spectral line of random motion in each channel, (n_channels,), from the median of lines near the tone.
+
+    `blocks` (n_blocks, n_channels) are the complex amplitudes of `_demodulated`.
+    """
     n = len(blocks)
     power = np.abs(np.fft.fft(blocks, axis=0)) ** 2 / n
     reach = max(2, n // 4)
@@ -457,9 +473,9 @@ def _line_noise(blocks: ComplexArray) -> FloatArray:
 
 
 def _judge_blocks(blocks: ComplexArray, phase: _Phase, n_fitted: int, noise: FloatArray) -> _Evidence:
-    """Evidence for a tone in `blocks` whose phase was taken off, against random motion of the damping of a mode or more.
+    """Evidence for a tone in demodulated `blocks` (n_blocks, n_channels), against a mode of 0.1 % damping or more.
 
-    `n_fitted` is the number of coefficients of the phase, `noise` (n_channels,) the power of a line of random motion.
+    `n_fitted` is the number of fitted coefficients of the phase, `noise` (n_channels,) the power of a line of random motion.
     """
     n = len(blocks)
     lines = np.fft.fft(blocks / np.sqrt(noise), axis=0) / np.sqrt(n)
@@ -482,13 +498,19 @@ def _judge_blocks(blocks: ComplexArray, phase: _Phase, n_fitted: int, noise: Flo
 
 
 def _mean_frequency_offset(time: FloatArray, blocks: ComplexArray) -> float:
-    """Mean frequency (Hz) of the motion in blocks beyond the one taken off, from its turn between one and the next."""
+    """Mean frequency in Hz of demodulated motion, relative to the frequency removed, from the phase change between blocks.
+
+    `time` (n_blocks,) is in s, `blocks` (n_blocks, n_channels) are complex amplitudes.
+    """
     blocks = blocks / np.sqrt(_line_noise(blocks))
     return float(np.angle(np.vdot(blocks[:-1], blocks[1:])) / (2 * np.pi * np.median(np.diff(time))))
 
 
 def _strongest_line(time: FloatArray, blocks: ComplexArray, reach: float) -> float:
-    """Offset (Hz) within `reach` of the strongest line of the transform of all blocks."""
+    """Offset in Hz, within `reach` of 0, of the line with most power in the spectrum of `blocks` (n_blocks, n_channels).
+
+    `time` (n_blocks,) holds the times of the blocks in s.
+    """
     size = 4 * len(blocks)
     offset = np.fft.fftfreq(size, float(np.median(np.diff(time))))
     power = (np.abs(np.fft.fft(blocks, size, axis=0)) ** 2).sum(axis=1)
@@ -497,7 +519,10 @@ def _strongest_line(time: FloatArray, blocks: ComplexArray, reach: float) -> flo
 
 
 def _tracked_phase(blocks: ComplexArray) -> FloatArray:
-    """Phase (n_blocks,) that is common to all channels of unit noise, from block to block, smoothed over a few blocks."""
+    """Phase in rad common to all channels, (n_blocks,), followed from block to block and smoothed over a few blocks.
+
+    `blocks` (n_blocks, n_channels) are demodulated and scaled to unit noise in each channel.
+    """
     turn = (blocks[:-2].conj() * blocks[2:]).sum(axis=1)
     step = 0.5 * np.angle(_smoothed(turn))
     track = np.concatenate([[0.0], np.cumsum(np.concatenate([step[:1], 0.5 * (step[1:] + step[:-1]), step[-1:]]))])
@@ -518,7 +543,10 @@ def _knots(n: int, duration: float) -> FloatArray:
 
 
 def _basis(time: FloatArray, phase: _Phase) -> FloatArray:
-    """Derivatives of the phase by its coefficients, or of a steady phase by its constant and its angular frequency."""
+    """Derivatives of the phase with respect to its parameters at `time` in s, (n_times, n_parameters).
+
+    Parameters are the spline's coefficients, or for a steady tone the constant phase and the angular frequency.
+    """
     if not phase.wanders:
         return np.stack([np.ones(len(time)), time], axis=1)
     from scipy.interpolate import BSpline
@@ -528,14 +556,20 @@ def _basis(time: FloatArray, phase: _Phase) -> FloatArray:
 
 
 def _phase_error(time: FloatArray, blocks: ComplexArray, phase: _Phase) -> FloatArray:
-    """Gauss-Newton step of the coefficients of `_basis`, for blocks of unit noise whose phase was taken off."""
+    """Gauss-Newton step of the parameters of `_basis`, (n_parameters,), from blocks whose phase was removed.
+
+    `time` (n_blocks,) is in s; `blocks` (n_blocks, n_channels) are scaled to unit noise.
+    """
     mean = blocks.mean(axis=0)
     motion = blocks @ mean.conj() / max(np.vdot(mean, mean).real, 1e-300)
     return np.asarray(np.linalg.lstsq(_basis(time, phase), motion.imag, rcond=None)[0])
 
 
 def _fitted_spline(time: FloatArray, blocks: ComplexArray, track: FloatArray, phase: _Phase) -> _Phase:
-    """Spline phase nearest to a track, then by least squares of the blocks."""
+    """The phase with spline coefficients fitted to `track`, then improved by three Gauss-Newton steps on the blocks.
+
+    `track` (n_blocks,) is a phase in rad at `time` in s; `blocks` (n_blocks, n_channels) are scaled to unit noise.
+    """
     phase = replace(phase, coefficients=np.linalg.lstsq(_basis(time, phase), track, rcond=None)[0])
     for _ in range(3):
         error = _phase_error(time, _turned(blocks, phase.spline(time)), phase)
@@ -544,9 +578,10 @@ def _fitted_spline(time: FloatArray, blocks: ComplexArray, track: FloatArray, ph
 
 
 def _amplitude_columns(time: FloatArray, phase: _Phase, degrees: tuple[int, int]) -> FloatArray:
-    """Polynomials in time and in frequency, of the given degrees, by which the amplitude of a tone may change.
+    """Terms by which a tone's amplitude may change, (n_times, n_terms), at `time` in s.
 
-    From degree 2 in frequency on with its rate of change, since a structure answers with a delay.
+    They are Legendre polynomials of time and of the tone's frequency, with `degrees` in this order. From degree 2 in frequency
+    on, terms with its rate of change are added, since a structure answers with a delay.
     """
     columns = np.polynomial.legendre.legvander(2 * time / phase.duration - 1, degrees[0])
     if not degrees[1]:
@@ -567,7 +602,7 @@ def _tone_columns(time: FloatArray, phase: _Phase, degrees: tuple[int, int]) -> 
 
 
 def _amplitude_degrees(search: _Search, phase: _Phase) -> tuple[int, int]:
-    """Degrees of the polynomials in time and in frequency that pay (Schwarz's criterion)."""
+    """Degrees of the amplitude's polynomials in time and in frequency with the best value of Schwarz's criterion."""
     time, blocks = _demodulated(search.values, search.rate, phase)
     blocks = blocks / np.sqrt(_line_noise(blocks))
     of_frequency = (0, 1, 2, 3) if phase.wanders else (0,)
@@ -585,7 +620,10 @@ def _amplitude_degrees(search: _Search, phase: _Phase) -> tuple[int, int]:
 
 
 def _tone_candidates(values: FloatArray, rate: float) -> list[float]:
-    """Frequencies (Hz) where a tone may be, the most prominent first: sharp lines, and narrow bands of steady motion."""
+    """Frequencies in Hz where a tone may be, the most prominent first, at most `_MOST_TONES`.
+
+    They are sharp lines, and narrow bands of steady motion, in `values` (n_times, n_channels) at `rate` in Hz.
+    """
     lines, height = _whitened_lines(values, rate)
     tops = 1 + np.flatnonzero(
         (height[1:-1] > _STANDS_OUT) & (height[1:-1] >= height[:-2]) & (height[1:-1] > height[2:])
@@ -599,7 +637,10 @@ def _tone_candidates(values: FloatArray, rate: float) -> list[float]:
 
 
 def _whitened_lines(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
-    """Frequencies (Hz) of the transform over the record, and mean power of the channels over that of the lines around."""
+    """Frequencies of the spectral lines in Hz, and their power relative to the lines around, (n_lines,) each.
+
+    The power is averaged over the channels of `values` (n_times, n_channels), sampled at `rate` in Hz.
+    """
     n = len(values)
     window = np.sin(np.pi * np.arange(n) / n) ** 2
     total = np.zeros(n // 2 + 1)
@@ -610,7 +651,10 @@ def _whitened_lines(values: FloatArray, rate: float) -> tuple[FloatArray, FloatA
 
 
 def _over_surroundings(power: FloatArray) -> FloatArray:
-    """Power of each line over the median of the 64 lines that it stands among, or of the next ones where that is greater."""
+    """Power of each line over the median power of the lines around it, (n_lines,).
+
+    Medians are those of blocks of 64 lines; the greatest of a line's block and both neighbours counts.
+    """
     n = len(power)
     blocks = np.pad(power, (0, -n % _MEDIAN_LINES), mode="edge").reshape(-1, _MEDIAN_LINES)
     level = np.pad(np.median(blocks, axis=1), 1, mode="edge")
@@ -619,7 +663,10 @@ def _over_surroundings(power: FloatArray) -> FloatArray:
 
 
 def _steady_bands(values: FloatArray, rate: float) -> list[tuple[float, float]]:
-    """Heights and frequencies (Hz) of spectral peaks in segments of some 200 periods whose power hardly changes."""
+    """Height and frequency in Hz of each spectral peak whose power hardly changes from segment to segment.
+
+    Segments have some 300 periods of the highest frequency of each octave. `values` is (n_times, n_channels), `rate` in Hz.
+    """
     n, peaks = len(values), []
     top = rate / 2
     while _count_time_constants(top, n / rate) > _FEWEST:

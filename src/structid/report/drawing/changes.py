@@ -76,9 +76,9 @@ class Look:
 
 
 def look(shading: Shading | None, element: str, index: int) -> Look:
-    """Colour and style of one element; grey if `shading` has no value for it.
+    """Colour and style of one element, the row `index` of the element set `element`; grey if `shading` has no value for it.
 
-    `index` is that of the element in the set `element`.
+    An identified change within its 95 % interval has the colour of 0; one that is not identified is marked as doubtful.
     """
     change = shading.changes.get((element, index)) if shading else None
     if shading is None or change is None:
@@ -88,7 +88,10 @@ def look(shading: Shading | None, element: str, index: int) -> Look:
 
 
 def shading(title: str, changes: Changes, limit: float) -> Shading:
-    """Shading of elements by relative change on a diverging colour scale, white for 0, with ends at +-`limit`."""
+    """Shading of elements by relative change on a diverging colour scale from -`limit` to `limit`, white at 0.
+
+    `limit` is a fraction, as are the changes; larger changes have the end colours.
+    """
     ticks = [part * limit for part in (-1.0, -0.5, 0.0, 0.5, 1.0)]
     texts = tuple((value, f"{'+' if value > 0 else ''}{exact(100 * value, 3)} %") for value in ticks)
     exceeded = any(abs(change.ratio) > limit for change in changes.values())
@@ -97,7 +100,10 @@ def shading(title: str, changes: Changes, limit: float) -> Shading:
 
 
 def round_limit(ratios: Iterable[float], least: float = 0.05) -> float:
-    """A round number at the ends of the colour scale, from `least` to 1."""
+    """Round number for the ends of a colour scale: the smallest of 0.02, 0.05, 0.1, 0.2, 0.3, 0.5 and 1 that holds `ratios`.
+
+    At least `least`; at most 1, even if a ratio is larger.
+    """
     largest = max((abs(r) for r in ratios if np.isfinite(r)), default=0.0)
     return next((step for step in _LIMITS if max(largest, least) <= step), 1.0)
 
@@ -108,7 +114,10 @@ def properties_of(structure: Structure, kinds: tuple[str, ...]) -> Iterator[Prop
 
 
 def elements_of(item: Property, design: csr_array) -> Iterator[tuple[tuple[str, int], int, np.ndarray]]:
-    """Key, index of the value and parameter columns of each element of `item` that a parameter acts on."""
+    """Yield key, index and parameter columns of each element of `item` on which a parameter acts.
+
+    The key is (element set, row in it); the index is the position of its value among all properties, and its row of `design`.
+    """
     for row, index in enumerate(range(item.values.start, item.values.stop)):
         columns = design.indices[design.indptr[index] : design.indptr[index + 1]]
         if len(columns):
@@ -138,7 +147,7 @@ class IdentifiedParameters:
 
 
 def shadings(identification: Identification) -> tuple[Shading, ...]:
-    """Shadings of an identification's changes, one for each kind of property that has parameters."""
+    """Shadings of an identification's relative parameter changes, one for each kind of property that has parameters."""
     found, own = identification.estimate, identification.own_index
     return parameter_shadings(
         IdentifiedParameters(
@@ -153,7 +162,7 @@ def shadings(identification: Identification) -> tuple[Shading, ...]:
 
 
 def parameter_shadings(answer: IdentifiedParameters) -> tuple[Shading, ...]:
-    """Shadings of the changes of a structure's parameters, one for each kind of property that has any."""
+    """Shadings of relative parameter changes, one for each kind of property in `KINDS` that has parameters."""
     found = []
     for name, kinds in KINDS.items():
         changes = _changes(answer, kinds)
@@ -164,7 +173,10 @@ def parameter_shadings(answer: IdentifiedParameters) -> tuple[Shading, ...]:
 
 
 def _changes(answer: IdentifiedParameters, kinds: tuple[str, ...]) -> Changes:
-    """Relative change of properties of these `kinds` by element."""
+    """Relative change of each element in its properties of these `kinds`, by (element set, row).
+
+    Elements without parameters are left out; of several properties the largest change counts.
+    """
     before, after = answer.parameters.values(answer.initial), answer.parameters.values(answer.values)
     design = answer.parameters.design.tocsr()
     is_outside = (answer.initial < answer.intervals[:, 0]) | (answer.initial > answer.intervals[:, 1])
@@ -182,7 +194,10 @@ def _changes(answer: IdentifiedParameters, kinds: tuple[str, ...]) -> Changes:
 
 
 def _merged(first: Change | None, second: Change) -> Change:
-    """Combined change of one element: the larger of the two, a significant one first; both texts."""
+    """Combined change of one element: the larger ratio, significant changes before others, with both texts on two lines.
+
+    Identified only if both are; `second` if `first` is None.
+    """
     if first is None:
         return second
     larger = max((first, second), key=lambda one: (one.is_significant, abs(np.nan_to_num(one.ratio))))

@@ -57,7 +57,10 @@ class _Frame:
 def structure_picture(
     structure: Structure, outputs: Sequence[Dof], inputs: Sequence[Dof], is_field: bool = False
 ) -> Picture:
-    """Picture of a structure with sensors and loads; without names if its cells show a field (`is_field`)."""
+    """Picture of a structure with arrows for sensors (`outputs`) and loads (`inputs`), supports, axes and labels.
+
+    With `is_field`, which is for cells that show a field, nodes are hidden and nodes and element sets have no names.
+    """
     frame, notes = _frame(structure)
     marks, grounds = _marks(frame)
     hidden = frozenset(frame.points) if is_field else hidden_nodes(structure, frame.points, marks)
@@ -106,7 +109,7 @@ def structure_picture(
 
 
 def _words(words: Sequence[tuple[str, FloatArray, str]], size: float) -> list[plot.Texts]:
-    """Text traces of (text, place, colour) triples at this font `size`, one trace for each colour."""
+    """Text traces of triples (text, position, colour) with the font size `size`, one trace for each colour."""
     found = []
     for colour in dict.fromkeys(colour for *_, colour in words):
         texts, places = zip(*((text, at) for text, at, own in words if own == colour), strict=True)
@@ -117,7 +120,10 @@ def _words(words: Sequence[tuple[str, FloatArray, str]], size: float) -> list[pl
 
 
 def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
-    """Projected node positions and symbol sizes (m) for drawing a structure, and notes on the drawing."""
+    """Node positions on paper and symbol sizes for drawing a structure, and notes for the reader.
+
+    Nodes that are all at one place are drawn in a row.
+    """
     axes = paper_axes(structure)
     table = np.array(list(structure.nodes.values()))
     flat = table @ axes[: structure.dimension]
@@ -136,9 +142,9 @@ def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
 
 
 def _spacing(points: Mapping[int, FloatArray], elements: Sequence[ElementSet], size: float) -> float:
-    """Smallest distance on paper between nodes of `elements` that are not at the same place.
+    """Smallest distance on paper between nodes of `elements` that are apart; `size` if there is none.
 
-    `points` are the nodes on paper, `size` is the extent of the drawing.
+    `points` are node positions on paper, `size` is the extent of the drawing. Of very many nodes a few hundred are compared.
     """
     nodes = sorted({int(n) for e in elements for n in np.unique(e.nodes) if n >= 0})
     few = np.array([points[n] for n in nodes[:: max(1, len(nodes) // 400)]]).reshape(-1, 2)
@@ -157,7 +163,10 @@ def _is_mass(element: ElementSet) -> TypeGuard[PointMass]:
 
 
 def _marks(frame: _Frame) -> tuple[tuple[Mark, ...], FloatArray]:
-    """Outlines of all elements, lines first so that masses cover them, and wall lines of grounded connectors."""
+    """Marks of all elements in drawing order, and wall lines (n, 2) of connectors to the ground.
+
+    Cell faces come first, then connectors, lines, and symbols of masses, which cover the lines.
+    """
     sets = frame.structure.elements
     connectors = [(e, k) for e in sets if _is_connector(e) for k in range(len(e.nodes))]
     lines = [(e, k) for e in sets if e.is_line for k in range(len(e.nodes))]
@@ -194,7 +203,7 @@ def _pair(nodes: Sequence[int]) -> tuple[int, int]:
 
 
 def _place_key(element: Connector, index: int) -> object:
-    """Key that parallel connectors share: their pair of nodes, or node and direction of the grounded one."""
+    """Key that parallel connectors share: their pair of nodes, or node and direction if they go to the ground."""
     first = element.first[index]
     if element.second is None:
         return (first.node, first.direction)
@@ -218,9 +227,10 @@ class _Around:
 def _connector(
     frame: _Frame, element: Connector, index: int, around: _Around, taken: Counter[object]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Path, wall line and centre of the symbol of one spring, dashpot or friction element.
+    """Path (n, 2), wall line (n, 2) and centre (2,) of the symbol of a spring, dashpot or friction contact.
 
-    `index` is that of the element; `taken` counts the parallel connectors that are drawn.
+    `index` is the element's row in its set; `taken` counts the parallel connectors drawn so far, and is increased. The wall
+    line is empty unless the connector goes to the ground.
     """
     first = element.first[index]
     second = None if element.second is None else element.second[index]
@@ -256,9 +266,9 @@ def _connector(
 
 
 def _outward(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool]:
-    """Direction of a connector to the ground, and True if an element is in its way.
+    """Unit direction on paper from a node to the ground for its connector, and True if an element lies that way.
 
-    Against the sense of the axis where nothing else is attached on that side.
+    It is opposite to the positive axis of `dof`, unless only that side is occupied.
     """
     along = symbols.unit(frame.direction(dof))
     ways = [symbols.unit(frame.points[n] - frame.points[dof.node]) for n in around.neighbours.get(dof.node, ())]
@@ -271,9 +281,10 @@ def _outward(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool
 def _area(
     frame: _Frame, element: ElementSet, index: int, taken: Counter[object], heaviest: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Outline and centre of an element's symbol: disc for a mass, rings for rotary inertia, square for others.
+    """Outline (n, 2) and centre (2,) of an element's symbol: disc for a mass, ring for rotary inertia, square for others.
 
-    `index` is that of the element, `heaviest` the largest mass.
+    `index` is the element's row in its set, `heaviest` the largest mass (kg); `taken` counts symbols at the same place, and is
+    increased.
     """
     centre = np.mean([frame.points[int(n)] for n in element.nodes[index] if n >= 0], axis=0)
     if _is_mass(element):
@@ -308,7 +319,7 @@ def _arrow_traces(arrows: Sequence[_Arrow], colour: str, width: float, noun: str
 
 
 def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> _Arrow:
-    """Arrow of a sensor, which starts at its node, or of a load, which ends there."""
+    """Arrow of a sensor, which starts at its node, or of a load, which ends there; rotations have two heads or are curved."""
     point = frame.points[dof.node]
     head = min(0.022 * frame.size, max(0.7 * frame.spacing, 0.012 * frame.size))
     length = 0.10 * frame.size
@@ -329,7 +340,10 @@ def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> _Arrow:
 
 
 def _links(frame: _Frame) -> list[FloatArray]:
-    """Line segments from the main node of every rigid link or constraint to each dependent node."""
+    """Line segments (2, 2) between the nodes of every rigid link or constraint, from one node to each of the others.
+
+    They start at the main node of a link, and at the dependent node of a constraint.
+    """
     found = []
     for tie in frame.structure.ties:
         if isinstance(tie, RigidLink):
@@ -348,9 +362,9 @@ def _dof_labels(frame: _Frame, arrows: Sequence[_Arrow], colour: str) -> list[La
 
 
 def _names(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set[int]) -> list[Label]:
-    """Labels of nodes, if few or in `busy`, and of element sets.
+    """Labels of element sets, and of nodes: all `shown` ones if there are at most 40, and those in `busy`.
 
-    `shown` are the labels of the nodes that are drawn.
+    `shown` and `busy` hold node labels.
     """
     few = frozenset(shown if len(frame.points) <= _MANY_NODES else ())
     aside, below = symbols.unit(np.array([-1.0, -1.0])), np.array([0.0, -frame.height])
@@ -367,7 +381,10 @@ def _names(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set
 
 
 def _axes(frame: _Frame, corner: FloatArray, used: set[str]) -> tuple[tuple[str, FloatArray], ...]:
-    """Short lines along the global axes, at the lower left of the drawing."""
+    """Names of the global axes with short lines (2, 2) at the lower left of the drawing.
+
+    `corner` is the lower left of the structure; Z is left out in a plane unless it is in `used`, the directions of arrows.
+    """
     origin = corner - np.array([0.11, 0.05 if is_spatial(frame.structure) else 0.0]) * frame.size
     count = 3 if is_spatial(frame.structure) or "Z" in used else 2
     return tuple((DIRECTIONS[i], np.array([origin, origin + 0.05 * frame.size * frame.axes[i]])) for i in range(count))
@@ -376,9 +393,9 @@ def _axes(frame: _Frame, corner: FloatArray, used: set[str]) -> tuple[tuple[str,
 def _bounds(
     corners: FloatArray, words: Sequence[tuple[str, FloatArray]], paths: Sequence[FloatArray], per_inch: float
 ) -> tuple[float, float, float, float]:
-    """Drawing limits (x low, x high, y low, y high) that hold corners, texts and paths with a margin.
+    """Drawing limits (x low, x high, y low, y high) that hold corners, texts and paths with a margin of 4 %.
 
-    `per_inch` turns inches of text into units of the drawing.
+    `words` are pairs of text and centre; `per_inch` is the number of drawing units in an inch of text.
     """
     half = 0.5 * per_inch * np.array(_CHARACTER_INCHES)
     boxes = [at + sign * half * (len(text), 1.0) for text, at in words for sign in (-1.0, 1.0)]
@@ -389,7 +406,7 @@ def _bounds(
 
 
 def _node_texts(structure: Structure, shown: Sequence[int]) -> tuple[str, ...]:
-    """Hover texts of nodes: label, coordinates (m) and fixed directions."""
+    """Hover texts of the nodes `shown`: label, coordinates (m) and fixed directions."""
     held: dict[int, list[str]] = {}
     for dof in structure.fixed:
         held.setdefault(dof.node, []).append(dof.direction)

@@ -36,13 +36,13 @@ def is_cells(element: ElementSet) -> bool:
 
 
 def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[Mark]:
-    """Marks for drawing cells: one for each area cell or visible outer face of a solid, farthest first.
+    """Marks for drawing cells, farthest first: one for each plate or shell cell, and for each visible outer face of a solid.
 
     Parameters
     ----------
     structure : Structure
     points : mapping of node to (2,) float array
-        Where each node is on paper.
+        Position of each node on paper.
     """
     eye = sight(structure)
     faces = _seen_faces(structure, eye)
@@ -66,7 +66,10 @@ def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[M
 
 
 def cell_edges(element: ElementSet) -> list[tuple[int, int]]:
-    """Edges between corners of every cell of `element`, on the outside of solids."""
+    """Pairs of corner nodes of the edges of every cell of `element`; for solids of the outer faces only.
+
+    An edge that two cells share occurs twice.
+    """
     rows = [np.asarray(row[row >= 0]) for row in element.nodes]
     if element.symbol == "solid":
         outlines = [nodes for _, nodes in _outer_faces(rows)]
@@ -85,7 +88,10 @@ def _is_counter_clockwise(outline: FloatArray) -> bool:
 
 
 def _seen_faces(structure: Structure, eye: FloatArray) -> list[tuple[ElementSet, int, IntArray]]:
-    """The outer faces of all solids together whose outside the eye sees."""
+    """Outer faces of all solids that the viewer sees: element set, element's row in it, and corner nodes.
+
+    `eye` (3,) is the direction towards the viewer.
+    """
     owners = [(e, index) for e in structure.elements if e.symbol == "solid" for index in range(len(e.nodes))]
     rows = [np.asarray(e.nodes[index]) for e, index in owners]
     rows = [row[row >= 0] for row in rows]
@@ -101,7 +107,7 @@ def _seen_faces(structure: Structure, eye: FloatArray) -> list[tuple[ElementSet,
 
 
 def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
-    """The faces that only one cell has."""
+    """Faces that belong to a single cell, as pairs of cell number and corner nodes; `rows` are the nodes of each cell."""
     faces = [
         (index, row[list(face)]) for index, row in enumerate(rows) for face in SOLID_FACES[SOLID_CORNERS[len(row)]]
     ]
@@ -110,7 +116,10 @@ def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
 
 
 def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: Sequence[Mark]) -> frozenset[int]:
-    """Nodes of solid or shell cells that faces hide from view; for a large mesh all nodes of cells."""
+    """Nodes of cells that faces hide from view; if nodes times faces exceed 20 million, all nodes that only cells have.
+
+    Empty for structures in a plane. `points` are node positions on paper, `marks` those of `cell_faces`.
+    """
     faces = [mark for mark in marks if mark.nodes]
     if not is_spatial(structure) or not faces:
         return frozenset()
@@ -134,7 +143,7 @@ def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: 
 
 
 def _inside(corners: FloatArray, points: FloatArray) -> np.ndarray:
-    """Mask (n,) of the points `points` (n, 2) that lie in the convex polygon `corners` (m, 2)."""
+    """Mask (n,) of the `points` (n, 2) that lie in the convex polygon with the corners `corners` (m, 2), in order round it."""
     sides = np.roll(corners, -1, axis=0) - corners
     away = points[:, None] - corners
     turns = sides[:, 0] * away[:, :, 1] - sides[:, 1] * away[:, :, 0]
@@ -142,7 +151,10 @@ def _inside(corners: FloatArray, points: FloatArray) -> np.ndarray:
 
 
 def labelled_marks(marks: Sequence[Mark]) -> list[Mark]:
-    """One mark of each element set for its name: the nearest face whose middle no other set covers, else the last."""
+    """Mark of each element set at which its name is written: the nearest face whose centre no other set covers.
+
+    The last mark of the set if there is no such face, or above 1000 marks.
+    """
     last = {mark.element: mark for mark in marks}
     open_: dict[str, Mark] = {}
     for k, mark in reversed(list(enumerate(marks))):

@@ -23,20 +23,20 @@ class Label:
 def place(
     wanted: Iterable[Label], character: tuple[float, float], gap: float, obstacles: FloatArray
 ) -> tuple[list[tuple[Label, FloatArray]], int]:
-    """Text labels placed without overlap, with their centres, and the number of labels left out.
+    """Labels placed without overlap, each with the centre of its text, and the number of labels left out.
 
-    Of the places that no other label covers, the one with the fewest obstacles behind the text is taken.
+    Of the free positions, the one that covers the fewest obstacles is taken.
 
     Parameters
     ----------
     wanted : sequence of Label
-        The important ones first.
+        In order of importance.
     character : (float, float)
-        Width and height of one character, in the units of the drawing.
+        Width and height of a character, in the units of the drawing.
     gap : float
         Distance between anchor and text.
     obstacles : (n, 2) float array
-        Points of the drawing that a text should not cover.
+        Points of the drawing that texts should not cover.
     """
     boxes = np.zeros((0, 4))
     placed, lost = [], 0
@@ -62,9 +62,9 @@ def place(
 
 
 def _candidates(label: Label, half: FloatArray, gap: float) -> list[FloatArray]:
-    """Centres to try for a label: the wanted direction, then turned by up to 135 degrees, then farther out.
+    """Centres (2,) to try for a label, best first: the wanted direction, then turned by up to 135 degrees, then farther out.
 
-    `half` is half the size of the text, `gap` the distance from the anchor.
+    `half` (2,) is half the width and height of the text, `gap` the smallest distance from the anchor.
     """
     found = []
     for distance in (1.0, 2.5, 4.5):

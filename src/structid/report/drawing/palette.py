@@ -40,7 +40,7 @@ N_STEPS = 41
 
 @cache
 def steps(name: str, count: int = N_STEPS) -> tuple[str, ...]:
-    """Hexadecimal codes of `count` evenly spaced colours of the colour scale `name`."""
+    """Hexadecimal codes, such as "#0072B2", of `count` evenly spaced colours of the scale `name`, a key of `SCALES`."""
     anchors = np.array([[int(text[i : i + 2], 16) for i in (1, 3, 5)] for text in SCALES[name]])
     positions = np.linspace(0.0, len(anchors) - 1.0, count)
     channels = [np.rint(np.interp(positions, np.arange(len(anchors)), channel)).astype(int) for channel in anchors.T]

@@ -78,27 +78,27 @@ class Picture:
 
 
 def curve(path: FloatArray, pen: plot.Pen, label: str = "") -> plot.Curve:
-    """A line along `path`, (n, 2)."""
+    """Plot curve along `path` (n, 2), where NaN rows lift the pen."""
     return plot.Curve(path[:, 0], path[:, 1], pen, label=label)
 
 
 def points(positions: FloatArray, texts: tuple[str, ...], marker: plot.Marker = plot.UNSEEN) -> plot.Curve:
-    """Points at `positions`, (n, 2), that answer to the mouse."""
+    """Points at `positions` (n, 2) that show `texts` under the mouse; invisible by default."""
     return plot.Curve(positions[:, 0], positions[:, 1], None, marker, hover=texts)
 
 
 def is_spatial(structure: Structure) -> bool:
-    """True if nodes lie at different heights Z."""
+    """True if the structure has three dimensions and nodes at different heights Z."""
     return structure.dimension == 3 and len({place[2] for place in structure.nodes.values()}) > 1
 
 
 def paper_axes(structure: Structure) -> FloatArray:
-    """The axes on which `structure` is drawn."""
+    """Directions on paper of the global axes, (3, 2): a row for each of X, Y and Z."""
     return SPACE_AXES if is_spatial(structure) else PLANE_AXES
 
 
 def sight(structure: Structure) -> FloatArray:
-    """Direction towards the eye."""
+    """Unit vector towards the viewer in global axes, (dimension,); zero for structures in one or two dimensions."""
     if is_spatial(structure):
         return np.cross(*SPACE_AXES.T)
     return np.array([0.0, 0.0, 1.0])[: structure.dimension]

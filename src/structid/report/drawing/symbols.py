@@ -24,7 +24,7 @@ _BODIES: dict[str, list[list[tuple[float, float]]]] = {
 
 
 def joined(paths: Iterable[FloatArray]) -> FloatArray:
-    """Several paths (n_i, 2) as one path (n, 2), with NaN rows in between to lift the pen."""
+    """Single path (n, 2) of several paths (n_i, 2), with a row of NaN between them to lift the pen; (0, 2) if empty."""
     parts: list[FloatArray] = []
     for path in paths:
         parts += [np.asarray(path, dtype=np.float64), _LIFT]
@@ -32,7 +32,7 @@ def joined(paths: Iterable[FloatArray]) -> FloatArray:
 
 
 def sampled(path: FloatArray, step: float) -> FloatArray:
-    """Points along `path` (n, 2), at most `step` apart."""
+    """Points along the lines of `path` (n, 2), NaN rows left out, at most `step` apart; no more than 401 a line."""
     start, end = path[:-1], path[1:]
     drawn = np.isfinite(start).all(axis=1) & np.isfinite(end).all(axis=1)
     parts = [path[np.isfinite(path).all(axis=1)]]
@@ -43,13 +43,13 @@ def sampled(path: FloatArray, step: float) -> FloatArray:
 
 
 def unit(vector: FloatArray, default: Sequence[float] = (1.0, 0.0)) -> FloatArray:
-    """`vector` at length 1, or `default` where it has none."""
+    """Unit vector (2,) in the direction of `vector`, or `default` if its length is 0."""
     length = float(np.hypot(*vector))
     return np.asarray(vector) / length if length > 1e-12 else np.array(default)
 
 
 def across(vector: FloatArray) -> FloatArray:
-    """`vector` turned by 90 degrees to the left."""
+    """Vector (2,) turned by 90 degrees to the left."""
     return np.array([-vector[1], vector[0]])
 
 
@@ -59,7 +59,10 @@ def _placed(local: ArrayLike, start: FloatArray, along: FloatArray) -> FloatArra
 
 
 def connector(kind: str, start: FloatArray, end: FloatArray, height: float) -> FloatArray:
-    """Path of a spring, dashpot or friction symbol of half height `height` from `start` to `end`."""
+    """Path of the symbol of a "spring", "dashpot" or "friction" contact (`kind`) from `start` to `end`, both (2,).
+
+    `height` is half its height; NaN rows lift the pen.
+    """
     length = float(np.hypot(*(end - start)))
     size = min((6 if kind == "spring" else 4) * height, 0.6 * length)
     body = 0.5 * (length - size), 0.5 * (length + size)
@@ -71,42 +74,48 @@ def connector(kind: str, start: FloatArray, end: FloatArray, height: float) -> F
 
 
 def spiral(centre: FloatArray, radius: float) -> FloatArray:
-    """A spiral spring of a rotation."""
+    """Path (49, 2) of a spiral spring about `centre`, the symbol of a rotational spring, with outer `radius`."""
     angle = np.linspace(0.0, 4.0 * np.pi, 49)
     size = radius * (0.2 + 0.8 * angle / angle[-1])
     return centre + size[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def ground(base: FloatArray, along: FloatArray, height: float) -> FloatArray:
-    """A wall at `base` with three strokes behind it; `along` points into the wall."""
+    """Path of a wall through `base`, at right angles to the unit vector `along`, with three strokes behind it.
+
+    The wall is 2.8 `height` long; `along` points into it.
+    """
     wall = [(0.0, -1.4 * height), (0.0, 1.4 * height)]
     strokes = [[(0.0, t * height), (0.8 * height, (t - 0.7) * height)] for t in (-0.5, 0.45, 1.4)]
     return joined(_placed(line, base, along) for line in (wall, *strokes))
 
 
 def disc(centre: FloatArray, radius: float) -> FloatArray:
-    """A closed circle."""
+    """Closed circle as a path (33, 2)."""
     angle = np.linspace(0.0, 2.0 * np.pi, 33)
     return centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def square(centre: FloatArray, half: float) -> FloatArray:
-    """A closed square."""
+    """Closed square as a path (5, 2) about `centre`; `half` is half its side."""
     return centre + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
 
 
 def triangle(tip: FloatArray, size: float) -> FloatArray:
-    """A closed triangle below `tip`."""
+    """Closed triangle as a path (4, 2) of height `size`, standing below its upper corner `tip`."""
     return tip + size * np.array([[0.0, 0.0], [0.6, -1.0], [-0.6, -1.0], [0.0, 0.0]])
 
 
 def arrow_head(tip: FloatArray, along: FloatArray, size: float) -> FloatArray:
-    """A closed triangle whose point is `tip`."""
+    """Closed triangle as a path (4, 2) with its point at `tip`, in the direction of the unit vector `along`, `size` long."""
     return _placed([(0.0, 0.0), (-size, 0.4 * size), (-size, -0.4 * size), (0.0, 0.0)], tip, along)
 
 
 def turning_arrow(centre: FloatArray, sense: int, radius: float, head: float) -> tuple[FloatArray, FloatArray]:
-    """Shaft and head of a curved arrow about `centre`, counterclockwise for `sense` +1."""
+    """Shaft (30, 2) and closed head of a curved arrow about `centre`, counterclockwise for `sense` 1, clockwise for -1.
+
+    `head` is the length of the head.
+    """
     angle = sense * np.linspace(-0.25 * np.pi, 1.15 * np.pi, 30)
     shaft = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
     along = sense * np.array([-np.sin(angle[-1]), np.cos(angle[-1])])

@@ -26,7 +26,7 @@ from structid.report.rendering import plot
 
 
 def comparison_figures(result: ComparisonResult) -> dict[str, plot.Figure]:
-    """Figures of a comparison by name: ``changes``, and ``map`` if the structure is known."""
+    """Figures of a comparison by name: "changes", and "map" if one of the two states has a structure to draw."""
     figures = {"changes": changes_figure(result.comparison)}
     drawn = result.later.drawn or result.baseline.drawn
     if drawn is not None:
@@ -35,7 +35,7 @@ def comparison_figures(result: ComparisonResult) -> dict[str, plot.Figure]:
 
 
 def changes_figure(comparison: Comparison) -> plot.Figure:
-    """Relative change of every parameter with its 95 % interval, over its detection limit."""
+    """Figure of the relative change (%) of every parameter with its 95 % interval, over its detection limit."""
     heights, limit = np.arange(len(comparison.names), dtype=float), 100 * _axis_limit(comparison)
     ratio, std = 100 * comparison.relative_change, 100 * comparison.relative_std
     seen, half = np.isfinite(std), 100 * comparison.relative_detection_limit
@@ -61,7 +61,7 @@ def changes_figure(comparison: Comparison) -> plot.Figure:
 
 
 def _axis_limit(comparison: Comparison) -> float:
-    """Largest relative change on the axis, chosen to hold all changes and most intervals."""
+    """Largest relative change on the axis (a fraction): holds all changes and most intervals; 1 if no change is known."""
     reach = np.abs(comparison.relative_change) + NORMAL_95 * comparison.relative_std
     reach = reach[np.isfinite(reach)]
     if not reach.size:
@@ -72,14 +72,21 @@ def _axis_limit(comparison: Comparison) -> float:
 
 
 def map_figure(comparison: Comparison, drawn: Drawn) -> plot.Figure:
-    """The structure, each element in the colour of the change that is declared for it; without one it is white."""
+    """Figure of the structure with each element coloured by its declared change, white without; one panel for each kind.
+
+    Kinds of property without compared parameters are left out.
+    """
     shown = (_shading(comparison, drawn, name, kinds) for name, kinds in KINDS.items())
     picture = structure_picture(drawn.structure, drawn.outputs, drawn.inputs)
     return structure_figure(picture, tuple(shade for shade in shown if shade is not None))
 
 
 def _shading(comparison: Comparison, drawn: Drawn, name: str, kinds: tuple[str, ...]) -> Shading | None:
-    """Shading of elements by declared changes of one kind of property; None if none was compared."""
+    """Shading of elements by the declared changes of one kind of property; None if none of its parameters was compared.
+
+    `name` is the kind's name in the title, `kinds` are the kinds of property that belong to it. Changes not declared count as
+    0.
+    """
     index_of = {label: i for i, label in enumerate(comparison.names)}
     changes: Changes = {}
     for item in properties_of(drawn.structure, kinds):

@@ -21,9 +21,9 @@ _MOST_MAPS = 2
 
 
 def mac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plot.Figure:
-    """Matrix figure of the MAC between measured and model modes, one panel for each model, pairs framed.
+    """Matrix figure of the MAC between measured and model modes, one panel for each model, with pairs framed.
 
-    `words` name the models.
+    `parts` holds one correlation for each model, `words` the models' names, `ALONE` or `BEFORE_AND_AFTER`.
     """
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "MAC")
     panels, largest = [], 1
@@ -51,7 +51,7 @@ def mac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plot.
 
 
 def _frames(cells: FloatArray) -> list[plot.Curve]:
-    """Closed curves around matrix cells (column, row), (n, 2)."""
+    """Curve of square frames around the matrix cells `cells` (n, 2), given as column and row; [] if there are none."""
     if not len(cells):
         return []
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1), (np.nan, np.nan)]) * 0.47
@@ -60,9 +60,9 @@ def _frames(cells: FloatArray) -> list[plot.Curve]:
 
 
 def comac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plot.Figure:
-    """Bar chart of COMAC and ECOMAC of every sensor, for one or two models.
+    """Bar charts of COMAC and ECOMAC of every sensor, over all mode pairs, with one bar for each model.
 
-    `words` name the models.
+    `parts` holds one correlation for each model, `words` the models' names.
     """
     names = [str(dof) for dof in parts[-1].measured.channels]
     panels = (
@@ -78,9 +78,9 @@ def comac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plo
 
 
 def frac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> plot.Figure:
-    """Bar chart of FRAC of every response function, one panel for each load.
+    """Bar charts of the FRAC of every output, one panel for each load, with one bar for each model.
 
-    `words` name the models.
+    `parts` holds one correlation for each model, `words` the models' names.
     """
     record = parts[-1].record
     names = [str(dof) for dof in record.outputs]
@@ -103,9 +103,9 @@ def frac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> 
 
 
 def fdac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> plot.Figure | None:
-    """Matrix figure of FDAC for the first loads and each model; None if there is a single output.
+    """Matrix figure of the FDAC for the first two loads and each model; None if it was not computed, as for a single output.
 
-    `words` name the models.
+    `parts` holds one correlation for each model, `words` the models' names.
     """
     if any(part.fdac is None for part in parts):
         return None
@@ -139,9 +139,9 @@ def _bars(
     words: Sequence[str],
     title: str = "",
 ) -> plot.Panel:
-    """Bar chart panel with a group for each of `names` and a bar for each of `values`.
+    """Bar chart panel with a group of bars for each of `names`, one bar for each model.
 
-    `label` names the groups, `words` name the bars in a group.
+    `values` holds one array (n_names,) for each model, `words` the models' names; `label` is that of the axis. NaN has no bar.
     """
     positions, count = np.arange(len(names), dtype=float), len(values)
     width = 0.8 / count

@@ -19,7 +19,7 @@ from structid.report.rendering import plot
 
 
 def field_figures(identification: Identification) -> dict[str, plot.Figure]:
-    """Figures by property name for element properties with three or more parameters over a mesh."""
+    """Figures of element properties over a mesh, by "<property> of <element set>"; only those with three parameters or more."""
     estimate, unknown, own = identification.estimate, identification.parameters, identification.own_index
     records = [fit.problem.record for fit in identification.fits]
     before, after = unknown.values(estimate.initial[own]), unknown.values(estimate.values[own])
@@ -48,7 +48,8 @@ def _field_figure(
 ) -> plot.Figure:
     """Figure of relative change beside its standard deviation, by element, with significant areas outlined.
 
-    `limit` is the end of the colour scale.
+    `names` are the title and the element set; `change` and `std` (n_elements,) are relative to the initial value, NaN without a
+    parameter. A change is significant if it exceeds `limit` standard deviations.
     """
     name, elements = names
     texts = [f"{percent(c)} ± {percent(s, 2, signed=False)}" for c, s in zip(change, std, strict=True)]
@@ -73,7 +74,10 @@ def _field_figure(
 
 
 def _caption(elements: str, change: FloatArray, std: FloatArray) -> str:
-    """Caption with the element of the lowest value and the meaning of the colours."""
+    """Caption with the element of the lowest change and the meaning of the colours; "" if no change is known.
+
+    `change` and `std` (n_elements,) are relative; `elements` is the name of the element set.
+    """
     if not np.isfinite(change).any():
         return ""
     lowest = int(np.nanargmin(change))

@@ -38,7 +38,7 @@ class ModeRows:
 
 
 def mode_rows(fit: Identification | RecordFit) -> ModeRows:
-    """Frequencies, damping ratios and MAC of the modes of initial and identified model."""
+    """Frequencies (Hz), damping ratios and MAC of the modes of initial and identified model that have the same number."""
     before, after = fit.modes_initial, fit.modes
     n = min(len(before.frequency), len(after.frequency))
     x, y = before.mode_shapes[:, :n], after.mode_shapes[:, :n]
@@ -48,14 +48,17 @@ def mode_rows(fit: Identification | RecordFit) -> ModeRows:
 
 
 def band_used(fits: Sequence[RecordFit], modal_fits: Sequence[ModalFit] = ()) -> plot.Limits:
-    """Lowest and highest line used, or measured mode, Hz."""
+    """Lowest and highest frequency (Hz) of all lines used and measured modes."""
     used = [fit.problem.record.frequency for fit in fits]
     used += [fit.problem.data.frequency for fit in modal_fits]
     return min(float(lines.min()) for lines in used), max(float(lines.max()) for lines in used)
 
 
 def modes_figure(rows: ModeRows, band: plot.Limits) -> plot.Figure:
-    """Natural frequencies and damping ratios before and after, by mode number."""
+    """Figure of natural frequencies (Hz) and damping ratios (%) by mode number, initial and identified.
+
+    `band` (low, high) in Hz is marked as the band used.
+    """
     number = np.arange(1, len(rows.frequency) + 1)
     used = plot.boxes((0.4, len(number) + 0.6), band, palette.YELLOW, "band used", 0.25)
     panels = []
@@ -72,7 +75,7 @@ def modes_figure(rows: ModeRows, band: plot.Limits) -> plot.Figure:
 
 
 def modal_fit_figure(fit: ModalFit) -> plot.Figure:
-    """Figure of frequency differences from the measured modes, and MAC, before and after fitting."""
+    """Figure of relative frequency differences from the measured modes (%) and MAC, of the initial and the fitted model."""
     problem = fit.problem
     number, measured = problem.data.measured + 1, problem.data.frequency
     before, after = (100 * (model.frequency / measured - 1) for model in (fit.initial, fit.fitted))

@@ -20,9 +20,9 @@ _N_HIGHLIGHTED = 7
 
 
 def parameters_figure(identification: Identification) -> plot.Figure:
-    """Figure of all parameters with intervals, relative to their initial values.
+    """Figure of all parameters with intervals and priors, divided by their initial values.
 
-    The axis holds what is identified; what lies beyond stands at its end.
+    The axis fits the identified parameters; values beyond it are drawn as triangles at its end.
     """
     estimate = identification.estimate
     scale = np.where(estimate.initial != 0, estimate.initial, np.nan)
@@ -78,9 +78,10 @@ def parameters_figure(identification: Identification) -> plot.Figure:
 def _ratio_limits(
     ratio: FloatArray, interval: FloatArray, prior: FloatArray, sure: np.ndarray
 ) -> tuple[float, float, bool]:
-    """Axis limits that hold identified parameters, intervals and priors, and True for a logarithmic axis.
+    """Axis limits (low, high) that hold identified parameters, intervals and priors, and True for a logarithmic axis.
 
-    `ratio`, `interval` and `prior` are relative to initial values; `sure` masks identified parameters.
+    All are divided by initial values: `ratio` (n_params,), `interval` and `prior` (n_params, 2). `sure` masks identified
+    parameters.
     """
     ends = np.concatenate([[1.0], ratio[sure], interval[sure].ravel(), prior.ravel()])
     ends = ends[np.isfinite(ends)]
@@ -99,7 +100,10 @@ def _ratio_limits(
 
 
 def _ratio_axis(label: str, limits: plot.Limits, log: bool, room: float = 0.0) -> plot.Axis:
-    """Axis of relative values with a margin `room` (part of its length), with plain tick labels if `log`."""
+    """Axis of relative values with the given `limits`, extended at both ends by the fraction `room` of its length.
+
+    A logarithmic axis has plain numbers as tick labels.
+    """
     low, high = limits
     if not log:
         return plot.Axis(label, limits=(low - room * (high - low), high + room * (high - low)))
@@ -111,7 +115,7 @@ def _ratio_axis(label: str, limits: plot.Limits, log: bool, room: float = 0.0) -
 
 
 def correlation_figure(identification: Identification) -> plot.Figure:
-    """Heat map of the correlation matrix; grey where a standard deviation is not determined."""
+    """Heat map of the correlation matrix of the parameters' errors; grey for undetermined standard deviations."""
     names = identification.estimate.names
     matrix = np.clip(identification.estimate.spread.correlation, -1.0, 1.0)
     scale = plot.ColourScale(palette.DIVERGING, -1.0, 1.0, "correlation (grey: not determined)")
@@ -122,7 +126,10 @@ def correlation_figure(identification: Identification) -> plot.Figure:
 
 
 def convergence_figure(identification: Identification) -> plot.Figure:
-    """Figure of parameters relative to initial values over the iterations of all stages of the search."""
+    """Figure of parameters divided by their initial values over the iterations of all stages of the search.
+
+    The seven that changed most have a colour and a name, the others are grey.
+    """
     estimate = identification.estimate
     courses = [stage.history for stage in estimate.search.stages] or [estimate.search.history]
     ratio = np.concatenate(courses) / np.where(estimate.initial != 0, estimate.initial, np.nan)

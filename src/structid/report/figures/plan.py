@@ -20,7 +20,10 @@ _OFF_SCALE = 1e3
 
 
 def plan_figures(plan: Plan) -> dict[str, plot.Figure]:
-    """Figures of a test plan by name: chosen places, effective independence, standard deviations, and lines."""
+    """Figures of a test plan by name: "plan_places" and "plan_std", and if available two more.
+
+    "plan_effective_independence" if that method chose other sensors, "plan_lines" if frequency lines were chosen.
+    """
     figures = {"plan_places": _places(plan, plan.chosen)}
     if plan.kammer is not None and set(plan.kammer.sensors) != set(plan.chosen.sensors):
         figures["plan_effective_independence"] = _places(plan, plan.kammer)
@@ -31,7 +34,7 @@ def plan_figures(plan: Plan) -> dict[str, plot.Figure]:
 
 
 def compared_tests(plan: Plan) -> tuple[PlannedTest, ...]:
-    """The tests whose parameters are shown one by one: before, after, and what is possible at most."""
+    """Tests of a plan that are compared, without missing ones: installed, chosen, chosen lines, and everything measured."""
     tests = (plan.installed, plan.chosen, plan.frequencies, plan.everything)
     return tuple(test for test in tests if test is not None)
 
@@ -43,7 +46,10 @@ def _places(plan: Plan, test: PlannedTest) -> plot.Figure:
 
 
 def std_figure(plan: Plan) -> plot.Figure:
-    """Figure of the predicted relative standard deviation of every parameter, one marker for each test."""
+    """Figure of the predicted relative standard deviation of every parameter, with one marker for each compared test.
+
+    A line marks the target if there is one; values beyond the axis are drawn with an arrow at its end.
+    """
     tests, target = compared_tests(plan), plan.options.target
     of_interest = zip(plan.parameters.names, plan.chosen.of_interest, strict=True)
     names = [name + ("" if counts else " (nuisance)") for name, counts in of_interest]
@@ -73,7 +79,7 @@ def std_figure(plan: Plan) -> plot.Figure:
 
 
 def _limits(finite: np.ndarray) -> tuple[float, float]:
-    """Logarithmic axis limits: powers of ten around the values, at least one decade apart."""
+    """Logarithmic axis limits (low, high): powers of ten around the values `finite`; (0.1, 10) if it is empty."""
     if not finite.size:
         return 0.1, 10.0
     low = 10.0 ** np.floor(np.log10(finite.min() / 1.2))
@@ -81,7 +87,7 @@ def _limits(finite: np.ndarray) -> tuple[float, float]:
 
 
 def lines_figure(plan: Plan, chosen: PlannedTest) -> plot.Figure:
-    """Figure of the chosen frequency lines over the response of the initial model at the chosen sensors."""
+    """Figure of the frequency lines of the test `chosen` over the FRF of the initial model at the plan's sensors and loads."""
     frequency, magnitude = _response(plan, plan.chosen.sensors, plan.chosen.loads)
     at = np.interp(chosen.frequency, frequency, magnitude)
     spread = np.diff(np.log(np.maximum(frequency, np.finfo(float).tiny)))
@@ -98,7 +104,7 @@ def lines_figure(plan: Plan, chosen: PlannedTest) -> plot.Figure:
 
 
 def _response(plan: Plan, sensors: tuple[Dof, ...], loads: tuple[Dof, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (Hz) and root-mean-square FRF magnitude of the initial model at these sensors and loads."""
+    """Frequencies (n_lines,) in Hz and RMS of the initial model's FRF magnitudes over these sensors and loads, (n_lines,)."""
     from structid.forward.frf.response import response
     from structid.records import FrfRecord
 

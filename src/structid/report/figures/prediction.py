@@ -21,7 +21,7 @@ _DECADES = 1e-5
 
 
 def frf_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
-    """Figure of predicted FRF magnitudes with probability bands, one channel at a time."""
+    """Figure of predicted FRF magnitudes with 95 % bands, one channel at a time; of a change, before and after it."""
     parts = _shown(prediction)
     first = next(iter(parts.values()))
     axes = first.quantity.axes
@@ -51,7 +51,10 @@ def frf_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
 
 
 def history_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
-    """Figure of predicted time histories with probability bands, one sensor at a time."""
+    """Figure of predicted time histories with 95 % bands, one sensor at a time; of a change, before and after it.
+
+    At most 3000 samples of a history are drawn, evenly spaced.
+    """
     parts = _shown(prediction)
     first = next(iter(parts.values()))
     axes = first.quantity.axes
@@ -76,7 +79,7 @@ def history_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
 
 
 def spectrum_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
-    """Figure of predicted spectral densities with probability bands, one output at a time."""
+    """Figure of predicted power spectral densities with 95 % bands, one output at a time; of a change, before and after it."""
     parts = _shown(prediction)
     first = next(iter(parts.values()))
     frequency, units = np.asarray(first.quantity.axes["frequency"], dtype=float), first.quantity.units
@@ -95,7 +98,7 @@ def spectrum_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
 
 
 def _figure(panels: list[plot.Panel], label: str, caption: str) -> plot.Figure:
-    """Figure of one panel, or of several that are chosen one at a time from a list with this `label`."""
+    """Figure of one panel, or of several that the reader selects from a list with the heading `label`."""
     if len(panels) == 1:
         return plot.Figure(tuple(panels), (900.0, 420.0), caption=caption)
     shown = tuple(range(min(len(panels), _MOST_PANELS)))

@@ -19,7 +19,7 @@ _MOST_MARKED = 40
 
 
 def panels_figure(panels: tuple[Panel, ...]) -> plot.Figure:
-    """Figure of up to two panels in a row, with one colour for each label in all of them."""
+    """Figure of reproduced panels, at most two in a row; curves of one label have the same colour in all panels."""
     columns = min(2, len(panels))
     labels = list(dict.fromkeys(_label(curve) for panel in panels for curve in panel.curves))
     shown = tuple(_panel(panel, labels) for panel in panels)
@@ -27,7 +27,7 @@ def panels_figure(panels: tuple[Panel, ...]) -> plot.Figure:
 
 
 def _panel(panel: Panel, labels: list[str]) -> plot.Panel:
-    """Plot panel of reproduced curves, with bands and axes."""
+    """Plot panel of the curves of `panel`, with bands and axes; `labels` sets the order of colours."""
     log = panel.log_y and any((_finite(curve.y) > 0).any() for curve in panel.curves)
     ends = [values for curve in panel.curves for values in (curve.y, curve.low, curve.high) if values is not None]
     drawn = np.abs(np.concatenate([_drawable(values, log) for values in ends]))
@@ -40,7 +40,7 @@ def _panel(panel: Panel, labels: list[str]) -> plot.Panel:
 
 
 def _x_axis(panel: Panel) -> plot.Axis:
-    """Horizontal axis of a panel, with integer ticks for integer data or a logarithmic scale for few wide data."""
+    """Horizontal axis of a panel: logarithmic for 3 to 12 points over more than two decades, integer ticks for integers."""
     points = np.unique(np.concatenate([np.asarray(curve.x, dtype=np.float64) for curve in panel.curves]))
     first, last = float(points[0]), float(points[-1])
     if 3 <= len(points) <= 12 and first > 0 and last > 100 * first:
@@ -50,7 +50,10 @@ def _x_axis(panel: Panel) -> plot.Axis:
 
 
 def _curve(curve: Curve, index: int, below: int, log: bool) -> plot.Curve:
-    """Plot curve in the colour of its label's `index`, thinner the more curves lie `below` it."""
+    """Plot curve with colour, dash and symbol number `index`, drawn thinner the more curves lie `below` it.
+
+    `log` is True for a logarithmic axis, where values of 0 and less are gaps.
+    """
     colour = palette.CYCLE[index % len(palette.CYCLE)]
     pen = plot.Pen(colour, max(1.7, 4.4 - 1.4 * below), _DASHES[index // len(palette.CYCLE) % len(_DASHES)])
     sign = plot.Marker(_SYMBOLS[index % len(_SYMBOLS)], max(4.9, 9.7 - 2.1 * below), colour)
@@ -61,9 +64,9 @@ def _curve(curve: Curve, index: int, below: int, log: bool) -> plot.Curve:
 
 
 def _band(curve: Curve, index: int, log: bool, highest: float) -> plot.Area:
-    """Filled area from low to high end of a curve in the colour number `index`; infinite ends are drawn at the `highest` value.
+    """Filled area between the low and the high end of a curve, in the colour number `index`; a missing end is the curve.
 
-    `log` tells that the axis is logarithmic.
+    `log` is True for a logarithmic axis. Infinite ends are drawn at the value `highest`.
     """
     ends = (curve.y if end is None else end for end in (curve.low, curve.high))
     low, high = (_drawable(np.where(np.isposinf(end), highest, end), log) for end in ends)
@@ -78,7 +81,7 @@ def _band(curve: Curve, index: int, log: bool, highest: float) -> plot.Area:
 
 
 def _label(curve: Curve) -> str:
-    """Legend text of a curve, with a note on its 5-95 % band if it has one."""
+    """Legend text of a curve, with the words "5-95 % band" if it has a band."""
     if curve.low is None or curve.high is None:
         return curve.label
     middle = "" if "median" in curve.label else "median, "
@@ -86,7 +89,7 @@ def _label(curve: Curve) -> str:
 
 
 def _drawable(values: FloatArray, log: bool) -> FloatArray:
-    """`values` with a gap where they cannot be drawn."""
+    """Copy of `values` with NaN for values that cannot be drawn: not finite, or not positive if `log`."""
     finite = _finite(values)
     return np.where(finite > 0, finite, np.nan) if log else finite
 

@@ -37,7 +37,10 @@ class Channel:
 
 
 def channels(fit: RecordFit) -> tuple[Channel, ...]:
-    """Every sensor with every load, in the order of the record; errors are medians and 90 % quantiles over its lines."""
+    """Every pair of sensor and load with its relative errors, in the order of the record; loads vary fastest.
+
+    Errors are medians and 90 % quantiles over the lines on which the fit is judged.
+    """
     record, errors = fit.evaluation, fit.relative_error
     parts = (np.median(errors, axis=0), np.quantile(errors, 0.9, axis=0), np.median(fit.initial_relative_error, axis=0))
     return tuple(
@@ -49,7 +52,10 @@ def channels(fit: RecordFit) -> tuple[Channel, ...]:
 
 
 def channel_unit(kind: str, sensor: Dof, load: Dof) -> str:
-    """SI unit of an FRF between a sensor and a load, rotations and moments included."""
+    """SI unit of an FRF of this `kind` between a sensor and a load, which may be a rotation and a moment.
+
+    `kind` is "receptance", "mobility", "accelerance" or "transmissibility".
+    """
     if kind == "transmissibility":
         return "1" if sensor.is_rotation == load.is_rotation else "rad/m" if sensor.is_rotation else "m/rad"
     motion = _MOTION[kind][sensor.is_rotation]
@@ -58,7 +64,7 @@ def channel_unit(kind: str, sensor: Dof, load: Dof) -> str:
 
 
 def worst_channels(fit: RecordFit, count: int = MAX_CHANNELS) -> list[int]:
-    """Indices of the `count` channels with the largest median relative error, in the order of the record."""
+    """Indices of the `count` channels with the largest median relative error, in increasing order."""
     errors = np.array([channel.median_error for channel in channels(fit)])
     return sorted(np.argsort(-errors, kind="stable")[:count].tolist())
 
@@ -66,7 +72,7 @@ def worst_channels(fit: RecordFit, count: int = MAX_CHANNELS) -> list[int]:
 def responses_figure(fit: RecordFit) -> plot.Figure:
     """Figure of magnitude, phase and coherence of measured and model FRFs, one channel at a time.
 
-    The models are shown on the lines that were used or judged.
+    Models are drawn at the lines that were used or judged. Above 250 000 values the lines are thinned.
     """
     whole, found, shown = fit.measured, channels(fit), worst_channels(fit)
     stride = max(1, -(-whole.values.size // MOST_VALUES))
@@ -103,7 +109,7 @@ def responses_figure(fit: RecordFit) -> plot.Figure:
 
 
 def extremes_figure(fit: RecordFit) -> plot.Figure:
-    """Figure of the FRF magnitudes of the worst and the best fitted channel."""
+    """Figure of the FRF magnitudes of the channels with largest and smallest median error; one panel if they are the same."""
     whole = responses_figure(fit)
     errors = np.array([channel.median_error for channel in channels(fit)])
     chosen = dict.fromkeys((int(np.argmax(errors)), int(np.argmin(errors))))
@@ -117,7 +123,10 @@ def extremes_figure(fit: RecordFit) -> plot.Figure:
 
 
 def _strips(frequency: FloatArray, used: np.ndarray, values: ComplexArray, y: plot.Axis) -> list[plot.Strip]:
-    """Plot strips of magnitude and phase of one channel; `values` are measured, initial and fitted FRF."""
+    """Plot strips of magnitude and phase (degrees) of one channel.
+
+    `values` (3, n_lines) are measured, initial and fitted FRF; `used` (n_lines,) is True for the lines used in the fit.
+    """
     sizes, angles = np.where(np.abs(values) > 0, np.abs(values), np.nan), np.degrees(np.angle(values))
     turns = np.abs(np.diff(angles[1:], axis=1, prepend=angles[1:, :1])) > 270
     angles[1:][turns] = np.nan  # a gap where the phase would jump by a turn
@@ -133,7 +142,10 @@ def _strips(frequency: FloatArray, used: np.ndarray, values: ComplexArray, y: pl
 def _curves(
     frequency: FloatArray, used: np.ndarray, values: FloatArray, pen: plot.Pen | None, dot: plot.Marker | None
 ) -> tuple[plot.Trace, ...]:
-    """Plot curves of measured values, used and not used, and of initial and fitted model."""
+    """Plot curves of one channel: measured values at unused and used lines, then initial and fitted model.
+
+    `values` (3, n_lines) are measured, initial and fitted; `pen` and `dot` draw the unused lines.
+    """
     measured, initial, fitted = values
     count = int(used.sum())
     inside = plot.Marker(size=float(np.clip(4.2 * np.sqrt(300 / max(count, 1)), 2.2, 4.2)), colour=palette.MEASURED)
@@ -157,7 +169,7 @@ def _coherence(frequency: FloatArray, used: np.ndarray, values: FloatArray) -> p
 
 
 def residual_channels_figure(fit: RecordFit) -> plot.Figure:
-    """Figure of the median relative error of every channel, with 90 % quantile and initial model."""
+    """Figure of the relative error (%) of every channel: median and 90 % quantile when fitted, median of the initial model."""
     found = channels(fit)
     labels, positions = [c.label for c in found], np.arange(len(found), dtype=float)
     rows = np.array([(c.median_error, c.high_error, c.median_error_initial) for c in found])
@@ -188,7 +200,7 @@ def residual_channels_figure(fit: RecordFit) -> plot.Figure:
 
 
 def residual_map_figure(fit: RecordFit) -> plot.Figure:
-    """Map of the size of the whitened residual over frequency and channel."""
+    """Heat map of the whitened residual's magnitude over frequency and channel; empty cells at unused lines."""
     labels = tuple(channel.label for channel in channels(fit))
     frequency, values = whitened(fit)
     stride = max(1, -(-values.size // MOST_VALUES))
@@ -210,7 +222,10 @@ def residual_map_figure(fit: RecordFit) -> plot.Figure:
 
 
 def whitened(fit: RecordFit) -> tuple[FloatArray, FloatArray]:
-    """Frequencies (Hz), and residual over its expected size by line and channel; NaN for unused lines."""
+    """Frequencies (n_lines,) in Hz, and magnitude of the whitened residual (n_lines, n_channels); NaN at unused lines.
+
+    The values are about 1 if the model fits to within the noise.
+    """
     frequency, used = fit.measured.frequency, fit.problem.record.frequency
     residual = fit.problem.residual(fit.theta)[: fit.problem.n_data].reshape(2, len(used), -1)
     found = np.full((len(frequency), residual.shape[2]), np.nan)
@@ -219,7 +234,7 @@ def whitened(fit: RecordFit) -> tuple[FloatArray, FloatArray]:
 
 
 def line_edges(frequency: FloatArray) -> FloatArray:
-    """Frequencies (n_lines + 1,) of the cell edges between lines, for maps over frequency."""
+    """Cell edges (n_lines + 1,) for a map over the lines `frequency` (Hz): midpoints, and one edge beyond each end."""
     if len(frequency) == 1:
         return np.array([frequency[0] - 0.5, frequency[0] + 0.5])
     middle = 0.5 * (frequency[1:] + frequency[:-1])

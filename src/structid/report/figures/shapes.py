@@ -55,7 +55,10 @@ class Scene:
 
 
 def mode_scene(modes: ModalRecord, geometry: Geometry | None) -> Scene:
-    """Points, motions and axes for drawing mode shapes, each turned to its most real phase."""
+    """Points, motions and axes for drawing mode shapes, each turned to be as real as possible.
+
+    Without `geometry` the sensors are drawn in a row. Unknown entries of shapes are drawn as 0.
+    """
     shapes = modes.mode_shapes * real_turn(modes.mode_shapes)
     signed = shapes * np.array([dof.sign for dof in modes.channels])[:, None]
     still = np.where(modes.known, signed, 0.0)
@@ -67,7 +70,10 @@ def mode_scene(modes: ModalRecord, geometry: Geometry | None) -> Scene:
 
 
 def _row(channels: tuple[Dof, ...], shapes: ComplexArray) -> Scene:
-    """Drawing of mode shapes without geometry: sensors in a row, one line for each direction."""
+    """Scene of mode shapes without geometry: sensors in a row, with one line for each direction.
+
+    `shapes` (n_channels, n_modes) are along positive axes; each mode is scaled to a largest entry of 1.
+    """
     nodes = list(dict.fromkeys(dof.node for dof in channels))
     rest = np.array([[nodes.index(dof.node), 0.0] for dof in channels])
     motion = np.zeros((shapes.shape[1], len(channels), 2), dtype=complex)
@@ -90,7 +96,10 @@ def _row(channels: tuple[Dof, ...], shapes: ComplexArray) -> Scene:
 
 
 def _placed(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry) -> Scene:
-    """Drawing of mode shapes on the positions of the nodes (m), scaled to a part of the structure's size."""
+    """Scene of mode shapes on the positions of the nodes (m), scaled to 12 % of the structure's diagonal.
+
+    `shapes` (n_channels, n_modes) are along positive axes; rotations are left out.
+    """
     nodes = list(geometry.nodes)
     rest = np.array([geometry.nodes[node] for node in nodes], dtype=float)
     motion = np.zeros((shapes.shape[1], len(nodes), 3), dtype=complex)
@@ -116,9 +125,9 @@ def _placed(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry)
 
 
 def _equal_axes(positions: FloatArray, motion: ComplexArray, used: list[int]) -> tuple[plot.Axis, ...]:
-    """Axes with equal margins (m) that hold every mode at every phase.
+    """Axes in m, one for each of `used` (0 for X, 1 for Y, 2 for Z), that hold every mode at every phase with equal margins.
 
-    `motion` (n_modes, n_points, n_axes) is complex; `used` are the indices of the axes.
+    `positions` is (n_points, n_axes), `motion` (n_modes, n_points, n_axes) complex.
     """
     reach = np.abs(motion).max(axis=0)
     low, high = (positions - reach).min(axis=0), (positions + reach).max(axis=0)
@@ -128,9 +137,9 @@ def _equal_axes(positions: FloatArray, motion: ComplexArray, used: list[int]) ->
 
 
 def _paths(geometry: Geometry, nodes: list[int], seen: set[int]) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
-    """Paths along lines between two sensors, and along all other lines; lone points on their own.
+    """Chains of point indices by name, -1 between lines: first those between two sensors, then all others.
 
-    `nodes` are the node labels in order, `seen` the indices of those with a sensor.
+    Points without lines are in the chain of their kind. `nodes` are the node labels, `seen` the indices of those with a sensor.
     """
     chains: dict[bool, list[int]] = {True: [], False: []}
     touched = set()
@@ -149,7 +158,7 @@ def _paths(geometry: Geometry, nodes: list[int], seen: set[int]) -> tuple[dict[s
 
 
 def shapes_figure(result: ModesResult) -> plot.Figure:
-    """Animated figure of all mode shapes of a modal survey, to be chosen from a list."""
+    """Animated figure of the mode shapes of a modal survey, one at a time or several small ones."""
     scene, is_row = mode_scene(result.modes, result.geometry), result.geometry is None
     x, y, *deep = scene.axes
     panels = []
@@ -163,7 +172,10 @@ def shapes_figure(result: ModesResult) -> plot.Figure:
 
 
 def _curves(scene: Scene, mode: int, is_row: bool) -> list[plot.Curve]:
-    """Plot curves of the structure at rest and of its measured lines deflected in `mode`."""
+    """Plot curves of one mode (index `mode`): the structure at rest and its measured lines deflected, moving ones last.
+
+    `is_row` is True for sensors in a row, where each direction has its symbol.
+    """
     found = []
     for number, (name, path) in enumerate(scene.measured.items()):
         symbol = _SYMBOLS[number % len(_SYMBOLS)] if is_row else "circle"
@@ -180,7 +192,7 @@ def _curves(scene: Scene, mode: int, is_row: bool) -> list[plot.Curve]:
 
 
 def _orbits(scene: Scene, mode: int) -> plot.Curve | None:
-    """Ellipses that points follow during a cycle of `mode`; None if all motion is along straight lines."""
+    """Plot curve of the ellipses that points follow in a cycle of the mode with index `mode`; None if all are nearly flat."""
     motion = scene.motion[mode]
     moving = np.flatnonzero(np.abs(motion).max(axis=1) > 0)
     padded = np.zeros((len(motion), 3), dtype=complex)
@@ -198,7 +210,7 @@ def _orbits(scene: Scene, mode: int) -> plot.Curve | None:
 def _curve(
     scene: Scene, path: list[int], pen: plot.Pen, marker: plot.Marker, label: str, mode: int | None = None
 ) -> plot.Curve:
-    """Plot curve along the points `path` (-1 lifts the pen), at rest, or moving in `mode` if that is given."""
+    """Plot curve along the point indices `path` (-1 lifts the pen), moving in the mode with index `mode`, at rest if None."""
     lifted = (np.array(path) < 0)[:, None]
     x, y, *deep = np.where(lifted, np.nan, scene.rest[path]).T
     words = tuple("" if i < 0 else scene.labels[i] for i in path)

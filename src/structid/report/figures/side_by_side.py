@@ -28,7 +28,10 @@ _MEASURED, _MODEL = palette.MEASURED, palette.FITTED
 
 
 def side_by_side_figure(part: ModesCorrelation) -> plot.Figure | None:
-    """Animated figure of measured mode shapes beside their model counterparts; None if none is known."""
+    """Animated figure of measured mode shapes beside their model counterparts; None if no pair has a known shape.
+
+    Without node positions the sensors are drawn in a row.
+    """
     pairs = part.pairing.paired[part.measured.known[:, part.pairing.paired].any(axis=0)]
     chosen = pairs[: plot.MOST_PANELS]
     if not len(chosen):
@@ -69,7 +72,7 @@ class _Scene:
 
 
 def model_shapes_figure(structure: Structure, modes: Modes) -> plot.Figure | None:
-    """Animated figure of the mode shapes of a model; None if no mode has a shape in space."""
+    """Animated figure of a model's mode shapes; None if there are no modes, or nodes have no positions or cannot move."""
     scene = _in_place(structure, ())
     n_modes = min(len(modes.frequency), plot.MOST_PANELS)
     if scene is None or n_modes == 0:
@@ -97,7 +100,10 @@ def model_shapes_figure(structure: Structure, modes: Modes) -> plot.Figure | Non
 
 
 def _in_place(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
-    """Node positions and lines for drawing shapes in space; None if nodes have no positions or do not move."""
+    """Node positions, lines and sensors for drawing shapes in space, see `_Scene`.
+
+    None if all nodes are at one place or no node has a translation.
+    """
     labels = tuple(structure.nodes)
     rest = np.zeros((len(labels), 3))
     rest[:, : structure.dimension] = np.array([structure.nodes[node] for node in labels])
@@ -131,7 +137,10 @@ def _in_place(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
 
 
 def _lines(structure: Structure, row_of: dict[int, int]) -> IntArray:
-    """Edges of the elements as a chain of node rows (-1 lifts the pen); single nodes if edges are too many."""
+    """Edges of the elements and rigid links as one chain of node rows, with -1 between lines.
+
+    Above 2500 edges, or without any, single nodes, at most 1200. `row_of` maps node labels to rows.
+    """
     edges: dict[tuple[int, int], None] = {}
     for element in structure.elements:
         found = cell_edges(element) if is_cells(element) else _spans(element.nodes)
@@ -151,13 +160,13 @@ def _lines(structure: Structure, row_of: dict[int, int]) -> IntArray:
 
 
 def _spans(nodes: IntArray) -> list[tuple[int, int]]:
-    """Pairs of nodes that elements of two nodes join; `nodes` (n_elements, n) has -1 where there is none."""
+    """Pairs of node labels that two-node elements join; `nodes` (n_elements, n) is filled up with -1."""
     rows = [row[row >= 0].tolist() for row in np.atleast_2d(nodes)]
     return [pair for row in rows if len(row) == 2 for pair in pairwise(row)]
 
 
 def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[plot.Panel, ...]:
-    """One plot panel for each mode pair, measured and model shape in it, all with the same axes.
+    """Plot panels, one for each mode pair, with measured and model shape side by side; all have the same axes.
 
     `chosen` are the indices of the measured modes.
     """
@@ -195,7 +204,7 @@ def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[pl
 
 
 def _moved(structure: Structure, scene: _Scene, shapes: FloatArray) -> FloatArray:
-    """Displacements of the nodes, (n_modes, n_nodes, 3)."""
+    """Displacements X, Y, Z of the nodes, (n_modes, n_nodes, 3), from mode shapes `shapes`; 0 for fixed directions."""
     everything = np.vstack([structure.numbering.matrix @ shapes, np.zeros((1, shapes.shape[1]))])
     return np.moveaxis(everything[scene.rows], 2, 0)
 
@@ -209,7 +218,10 @@ def _curve(
     label: str,
     motion: FloatArray | None = None,
 ) -> plot.Curve:
-    """Plot curve along the points `path` (-1 lifts the pen), moved by `offset` (m), with `motion` if given."""
+    """Plot curve along the node rows `path` (-1 lifts the pen), shifted by `offset` (m).
+
+    `motion` (n_nodes, 3) is the displacement that animates it, None at rest. A path without lines is drawn as dots.
+    """
     lifted = (path < 0)[:, None]
     x, y, *deep = np.where(lifted, np.nan, (scene.rest + offset)[path][:, scene.used]).T
     words = None if marker is None else tuple("" if i < 0 else f"node {scene.nodes[i]}" for i in path.tolist())
@@ -222,9 +234,9 @@ def _curve(
 
 
 def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, ...]:
-    """Plot panels of mode pairs without geometry: both shapes over the sensors in order.
+    """Plot panels of mode pairs without geometry, one for each: measured and model shape over the sensors in a row.
 
-    `chosen` are the indices of the measured modes.
+    `chosen` are the indices of the measured modes; each pair is scaled to a largest entry of 1.
     """
     names = [str(dof) for dof in part.measured.channels]
     positions = np.arange(len(names), dtype=float)
@@ -250,7 +262,7 @@ def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, .
 
 
 def _name(part: ModesCorrelation, i: int) -> str:
-    """Name of the pair of measured mode `i`: both frequencies and the MAC."""
+    """Name of the pair of measured mode `i` (from 0): mode number, both frequencies (Hz) and the MAC."""
     k = int(part.pairing.number[i])
     own, like = number(float(part.measured.frequency[i]), 4), number(float(part.model.frequency[k]), 4)
     return f"mode {i + 1}: {own} Hz beside {like} Hz, MAC {likeness(float(part.pairing.mac[i, k]), 2)}"

@@ -32,7 +32,10 @@ _CAPTION = (
 def structure_figure(
     picture: Picture, shadings: Sequence[Shading] = (), title: str = "", caption: str = ""
 ) -> plot.Figure:
-    """Figure of a structure, one panel for each shading, or one plain panel if there is none."""
+    """Figure of a structure, one panel for each shading, or one plain panel with `title` if there is none.
+
+    `caption` replaces the usual caption.
+    """
     left, right, bottom, top = picture.bounds
     x, y = plot.Axis(limits=(left, right)), plot.Axis(limits=(bottom, top))
     panels = tuple(
@@ -55,7 +58,7 @@ def _headed(shadings: Sequence[Shading], title: str) -> list[tuple[Shading | Non
 
 
 def _traces(picture: Picture, shade: Shading | None) -> Iterator[plot.Trace]:
-    """Traces of a structure's drawing, from what lies behind to what is in front."""
+    """Yield the plot traces of a structure's drawing from back to front; without `shade` the elements have a plain colour."""
     yield from picture.behind
     yield from _marks(picture.marks, shade)
     yield from picture.before
@@ -66,7 +69,10 @@ def _traces(picture: Picture, shade: Shading | None) -> Iterator[plot.Trace]:
 
 
 def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]:
-    """Plot traces of all elements, one for each look: faces of cells first, then lines, then other areas."""
+    """Yield plot traces that draw all elements, one for each appearance: cell faces, then lines, then other areas.
+
+    Faces keep their order from far to near; with more than 300 changes of colour, only by 12 slices.
+    """
     looks = [(mark, look(shade, mark.element, mark.index)) for mark in marks]
     changes = sum(a[1] != b[1] for a, b in pairwise(looks) if b[0].nodes)
     groups: dict[tuple[int, int, Look], list[FloatArray]] = {}
@@ -91,7 +97,7 @@ def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]
 
 
 def _region(marks: Sequence[Mark], shade: Shading) -> FloatArray:
-    """Boundary of the outlined faces, (n, 2): sides that only one outlined face has."""
+    """Boundary of the outlined faces as a path (n, 2) with NaN between lines: sides that belong to one outlined face only."""
     found: dict[tuple[int, int], list[FloatArray]] = {}
     for mark in marks:
         if (mark.element, mark.index) in shade.outlined:
@@ -102,6 +108,6 @@ def _region(marks: Sequence[Mark], shade: Shading) -> FloatArray:
 
 
 def _words(marks: Sequence[Mark], shade: Shading | None) -> tuple[str, ...]:
-    """Text for each mark: its label and the change of its element."""
+    """Hover text of each mark: its label, and the change of its element if `shade` has any."""
     changes = ((mark, shade.changes.get((mark.element, mark.index)) if shade else None) for mark in marks)
     return tuple(f"{mark.label}: {change.text}" if change else mark.label for mark, change in changes)

@@ -36,7 +36,10 @@ _MOST_LINES = 2400
 
 
 def pole_kinds(result: ModesResult) -> list[np.ndarray]:
-    """Kind of each pole of each model order (outside, alone, clustered, chosen), one array for each order."""
+    """Kind of each pole, one integer array for each model order of the sweep.
+
+    Kinds are `OUTSIDE` (the criteria), `ALONE`, `CLUSTERED` and `CHOSEN`, the numbers 0 to 3.
+    """
     found, modes = result.identification, result.modes
     kinds = [np.full(len(poles.poles), OUTSIDE) for poles in found.sweep]
     for kind, poles in zip(kinds, found.sweep, strict=True):
@@ -54,7 +57,7 @@ def pole_kinds(result: ModesResult) -> list[np.ndarray]:
 
 
 def stabilization_figure(result: ModesResult) -> plot.Figure | None:
-    """Stabilization diagram: poles by model order over the first singular value; None without orders."""
+    """Stabilization diagram: poles by frequency and model order over the first singular value; None without model orders."""
     sweep = result.identification.sweep
     if not sweep:
         return None
@@ -84,7 +87,7 @@ def stabilization_figure(result: ModesResult) -> plot.Figure | None:
 
 
 def _view(result: ModesResult) -> plot.Limits:
-    """Frequency range (low, high) in Hz of the plots' initial view."""
+    """Frequency limits (low, high) in Hz of the range shown first: about the band, or up to 1.5 times the highest mode."""
     lines, modes = result.spectra.frequency, result.modes.frequency
     high = min(float(lines[-1]), 1.5 * float(modes.max(initial=0.0)) or float(lines[-1]))
     low = 0.0
@@ -98,7 +101,10 @@ def _view(result: ModesResult) -> plot.Limits:
 
 
 def mode_labels(result: ModesResult) -> list[tuple[float, str]]:
-    """Frequencies (Hz) and texts of mode number labels in the initial view; close modes share a label."""
+    """Labels of the modes in the range shown first: pairs of frequency (Hz) and text with the mode number.
+
+    Modes closer than 2.2 % of the range share a label.
+    """
     low, high = _view(result)
     labels: list[tuple[float, list[int]]] = []
     for k, f in enumerate(result.modes.frequency.tolist()):
@@ -112,7 +118,7 @@ def mode_labels(result: ModesResult) -> list[tuple[float, str]]:
 
 
 def _mode_marks(result: ModesResult, limits: plot.Limits) -> tuple[plot.Trace, ...]:
-    """Plot traces of a vertical line at every mode, with its number on top."""
+    """Plot traces of a vertical line at every mode, from the lower to the upper of `limits`, with its number on top."""
     f, labels = result.modes.frequency, mode_labels(result)
     at, words = np.array([x for x, _ in labels]), tuple(text for _, text in labels)
     height = np.full(len(at), 0.9999 * limits[1])
@@ -123,7 +129,10 @@ def _mode_marks(result: ModesResult, limits: plot.Limits) -> tuple[plot.Trace, .
 
 
 def _thinned_lines(result: ModesResult, n_values: int) -> tuple[FloatArray, FloatArray]:
-    """Frequencies (Hz) and first `n_values` singular values; the largest of neighbouring lines if there are many."""
+    """Frequencies (n,) in Hz and the first `n_values` singular values (n, n_values) of the spectra.
+
+    Above 2400 lines, neighbouring lines are grouped: their mean frequency and largest values.
+    """
     frequency, values = result.spectra.frequency, result.spectra.values[:, :n_values]
     step = -(-len(frequency) // _MOST_LINES)
     if step == 1:
@@ -134,7 +143,7 @@ def _thinned_lines(result: ModesResult, n_values: int) -> tuple[FloatArray, Floa
 
 
 def _spectrum_limits(result: ModesResult) -> plot.Limits:
-    """Limits of the logarithmic axis for the spectrum in the range that is shown first."""
+    """Limits (low, high) of the logarithmic axis for the singular values in the range shown first."""
     low, high = _view(result)
     if low == 0 and result.modes.n_modes:  # drift stands above every mode, and would set the scale
         low = 0.25 * float(result.modes.frequency[0])
@@ -148,7 +157,7 @@ def _spectrum_limits(result: ModesResult) -> plot.Limits:
 
 
 def spectra_figure(result: ModesResult) -> plot.Figure:
-    """Figure of the first three singular values of the spectra over frequency, with modes marked."""
+    """Figure of the first three singular values of the spectra over frequency (Hz), with the modes marked."""
     frequency, values = _thinned_lines(result, len(_SINGULAR))
     limits = _spectrum_limits(result)
     curves = [
@@ -165,7 +174,7 @@ def spectra_figure(result: ModesResult) -> plot.Figure:
 
 
 def damping_figure(result: ModesResult) -> plot.Figure | None:
-    """Figure of damping ratio over frequency with standard deviations; None if damping is not identified."""
+    """Figure of damping ratio (%) over frequency with error bars of one standard deviation; None if no damping is known."""
     modes, n = result.modes, result.modes.n_modes
     known = np.flatnonzero(np.isfinite(modes.damping_ratio))
     if not len(known):
@@ -189,7 +198,7 @@ def damping_figure(result: ModesResult) -> plot.Figure | None:
 
 
 def mac_figure(result: ModesResult) -> plot.Figure:
-    """Matrix figure of the MAC between all pairs of identified modes."""
+    """Matrix figure of the MAC between all pairs of identified modes of one survey."""
     n = result.modes.n_modes
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "MAC")
     names = tuple(f"{k + 1}" for k in range(n))
@@ -203,14 +212,14 @@ def mac_figure(result: ModesResult) -> plot.Figure:
 
 
 def mpc(result: ModesResult) -> FloatArray:
-    """Modal phase collinearity of every mode."""
+    """Modal phase collinearity of every mode, (n_modes,), from 0 to 1 for a real shape."""
     return modal_phase_collinearity(np.asarray(result.modes.mode_shapes, dtype=np.complex128))
 
 
 def complexity_figure(result: ModesResult) -> plot.Figure:
-    """Figure of the complex entries of every mode shape, one circle for each mode.
+    """Figure of the complex entries of each mode shape, one circle for each mode.
 
-    The largest entry has size 1, and each shape is turned so that most of it is real.
+    Each shape is turned to be as real as possible and scaled to a largest entry of size 1.
     """
     shapes, collinearity = np.asarray(result.modes.mode_shapes, dtype=np.complex128), mpc(result)
     shapes = shapes * real_turn(shapes)
@@ -231,7 +240,10 @@ def complexity_figure(result: ModesResult) -> plot.Figure:
 
 
 def _circle(title: str, shape: ComplexArray, names: list[str]) -> plot.Panel:
-    """Plot panel of the complex entries of one mode shape, as arrows from the centre of a circle."""
+    """Plot panel of the complex entries `shape` (n_channels,) of one mode, as lines from the centre of a unit circle.
+
+    `names` are those of the channels.
+    """
     x, y = shape.real, shape.imag
     rings = symbols.joined(symbols.disc(np.zeros(2), radius) for radius in (0.5, 1.0))
     angles = np.degrees(np.angle(shape))

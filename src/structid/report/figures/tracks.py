@@ -13,7 +13,10 @@ _COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)
 
 
 def tracks_figure(tracks: ModeTracks) -> plot.Figure:
-    """Figure of the relative change (%) of each tracked natural frequency over the records, with error bars."""
+    """Figure of the relative change (%) of each tracked natural frequency over the records.
+
+    Changes count from the first record that shows the mode; bars are one standard deviation.
+    """
     number = np.arange(len(tracks.names))
     traces: list[plot.Trace] = []
     change = 100 * tracks.change

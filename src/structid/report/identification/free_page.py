@@ -25,7 +25,7 @@ _HEADER = ("Parameter", "Initial", "Identified", "Change", "Change in standard d
 
 
 def free_page(result: StudyResult) -> Page:
-    """Report page of an identification with very many parameters, with its figures."""
+    """Report page of an identification with too many parameters for a covariance matrix, with its figures."""
     identification = result.identification
     estimate = identification.estimate
     maps = field_figures(identification)
@@ -56,7 +56,7 @@ def free_page(result: StudyResult) -> Page:
 
 
 def _cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
-    """Key figures of an identification with very many parameters: label, value and remark of each."""
+    """Key figures of an identification with very many parameters, as (label, value, remark) for each."""
     identification = result.identification
     estimate = identification.estimate
     error, before = (
@@ -111,7 +111,7 @@ def _row(result: StudyResult, i: int) -> tuple[str, ...]:
 
 
 def _std_words(result: StudyResult) -> str:
-    """Sentence on how accurately the standard deviations are known from posterior draws."""
+    """Sentence on the number of posterior draws behind the standard deviations, and how accurately these are known."""
     estimate = result.identification.estimate
     spread = estimate.uncertainty.std_error[np.isfinite(estimate.uncertainty.std_error)]
     if not spread.size:

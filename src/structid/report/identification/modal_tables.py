@@ -20,7 +20,7 @@ _MAC = "frequencies over their standard deviations, and 1 - MAC of each shape ov
 
 
 def modal_table(fit: ModalFit) -> Table:
-    """Table of every measured mode with its pair in the initial and the fitted model."""
+    """Table with a row for each measured mode of a record and its pair in the initial and the fitted model."""
     problem = fit.problem
     header = (
         "Mode", "Measured ± std (Hz)", "Initial model (Hz)", "Difference", "Fitted model (Hz)", "Difference",
@@ -47,7 +47,10 @@ def modal_table(fit: ModalFit) -> Table:
 
 
 def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], ...]:
-    """Labels and texts on measured modes: source, sensors, errors and residual."""
+    """Pairs of a label and a text on a record of measured modes: source, modes, sensors, errors, residual and scale.
+
+    `masses_unknown` is True if masses are among the parameters, so that modes alone give ratios only.
+    """
     problem, record = fit.problem, fit.measured
     own = "with covariance" if record.covariance is not None else "no covariance"
     assumed = [
@@ -84,7 +87,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
 
 
 def _pull(fit: ModalFit) -> str:
-    """Words on the number of parameters that each kind of value determines, and its share of the misfit."""
+    """Text on the number of parameters that each kind of value determines, and the share of the misfit that it makes."""
     found = pull(fit.problem, fit.theta)
     if not found:
         return "not told: these modes alone do not determine every parameter"
@@ -99,7 +102,10 @@ def _pull(fit: ModalFit) -> str:
 
 
 def modal_cards(identification: Identification) -> tuple[tuple[str, str, str], ...]:
-    """Key figures of a fit to modes, largest frequency difference and least MAC: label, value and remark."""
+    """Key figures of a fit to modes, as (label, value, remark): largest frequency difference and least MAC; () without modes.
+
+    The MAC is left out if it is not known for any mode.
+    """
     fits = identification.modal_fits
     if not fits:
         return ()
@@ -119,7 +125,7 @@ def modal_cards(identification: Identification) -> tuple[tuple[str, str, str], .
 
 
 def ratio_table(identification: Identification) -> Table | None:
-    """Table of parameter ratios that are determined though their common scale is not; None if it is."""
+    """Table of parameter ratios if these are determined though their common scale is not; None if the scale is, too."""
     ratios = identification.mass.ratios
     if ratios is None:
         return None

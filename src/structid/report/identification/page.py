@@ -55,22 +55,22 @@ def write_report(
     png: bool = False,
     diagnosis: Diagnosis | None = None,
 ) -> Path:
-    """Path of ``report.html`` in `folder`.
+    """Write the report page of an identification, ``report.html``, into `folder`, and return its path.
 
     Parameters
     ----------
     identification : Identification
-        What was identified; also one that failed or is not determined.
+        Result to report; also if the search failed or the parameters are not determined.
     folder : Path
-        Made where it does not exist. Files of the same names are replaced, each whole or not at all.
+        Created if missing. Files of the same names are replaced, each whole or not at all.
     title : str
         Heading of the page.
     provenance : mapping, optional
         Versions, digests of input files, settings: shown as they are at the end.
     png : bool
-        Whether the figures are written as PNG files too, in ``figures``.
+        True to write the figures as PNG files too, into ``figures``.
     diagnosis : Diagnosis, optional
-        Whether the answer is to be trusted, and what would explain a misfit.
+        Verdict and possible causes of a misfit; without it the verdict is made here.
 
     Returns
     -------
@@ -91,7 +91,11 @@ def report_page(
     provenance: Mapping[str, object] | None = None,
     diagnosis: Diagnosis | None = None,
 ) -> Page:
-    """Report page of an identification, with its figures."""
+    """Report page of an identification, with its figures.
+
+    `provenance` has versions, digests and settings for a table; without a diagnosis the verdict is made here, and no causes
+    are shown. An empty `title` becomes "Structural identification".
+    """
     view = results_view(identification, diagnosis, title or "Structural identification", provenance)
     found, structure = identification.estimate, identification.structure
     drawn = structure_picture(structure, identification.sensors, identification.loads)
@@ -158,7 +162,7 @@ def report_page(
 
 
 def _record_figures(identification: Identification) -> dict[str, plot.Figure]:
-    """Figures by name: responses and residuals of every record, and a residual map of the first."""
+    """Figures by name: responses and residuals of every record of responses, and a residual map of the first."""
     figures = {}
     for count, fit in enumerate(identification.fits, 1):
         prefix = f"record_{count}_" if count > 1 else ""
@@ -170,7 +174,7 @@ def _record_figures(identification: Identification) -> dict[str, plot.Figure]:
 
 
 def _modal(identification: Identification, index: int) -> dict[str, object]:
-    """Entries of the page for a record of modes."""
+    """Template values for record `index` (from 0) of the records of modes."""
     fit = identification.modal_fits[index]
     is_unknown = any(kind == "mass" for kind in fit.problem.unknowns.kinds)
     return {
@@ -183,7 +187,7 @@ def _modal(identification: Identification, index: int) -> dict[str, object]:
 
 
 def _other(identification: Identification, index: int) -> dict[str, object]:
-    """Entries of the page for a further record."""
+    """Template values for record `index` (from 0) of the records of responses."""
     part = identification.seen_from(index)
     return {
         "number": index + 1,
@@ -194,9 +198,9 @@ def _other(identification: Identification, index: int) -> dict[str, object]:
 
 
 def sorted_warnings(identification: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Warnings to be shown one by one, and those that repeat one message for many parameters.
+    """Warnings to be shown one by one, and those that repeat one message for many parameters, as two tuples.
 
-    The status and the undetermined directions have places of their own and are in neither.
+    The status and the undetermined directions have places of their own and are in neither. A few repetitions stay in the first.
     """
     estimate = identification.estimate
     elsewhere = {f"the data determine {d.words}" for d in estimate.identifiability.directions}
@@ -214,7 +218,7 @@ def _status_warning(identification: Identification) -> str:
 
 
 def verdict_words(view: ResultsView) -> dict[str, object]:
-    """Template values for the verdict, its reasons, possible causes and advice."""
+    """Template values, by key, for the verdict, its reasons, possible causes, suggested studies and fixed values."""
     diagnosis = view.diagnosis
     causes = diagnosis.named
     table = Table(_HEADER, tuple(_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None
@@ -261,7 +265,10 @@ def _fixed_value_row(sensitivity: FixedValueSensitivity) -> tuple[str, ...]:
 
 
 def _row(cause: Cause, first: Cause) -> tuple[str, ...]:
-    """Table row of one possible cause of misfit: text, gain, chi-square, added parameters, largest change."""
+    """Table row of one possible cause: text, share of misfit explained, chi-square, added parameters, largest change.
+
+    `first` is the first cause, to which `cause` may be alike.
+    """
     alike = " (the data cannot distinguish it from the first)" if cause.is_alike and cause is not first else ""
     added = ", ".join(f"{name} = {with_unit(number(value), unit)}" for name, value, unit in cause.found)
     moved = ""

@@ -58,7 +58,7 @@ _MOST_SETS = 12
 
 
 def value_table(view: ResultsView) -> Table:
-    """Table of every parameter with standard deviation, interval, initial value and state."""
+    """Table of every parameter with standard deviation, 95 % interval, initial value and state; doubtful ones are marked."""
     header = ("Parameter", "Identified ± std", "95\u00a0% interval", "Initial", "State")
     rows = tuple(
         (
@@ -75,7 +75,10 @@ def value_table(view: ResultsView) -> Table:
 
 
 def parameter_table(view: ResultsView) -> Table:
-    """Table of every parameter with prior, change, and standard deviations from noise and from model error."""
+    """Table of every parameter with prior, change, and standard deviations from noise and from model error.
+
+    The standard deviation beside the value is the adopted one, named in the header.
+    """
     estimate = view.identification.estimate
     adopted = "model error" if estimate.covariance_basis == "model_error" else "noise"
     adopted += "" if estimate.fixed is None else " and tolerances"
@@ -102,7 +105,10 @@ def parameter_table(view: ResultsView) -> Table:
 
 
 def alternatives_table(sets: Alternatives) -> Table:
-    """Table of sets of values that fit equally well, one column each, and a measurement to decide."""
+    """Table of sets of values that fit equally well, one column each, and a row with the measurement that would decide.
+
+    Only the first few sets are shown.
+    """
     count = min(len(sets), _MOST_SETS)
     header = ("Parameter", "Unit", *(f"Set {k + 1}" for k in range(count)))
     rows = []
@@ -116,7 +122,10 @@ def alternatives_table(sets: Alternatives) -> Table:
 
 
 def varied_table(identification: Identification, varied: Varied) -> Table:
-    """Table of each record's own values of parameters that vary between records."""
+    """Table of the value of a varying parameter in each record, with its distance from the common value.
+
+    Rows of outlying values are marked "doubtful".
+    """
     found, ends = identification.estimate, identification.intervals.ends
     header = ("Record", "Parameter", "Unit", "Own value ± std", "95\u00a0% interval", "Scatters from the common value",
               "p of chance (Holm)", "")  # fmt: skip
@@ -138,7 +147,7 @@ def interval_words(identification: Identification) -> str:
 
 
 def residual_table(estimate: Estimate) -> Table | None:
-    """Table of statistical tests of every channel's residual; None if none was tested."""
+    """Table of statistical tests of the residual of every channel, doubtful ones marked; None if there are no tests."""
     tests = estimate.goodness.residual_tests
     if tests is None:
         return None
@@ -158,7 +167,7 @@ def residual_table(estimate: Estimate) -> Table | None:
 
 
 def mode_table(rows: ModeRows, band: tuple[float, float]) -> Table:
-    """Table of modes of initial and identified model, with a mark for those in the frequency `band` (Hz)."""
+    """Table of modes of initial and identified model; the last column says "yes" for modes in the frequency `band` (Hz)."""
     header = (
         "Mode", "Initial frequency (Hz)", "Identified frequency (Hz)", "Change",
         "Initial damping ratio", "Identified damping ratio", "MAC with initial shape", "In the band used",
@@ -183,7 +192,7 @@ def mode_table(rows: ModeRows, band: tuple[float, float]) -> Table:
 
 
 def resonance_table(resonances: tuple[Resonance, ...]) -> Table:
-    """Peaks of the imaginary part, measured beside fitted."""
+    """Table of measured resonances (Hz) beside those of the fitted model, and their relative difference."""
     rows = [
         (number(r.measured, 5), number(r.predicted, 5), percent(r.predicted / r.measured - 1))
         if math.isfinite(r.predicted)
@@ -194,14 +203,14 @@ def resonance_table(resonances: tuple[Resonance, ...]) -> Table:
 
 
 def direction_table(estimate: Estimate) -> Table:
-    """Directions that the data do not determine, in words, with how badly they are determined."""
+    """Table of the directions that the data do not determine, as text, with the relative standard deviation along each."""
     directions = estimate.identifiability.directions
     rows = tuple((f"the data determine {d.words}", number(d.relative_std, 2)) for d in directions)
     return Table(("In words", "Relative std along it"), rows, (1,))
 
 
 def record_facts(identification: Identification) -> tuple[tuple[str, str], ...]:
-    """Labels and texts on a measured record: source, lines, sensors, loads, noise and residual."""
+    """Pairs of a label and a text on the first record of FRFs: source, lines, sensors, loads, noise and residual."""
     whole, problem = identification.measured, identification.problem
     used = problem.record
     errors = "none stated" if used.variance is None else _NOISE.get(used.noise_source, used.noise_source)
@@ -233,7 +242,7 @@ def record_facts(identification: Identification) -> tuple[tuple[str, str], ...]:
 
 
 def structure_facts(structure: Structure) -> tuple[tuple[str, str], ...]:
-    """Labels and texts on the structure: nodes, degrees of freedom, supports, constraints and damping."""
+    """Pairs of a label and a text on the structure: nodes, degrees of freedom, supports, constraints and damping."""
     positions = np.array(list(structure.nodes.values()))
     extent = f" {TIMES} ".join(exact(float(x), 4) for x in np.ptp(positions, axis=0))
     ties = [f"{tie.name} ({type(tie).__name__})" for tie in structure.ties]
@@ -250,7 +259,10 @@ def structure_facts(structure: Structure) -> tuple[tuple[str, str], ...]:
 
 
 def element_table(structure: Structure) -> Table:
-    """Table of element sets with their types and nominal properties, without those that are all 0 and factors of lengths."""
+    """Table of element sets with type, number of elements, and ranges of nominal properties.
+
+    Properties that are 0 throughout, and factors of lengths, are left out.
+    """
     rows = []
     for element in structure.sets:
         own = [p for p in structure.properties if p.element == element.name]
@@ -264,7 +276,7 @@ def element_table(structure: Structure) -> Table:
 
 
 def stage_table(estimate: Estimate) -> Table | None:
-    """Table of the stages of the search: iterations, and sum of squares at begin and end; None where there is no course."""
+    """Table of the stages of the search: iterations, first and last sum of squares; None if the search has no stages."""
     rows = tuple(
         (stage.name, str(len(stage.costs) - 1), number(float(stage.costs[0])), number(float(stage.costs[-1])))
         for stage in estimate.search.stages
@@ -274,7 +286,7 @@ def stage_table(estimate: Estimate) -> Table | None:
 
 
 def summary_facts(identification: Identification) -> tuple[tuple[str, str, str], ...]:
-    """Key figures of an identification: label, value and remark of each."""
+    """Key figures of an identification, as (label, value, remark): mass, status, rank, misfit and, for FRFs, their error."""
     estimate = identification.estimate
     mass, std = identification.mass.total, identification.mass.std
     has_mass = np.isfinite(mass) and mass > 0
@@ -315,7 +327,7 @@ def _span(frequency: FloatArray) -> str:
 
 
 def _gaps(whole: FloatArray, used: FloatArray) -> str:
-    """Words on frequency stretches inside the band that were left out.
+    """Text on frequency ranges inside the band that were left out, beginning with a comma; "" if there are none.
 
     `whole` and `used` are the frequencies of the record and of the fit, Hz.
     """
@@ -329,7 +341,7 @@ def _gaps(whole: FloatArray, used: FloatArray) -> str:
 
 
 def _listed(items: Iterable[str]) -> str:
-    """Items joined by commas, with the count first if they are many."""
+    """The items joined by commas, with their number first if they are more than six; "none" if there are none."""
     words = list(items)
     if not words:
         return "none"

@@ -58,7 +58,7 @@ class Arrays:
     places: dict[bytes, int] = field(default_factory=dict)
 
     def place(self, values: FloatArray) -> int:
-        """Row number of `values` among the stored arrays; they are added if they are new."""
+        """Row number of `values` (n,) among the stored arrays; they are added if no equal array is stored."""
         given = np.ascontiguousarray(values, dtype=np.float64)
         index = self.places.setdefault(given.tobytes(), len(self.rows))
         if index == len(self.rows):
@@ -67,7 +67,7 @@ class Arrays:
 
 
 def numbers(values: FloatArray) -> list[float | None]:
-    """List of `values` rounded to six significant digits, with None for values that are not finite."""
+    """List of `values` (n,) rounded to six significant digits, with None for values that are not finite."""
     given = np.asarray(values, dtype=np.float64)
     finite = np.isfinite(given)
     size = np.abs(np.where(finite & (given != 0), given, 1.0))
@@ -80,14 +80,14 @@ def numbers(values: FloatArray) -> list[float | None]:
 
 
 def embedded(figures: Mapping[str, Figure]) -> str:
-    """All figures of a page as the JSON that its script reads: panels by figure, and the arrays that they refer to."""
+    """All figures of a page as JSON text for its script: panels by figure, and the arrays to which they refer by number."""
     arrays = Arrays()
     panels = {name: [_panel(figure, n, arrays) for n in range(len(figure.panels))] for name, figure in figures.items()}
     return json.dumps({"figures": panels, "arrays": arrays.rows}, allow_nan=False, separators=(",", ":"))
 
 
 def _panel(figure: Figure, number: int, arrays: Arrays) -> Described:
-    """Plotly data and layout of panel `number` of a figure; numbers are stored in `arrays`."""
+    """Plotly title, data and layout of panel `number` (from 0) of a figure; numbers are stored in `arrays`."""
     panel, height = figure.panels[number], figure.size[1]
     axes: dict[str, Described] = {"xaxis": _axis(panel.x, panel.bare)}
     data: list[Described] = []
@@ -128,7 +128,10 @@ def _panel(figure: Figure, number: int, arrays: Arrays) -> Described:
 
 
 def _domains(panel: Panel, height: float) -> list[list[float]]:
-    """Lower and upper end of every strip of a panel, as fractions of the plot height."""
+    """Lower and upper end of every strip of a panel, from the top down, as fractions of the plot height.
+
+    `height` is that of the figure in pixels; gaps are left between strips.
+    """
     shares = np.array([strip.weight for strip in panel.strips])
     tops = 1.0 - np.concatenate([[0.0], np.cumsum(shares)]) / shares.sum()
     gap = _GAP / (height - _TOP - _BOTTOM)
@@ -141,7 +144,7 @@ def clean(text: str) -> str:
 
 
 def _axis(axis: Axis, is_bare: bool) -> Described:
-    """Plotly description of an axis with its scale, limits and ticks; hidden if `is_bare`."""
+    """Plotly description of an axis with its title, scale, limits and ticks; hidden if `is_bare`."""
     found: Described = {"title": {"text": clean(axis.title)}, "visible": not is_bare, "showgrid": axis.grid}
     ends = axis.limits
     if axis.log:
@@ -154,7 +157,7 @@ def _axis(axis: Axis, is_bare: bool) -> Described:
 
 
 def _ticks(ticks: Ticks) -> Described:
-    """Plotly description of tick places and texts; {} for automatic ticks."""
+    """Plotly description of `ticks`, pairs of a place and a text; {} for automatic ticks."""
     if not ticks:
         return {}
     texts = [clean(text) for _, text in ticks]
@@ -166,7 +169,7 @@ def _ticks(ticks: Ticks) -> Described:
 
 
 def _colours(scale: ColourScale) -> Described:
-    """Plotly description of a colour scale with its bar."""
+    """Plotly description of a colour scale with its bar; values of a logarithmic scale are given as powers of ten."""
     place = np.log10 if scale.log else np.asarray
     anchors = palette.SCALES[scale.colours]
     title = scale.label + (" (or beyond)" if scale.is_exceeded else "")
@@ -180,7 +183,7 @@ def _colours(scale: ColourScale) -> Described:
 
 
 def _space(*axes: Axis) -> Described:
-    """Plotly description of three axes of equal scale, seen from `VIEW`."""
+    """Plotly description of the axes x, y and z at equal scale, seen from `VIEW`."""
     turn, tilt = np.radians(VIEW)
     eye = 1.8 * np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)])
     spans = np.ptp([axis.limits or (0.0, 1.0) for axis in axes], axis=1)
@@ -208,7 +211,7 @@ class _Traces:
         self.data.append({"type": "scatter", "yaxis": self.left} | trace | named | {"arrays": indices})
 
     def curve(self, trace: Curve) -> None:
-        """Add a curve as a Plotly scatter trace, in the plane or in space."""
+        """Add a curve as a Plotly scatter trace, in the plane or in space, with the motion of a swaying curve."""
         found: Described = {"mode": "+".join(["lines"] * bool(trace.pen) + ["markers"] * bool(trace.marker))}
         found |= {"line": _pen(trace.pen)} if trace.pen else {}
         found |= {"marker": _marker(trace.marker)} if trace.marker else {}
@@ -230,7 +233,7 @@ class _Traces:
         self._add(found, trace.label, **indices)
 
     def area(self, trace: Area) -> None:
-        """Add an area as a filled Plotly outline."""
+        """Add an area as a filled Plotly outline, hatched if the area says so."""
         found: Described = {"mode": "lines", "fill": "toself", "fillcolor": trace.colour, "hoverinfo": "skip"}
         found |= {"line": _pen(trace.edge or Pen(trace.colour, 0.0)), "opacity": trace.opacity}
         pattern = {"shape": "/", "fgcolor": palette.INK, "bgcolor": trace.colour, "size": 6, "solidity": 0.25}
@@ -238,7 +241,7 @@ class _Traces:
         self._add(found, trace.label, x=self.arrays.place(trace.x), y=self.arrays.place(trace.y))
 
     def heat_map(self, trace: HeatMap) -> None:
-        """Add a heat map in the colours of the panel's scale."""
+        """Add a heat map in the colours of the panel's scale; on a logarithmic scale the logarithms (base 10) are stored."""
         is_log = self.panel.scale is not None and self.panel.scale.log
         shown = np.log10(trace.values) if is_log else trace.values
         place = "%{text}: " if trace.columns else "%{x}, %{text}: "
@@ -256,7 +259,7 @@ class _Traces:
         self._add(found, "", x=self.arrays.place(trace.x), y=self.arrays.place(trace.y), z=rows)
 
     def texts(self, trace: Texts) -> None:
-        """Add texts at invisible markers."""
+        """Add texts, each at an invisible marker at its position."""
         found: Described = {"mode": "markers+text", "text": [clean(word) for word in trace.words]}
         found |= {"textposition": trace.side, "textfont": {"size": trace.size, "color": trace.colour}}
         found |= {"marker": {"size": 8, "opacity": 0}, "hoverinfo": "skip", "cliponaxis": False}
@@ -273,7 +276,7 @@ def _marker(marker: Marker) -> Described:
 
 
 def legend(figure: Figure) -> list[tuple[str, Markup]]:
-    """Legend entries of a figure: labels and SVG swatches of 26 by 12 pixels."""
+    """Legend entries of a figure, as pairs of a label and an SVG swatch of 26 by 12 pixels."""
     found = []
     for trace in figure.legend:
         swatch = _Swatch()
@@ -304,7 +307,7 @@ class _Swatch:
             self._path(_SYMBOLS.get(trace.marker.symbol, disc), trace.marker.colour, trace.marker.edge or Pen("none"))
 
     def area(self, trace: Area) -> None:
-        """A box."""
+        """Add the swatch of an area to the legend: a box, hatched if the area is."""
         self._path("M3,1 h20 v10 h-20 z", trace.colour, trace.edge or Pen("none"), trace.opacity)
         if trace.hatched:
             self._path("M4,10 L10,2 M10,10 L16,2 M16,10 L22,2", "", Pen(palette.INK, 1.0))

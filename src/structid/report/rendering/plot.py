@@ -105,7 +105,7 @@ class Curve:
         canvas.curve(self)
 
     def at(self, phase: float | None = None) -> tuple[FloatArray, ...]:
-        """Coordinates of the curve, one array for each of two or three axes, at rest or at `phase` (rad)."""
+        """Coordinates of the curve, one array (n,) for each of two or three axes, at rest or, if it sways, at `phase` (rad)."""
         coordinates = (self.x, self.y) if self.z is None else (self.x, self.y, self.z)
         if self.sway is None or phase is None:
             return coordinates
@@ -192,7 +192,7 @@ class ColourScale:
     is_exceeded: bool = False
 
     def colour(self, value: float) -> str:
-        """The step of the scale nearest to `value`; that of an end beyond it, the middle for NaN."""
+        """Colour of the step of the scale nearest to `value`: the end colour beyond an end, the middle colour for NaN."""
         fraction = 0.5 if np.isnan(value) else min(max((value - self.low) / (self.high - self.low), 0.0), 1.0)
         steps = palette.steps(self.colours)
         return steps[round(fraction * (len(steps) - 1))]
@@ -303,7 +303,7 @@ class Figure:
 
     @property
     def legend(self) -> tuple[Trace, ...]:
-        """Traces for the legend: the first one of each label."""
+        """Traces for the legend: the first one of each label that is not ""."""
         found: dict[str, Trace] = {}
         for panel in self.panels:
             for trace in panel.traces:
@@ -328,10 +328,11 @@ def matrix_panel(
     columns: Sequence[str] = (),
     across: str = "",
 ) -> Panel:
-    """Heat map panel of a matrix with a name for every row and column, first row on top.
+    """Heat map panel of a matrix (n_rows, n_columns) with a name for every row and column, first row on top.
 
-    Without `columns` it is square, with the names of the rows and the same `label` on both axes; `across` is the label of the
-    columns otherwise. Values are written into the cells of a small matrix, to two decimals.
+    `rows` and `columns` are the names, `label` and `across` the titles of the axes of rows and columns. Without `columns` the
+    matrix is square, with the names and title of the rows on both axes. Values are written into the cells, to two decimals, if
+    there are at most 16 rows and columns.
     """
     names = tuple(columns) or tuple(rows)
     n, m = len(rows), len(names)
@@ -344,7 +345,10 @@ def matrix_panel(
 
 
 def segments(ends: Sequence[ArrayLike], heights: Sequence[ArrayLike], pen: Pen, label: str = "") -> Curve:
-    """Lines from (``ends[0]``, ``heights[0]``) to (``ends[1]``, ``heights[1]``), each (n,) or one for all."""
+    """A curve of separate lines from (``ends[0]``, ``heights[0]``) to (``ends[1]``, ``heights[1]``).
+
+    Each of the four is an array (n,) or a number for all lines.
+    """
     x0, x1, y0, y1 = np.broadcast_arrays(*map(np.atleast_1d, (*ends, *heights)))
     return Curve(_lines(x0, x1), _lines(y0, y1), pen, label=label)
 
@@ -352,7 +356,10 @@ def segments(ends: Sequence[ArrayLike], heights: Sequence[ArrayLike], pen: Pen, 
 def boxes(
     ends: Sequence[ArrayLike], heights: Sequence[ArrayLike], colour: str, label: str = "", opacity: float = 1.0
 ) -> Area:
-    """Rectangles from ``ends[0]`` to ``ends[1]`` and from ``heights[0]`` to ``heights[1]``, as `segments`."""
+    """An area of rectangles from ``ends[0]`` to ``ends[1]`` along x and from ``heights[0]`` to ``heights[1]`` along y.
+
+    Each of the four is an array (n,) or a number for all rectangles.
+    """
     x0, x1, y0, y1 = np.broadcast_arrays(*map(np.atleast_1d, (*ends, *heights)))
     return Area(_lines(x0, x1, x1, x0, x0), _lines(y0, y0, y1, y1, y0), colour, opacity, label)
 
@@ -373,26 +380,26 @@ def rows_size(count: int) -> tuple[float, float]:
 
 
 def named_ticks(names: Sequence[str], most: int = 60) -> Ticks:
-    """A tick for each of `names` at 0, 1, ...; evenly spaced ones where there are more than `most`."""
+    """A tick for each of `names` at 0, 1, ...; only every second, third, ... if there are more than `most`."""
     step = max(1, -(-len(names) // most))
     return tuple((float(fraction), names[fraction]) for fraction in range(0, len(names), step))
 
 
 def whole_ticks(first: int, last: int, most: int = 15) -> Ticks:
-    """Whole numbers from `first` to `last`, in steps of 1, 2 or 5 times a power of ten."""
+    """Ticks at whole numbers from `first` to `last`, in steps of 1, 2 or 5 times a power of ten, about `most` at most."""
     steps = (digit * 10**power for power in range(9) for digit in (1, 2, 5))
     step = next(step for step in steps if (last - first) / step < most)
     return tuple((float(value), str(value)) for value in range(-(-first // step) * step, last + 1, step))
 
 
 def decade_ticks(low: float, high: float) -> Ticks:
-    """Powers of ten from `low` to `high`."""
+    """Ticks at the powers of ten from `low` to `high`, ends included."""
     powers = range(int(np.ceil(np.log10(low) - 1e-9)), int(np.floor(np.log10(high) + 1e-9)) + 1)
     return tuple((10.0**power, f"{10.0**power:g}") for power in powers)
 
 
 def decade_limits(values: ArrayLike) -> Limits:
-    """Limits of a logarithmic axis that hold the positive `values` and span at least a decade."""
+    """Limits of a logarithmic axis that hold the positive `values` and span at least a decade; 0 and NaN are ignored."""
     given = np.ravel(values)
     powers = np.log10(given[np.isfinite(given) & (given > 0)])
     low, high = (float(powers.min()), float(powers.max())) if powers.size else (0.0, 0.0)

@@ -77,7 +77,7 @@ _NONE = Pen("none", 0.0)
 
 
 def write_pngs(figures: Mapping[str, Figure], folder: Path) -> None:
-    """Write a PNG file for each figure into `folder`, created if missing."""
+    """Write a PNG file for each picture of `figures` into `folder`, created if missing; see `pictures` for the names."""
     make_folder(folder)
     for name, figure in pictures(figures).items():
         with atomic_write(folder / f"{name}.png") as temporary, matplotlib.rc_context(STYLE):
@@ -85,7 +85,10 @@ def write_pngs(figures: Mapping[str, Figure], folder: Path) -> None:
 
 
 def pictures(figures: Mapping[str, Figure]) -> dict[str, Figure]:
-    """Figures to be drawn as pictures: one for each figure, or for each of its strips if panels have several."""
+    """Figures to be drawn as pictures, by name: one for each figure, or for each of its strips if panels have several.
+
+    The name of a strip is appended to that of its figure.
+    """
     found = {}
     for name, figure in figures.items():
         strips = figure.panels[0].strips
@@ -105,7 +108,9 @@ class NotebookPicture(Picture):
 
 
 def plotted(figure: Figure, axes: Axes | Sequence[Axes] | None = None) -> Picture:
-    """Matplotlib picture of a figure with all strips one above the other, on the given `axes` or new ones.
+    """Matplotlib picture of a figure with all strips one above the other.
+
+    `axes` are Matplotlib axes to draw on, one for each strip; by default a new picture is made.
 
     Raises
     ------
@@ -147,9 +152,10 @@ def plotted(figure: Figure, axes: Axes | Sequence[Axes] | None = None) -> Pictur
 def _whole_panel(
     picture: Picture, axes: Axes, panel: Panel, handles: dict[str, Artist], width: float, named: tuple[bool, bool]
 ) -> None:
-    """Draw a panel of one strip with its axes; `named` tells if the x and the y axis get a title.
+    """Draw a panel of one strip on `axes`, with scales, titles and colour bar.
 
-    Legend entries are added to `handles`; `width` is that of the axes in pixels.
+    `named` says if the x and the y axis get a title. Legend entries are added to `handles`; `width` is that of the axes in
+    pixels.
     """
     _panel(axes, panel, handles)
     _scale(axes, "x", panel.x, width, named[0])
@@ -159,7 +165,7 @@ def _whole_panel(
 
 
 def drawn(figure: Figure) -> Picture:
-    """Matplotlib picture of a figure whose panels have one strip each."""
+    """Matplotlib picture of a figure whose panels have one strip each; of a figure with a choice, only the chosen panels."""
     choice = figure.choice
     shown = figure.panels if choice is None else tuple(figure.panels[i] for i in choice.shown)
     width, height = figure.size if choice is None else choice.size
@@ -210,7 +216,10 @@ def _panel(axes: Axes, panel: Panel, handles: dict[str, Artist]) -> None:
 
 
 def _scale(axes: Axes, which: Literal["x", "y"], axis: Axis, width: float, is_named: bool) -> None:
-    """Set scale, limits, ticks and title of the `which` axis of Matplotlib `axes` that are `width` pixels wide."""
+    """Set scale, limits, ticks and title of the x or y axis (`which`) of Matplotlib `axes`.
+
+    `width` is that of the axes in pixels, which decides if long tick texts are turned. Without `is_named` there is no title.
+    """
     own = axes.xaxis if which == "x" else axes.yaxis
     if axis.log:
         axes.set(**{f"{which}scale": "log"})
@@ -226,7 +235,7 @@ def _scale(axes: Axes, which: Literal["x", "y"], axis: Axis, width: float, is_na
 
 
 def _bar(picture: Picture, axes: Axes, scale: ColourScale) -> None:
-    """Add a bar for the colour scale beside `axes`."""
+    """Add a bar for the colour scale beside `axes`, with arrows at its ends if values exceed it."""
     extend = "both" if scale.is_exceeded else "neither"
     colours = ScalarMappable(_norm(scale), _colours(scale.colours))
     bar = picture.colorbar(colours, ax=axes, aspect=25, shrink=0.9, extend=extend)
@@ -246,7 +255,7 @@ class _Canvas:
     handles: dict[str, Artist]
 
     def curve(self, trace: Curve) -> None:
-        """Draw a curve; a swaying one is drawn at both ends of its motion."""
+        """Draw a curve; one that sways is drawn at rest plus its motion at phase 0, and again half a period later."""
         self._line(trace, trace.at(0.0))
         if trace.sway is not None:
             marker = trace.marker and replace(trace.marker, colour=palette.BLUE)
@@ -254,7 +263,7 @@ class _Canvas:
             self._line(later, trace.at(np.pi))
 
     def _line(self, trace: Curve, points: tuple[np.ndarray, ...]) -> None:
-        """Draw one line of a curve through `points` (x, y and perhaps z), and note its legend entry."""
+        """Draw one line of a curve through `points`, arrays x, y and perhaps z, and note its legend entry."""
         pen, marker = trace.pen or _NONE, trace.marker or Marker("none", 0.0, "")
         edge, axes = marker.edge or _NONE, self.beside if trace.right else self.axes
         (line,) = axes.plot(
@@ -266,7 +275,7 @@ class _Canvas:
             self.handles.setdefault(plain(trace.label), line)
 
     def area(self, trace: Area) -> None:
-        """Draw filled polygons."""
+        """Draw an area as filled polygons, one for each outline of its path, and note its legend entry."""
         edge = trace.edge or _NONE
         shape = PolyCollection(
             _pieces(trace.x, trace.y), facecolor=trace.colour, edgecolor=edge.colour, linewidth=edge.width * _PIXEL,
@@ -278,7 +287,7 @@ class _Canvas:
             self.handles.setdefault(plain(trace.label), shape)
 
     def heat_map(self, trace: HeatMap) -> None:
-        """Draw coloured cells, with their values if these are to be written."""
+        """Draw coloured cells, blank where a value is not finite, with their values if these are to be written."""
         scale = self.panel.scale or ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "")
         colours, norm = _colours(scale.colours), _norm(scale)
         self.axes.pcolormesh(
@@ -309,7 +318,7 @@ class _Canvas:
 
 
 def _pieces(x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
-    """Separate outlines of a path with NaN between them, each (n, 2)."""
+    """Separate outlines of a path that NaN in `x` divides, each (n, 2)."""
     points = np.column_stack([x, y])
     gaps = np.flatnonzero(np.isnan(x))
     pieces = (piece[~np.isnan(piece[:, 0])] for piece in np.split(points, gaps))
@@ -331,6 +340,6 @@ def _glyphs() -> frozenset[int]:
 
 
 def plain(text: str) -> str:
-    """`text` with no mathematics in it and a box for every character that the font lacks."""
+    """The text for Matplotlib, with dollar signs escaped and a box in place of characters that the font lacks."""
     known = "".join(c if c == "\n" or ord(c) in _glyphs() else "□" for c in text)
     return known.replace("$", r"\$")

@@ -38,7 +38,8 @@ _HALF_A_DIGIT = 5e-7
 def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[Item, ...]:
     """Tables 3.1 to 3.4 and Figures 3.1 and 3.2 beside what is printed, and the text's claims on noise.
 
-    Random studies use the seeds 0 to n_seeds - 1; those of long records a part of them, which their notes state.
+    Random studies use the seeds 0 to n_seeds - 1, those of long records fewer, as their notes state. `progress` is called with
+    the name of an item and the fraction done.
     """
     steps: tuple[Step, ...] = (
         (0.0, "Table 3.1", lambda _: [table_3_1()]),
@@ -51,7 +52,7 @@ def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[Ite
 
 
 def table_3_1() -> Item:
-    """Table 3.1: the actual parameters of the beam, identified from exact motion (45 parameters with damping)."""
+    """Table 3.1: the 30 parameters of the beam, identified from exact motion; with damping 45 parameters."""
     rows, results = [], []
     for label, damping in _dampings().items():
         structure = beam(ACTUAL, damping)
@@ -84,7 +85,7 @@ def table_3_1() -> Item:
 
 
 def _dampings() -> dict[str, dict[str, FloatArray]]:
-    """Damping of the beam by name, in the properties of `Beam`."""
+    """Damping properties of the beam by a label: none, two strain-rate dampings and a viscous damping."""
     mass, stiffness = ACTUAL[:N_ELEMENTS], ACTUAL[N_ELEMENTS:]
     uneven = 1 + 0.3 * np.sin(np.arange(1, N_ELEMENTS + 1))
     return {
@@ -98,7 +99,10 @@ def _dampings() -> dict[str, dict[str, FloatArray]]:
 def _identify_noise_free(
     structure: Structure, damping: tuple[str, ...], n_samples: int
 ) -> tuple[float, float, FloatArray]:
-    """Largest relative error, condition number, and parameters (n_params,) identified from exact motion at `n_samples` instants."""
+    """Largest relative error, condition number and values (n_params,) of the parameters identified from exact motion.
+
+    The motion is sampled at `n_samples` instants; `damping` names the damping properties that are parameters too.
+    """
     unknown = unknown_values(structure, *damping)
     motion = driven(structure, sampling_times(n_samples), bool(damping))
     solution = motion_fit(structure, unknown).updated(motion).solution()
@@ -106,7 +110,7 @@ def _identify_noise_free(
 
 
 def table_3_4() -> Item:
-    """Table 3.4: natural frequencies from the parameters of Tables 3.1 and 3.2, and their relative differences."""
+    """Table 3.4: natural frequencies (rad/s) from the parameters of Tables 3.1 and 3.2, and their relative differences."""
     actual, estimated = natural_frequencies(ACTUAL), natural_frequencies(ESTIMATED[4])
     relative = np.full(10, np.nan)
     relative[2:] = estimated[2:] / actual[2:] - 1
@@ -130,14 +134,14 @@ def table_3_4() -> Item:
 
 
 def natural_frequencies(values: FloatArray) -> FloatArray:
-    """The ten lowest of the beam, rad/s; rigid-body modes at 0."""
+    """Ten lowest natural frequencies of the beam with parameters `values` (30,), in rad/s; rigid-body modes at 0."""
     structure = beam(values)
     found = 2 * np.pi * modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=10).frequency
     return np.where(found < 1e-5, 0.0, found)
 
 
 def figure_3_1() -> Item:
-    """Figure 3.1: sizes of the finite element model, and its distributions of mass and stiffness."""
+    """Figure 3.1: sizes of the finite element model as a table, and its distributions of mass and stiffness as panels."""
     structure = beam(ACTUAL)
     positions = np.array([float(x[0]) for x in structure.nodes.values()])
     sizes = [
@@ -169,7 +173,7 @@ def figure_3_1() -> Item:
 
 
 def figure_3_2() -> Item:
-    """Figure 3.2: interpolation functions of the element's nodal displacements, and the element matrices that they give."""
+    """Figure 3.2: interpolation functions of the beam element, and the element matrices integrated from them."""
     points, weights = np.polynomial.legendre.leggauss(6)
     xi, weights = 0.5 * (points + 1), 0.5 * weights
     shapes = hermite(xi)
@@ -194,7 +198,7 @@ def figure_3_2() -> Item:
 
 
 def hermite(xi: FloatArray) -> FloatArray:
-    """Interpolation functions of Eq. (3.17), (4, n_points)."""
+    """Interpolation functions of Eq. (3.17) at the points `xi` (n_points,), (4, n_points)."""
     return np.array(
         [3 * xi**2 - 2 * xi**3, xi**2 - xi**3, 1 - 3 * xi**2 + 2 * xi**3, -xi + 2 * xi**2 - xi**3], dtype=np.float64
     )

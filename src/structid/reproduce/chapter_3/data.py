@@ -66,20 +66,27 @@ STIFFNESS_SHAPE = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [
 
 
 def beam(values: FloatArray, damping: dict[str, Any] | None = None) -> Structure:
-    """The free-free beam with masses and stiffnesses `values` (30,); nodes 1 to 16, 1 m apart."""
+    """Free-free beam of 15 elements, with nodes 1 to 16 at distances of 1 m.
+
+    `values` (30,) are the masses per length (kg/m) and then the stiffnesses EI / h^3 (N/m); `damping` are damping properties of
+    `Beam`.
+    """
     nodes = {i + 1: float(i) for i in range(N_ELEMENTS + 1)}
     pairs = [[i, i + 1] for i in range(1, N_ELEMENTS + 1)]
     return Structure(nodes, [Beam("beam", pairs, values[:N_ELEMENTS], values[N_ELEMENTS:], **(damping or {}))])
 
 
 def unknown_values(structure: Structure, *damping: str) -> Parameters:
-    """Mass and bending stiffness of every element, and the damping properties named, one parameter each."""
+    """Parameters of the beam: mass, bending stiffness and the properties `damping` of every element, in this order."""
     names = ("mass", "bending_stiffness", *damping)
     return parameters(structure, [Unknown(name, "beam", each=True, positive=False) for name in names])
 
 
 def driven(structure: Structure, time: FloatArray, damped: bool = False) -> Motion:
-    """Exact motion of the beam from rest under a force of 0.1 cos(t) N across node 7, at the instants `time` in s."""
+    """Exact motion of the beam from rest under the force 0.1 cos(t) N in Y at node 7, at the instants `time` (n_times,) in s.
+
+    The damping matrix counts only if `damped` is True.
+    """
     load = FORCE * structure.selection([Dof(FORCED_NODE, "Y")]).toarray()[:, 0]
     damping = structure.matrix("damping") if damped else None
     transient: Transient = harmonic_transient(
@@ -90,5 +97,5 @@ def driven(structure: Structure, time: FloatArray, damped: bool = False) -> Moti
 
 
 def sampling_times(n_samples: int) -> FloatArray:
-    """t_k = 0.5 k s, k = 1, 2, ..., n_samples."""
+    """Sampling times (n_samples,) in s: 0.5, 1.0, 1.5 and so on."""
     return STEP * np.arange(1, n_samples + 1)

@@ -41,23 +41,26 @@ Reading = Callable[[Motion, np.random.Generator], Motion]
 
 
 def multiplied(exact: Motion, rng: np.random.Generator) -> Motion:
-    """Reading A: every sample of acceleration and force times (1 + 2 % n); displacements exact."""
+    """Noisy motion in reading A: each sample of acceleration and force is multiplied by 1 + 0.02 n; displacements are exact.
+
+    n is standard normal from `rng`; all degrees of freedom share one factor of the force at an instant.
+    """
     a, f = _acceleration(exact), exact.force
     noisy = a * (1 + NOISE * rng.standard_normal(a.shape))
     return Motion(exact.time, f * (1 + NOISE * rng.standard_normal((len(f), 1))), noisy, None, exact.displacement)
 
 
 def added(exact: Motion, rng: np.random.Generator) -> Motion:
-    """Reading B: noise of 2 % of the RMS of each channel added to acceleration and force; displacements exact."""
+    """Noisy motion in reading B: noise of 2 % of each channel's RMS on acceleration and force; displacements are exact."""
     a, f = _acceleration(exact), exact.force
     noisy = a + NOISE * _rms(a) * rng.standard_normal(a.shape)
     return Motion(exact.time, f + NOISE * _rms(f) * rng.standard_normal((len(f), 1)), noisy, None, exact.displacement)
 
 
 def integrated(exact: Motion, rng: np.random.Generator) -> Motion:
-    """Noisy motion as the text describes it, and noisy force.
+    """Noisy motion as the text describes it: displacements are integrated twice from noisy accelerations.
 
-    Noisy accelerations at 1 ms are integrated twice and sampled every 0.5 s.
+    These are sampled every 1 ms with noise of 2 % of their RMS; the result is sampled every 0.5 s. The force has noise too.
     """
     fine = _fine_motion(round(exact.n_times * STEP / FINE_STEP))
     a = _acceleration(fine)
@@ -102,15 +105,15 @@ class Errors:
 
 
 def sum_of_two_rms(relative: FloatArray) -> FloatArray:
-    """RMS over the first 15 relative errors plus RMS over the others, (...,)."""
+    """RMS over the first 15 relative errors (masses) plus RMS over the other 15 (stiffnesses), along the last axis."""
     masses, stiffnesses = relative[..., :N_ELEMENTS], relative[..., N_ELEMENTS:]
     return np.sqrt((masses**2).mean(axis=-1)) + np.sqrt((stiffnesses**2).mean(axis=-1))
 
 
 def repeats(reading: str, n_samples: int, n_seeds: int) -> Errors:
-    """Relative errors of least-squares estimates from `n_samples` noisy samples, once for each seed.
+    """Relative errors of least-squares estimates of the 30 parameters from `n_samples` noisy samples, one row for each seed.
 
-    `reading` names the kind of noise.
+    `reading` is "A", "B" or "integrated", a key of `READINGS`; seeds are 0 to n_seeds - 1.
     """
     structure = beam(ACTUAL)
     equations = time_equations(structure, unknown_values(structure))
@@ -126,9 +129,10 @@ def repeats(reading: str, n_samples: int, n_seeds: int) -> Errors:
 
 
 def batched_values(equations: TimeEquations, fields: FloatArray) -> FloatArray:
-    """Least-squares parameters of many records at once: fields (n_records, 4 n_dofs, n_times) to (n_records, n_params).
+    """Least-squares parameters (n_records, n_params) of many records at once.
 
-    The equations must have one block for each degree of freedom.
+    `fields` is (n_records, 4 n_dofs, n_times), see `TimeEquations.fields`; `equations` must have one block for each degree of
+    freedom.
     """
     n_records, n_fields, n_times = fields.shape
     wide = np.moveaxis(fields, 0, 1).reshape(n_fields, -1)
@@ -141,9 +145,10 @@ def batched_values(equations: TimeEquations, fields: FloatArray) -> FloatArray:
 
 
 def predicted_bias(reading: str, n_samples: int) -> float:
-    """First-order prediction of the relative bias due to noise in the motion, as RMS over the parameters.
+    """First-order prediction of the relative bias of the estimates due to noise in the motion, as RMS over the 30 parameters.
 
-    For ``integrated`` the displacement's error after k fine steps of h has variance s^2 h^4 k^3 / 3.
+    `reading` is a key of `READINGS`. For "integrated", the error of the displacement after k steps of h = 1 ms has the variance
+    s^2 h^4 k^3 / 3, where s is the noise of the acceleration.
     """
     structure = beam(ACTUAL)
     exact = driven(structure, sampling_times(n_samples))
@@ -159,9 +164,9 @@ def predicted_bias(reading: str, n_samples: int) -> float:
 
 
 def rigid_body_fractions(duration: float) -> tuple[float, float]:
-    """Fractions of mass-weighted mean squares of displacement and acceleration that are rigid-body motion.
+    """Fractions of the mass-weighted mean squares of displacement and acceleration (in this order) that are rigid-body motion.
 
-    The means are over `duration` in s.
+    The means are over the first `duration` (s) of the exact motion.
     """
     structure = beam(ACTUAL)
     mass = structure.matrix("mass").toarray()
@@ -181,7 +186,7 @@ def rigid_body_fractions(duration: float) -> tuple[float, float]:
 
 @cache
 def _fine_motion(n_steps: int) -> Motion:
-    """Exact motion every 1 ms from rest at 0 to n_steps ms."""
+    """Exact motion of the beam every 1 ms, from rest at 0 to `n_steps` ms."""
     return driven(beam(ACTUAL), FINE_STEP * np.arange(n_steps + 1))
 
 
@@ -195,7 +200,10 @@ def _rms(values: FloatArray) -> FloatArray:
 
 
 def noisy_table(name: str, n_samples: int, n_seeds: int) -> Item:
-    """Table 3.2 or 3.3 (`name`) beside the median and the 5-95 % band of `n_seeds` repeats under readings A and B of the noise."""
+    """Table 3.2 or 3.3 beside medians and 5-95 % bands of repeats under readings A and B of the noise.
+
+    `name` is the table's, `n_samples` is 4 or 8, and `n_seeds` is the number of repeats.
+    """
     printed, rms = ESTIMATED[n_samples], RMS_ERROR[n_samples]
     studies = {reading: repeats(reading, n_samples, n_seeds) for reading in ("A", "B")}
     values = ACTUAL * (1 + studies["A"].relative)
@@ -230,9 +238,10 @@ def noisy_table(name: str, n_samples: int, n_seeds: int) -> Item:
 
 
 def _rms_table(rms: float, both: float, all_30: float, studies: dict[str, Errors]) -> Table:
-    """Table of the printed RMS error `rms` beside the RMS errors of the printed parameters and of the repeats.
+    """Table of the printed RMS error `rms` beside the RMS errors of the printed parameters and of the repeats in `studies`.
 
-    `both` is the sum of the RMS over masses and over stiffnesses, `all_30` the RMS over all parameters.
+    For the printed parameters, `both` is the RMS over masses plus the RMS over stiffnesses, `all_30` the RMS over all
+    parameters.
     """
     rows = ["of the printed table"]
     computed = [[both, all_30, np.nan, np.nan, np.nan]]
@@ -248,16 +257,14 @@ def _rms_table(rms: float, both: float, all_30: float, studies: dict[str, Errors
 
 
 def claims(n_seeds: int, report: Callable[[float], None]) -> Item:
-    """Claims of the text on noise.
-
-    The effect of more samples with exact displacements, and with displacements integrated from noise.
+    """Claims of the text on noise: the effect of more samples, with exact and with integrated displacements.
 
     Parameters
     ----------
     n_seeds : int
-        As for the tables; longer records take a part of them, at least 5.
+        Number of seeds for the tables; the studies here take 3 to 20 % of them, at least 5.
     report : callable
-        Called with the part that is done, 0 to 1.
+        Called with the fraction done, 0 to 1.
     """
     work = [("B", m, part) for m, part in _EXACT_DISPLACEMENT.items()]
     work += [("integrated", m, part) for m, part in _INTEGRATED.items()]
@@ -297,9 +304,9 @@ def claims(n_seeds: int, report: Callable[[float], None]) -> Item:
 
 
 def _error_panel(exact: FloatArray, integrated: FloatArray) -> Panel:
-    """Figure panel of the RMS error against the number of samples, by exact and by integrated displacements.
+    """Panel of the RMS error against the number of samples, for exact and for integrated displacements.
 
-    Rows of both are (5 %, median, 95 %, ..., predicted bias), one for each number of samples.
+    Each row of `exact` and `integrated` is 5 %, median, 95 %, bias and predicted bias for one number of samples.
     """
     curves = []
     for label, samples, part in (

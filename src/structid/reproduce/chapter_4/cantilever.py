@@ -90,7 +90,7 @@ class Reading:
 
 
 def in_rad_per_s(*omega: float) -> tuple[float, ...]:
-    """Frequencies in Hz of circular frequencies in rad/s."""
+    """Frequencies in Hz, as a tuple, of the circular frequencies `omega` in rad/s."""
     return tuple(float(value / (2 * np.pi)) for value in omega)
 
 
@@ -106,7 +106,10 @@ TWO_DEFLECTIONS = Reading("deflections of nodes 1 and 6, 0.5 to 6 rad/s", in_rad
 
 
 def cantilever(values: FloatArray) -> Structure:
-    """Six beam elements of 1 m, clamped at node 0, with these masses and stiffnesses."""
+    """Cantilever of six beam elements of 1 m, clamped at node 0, which bends in Y.
+
+    `values` (12,) are masses per length (kg/m) and then stiffnesses EI (N m^2).
+    """
     beam = Beam("beam", [[i, i + 1] for i in range(N_ELEMENTS)], values[:N_ELEMENTS], values[N_ELEMENTS:])
     return Structure({i: float(i) for i in range(N_ELEMENTS + 1)}, [beam], ["0Y", "0RZ"])
 
@@ -117,7 +120,10 @@ def unknowns(structure: Structure) -> Parameters:
 
 
 def exact_record(values: FloatArray, reading: Reading) -> FrfRecord:
-    """Noise-free receptances of the cantilever with the parameters `values`, (12,), at the lines and sensors of `reading`."""
+    """Noise-free receptances of the cantilever at the lines and sensors of `reading`, for a load at the tip.
+
+    `values` (12,) are masses per length (kg/m) and then stiffnesses EI (N m^2).
+    """
     frequency = np.array(reading.frequency)
     blank = np.ones((len(frequency), len(reading.outputs), 1), dtype=np.complex128)
     record = FrfRecord(frequency, blank, parse_dofs(reading.outputs), parse_dofs((TIP,)), "receptance")
@@ -126,15 +132,15 @@ def exact_record(values: FloatArray, reading: Reading) -> FrfRecord:
 
 
 def rms(relative_error: FloatArray) -> float:
-    """Root of the mean square over all parameters."""
+    """Root mean square of `relative_error` over all parameters."""
     return float(np.sqrt(np.mean(np.square(relative_error))))
 
 
 def classical_values(case: Case, record: FrfRecord, n_iterations: int) -> FloatArray:
-    """Parameters along the classical iteration from the postulated ones, (at most n_iterations + 1, 12): Eqs. (4.17) and (4.26).
+    """Parameters along the classical iteration from the postulated ones, (n, 12) with n <= n_iterations + 1.
 
-    It ends early where the step diverges beyond `DIVERGED` or the model cannot be evaluated. The steps are those of
-    ``GaussNewton(step_control=False)``, with one linearization a step instead of the three that its bookkeeping takes.
+    Eqs. (4.17) and (4.26). It ends early if the RMS error exceeds `DIVERGED` or the model cannot be evaluated. The steps are
+    those of ``GaussNewton(step_control=False)``.
     """
     structure = cantilever(case.postulated)
     problem = FrfProblem(structure, unknowns(structure), record, "equation")
@@ -153,7 +159,7 @@ def classical_values(case: Case, record: FrfRecord, n_iterations: int) -> FloatA
 
 
 def classical_errors(case: Case, record: FrfRecord, n_iterations: int = 6) -> FloatArray:
-    """RMS of the relative errors along the classical iteration, (n_iterations + 1,); infinite once it has diverged."""
+    """RMS of the relative errors along the classical iteration, (n_iterations + 1,), the start first; inf after divergence."""
     path = classical_values(case, record, n_iterations)
     errors = np.full(n_iterations + 1, np.inf)
     errors[: len(path)] = np.sqrt(np.mean((path / case.actual - 1) ** 2, axis=1))
@@ -161,13 +167,13 @@ def classical_errors(case: Case, record: FrfRecord, n_iterations: int = 6) -> Fl
 
 
 def one_step_solution(case: Case, record: FrfRecord) -> FloatArray:
-    """Parameters from one linear solve with the measured motion in B; every motion must be in `record`."""
+    """Parameters (12,) from one linear solve with the measured motion in B; `record` must hold every motion."""
     structure = cantilever(case.postulated)
     return one_step_values(structure, unknowns(structure), record)
 
 
 def relative_jacobian(case: Case, reading: Reading) -> FloatArray:
-    """Relative change of each measured value per relative change of each actual parameter, (n_data, 12)."""
+    """Relative change of each datum for a relative change of each parameter, (n_data, 12), at the actual parameters."""
     structure = cantilever(case.actual)
     model = response(structure, unknowns(structure), exact_record(case.actual, reading))
     values, derivative = model.derivatives_at(case.actual)
@@ -175,6 +181,6 @@ def relative_jacobian(case: Case, reading: Reading) -> FloatArray:
 
 
 def iterations_to(errors: FloatArray) -> float:
-    """The first iteration with an RMS error below `CONVERGED`; NaN where there is none."""
+    """Index of the first of `errors` below `CONVERGED` (0 is the start); NaN if there is none."""
     below = np.flatnonzero(errors < CONVERGED)
     return float(below[0]) if below.size else float("nan")

@@ -55,7 +55,10 @@ _START_COLUMNS = (
 
 
 def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[Item, ...]:
-    """Table 4.1 and Figures 4.1 to 4.5, computed beside what is printed; random studies use the seeds 0 to n_seeds - 1."""
+    """Table 4.1 and Figures 4.1 to 4.5, computed beside what is printed; random studies use the seeds 0 to n_seeds - 1.
+
+    `progress` is called with the name of an item and the fraction done.
+    """
     seeds = range(n_seeds)
     steps: tuple[Step, ...] = (
         (0.0, "Table 4.1", lambda _: [table_4_1(), figure_4_1()]),
@@ -105,7 +108,7 @@ def _rows() -> tuple[str, ...]:
 
 
 def figure_4_1() -> Item:
-    """Figure 4.1: sizes of the finite element model, and its distributions of mass and stiffness."""
+    """Figure 4.1: sizes of the finite element model as a table, and its distributions of mass and stiffness as panels."""
     structure = cantilever(CASE_1.actual)
     length = float(structure.nodes[N_ELEMENTS][0])
     rows = ("elements N", "free nodes", "degrees of freedom n", "length L (m)", "parameters")
@@ -134,7 +137,10 @@ def figure_4_1() -> Item:
 
 
 def _distributions(part: slice) -> tuple[Curve, ...]:
-    """Curves of the actual and postulated parameters (the slice `part` of the 12) of both cases as steps along the beam."""
+    """Step curves along the beam of the actual and postulated parameters of both cases.
+
+    `part` selects masses or stiffnesses among the 12 parameters.
+    """
     x = np.repeat(np.arange(N_ELEMENTS + 1.0), 2)[1:-1]
     both = [(case.name, {"actual": case.actual, "postulated": case.postulated}) for case in (CASE_1, CASE_2)]
     named = [
@@ -144,12 +150,12 @@ def _distributions(part: slice) -> tuple[Curve, ...]:
 
 
 def errors_of(case: Case, reading: Reading) -> FloatArray:
-    """RMS errors of the classical iteration on exact data."""
+    """RMS relative errors of the classical iteration on exact data, (9,): start and eight iterations; inf after divergence."""
     return classical_errors(case, exact_record(case.actual, reading), _N_ITERATIONS)
 
 
 def figure_4_2() -> Item:
-    """Figure 4.2: convergence with all motions measured, in five iterations or in one linear solve."""
+    """Figure 4.2: convergence in case 1 with all motions measured without noise, by iteration and by one linear solve."""
     main = errors_of(CASE_1, ALL_AT_HALF)
     solved = np.full(len(main), np.nan)
     one_step = one_step_solution(CASE_1, exact_record(CASE_1.actual, ALL_AT_HALF))
@@ -182,7 +188,7 @@ def figure_4_2() -> Item:
 
 
 def figure_4_3() -> Item:
-    """Figure 4.3: convergence with one sensor, which diverges as printed and converges under other readings of the data."""
+    """Figure 4.3: convergence in case 2 with one sensor and no noise, under several readings of the data."""
     readings = [TIP_PRINTED, TIP_IN_HZ, TIP_NODE, TWO_DEFLECTIONS]
     paths = [errors_of(CASE_2, reading) for reading in readings]
     singles, printed_converges = _single_sensors()
@@ -209,13 +215,16 @@ def figure_4_3() -> Item:
 
 
 def _start_table(case: Case, printed: float, errors: FloatArray) -> Table:
-    """Initial error in both measures, and how many iterations lead to zero; printed are the second and the last."""
+    """Table with one row: initial RMS error (%) relative to actual and to postulated parameters, and iterations to zero.
+
+    `printed` is the printed initial error (%); `errors` are RMS errors along the iteration.
+    """
     computed = [100 * rms(case.relative_error), 100 * rms(case.error_of_actual), iterations_to(errors)]
     return Table((case.name,), _START_COLUMNS, np.array([[np.nan, printed, 5.0]]), np.array([computed]))
 
 
 def _single_sensors() -> tuple[Table, int]:
-    """Table of each transverse sensor alone, in rad/s and in Hz, and for how many of them the printed reading converges."""
+    """Table of the iteration with each transverse sensor alone, in rad/s and in Hz, and the number that converge in rad/s."""
     rows = []
     for sensor in DEFLECTIONS:
         printed = Reading("", in_rad_per_s(*GRID), (sensor,))
@@ -243,7 +252,7 @@ def _single_sensors() -> tuple[Table, int]:
 
 
 def _sensor_pairs() -> tuple[Table, int]:
-    """Table of each pair of transverse sensors in rad/s, and for how many pairs the iteration converges."""
+    """Table of the iteration with each pair of transverse sensors, in rad/s, and the number of pairs for which it converges."""
     chosen = list(combinations(DEFLECTIONS, 2))
     paths = [errors_of(CASE_2, Reading("", in_rad_per_s(*GRID), pair)) for pair in chosen]
     computed = np.array([[path[1], path[3], iterations_to(path)] for path in paths])

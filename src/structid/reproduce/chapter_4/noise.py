@@ -123,7 +123,10 @@ STUDIES_2 = (
 
 
 def figure_4_4(seeds: range, report: Callable[[float], None]) -> Item:
-    """Figure 4.4: convergence with all motions measured with noise, under several readings of the noise."""
+    """Figure 4.4: convergence in case 1, all motions measured with noise, under several readings of the noise.
+
+    `report` is called with the fraction done.
+    """
     results = outcomes(STUDIES_1, seeds, report)
     printed, everywhere = results[0], results[-1]
     excitation, gain = results[4], results[5]
@@ -149,7 +152,10 @@ def figure_4_4(seeds: range, report: Callable[[float], None]) -> Item:
 
 
 def figure_4_5(seeds: range, report: Callable[[float], None]) -> Item:
-    """Figure 4.5: convergence with one motion measured with noise, in rad/s and in Hz."""
+    """Figure 4.5: convergence in case 2, one motion measured with noise, with frequencies read in rad/s and in Hz.
+
+    `report` is called with the fraction done.
+    """
     results = outcomes(STUDIES_2, seeds, report)
     printed, in_hz, typo, node, two = results
     verdict = Verdict.READING if _improves(in_hz) else Verdict.REFUTED
@@ -173,7 +179,10 @@ def figure_4_5(seeds: range, report: Callable[[float], None]) -> Item:
 
 
 def outcomes(studies: Sequence[Study], seeds: range, report: Callable[[float], None]) -> tuple[Outcome, ...]:
-    """The outcome (errors and bounds) of each study over all seeds; `report` is called with the fraction done."""
+    """Errors and Cramér-Rao bounds of each study over all seeds; `report` is called with the fraction done.
+
+    A bound is 0 if the study has no noise of that kind.
+    """
     results = []
     for i, study in enumerate(studies):
         report(i / len(studies))
@@ -199,7 +208,10 @@ def _panel(title: str, outcomes: Sequence[Outcome]) -> Panel:
 
 
 def noisy_record(case: Case, reading: Reading, noise: Noise, rng: np.random.Generator) -> FrfRecord:
-    """Receptances of the actual structure measured with errors of `noise`, assigned to the nominal frequencies."""
+    """Receptances of the actual structure of `case` with random errors of `noise`, drawn from `rng`.
+
+    Values are computed at erroneous frequencies, but assigned to the nominal ones.
+    """
     nominal = np.array(reading.frequency)
     frequency = nominal * (1 + noise.frequency * rng.standard_normal(len(nominal)))
     amplitude = 1 + noise.amplitude * rng.standard_normal((len(nominal), 1, 1))
@@ -210,7 +222,7 @@ def noisy_record(case: Case, reading: Reading, noise: Noise, rng: np.random.Gene
 
 
 def noisy_errors(case: Case, reading: Reading, noise: Noise, seeds: range, n_iterations: int = 5) -> FloatArray:
-    """RMS errors along the classical iteration for each seed, (n_seeds, n_iterations + 1)."""
+    """RMS relative errors along the classical iteration for each seed, (n_seeds, n_iterations + 1); inf after divergence."""
     return np.array(
         [
             classical_errors(case, noisy_record(case, reading, noise, np.random.default_rng(seed)), n_iterations)
@@ -220,17 +232,20 @@ def noisy_errors(case: Case, reading: Reading, noise: Noise, seeds: range, n_ite
 
 
 def quantiles(errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """5 %, median and 95 % over seeds, each an error that occurred, so that diverged runs count as the largest."""
+    """Quantiles 5 %, 50 % and 95 % over the seeds of `errors` (n_seeds, n), each (n,), without interpolation.
+
+    Diverged runs have infinite errors and so count as the largest.
+    """
     low, middle, high = np.quantile(errors, [0.05, 0.5, 0.95], axis=0, method="inverted_cdf")
     return low, middle, high
 
 
 def cramer_rao(case: Case, reading: Reading, noise: Noise) -> float:
-    """Smallest RMS relative standard deviation of an unbiased estimate of all parameters (Cramér-Rao bound).
+    """Cramér-Rao bound: smallest RMS relative standard deviation of unbiased estimates of all 12 parameters.
 
-    With J the relative Jacobian and S the covariance of the relative data, the root of the mean diagonal entry of (J'
-    S^-1 J)^-1. Amplitude errors a of the excitation change all values of a line by 1 + a. Frequency errors f act as
-    mass errors 2 f, since the structure has no damping: the columns of the masses give their effect.
+    With J the relative Jacobian and S the covariance of the relative data, it is the root of the mean diagonal entry of (J'
+    S^-1 J)^-1. Amplitude errors a of the excitation multiply all values of a line by 1 + a. Frequency errors f act as mass
+    errors 2 f, since the structure has no damping.
     """
     jacobian = relative_jacobian(case, reading)
     n_data, n_params = jacobian.shape

@@ -38,25 +38,25 @@ _ROWS = tuple(f"mode {r}" for r in range(1, N_SENSORS + 1))
 
 
 def beam_omega(n_modes: int) -> FloatArray:
-    """(r pi / L)^2 for EI = m = 1, rad/s; Eq. (5.32)."""
+    """Circular frequencies (n_modes,) of the beam in rad/s, (r pi / L)^2 for EI = m = 1; Eq. (5.32)."""
     return (np.arange(1, n_modes + 1) * np.pi / LENGTH) ** 2
 
 
 def beam_shapes(position: FloatArray, n_modes: int) -> FloatArray:
-    """sqrt(1/5) sin(r pi x / L), (n_positions, n_modes); Eq. (5.32)."""
+    """Mode shapes (n_positions, n_modes) of the beam at `position` (m), sqrt(1/5) sin(r pi x / L); Eq. (5.32)."""
     return np.sqrt(0.2) * np.sin(np.outer(position, np.arange(1, n_modes + 1)) * np.pi / LENGTH)
 
 
 def free_record(motion: FreeDecay, step: float, dofs: Sequence[Dof], source: str) -> TimeRecord:
-    """All three quantities of `motion` at `dofs`, sampled every `step` s."""
+    """Time record of displacement, velocity and acceleration of `motion` at `dofs`, sampled every `step` s."""
     quantities = tuple(quantity for quantity in _QUANTITIES for _ in dofs)
     return TimeRecord(1 / step, np.concatenate(motion, axis=1), tuple(dofs) * 3, quantities, source=source)
 
 
 def beam_record(n_modes: int = N_SIMULATED, duration: float = DURATION) -> TimeRecord:
-    """Exact motion at ten sensors of the beam after a unit impulse at the first.
+    """Exact displacement, velocity and acceleration at ten sensors of the beam after a unit impulse at the first sensor.
 
-    A sum of `n_modes` modes over `duration` in s.
+    The response is a sum of `n_modes` modes over `duration` (s), with a time step of 0.04 s.
     """
     time = np.arange(round(duration / STEP) + 1) * STEP
     impulse = beam_shapes(SENSORS[:1], n_modes)[0]
@@ -65,10 +65,10 @@ def beam_record(n_modes: int = N_SIMULATED, duration: float = DURATION) -> TimeR
 
 
 def folded_omega() -> FloatArray:
-    """Frequencies at which ten sensors show modes 7 to 10 as T grows, rad/s: sqrt(2 / (1/w_r^2 + 1/w_(22-r)^2)).
+    """Frequencies (4,), in rad/s, at which ten sensors show modes 7 to 10 in a long record: sqrt(2 / (1/w_r^2 + 1/w_(22-r)^2)).
 
-    At the sensors modes r and 22 - r have one shape. An impulse gives them equal velocities, so that the average
-    of the squared displacement of each is in proportion to 1 / w^2 and that of the velocity is the same.
+    Modes r and 22 - r have the same shape at the sensors. An impulse gives them equal velocities, so that the mean square of
+    displacement is proportional to 1 / w^2 and that of velocity is equal for both.
     """
     omega = beam_omega(N_SIMULATED)
     low = np.arange(7, N_SENSORS + 1)
@@ -78,7 +78,10 @@ def folded_omega() -> FloatArray:
 def identified(
     form: Form = "symmetric_acceleration", rule: Rule = "interior", n_modes: int = N_SIMULATED
 ) -> FloatArray:
-    """Ten identified frequencies, rad/s."""
+    """Ten identified circular frequencies in rad/s from the simulated record of `n_modes` modes.
+
+    `form` and `rule` are the formula and the integration rule of `stationary_values`.
+    """
     return np.sqrt(np.abs(_values(form, rule, n_modes).eigenvalues))
 
 
@@ -88,7 +91,7 @@ def _values(form: Form, rule: Rule, n_modes: int = N_SIMULATED) -> StationaryVal
 
 
 def table_5_1() -> Item:
-    """Table 5.1: actual and identified frequencies of the simply supported beam."""
+    """Table 5.1: actual and identified frequencies (rad/s) of the simply supported beam, under several readings of the text."""
     actual, identified_omega = beam_omega(N_SENSORS), identified()
     columns = ("actual (rad/s)", "identified (rad/s)")
     main = Table(_ROWS, columns, np.stack([BEAM_ACTUAL, BEAM_IDENTIFIED], 1), np.stack([actual, identified_omega], 1))
@@ -156,7 +159,7 @@ def figures_5_1_and_5_2() -> tuple[Item, Item]:
 
 
 def claim_ten_modes() -> Item:
-    """The claim of the text that the ten lowest modes are identified and agree well, beside what is computed."""
+    """Claim of the text that the ten lowest modes of the beam are identified and agree well, beside what is computed."""
     actual = beam_omega(N_SENSORS)
     ten, fifteen = identified(n_modes=N_SENSORS), identified()
     shapes = beam_shapes(SENSORS, N_SIMULATED)

@@ -26,7 +26,7 @@ def search_reason(estimate: Estimate) -> str:
 
 
 def changes_summary(estimate: Estimate) -> dict[str, Entry]:
-    """The parameters that moved most, and where all of them are."""
+    """Entries of estimate.json for very many parameters: those that moved most, and the name of the file with all of them."""
     beyond, limit = estimate.beyond_chance()
     rows = _columns(estimate)
     return {
@@ -40,14 +40,14 @@ def changes_summary(estimate: Estimate) -> dict[str, Entry]:
 
 
 def largest_changes(estimate: Estimate, count: int) -> list[int]:
-    """Positions of the parameters that moved from their start by most standard deviations, most first."""
+    """Indices of the `count` parameters that moved from their start by most standard deviations, largest change first."""
     size: FloatArray = np.abs(estimate.distance)
     order: list[int] = np.argsort(-np.nan_to_num(size, nan=-1.0), kind="stable")[:count].tolist()
     return order
 
 
 def changes_table(estimate: Estimate) -> str:
-    """All parameters of an estimate as CSV text, one a line; a cell is empty where a number is not known."""
+    """All parameters of an estimate as CSV text, one row each; a cell is empty where a number is not finite."""
     columns = _columns(estimate)
     rows = zip(*columns.values(), strict=True)
     return csv_text(columns, (["" if isinstance(v, float) and not np.isfinite(v) else v for v in row] for row in rows))

@@ -38,8 +38,8 @@ STUDY_PATH = "study_path.txt"
 def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
     """Context manager: a temporary folder whose files move into `folder` when the block ends without an error.
 
-    On any error the temporary folder is removed, and a folder already there stays as it was. An old `page` there is
-    removed where the block writes no new one.
+    On any error the temporary folder is removed, and an existing `folder` stays as it was. An old file of the name `page` in it
+    is removed if the block writes no new one, since it would tell of another run.
 
     Raises
     ------
@@ -69,7 +69,8 @@ def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
 def _move_into(temporary: Path, folder: Path, page: str) -> None:
     """Move the files of `temporary` into `folder`: the whole folder at once if there is none, else file by file.
 
-    `page` is the name of the page.
+    `page` is the name of the report page, removed from `folder` if there is no new one. `FileError` if a link or a file is in
+    the way.
     """
     if not folder.exists():
         temporary.rename(folder)
@@ -91,9 +92,10 @@ def _move_into(temporary: Path, folder: Path, page: str) -> None:
 
 
 def write_results(result: StudyResult, folder: Path) -> None:
-    """Write estimate.json, estimate.h5 and study.toml into the existing `folder`, and parameters.csv if there are very many.
+    """Write estimate.json, estimate.h5 and study.toml into the existing `folder`, and the way to the study file.
 
-    For a study with a solver, the updated deck is written too. Equal results give equal bytes, except for the path of the study.
+    With too many parameters for a covariance matrix their table (CSV) is added, with a solver the updated deck. Equal results
+    give equal bytes, except for the path of the study.
     """
     (folder / "estimate.json").write_text(json_text(estimate_summary(result)), encoding="utf-8")
     if not result.identification.estimate.uncertainty.has_matrix:
@@ -106,7 +108,7 @@ def write_results(result: StudyResult, folder: Path) -> None:
 
 
 def _way_to(path: Path, folder: Path) -> str:
-    """The relative path from a folder to a file; "" where there is none, as between two drives."""
+    """The relative path from `folder` to the file `path`; "" if there is none, as between two drives."""
     try:
         return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
     except ValueError:
@@ -114,7 +116,7 @@ def _way_to(path: Path, folder: Path) -> str:
 
 
 def estimate_summary(result: StudyResult) -> dict[str, Entry]:
-    """Content of estimate.json, before numbers that are not finite become null."""
+    """Content of estimate.json as a dictionary, in which numbers may still be NaN or infinite; the file has null for these."""
     view, answer = result.view, result.identification
     estimate, identifiability = answer.estimate, answer.estimate.identifiability
     has_matrix = estimate.uncertainty.has_matrix
@@ -179,7 +181,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
 
 
 def _fixed_values(sensitivities: Sequence[FixedValueSensitivity]) -> dict[str, Entry]:
-    """Entry of estimate.json on the sensitivity of the answer to fixed values; {} where that was not examined."""
+    """The entry ``fixed_values``: sensitivity of the parameters to each fixed value; {} if that was not computed."""
     if not sensitivities:
         return {}
     return {
@@ -196,7 +198,10 @@ def _fixed_values(sensitivities: Sequence[FixedValueSensitivity]) -> dict[str, E
 
 
 def _tolerances(estimate: Estimate) -> dict[str, Entry]:
-    """The entry ``tolerances``: each fixed value with its tolerance and the shift, in tolerances, that the data ask for."""
+    """The entry ``tolerances``: each fixed value with its tolerance and the shift, in tolerances, that the data ask for.
+
+    An empty dictionary if no tolerances were taken into account.
+    """
     fixed = estimate.fixed
     if fixed is None:
         return {}
@@ -209,7 +214,7 @@ def _tolerances(estimate: Estimate) -> dict[str, Entry]:
 
 
 def _alternatives(sets: Alternatives | None) -> dict[str, Entry]:
-    """Sets of values that fit the data equally well, where there are several."""
+    """The entry ``alternatives``: sets of values that fit the data equally well; {} where there is one set only."""
     if sets is None:
         return {}
     rows = zip(sets.values, sets.cost, sets.n_searches, strict=True)
@@ -232,7 +237,7 @@ def _alternatives(sets: Alternatives | None) -> dict[str, Entry]:
 
 
 def reduction_summary(identification: Identification) -> dict[str, Entry]:
-    """Sizes of reduced components, and the error that they and reduced sweeps make; {} where nothing is reduced."""
+    """The entry ``reduction``: texts on reduced components and on the error of the reduction; {} if nothing is reduced."""
     parts, changes = (
         [one.words for one in told] for told in (identification.structure.reductions, identification.truncations)
     )
@@ -240,7 +245,7 @@ def reduction_summary(identification: Identification) -> dict[str, Entry]:
 
 
 def varied_summary(answer: Identification) -> dict[str, Entry]:
-    """The entry ``varied``: scatter and value for each record of parameters that vary between records; {} if none do."""
+    """The entry ``varied``: scatter of parameters that vary between records, and the value in each record; {} if none do."""
     if not answer.priors.varied:
         return {}
     index_of = {name: i for i, name in enumerate(answer.estimate.names)}
@@ -262,7 +267,7 @@ def varied_summary(answer: Identification) -> dict[str, Entry]:
 
 
 def _verdict(view: ResultsView) -> dict[str, Entry]:
-    """The verdict, what to do, and the causes of a misfit."""
+    """The entries on the verdict: its reasons, the next step, advice, causes and suggestions."""
     diagnosis, judgement = view.diagnosis, view.diagnosis.judgement
     causes, suggestions = (
         [{**asdict(cause), "where": cause.where[0] if len(cause.where) == 1 else cause.where} for cause in listed]
@@ -285,7 +290,7 @@ def _strengths(item: AppliedRegularization, has_matrix: bool) -> dict[str, Entry
 
 
 def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Entry]:
-    """The fit of each record if there are several, and the polarities that the data decided."""
+    """The entry ``records`` with the fit of each record if there are several; else ``polarities`` if the data decided any."""
     if len(fits) > 1:
         rows = [
             {"name": fit.name, "source": fit.measured.source, "polarities": fit.polarities, **fit_summary(fit)}
@@ -297,7 +302,7 @@ def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Entry]:
 
 
 def fit_summary(fit: RecordFit) -> dict[str, Entry]:
-    """Fit of the identified model on the lines of a record's evaluation band."""
+    """Fit of the identified model to a record: relative errors, over all lines of the evaluation band and for each channel."""
     error, record, fitted = fit.relative_error, fit.evaluation, fit.problem.record
     channels: list[Entry] = [
         {"output": str(output), "input": str(load), "median_relative_error": float(np.median(error[:, o, i]))}
@@ -318,7 +323,7 @@ def fit_summary(fit: RecordFit) -> dict[str, Entry]:
 
 
 def _at_bound(bound: AtBound | None) -> dict[str, Entry] | None:
-    """The bound that a parameter is at, and how hard the data push it beyond."""
+    """The entry of a parameter at a bound: its side, limit, and how hard the data push it beyond; None if it is at none."""
     if bound is None:
         return None
     return {
@@ -378,7 +383,10 @@ def modal_summary(identification: Identification) -> dict[str, Entry]:
 
 
 def _record(fit: ModalFit) -> dict[str, Entry]:
-    """The entry of one record of modes: each measured mode beside its model modes."""
+    """The entry of one record of modes: each measured mode beside its partners in the initial and the fitted model.
+
+    Modes are numbered from 1.
+    """
     problem = fit.problem
     sizes = {int(mode): len(group.members) for group in problem.data.groups for mode in group.members}
     damping = problem.record.damping_ratio[problem.data.measured]

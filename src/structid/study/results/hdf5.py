@@ -32,11 +32,11 @@ ESTIMATE_FORMAT = "structid estimate 1"
 def hdf5_bytes(result: StudyResult) -> bytes:
     """Content of estimate.h5.
 
-    Groups ``parameters``, ``frf``, ``evaluation``, ``modes`` and ``modes_initial``, the last four once more in
-    ``record_2`` and so on for further records of responses; ``modal_record_1`` and so on for those of modes; units are
-    attributes. ``subdivide`` is the number of pieces into which each beam was cut. Of very many parameters
-    ``parameters`` has posterior draws in place of covariance matrices. The file is made in memory, so that a full disk
-    shows as an ordinary error when the bytes are written.
+    Groups ``parameters``, ``frf``, ``evaluation``, ``modes`` and ``modes_initial``. The last four are repeated in ``record_2``,
+    ``record_3`` and so on for further records of responses; records of modes are in ``modal_record_1`` and so on. Units are
+    attributes. ``subdivide`` is the number of pieces into which each beam was cut. With very many parameters, posterior draws
+    stand in place of covariance matrices. The file is made in memory, so that a full disk shows as an ordinary error when the
+    bytes are written.
     """
     import h5py  # so that `import structid` stays light
 
@@ -63,7 +63,7 @@ def hdf5_bytes(result: StudyResult) -> bytes:
 
 
 def _write_record(group: h5py.Group, fit: RecordFit) -> None:
-    """Write the groups of one record of responses: ``frf``, ``evaluation``, ``modes`` and ``modes_initial``."""
+    """Write the groups ``frf``, ``evaluation``, ``modes`` and ``modes_initial`` of one record of responses into `group`."""
     _write_frf(group.create_group("frf"), fit)
     _write_evaluation(group.create_group("evaluation"), fit)
     _write_modes(group.create_group("modes"), fit.modes, fit.problem.structure)
@@ -71,7 +71,7 @@ def _write_record(group: h5py.Group, fit: RecordFit) -> None:
 
 
 def _put(group: h5py.Group, name: str, values: ArrayLike, unit: str = "") -> None:
-    """Write one array as a dataset, with its unit as an attribute."""
+    """Write one array as the dataset `name`, with its unit, if not "", as the attribute ``unit``."""
     array = np.asarray(values)
     dataset = group.create_dataset(name, data=array, track_times=False)
     if unit:
@@ -84,7 +84,10 @@ def _texts(group: h5py.Group, name: str, values: Iterable[object]) -> None:
 
 
 def _write_parameters(group: h5py.Group, estimate: Estimate) -> None:
-    """Write start, values, deviations, covariances (or draws), identifiability and search history of the parameters to `group`."""
+    """Write what is known of the parameters into `group`: values, deviations, identifiability and history of the search.
+
+    Covariances (n_params, n_params) are written where there are any, else posterior draws.
+    """
     _texts(group, "names", estimate.names)
     _texts(group, "kinds", estimate.kinds)
     _texts(group, "units", estimate.units)
@@ -118,7 +121,10 @@ def _write_parameters(group: h5py.Group, estimate: Estimate) -> None:
 
 
 def _write_frf(group: h5py.Group, fit: RecordFit) -> None:
-    """Write the FRFs that were fitted: measured, predicted, residual and noise."""
+    """Write the FRFs that were fitted into `group`: measured, predicted, residual (predicted minus measured) and noise.
+
+    The arrays are (n_lines, n_outputs, n_inputs); variance, coherence and decay are written where the record has them.
+    """
     record = fit.problem.record
     group.attrs["kind"] = record.kind
     group.attrs["noise_source"] = record.noise_source
@@ -139,7 +145,10 @@ def _write_frf(group: h5py.Group, fit: RecordFit) -> None:
 
 
 def _write_evaluation(group: h5py.Group, fit: RecordFit) -> None:
-    """Write the lines on which the fit is judged, which may be more than were fitted."""
+    """Write measured and predicted FRFs and their relative error on the lines on which the fit is judged into `group`.
+
+    These may be more lines than were fitted.
+    """
     unit = fit.evaluation.unit
     _put(group, "frequency", fit.evaluation.frequency, "Hz")
     _put(group, "measured", fit.evaluation.values, unit)
@@ -149,7 +158,10 @@ def _write_evaluation(group: h5py.Group, fit: RecordFit) -> None:
 
 
 def _write_modal(group: h5py.Group, fit: ModalFit) -> None:
-    """Write the measured modes of one record beside those of the model."""
+    """Write the measured modes of a record into `group`, with frequency, damping and MAC of their model modes.
+
+    The model modes are those of the initial and of the fitted model.
+    """
     measured = fit.measured
     group.attrs["name"], group.attrs["source"] = fit.name, measured.source
     _texts(group, "channels", measured.channels)
@@ -165,7 +177,7 @@ def _write_modal(group: h5py.Group, fit: ModalFit) -> None:
 
 
 def _write_modes(group: h5py.Group, modes: Modes, structure: Structure) -> None:
-    """Write frequencies, damping ratios and shapes of the model's modes."""
+    """Write frequencies (Hz), damping ratios and mass-normalized shapes of the model's modes, and its degrees of freedom."""
     _texts(group, "dofs", structure.dofs)
     _put(group, "frequency", modes.frequency, "Hz")
     _put(group, "damping_ratio", modes.damping_ratio, "1")
@@ -173,12 +185,12 @@ def _write_modes(group: h5py.Group, modes: Modes, structure: Structure) -> None:
 
 
 def stored_values(folder: Path) -> dict[str, float]:
-    """Identified value of each parameter, by name, in a results folder of `structid identify`.
+    """Identified value of each parameter, by name, from the file estimate.h5 of a results folder.
 
     Raises
     ------
     FileError
-        If there is no estimate.h5, or it is none of structid's.
+        If there is no estimate.h5, or structid did not write it.
     """
     path = folder / "estimate.h5"
     if not path.is_file():

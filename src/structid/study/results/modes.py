@@ -31,16 +31,16 @@ def write_modes_results(result: ModesResult, folder: Path) -> None:
 
 
 def write_merged(modes: ModalRecord, folder: Path, geometry: Geometry | None = None) -> None:
-    """Write the merged modes of files of modes as modes.json, modes.csv and modes.uff into the existing `folder`.
+    """Write modes merged from several files as modes.json, modes.csv and modes.uff into the existing `folder`.
 
-    modes.uff is left out where entries of the shapes are unknown, for which the format has no sign.
+    modes.uff is left out where entries of the shapes are unknown, which the format cannot say.
     """
     for suffix in ("json", "csv", "uff") if modes.known.all() else ("json", "csv"):
         write_modes(folder / f"modes.{suffix}", modes, geometry)
 
 
 def modes_summary(result: ModesResult) -> dict[str, Entry]:
-    """The content of modes.json, before what is not finite becomes null; `read_modes` reads it back."""
+    """The content of modes.json, in which numbers may still be NaN or infinite; `read_modes` reads the file."""
     identification = result.identification
     fields = modal_fields(result.modes)
     collinearity, deviation = collinearity_with_std(result.modes), phase_deviation_with_std(result.modes)
@@ -87,7 +87,7 @@ def _tone(tone: Tone) -> dict[str, Entry]:
 
 
 def _clusters(result: ModesResult) -> dict[str, Entry]:
-    """Statistics of the poles of all orders behind each mode; None where the method has no orders."""
+    """For each mode, statistics of the poles of all model orders behind it; all None where the method has no orders."""
     clusters = result.identification.clusters
     names = ("count", "n_orders", "cluster_frequency_hz", "cluster_frequency_spread_hz", "cluster_damping_ratio",
              "cluster_damping_spread")  # fmt: skip
@@ -105,7 +105,7 @@ def _clusters(result: ModesResult) -> dict[str, Entry]:
 
 
 def options_used(result: ModesResult) -> dict[str, Entry]:
-    """The settings of the identification, with defaults filled in where the method made a choice."""
+    """The settings of the identification as plain values, with the orders that were used, and None for no upper frequency."""
     options = result.identification.options
     used = asdict(options)
     if result.identification.sweep:
@@ -116,7 +116,7 @@ def options_used(result: ModesResult) -> dict[str, Entry]:
 
 
 def _record(result: ModesResult) -> dict[str, Entry]:
-    """The record as an entry of modes.json: kind, lines or samples, channels."""
+    """The entry of modes.json on the record: its kind, lines or samples, channels and references."""
     record = result.record
     if isinstance(record, FrfRecord):
         return {

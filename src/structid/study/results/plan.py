@@ -25,16 +25,18 @@ def write_plan(plan: Plan, study: PlanStudy, folder: Path) -> None:
 def plan_summary(
     plan: Plan, title: str = "", notes: tuple[str, ...] = (), inputs: Mapping[str, str] | None = None
 ) -> dict[str, Entry]:
-    """The content of plan.json, before what is not finite becomes null.
+    """The content of plan.json, in which numbers may still be NaN or infinite.
 
     Parameters
     ----------
     plan : Plan
+        The test plan.
     title : str
+        Title of the study.
     notes : tuple of str
-        Where the options come from.
+        Remarks on the origin of the options.
     inputs : mapping of str to str, optional
-        SHA-256 of every input file.
+        SHA-256 of each input file, by name.
     """
     options = plan.options
     return {

@@ -72,7 +72,7 @@ class SolverAnswer:
         }
 
     def write(self, folder: Path) -> None:
-        """Write the updated deck, with all files that it reads, into a new folder inside `folder`."""
+        """Write the updated deck, with all files that it reads, into a new folder inside `folder`, which must not exist yet."""
         target = folder / UPDATED
         target.mkdir()
         for name, path in self.linked.items():

@@ -31,7 +31,9 @@ _AGAIN = "identify again with this version of structid"
 
 
 def stored_study(folder: Path, study: Path | None = None) -> Study:
-    """The study of a results folder, read from where it was identified, or from the file `study`, its beams cut as they were.
+    """The study of a results folder, read from where it was identified or from the file `study`.
+
+    Its beams are cut into as many pieces as they were in the identification.
 
     Raises
     ------
@@ -72,7 +74,7 @@ def stored_study(folder: Path, study: Path | None = None) -> Study:
 
 
 def stored_doubt(folder: Path) -> str:
-    """A sentence on a model that does not explain the record it was identified from; "" of any other."""
+    """A sentence of warning if the identified model of a results folder does not explain its record; else ""."""
     verdict = json.loads(require_readable(folder / "estimate.json").read_text(encoding="utf-8")).get("verdict")
     if verdict != "wrong_model":
         return ""
@@ -87,7 +89,7 @@ def _text(path: Path) -> str:
 
 
 def stored_model(folder: Path, study: Study) -> IdentifiedModel:
-    """The identified model of the results folder of a study.
+    """The identified model of the results folder `folder`, for the study `study` that belongs to it.
 
     Raises
     ------
@@ -143,7 +145,9 @@ class ParameterSpread:
 
 
 def stored_spread(folder: Path, study: Study) -> ParameterSpread:
-    """Initial values and covariance of the parameters of a results folder, in the order of the study's parameters.
+    """Initial values (n_params,) and covariance (n_params, n_params) from a results folder, in the study's order of parameters.
+
+    The covariance includes the tolerances of fixed values.
 
     Raises
     ------
@@ -163,7 +167,9 @@ def stored_spread(folder: Path, study: Study) -> ParameterSpread:
 
 
 def stored_model_error(folder: Path, study: Study, model: IdentifiedModel) -> ModelError | None:
-    """Error of the fitted FRFs of a results folder at a sensor that is left out; None where the fit reaches the noise.
+    """Error of the fitted FRFs of a results folder at a sensor that is left out, as the model error of predictions.
+
+    None where the fit reaches the noise, and where no FRFs were fitted.
 
     Raises
     ------
@@ -198,7 +204,10 @@ def _floats(field: Field | None) -> FloatArray | None:
 
 
 def _read_group(path: Path, group: str, names: tuple[str, ...]) -> dict[str, Field]:
-    """Datasets of a group of an HDF5 file, those of `names` that it has; the group "" is the whole file."""
+    """The datasets `names` of a group in an HDF5 file, by name; those that the file lacks are left out.
+
+    The group "" is the whole file.
+    """
     places = {f"{group}/{name}".removeprefix("/"): name for name in names}
     present = set(hdf5_datasets(require_readable(path)))
     found = hdf5_fields(path, [path_in_file for path_in_file in places if path_in_file in present])
@@ -206,7 +215,7 @@ def _read_group(path: Path, group: str, names: tuple[str, ...]) -> dict[str, Fie
 
 
 def stored_band(folder: Path) -> tuple[float, float] | None:
-    """Lowest and highest frequency above 0, Hz, of the fitted FRFs of a results folder; None where it has none."""
+    """Lowest and highest frequency above 0, Hz, of the fitted FRFs of a results folder; None if no FRFs were fitted."""
     stored = _read_group(folder / "estimate.h5", "frf", ("frequency",))
     if "frequency" not in stored:
         return None
@@ -216,7 +225,9 @@ def stored_band(folder: Path) -> tuple[float, float] | None:
 
 
 def stored_loads(folder: Path, is_needed: bool = True) -> tuple[str, ...]:
-    """Degrees of freedom at which forces acted in the record that a results folder is of; () of modes unless they are needed.
+    """Degrees of freedom, as text, at which forces acted in the fitted FRFs of a results folder.
+
+    Without fitted FRFs, as with a record of modes: an empty tuple if `is_needed` is False, else an error.
 
     Raises
     ------

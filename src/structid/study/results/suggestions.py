@@ -24,13 +24,13 @@ FOLDER = "suggestions"
 
 
 def suggestion_name(number: int, changes: Sequence[Change]) -> str:
-    """File name of a suggested study, such as ``1-support-9Y.toml``."""
+    """File name of a suggested study, made of its number and the places of its changes, such as ``1-support-9Y.toml``."""
     words = " ".join(f"{one.candidate.place[0]} {' '.join(one.candidate.where[:2])}" for one in changes)
     return f"{number}-{re.sub(r'[^A-Za-z0-9]+', '-', words).strip('-')[:60]}.toml"
 
 
 def suggestion_text(study: Study, changes: Sequence[Change]) -> tuple[str, tuple[str, ...]]:
-    """The text of a study file after changes, its comments kept, and the lines that differ."""
+    """The text of a study file after `changes`, its comments kept, and the lines that differ, marked by "+ " or "- "."""
 
     def change_tables(tables: dict[str, Any]) -> None:
         for change in changes:
@@ -43,7 +43,10 @@ def suggestion_text(study: Study, changes: Sequence[Change]) -> tuple[str, tuple
 
 
 def with_suggestions(study: Study, diagnosis: Diagnosis, fits: Sequence[Fitted]) -> Diagnosis:
-    """The diagnosis with the name of a study, and its lines that differ, for each cause that the study file can be changed by."""
+    """The diagnosis with the name of a suggested study, and the lines that differ, for each cause with a refit.
+
+    `fits` are the refits in the order of these causes. A cause is unchanged if the study file cannot hold its change.
+    """
     changes = iter(fits)
     number = 0
 
@@ -65,7 +68,10 @@ def with_suggestions(study: Study, diagnosis: Diagnosis, fits: Sequence[Fitted])
 
 
 def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path, target: Path) -> None:
-    """Write the studies of the causes into `folder`, which will be `target`."""
+    """Write a study file for each cause that has one into `folder`, whose content will later be moved to `target`.
+
+    `fits` are the refits behind the causes, in their order. Nothing is written if no cause has a study.
+    """
     diagnosis = result.diagnosis
     causes: Sequence[Cause] = () if diagnosis is None else diagnosis.named
     if not any(cause.study for cause in causes):
@@ -78,7 +84,10 @@ def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path,
 
 
 def write_suggestion(study: Study, changes: Sequence[Change], path: Path, folder: Path, title: str) -> None:
-    """Write the study with changes and a new `title` to `path`, which will stand in `folder`; its files are found from there."""
+    """Write the study with `changes` and a new `title` to the file `path`, which will later stand in `folder`.
+
+    Relative paths of its input files are rewritten so that they are right from `folder`.
+    """
     away = Path(os.path.relpath(study.path.parent.resolve(), folder.resolve()))
     names = {name for name in study.digests if name != study.path.name}
 
@@ -96,7 +105,7 @@ def write_suggestion(study: Study, changes: Sequence[Change], path: Path, folder
 def _move_paths(table: Any, names: set[str], away: Path) -> None:
     """Rewrite, in place, the relative paths among the texts of a table or list for use from another folder.
 
-    `names` are the paths of files; `away` leads from the new folder to that of the study.
+    `names` are the texts that are paths of input files; `away` leads from the new folder to that of the study.
     """
     items = list(table.items()) if isinstance(table, dict) else list(enumerate(table))
     for key, value in items:

@@ -223,13 +223,14 @@ def results_view(
     title: str = "",
     provenance: Mapping[str, object] | None = None,
 ) -> ResultsView:
-    """An answer as console, files, pages and Python show it.
+    """A result as console, files, pages and Python show it: verdict, next step, parameters, channels and statistics.
 
     Parameters
     ----------
     identification : Identification
+        Result of `identify`.
     diagnosis : Diagnosis, optional
-        Verdict and causes; without it the verdict is made here, and no causes are looked for.
+        Verdict and causes; without it the verdict is made here, and no causes are searched for.
     title : str
         Heading.
     provenance : mapping, optional
@@ -276,9 +277,9 @@ def results_view(
 
 
 def _next_step(diagnosis: Diagnosis, is_searched: bool, is_any_doubtful: bool) -> str:
-    """Sentence on the one thing to do next; "" where nothing is.
+    """Sentence on the one thing to do next; "" if there is nothing to do.
 
-    `is_searched` says that causes were looked for, `is_any_doubtful` that a parameter is doubtful.
+    `is_searched` is True if causes were searched for, `is_any_doubtful` if a sentence of the advice calls a parameter doubtful.
     """
     verdict = diagnosis.judgement.verdict
     if verdict == "wrong_model" and diagnosis.causes:
@@ -295,7 +296,10 @@ def _next_step(diagnosis: Diagnosis, is_searched: bool, is_any_doubtful: bool) -
 
 
 def _advice(identification: Identification, diagnosis: Diagnosis, sentences: Sequence[str]) -> tuple[str, ...]:
-    """Sentences on what to do: the verdict's beyond its headline, causes, and warnings that ask for an act."""
+    """Sentences on what to do, each once: the verdict beyond its headline, further causes, and warnings that ask for an action.
+
+    `sentences` are those of the verdict after the headline.
+    """
     estimate = identification.estimate
     lines = list(sentences)
     if diagnosis.causes:
@@ -329,7 +333,7 @@ def _advice(identification: Identification, diagnosis: Diagnosis, sentences: Seq
 
 
 def _alternative(cause: Cause) -> str:
-    """Sentence on a cause after the first: how it stands to the first, and its suggested study."""
+    """Sentence on a cause after the first: if it adds to the first, is as likely or less likely, and its suggested study."""
     run = f" ({cause.study})" if cause.study else ""
     if cause.is_second:
         return f"A second change beside the first: {cause.words}{run}."
@@ -339,7 +343,7 @@ def _alternative(cause: Cause) -> str:
 
 
 def _parameters(identification: Identification) -> tuple[ParameterResult, ...]:
-    """Result of each parameter; of those that moved most where there is no covariance matrix."""
+    """Result of each parameter; without a covariance matrix only of those that changed most."""
     estimate = identification.estimate
     n_params = len(estimate.names)
     chosen = range(n_params) if estimate.uncertainty.has_matrix else largest_changes(estimate, MOST_CHANGES)
@@ -381,7 +385,11 @@ def _parameters(identification: Identification) -> tuple[ParameterResult, ...]:
 
 
 def parameter_states(identification: Identification) -> tuple[str, ...]:
-    """State of each parameter, such as ``determined`` or ``by prior``; see `ParameterResult.state`."""
+    """State of each parameter, such as "determined" or "by prior", in their order; see `ParameterResult.state`.
+
+    If several apply, the last of these holds: weakly determined, by prior, not determined, at a bound, ran away.
+    "One of several" replaces "determined" where another set of values fits equally well.
+    """
     estimate = identification.estimate
     weak = np.zeros(len(estimate.names), dtype=bool)
     for direction in estimate.identifiability.directions:
@@ -413,7 +421,7 @@ def _channels(fit: RecordFit) -> list[ChannelFit]:
 
 
 def _statistics(identification: Identification) -> tuple[tuple[str, str], ...]:
-    """Statistics of the search and the fit as pairs of a label and its value."""
+    """Statistics of the search and the fit, as pairs of a label and a text."""
     estimate = identification.estimate
     is_converged = estimate.status is Status.CONVERGED
     search = estimate.message if is_converged else f"{estimate.status.value.replace('_', ' ')}: {estimate.message}"
@@ -449,7 +457,7 @@ def _statistics(identification: Identification) -> tuple[tuple[str, str], ...]:
 
 
 def _fit_rows(fits: Sequence[RecordFit]) -> list[tuple[str, str]]:
-    """Median relative error of each record, and the lines that it is taken over."""
+    """Label and text with the median relative error of the FRFs of each record, and the lines over which it is taken."""
     rows = []
     for fit in fits:
         error = percent(float(np.median(fit.relative_error)), 3, signed=False)

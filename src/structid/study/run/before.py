@@ -72,16 +72,20 @@ def checked_record(
     comparison: InitialComparison,
     modes: Modes,
 ) -> RecordCheck:
-    """The checks of one record before a fit: resonances beside the model's, and warnings on signals and windows.
+    """The checks of one record before a fit: resonances beside the model's, warnings on signals and windows, and remarks.
 
     Parameters
     ----------
     title : str
+        Name that messages about the record begin with.
     source : RecordSource
+        The record's tables in the study file, from which its files are read again.
     setup : RecordSetup
+        Structure, parameters and record.
     problem : RecordProblem
         Problem of the lines in the band.
     comparison : InitialComparison
+        Measured resonances paired with those of the initial model.
     modes : Modes
         Modes of the initial model.
     """
@@ -100,10 +104,10 @@ def checked_record(
 
 
 def checked_mesh(setup: AnySetup, problem: RecordProblem, theta: FloatArray | None = None) -> MeshErrors | str:
-    """Mesh errors of a set-up's structure in the band of its record, or a text if they cannot be computed.
+    """Mesh errors of a set-up's structure in the band of its record, or a text that says why they cannot be computed.
 
-    They are evaluated at the free variables `theta`, by default at the start. Modes of the initial model are about as
-    far from measured ones as the start is off.
+    They are evaluated at the free variables `theta`, (n_params,), by default at the initial values of the parameters.
+    For a record of modes the band is widened on both sides, since the initial model may miss the measured modes by that.
     """
     low, high = float(problem.frequency.min()), float(problem.frequency.max())
     values = setup.parameters.values(
@@ -120,8 +124,8 @@ def mesh_warnings(
 ) -> tuple[str, ...]:
     """Warnings that the mesh shifts modes by more than the standard deviations with which they were fitted.
 
-    `theta` holds the free variables of each problem. FRFs and histories show such a shift as a misfit; parameters fitted to
-    a few modes hide it.
+    Only records of modes of structures up to 600 degrees of freedom are checked; FRFs and histories show a shift as a misfit.
+    The three sequences have one entry for each record; `theta` holds the free variables of its problem, (n_params,).
     """
     messages = []
     for setup, problem, theta_of_record in zip(setups, problems, theta, strict=True):
@@ -132,9 +136,9 @@ def mesh_warnings(
 
 
 def _resonances(comparison: InitialComparison, modes: Modes) -> tuple[ResonanceCheck, ...]:
-    """Measured resonances with the model's and their distance in half-bandwidths.
+    """Each measured resonance (Hz) with that of the model, the MAC, and their distance in half-bandwidths.
 
-    Where the model has no peak between lines, a mode that is near and has no other partner is taken.
+    Where the model has no peak between lines, the nearest mode without another partner is taken. NaN where there is none.
     """
     free = np.ones(len(modes.frequency), dtype=bool)
     for pair in comparison.resonances:
@@ -158,7 +162,7 @@ def _resonances(comparison: InitialComparison, modes: Modes) -> tuple[ResonanceC
 
 
 def _facts(setup: AnySetup) -> tuple[str, ...]:
-    """A remark on the noise or the chi-square if coherence was estimated from few averages; () otherwise."""
+    """A remark on the noise or the chi-square if coherence was estimated from few averages; an empty tuple otherwise."""
     record = setup.record
     if not isinstance(record, FrfRecord) or record.noise_source != "coherence" or not record.averages:
         return ()
@@ -176,7 +180,10 @@ def _facts(setup: AnySetup) -> tuple[str, ...]:
 def leaking_windows(
     source: RecordSource, histories: list[TimeRecord], problem: RecordProblem, modes: Modes
 ) -> list[str]:
-    """Warnings if the window of averaged spectra blurs resonances in the band; empty for other records."""
+    """At most one warning, if the window of averaged spectra blurs resonances in the band; an empty list for other records.
+
+    `histories` are the time records from which the spectra were averaged, `modes` those of the initial model.
+    """
     if source.frf is None or source.time is not None or not histories:
         return []
     settings = source.frf.others

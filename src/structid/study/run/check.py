@@ -187,7 +187,7 @@ def check_study(study: Study) -> CheckResult:
     Raises
     ------
     InputError, SingularModelError
-        As `run_study` would.
+        If the study cannot be run as it is; see `prepare_study`.
     """
     ready = prepare_study(study)
     predicted = _predict_by_draws(ready) if is_matrix_free(ready) else _predict_by_jacobian(ready)
@@ -251,13 +251,17 @@ def check_study(study: Study) -> CheckResult:
 
 
 def _with_strengths(ready: PreparedStudy, terms: Sequence[Regularization], strengths: Sequence[float]) -> Problem:
-    """Copies of the problems with these regularizations."""
+    """The joint problem of all records with the regularization `terms` at these `strengths`, one for each term."""
     rows = unit_penalties(ready.problems, terms)
     return joint_problem(coupled(ready.problems, [row.scaled(s) for row, s in zip(rows, strengths, strict=True)]))
 
 
 def _predict_by_jacobian(ready: PreparedStudy) -> Predicted:
-    """Predicted covariance and identifiability from the Jacobian at the start."""
+    """Predicted covariance, identifiability and warnings from the Jacobian at the initial values.
+
+    The covariance is the bound of Cramér and Rao plus the influence of tolerances of fixed values.
+    Regularization is included where its strength is given.
+    """
     terms = [t for t in ready.study.options.regularization if t.given is not None and not t.is_sparse]
     problem = _with_strengths(ready, terms, [term.given or 0.0 for term in terms])
     theta = np.asarray(problem.theta_start)
@@ -291,7 +295,10 @@ def _predict_by_jacobian(ready: PreparedStudy) -> Predicted:
 
 
 def _predict_by_draws(ready: PreparedStudy) -> Predicted:
-    """Predicted covariance for very many parameters, by draws with every regularization at its given or a usual strength."""
+    """Predicted covariance for very many parameters, from posterior draws at the initial values.
+
+    Every regularization is included at its given strength, or at a usual one where the data would choose it.
+    """
     terms = ready.study.options.regularization
     strengths = [USUAL_STRENGTH if term.given is None else term.given for term in terms]
     problem = _with_strengths(ready, terms, strengths)
@@ -322,16 +329,19 @@ def _start(problem: Problem, ready: PreparedStudy) -> FloatArray:
 
 
 def cramer_rao_bound(problem: Problem, linearization: Linearization) -> FloatArray:
-    """Smallest covariance that an unbiased estimate can have, (n_params, n_params), physical units.
+    """Smallest covariance that an unbiased estimate can have at the start, (n_params, n_params), physical units.
 
-    (J'J)^-1 of the whitened Jacobian J with respect to the physical parameters, priors counted as data.
+    It is (J'J)^-1 with the whitened Jacobian J for the physical parameters, priors counted as data.
     """
     slope = problem.slope(np.asarray(problem.theta_start))
     return inverse_information(linearization.jacobian) * np.outer(slope, slope)
 
 
 def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
-    """Degrees of freedom of the structure that each channel of a set-up reads or loads; `name` is put before the channel."""
+    """Degrees of freedom of the structure that each channel of a set-up reads or loads; `name` is put before the channel.
+
+    There is an entry for each channel. For an input that moves supports it names these and their base.
+    """
     structure, checks = setup.structure, []
     free = structure.dofs
     placed = [tie for tie in structure.ties if isinstance(tie, MeshPoint | AimedSensor)]
@@ -359,7 +369,10 @@ def _term(factor: float, dof: Dof) -> str:
 
 
 def _mode_checks(modes: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
-    """One check for each mode: whether it is in the band, and how many lines its half-power bandwidth has."""
+    """One check for each mode: frequency (Hz), damping ratio, place in the band, lines in its half-power bandwidth, rounding.
+
+    `rounding` is the relative error that floating-point arithmetic may cause.
+    """
     axis, facts = problem.frequency, problem.facts
     nearest_line = np.clip(np.searchsorted(axis, modes.frequency), 0, len(axis) - 1)
     in_band = (axis[0] <= modes.frequency) & (modes.frequency <= axis[-1])
@@ -372,7 +385,7 @@ def _mode_checks(modes: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
 
 
 def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
-    """Warnings if no mode lies in the band or too few lines resolve one; none for measured modes."""
+    """Warnings if no mode lies in the band or a mode in it has less than one line; an empty list for measured modes."""
     if all(np.isnan(mode.lines_per_bandwidth) for mode in modes):
         return []
     if not any(mode.in_band for mode in modes):
@@ -391,9 +404,9 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
 
 
 def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarray) -> list[str]:
-    """A warning that modes alone give no absolute masses, if that is so.
+    """A list with one warning if a set of parameters could be scaled together unnoticed, as with modes alone; else empty.
 
-    `jacobian` is by relative changes; `identified` (n_params,) masks the identified parameters.
+    `jacobian` (n_data, n_params) is by relative changes; `identified` (n_params,) masks the identified parameters.
     """
     members = common_scale(jacobian, problem.unknowns.kinds)
     if members is None or identified[members].any():
@@ -402,7 +415,7 @@ def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarr
 
 
 def _direction_warnings(identifiability: Identifiability) -> list[str]:
-    """Warnings on the worst-determined directions, the first of them where there are many."""
+    """Warnings on the worst-determined directions, and how many more there are; an empty list without such directions."""
     told = [f"the data determine {direction.words}" for direction in identifiability.directions[:_MOST_DIRECTIONS]]
     more = len(identifiability.directions) - len(told)
     return [*told, f"and {more} more combinations that the data do not determine"] if more else told

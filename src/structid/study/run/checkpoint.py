@@ -45,7 +45,7 @@ def checkpoint_folder(results: Path) -> Path:
 
 
 def fingerprint(study: Study) -> Owner:
-    """Digest by which a checkpoint is matched with the run of a study."""
+    """Description of the run of a study by which its checkpoint is recognized: layout, versions and digests of input files."""
     import scipy
 
     versions = {"structid": __version__, "numpy": np.__version__, "scipy": scipy.__version__}
@@ -73,9 +73,14 @@ class Checkpoint:
     """
 
     def __init__(self, folder: Path, owner: Owner, resume: bool = False, seconds: float = 0.0) -> None:
-        """Claim `folder` for the run of `owner`; with `resume` its entries are read, else an old checkpoint is removed.
+        """Claim `folder` for the run that `owner` describes; read its entries with `resume`, else remove an old checkpoint.
 
-        The checkpoint is written every `seconds`.
+        The checkpoint is written at most once in `seconds`.
+
+        Raises
+        ------
+        FileError
+            If another run has claimed the folder, it holds other files, or there is no checkpoint of this run to resume.
         """
         self.folder, self.owner, self.seconds = folder, owner, seconds
         self.entries: dict[str, Any] = {}
@@ -107,19 +112,21 @@ class Checkpoint:
         return self._search[1] if self._search is not None and self._search[0] == name else None
 
     def finished(self, name: str, result: object) -> None:
-        """Store the result of the search or task `name`, and write the checkpoint if it is due."""
+        """Store the result of the search or task called `name`, and write the checkpoint if `seconds` have passed."""
         self.entries[name] = result
         self._unwritten.append(name)
         self._latest = None
         self._write_if_due()
 
     def running(self, name: str, state: Callable[[], State]) -> None:
-        """Take the state of the running search."""
+        """Take note of the running search `name` and of `state`, which makes its state when called; write if it is due."""
         self._latest = name, state
         self._write_if_due()
 
     def write(self, so_far: Mapping[str, Entry] | None = None) -> None:
-        """Write all entries that are not written yet, and `so_far`, the values reached, as JSON for people to read.
+        """Write all entries that are not written yet, and the state of the search under way.
+
+        `so_far` are the values reached so far, by name; if given, they are written as JSON for people to read.
 
         Raises
         ------
@@ -147,7 +154,7 @@ class Checkpoint:
         release(self.folder)
 
     def remove(self) -> None:
-        """Remove the folder: the run is done."""
+        """Remove the folder of the checkpoint and release it, after the run is complete."""
         shutil.rmtree(self.folder, ignore_errors=True)
         self.close()
 
@@ -156,16 +163,16 @@ class Checkpoint:
             self.write()
 
     def _make_folder(self) -> None:
-        """Create the folder with the description of its run, unless that is done."""
+        """Create the folder with the description of its run, unless this object has done so."""
         if not self._is_made:
             make_folder(self.folder)
             _write_json(self.folder / _RUN, cast(Mapping[str, Entry], self.owner))
             self._is_made = True
 
     def _write_all(self) -> None:
-        """Write all entries to one file, and remove the parts that it replaces.
+        """Write all entries to one file, and remove the other files, which it replaces.
 
-        The first part holds all entries while the others are still there and repeat some.
+        The first file holds all entries before the others are removed, so that nothing is lost if the process ends between.
         """
         _save(_part(self.folder, 1), self.entries)
         for number in range(2, self._files + 1):
@@ -173,7 +180,10 @@ class Checkpoint:
         self._files = 1
 
     def _read(self) -> None:
-        """Read the entries of an earlier run; `FileError` if there are none or they are of another run."""
+        """Read the entries and the state of an unfinished search that an earlier run wrote.
+
+        Raises `FileError` if there are none, they are damaged, or they belong to another run.
+        """
         if not (self.folder / _RUN).is_file():
             raise FileError(f"{self.folder}: there is no checkpoint to go on from; run without --resume")
         with damage_told(self.folder / _RUN, _WHOLE, _ANEW):
@@ -197,7 +207,10 @@ def _part(folder: Path, number: int) -> Path:
 
 
 def _require_same_run(folder: Path, this_run: Owner, owner: Plain) -> None:
-    """Raise `FileError` if the checkpoint is of another run, and name what differs."""
+    """Raise `FileError` if the checkpoint in `folder` is of another run, and name what differs: layout, an input or a version.
+
+    `this_run` describes the present run, `owner` is the description read from the checkpoint.
+    """
     anew = f"put it back, or {_ANEW}"
     layout = owner.get("layout") if isinstance(owner, dict) else None
     if not isinstance(owner, dict) or not isinstance(layout, str) or not layout.startswith(_LAYOUTS):
@@ -219,7 +232,7 @@ def _require_same_run(folder: Path, this_run: Owner, owner: Plain) -> None:
 
 
 def _require_checkpoint(folder: Path) -> None:
-    """Raise `FileError` if `folder` holds anything but a checkpoint, so that it must not be removed."""
+    """Raise `FileError` if `folder` is a file or holds any file that no checkpoint has, so that it must not be removed."""
     own_files = {_RUN, _SEARCH, _SO_FAR}
     if not folder.is_dir():
         raise FileError(f"{folder}: is a file where the checkpoint goes; move it, or give another --out")
@@ -234,7 +247,7 @@ def _write_json(path: Path, value: Mapping[str, Entry]) -> None:
 
 
 def _save(path: Path, tree: Mapping[str, Entry]) -> None:
-    """Write a tree of mappings, lists, numbers, texts and arrays as NPZ: JSON for the tree, arrays bit for bit."""
+    """Write nested mappings and lists of numbers, texts and arrays to an NPZ file: the tree as JSON, arrays bit for bit."""
     arrays: list[np.ndarray] = []
     text = json.dumps(plain(tree, arrays))
     with atomic_write(path) as temporary, temporary.open("wb") as stream:
@@ -243,7 +256,7 @@ def _save(path: Path, tree: Mapping[str, Entry]) -> None:
 
 
 def _load(path: Path) -> dict[str, Entry]:
-    """The tree that `_save` wrote to `path`."""
+    """The nested entries that `_save` wrote to `path`; `FileError` if the file is damaged."""
     arrays = npz_arrays(path, _WHOLE, _ANEW)
     with damage_told(path, _WHOLE, _ANEW):
         entries = fill_tree(json.loads(str(arrays["tree"])), lambda number: arrays[f"a{number}"])

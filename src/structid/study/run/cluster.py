@@ -53,7 +53,13 @@ class Cluster(RemoteWorkers):
     losses = (KilledWorker, CancelledError, OSError)
 
     def __init__(self, address: str, answer_seconds: float = ANSWER_SECONDS) -> None:
-        """Connect to the scheduler at `address` and check its workers; each must answer within `answer_seconds`."""
+        """Connect to the Dask scheduler at `address` and check its workers; each must answer within `answer_seconds`.
+
+        Raises
+        ------
+        InputError
+            If no scheduler answers, it has no workers, or their versions of structid or SciPy differ from those here.
+        """
         super().__init__()
         self.address = address
         self._client = _connect(address, answer_seconds)
@@ -67,7 +73,10 @@ class Cluster(RemoteWorkers):
 
     @staticmethod
     def answer(name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
-        """Results of a batch of items, computed on a worker with the shared object called `name`, on one thread."""
+        """Results of a batch of items and the seconds they took, computed on one thread of a worker.
+
+        This runs on the worker; `name` is the name under which the shared object was sent to it.
+        """
         plugin = get_worker().plugins[name]
         assert isinstance(plugin, _Shared)
         shared, pools = plugin.content_here()
@@ -98,7 +107,7 @@ class Cluster(RemoteWorkers):
             ) from error
 
     def require_alive(self) -> None:
-        """Raise `WorkersLostError` if the scheduler or all workers are gone."""
+        """Raise `WorkersLostError` if the connection to the scheduler is lost, or it has had no worker for some time."""
         if self._client.status != "running":
             raise WorkersLostError(
                 f"scheduler {self.address}: the connection was lost; what was done is kept: start the scheduler again"
@@ -114,7 +123,7 @@ class Cluster(RemoteWorkers):
             time.sleep(0.5)
 
     def close(self) -> None:
-        """Disconnect from the cluster, which goes on without this process."""
+        """Disconnect from the cluster, which keeps running without this process."""
         logger = logging.getLogger("distributed")
         level = logger.level
         logger.setLevel(logging.CRITICAL)  # a scheduler that is gone is told in our words, not by its traceback as well
@@ -143,7 +152,7 @@ class _Shared(WorkerPlugin):
         self.here = threading.local()
 
     def content_here(self) -> tuple[Any, ThreadpoolController]:
-        """The shared object of this thread, and the thread pools of the libraries that it loaded."""
+        """The shared object, unpickled once for each thread, and a controller of the thread pools that were loaded with it."""
         if not hasattr(self.here, "made"):
             self.here.made = pickle.loads(self.content), ThreadpoolController()
         content: tuple[Any, ThreadpoolController] = self.here.made
@@ -170,7 +179,7 @@ async def _kind(address: str) -> str:
 
 
 def _why_silent(address: str) -> str:
-    """The reason why an address did not answer in time: nobody is there, or no scheduler."""
+    """The reason, as text, why an address did not answer in time: nothing listens there, or it is no scheduler."""
     host, _, port = address.rpartition("://")[2].rpartition(":")
     try:
         with socket.create_connection((host.strip("[]"), int(port)), timeout=2.0):
@@ -180,9 +189,9 @@ def _why_silent(address: str) -> str:
 
 
 def _require_workers(client: Client, address: str, seconds: float) -> None:
-    """Raise `InputError` if the scheduler has no workers, or workers with other versions, whose digits may differ.
+    """Raise `InputError` if the scheduler has no worker after `seconds`, or workers with other versions of the packages.
 
-    `address` is that of the scheduler; each worker must answer within `seconds`.
+    `address` is that of the scheduler, for the message. Equal versions keep the digits of results equal.
     """
     try:
         client.wait_for_workers(1, timeout=seconds)
@@ -206,6 +215,6 @@ def _require_workers(client: Client, address: str, seconds: float) -> None:
 
 
 def _versions(versions_of: Mapping[str, Mapping[str, str]]) -> dict[str, str | None]:
-    """Versions by name that decide about the digits of a result."""
+    """Versions of Python and of the packages that decide about the digits of a result, by name; None if not installed."""
     python = ".".join(versions_of["host"]["python"].split(".")[:2])
     return {"Python": python, **{name: versions_of["packages"].get(name) for name in ("structid", "numpy", "scipy")}}

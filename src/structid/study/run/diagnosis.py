@@ -34,21 +34,22 @@ def diagnose_study(
     budget: SearchBudget = UNLIMITED,
     before_search: Callable[[StudyResult], None] | None = None,
 ) -> tuple[StudyResult, tuple[Fitted, ...]]:
-    """The result with its diagnosis, and the fits behind its causes.
+    """The result with its diagnosis, and the refits behind its causes, in the order of the causes.
 
     Parameters
     ----------
     ready : PreparedStudy
         The study with its records.
     result : StudyResult
+        Result of the identification.
     explain : bool, optional
-        Whether causes are looked for; by default where the answer is not sound.
+        True to search for causes, False not to; by default they are searched for where the answer is not sound.
     work : Work
-        Where candidates are looked at and refitted.
+        The way in which candidates are computed and refitted: in this process, or on workers with a checkpoint.
     budget : SearchBudget
-        What the search for causes may take from its beginning on; all is tried by default.
+        Limits of the search for causes, counted from its beginning; unlimited by default.
     before_search : callable, optional
-        Takes the result as it is before causes are looked for, which may take long.
+        Called with the result so far before the search for causes, which may take long.
     """
     identification = result.identification
     if is_sound(identification):
@@ -69,7 +70,7 @@ def diagnose_study(
 
 
 def _with_findings(judgement: Judgement, findings: tuple[str, ...]) -> Judgement:
-    """The verdict, extended by findings of a check of the record."""
+    """The judgement with `findings` of the record's check among its reasons, and the first of them in its words."""
     if not findings:
         return judgement
     words = f"{judgement.words} The record itself shows: {findings[0]}."
@@ -77,7 +78,7 @@ def _with_findings(judgement: Judgement, findings: tuple[str, ...]) -> Judgement
 
 
 def _window_warnings(ready: PreparedStudy) -> tuple[str, ...]:
-    """Windows of averaged spectra of a study that blur the resonances of its initial models."""
+    """Warnings on windows of averaged spectra that blur the resonances of the initial models; each text once."""
     told: list[str] = []
     for source, setup, problem in zip(ready.study.setups, ready.setups, ready.problems, strict=True):
         if source.record.frf is not None and source.record.time is None and setup.structure.has_modes:

@@ -58,7 +58,7 @@ class Installation:
 
 
 def installation() -> Installation:
-    """Versions, factorizers, threads, processors and free memory of this installation."""
+    """Versions, factorizers (the default first), BLAS threads, processors and free memory (bytes) of this installation."""
     from threadpoolctl import threadpool_info
 
     from structid.dynamics.factorization import factorizer, installed_factorizers

@@ -57,12 +57,15 @@ class Reached:
         return f"{self.search}, iteration {self.iteration}, sum of squares {self.cost:.5g}"
 
     def take(self, name: str, problem: Problem, minimum: Minimum) -> None:
-        """Take over the end of a search, now or before an interruption."""
+        """Take over the end of the search `name` of `problem`, which has just finished or was stored before an interruption."""
         self.search, self.iteration, self.cost = name, len(minimum.costs) - 1, float(minimum.costs[-1])
         self.problem, self.theta = problem, minimum.theta
 
     def summary(self) -> dict[str, Entry]:
-        """The values reached so far, as plain values without uncertainty."""
+        """The values reached so far, without uncertainty, as plain values for JSON.
+
+        There is no entry ``parameters`` before the first iteration.
+        """
         summary: dict[str, Entry] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
         summary["sum_of_squares"] = self.cost
         if self.tasks:
@@ -96,7 +99,10 @@ class LongRun:
         checkpoint: Checkpoint | None = None,
         progress: TaskProgress | None = None,
     ) -> None:
-        """A run on `workers` (this process by default), with an optional checkpoint and progress callback."""
+        """A run on `workers` (by default in this process), with an optional checkpoint and a callback for finished tasks.
+
+        `progress` is called with the name of the tasks, how many are done, and how many there are.
+        """
         self.workers: Workers = workers or InProcess()
         self.checkpoint, self.progress = checkpoint, progress
         self.reached = Reached()
@@ -116,9 +122,10 @@ class LongRun:
         progress: Progress | None = None,
         scope: str = "",
     ) -> Minimum:
-        """Minimum of a problem as `structid.inversion.minimize` gives it, from where the checkpoint is.
+        """Minimum of a problem as `structid.inversion.minimize` gives it, continued from the checkpoint if there is one.
 
-        The workers evaluate the lines of a large problem; within a task, whose name `scope` is, this process does.
+        A search that the checkpoint holds as finished is not repeated. Workers evaluate the lines of a large problem; within a
+        task, for which `scope` is the task's name, this process does.
         """
         self._searches[scope] += 1
         name = f"{scope}search {self._searches[scope]}"
@@ -136,7 +143,7 @@ class LongRun:
         return minimum
 
     def keeper(self, problem: Problem) -> Keeper:
-        """The store for the state of a new search that runs in this process; the previous search counts as finished."""
+        """The store for the state of a new search in this process; the search of the previous call counts as finished."""
         checkpoint = self.checkpoint
         if self._keeper is not None and self._keeper.latest is not None and checkpoint is not None:
             checkpoint.finished(self._keeper.name, dict(self._keeper.latest()))
@@ -153,7 +160,11 @@ class LongRun:
         progress: StageProgress | None = None,
         first: int = 0,
     ) -> list[Found]:
-        """Results of `task` for every item, in order, from the workers or from the checkpoint; `first` numbers the first item."""
+        """Results of `task` for every item, in the order of `items`; results that the checkpoint holds are not computed again.
+
+        `name` says what the tasks are, `shared` is an argument for all of them, and `first` is the index of `items[0]` if the
+        items continue an earlier call.
+        """
         self._calls[name] += first == 0
         call = f"{name} {self._calls[name]}"
         names = [f"{call}, {first + number + 1}" for number in range(len(items))]
@@ -201,14 +212,17 @@ class _Keeper:
 
     @property
     def state(self) -> State | None:
-        """The stored state of this search, or None."""
+        """The state from which this search continues: its last one if it has finished, else the stored one, or None."""
         if self.checkpoint is None:
             return None
         ended: State | None = self.checkpoint.entries.get(self.name)
         return ended if ended is not None else self.checkpoint.state_of(self.name)
 
     def keep(self, iteration: int, cost: float, state: Callable[[], State]) -> None:
-        """Record the iteration, cost and state that the search has reached, and hand them to the checkpoint."""
+        """Record the iteration, sum of squares `cost` and state that the search has reached, for reports and the checkpoint.
+
+        `state` makes the state when called; its entry ``theta`` holds the free variables.
+        """
         self.latest = state
         reached = self.reached
         reached.search, reached.iteration, reached.cost, reached.problem = self.name, iteration, cost, self.problem
@@ -255,7 +269,10 @@ class SpreadLines(Wrapped):
         return Linearization(_join_parts("residual", parts), _join_parts("jacobian", parts))
 
     def _evaluate_parts(self, theta: FloatArray, with_jacobian: bool) -> list[_Lines]:
-        """Residual (and Jacobian) of each stretch of lines, evaluated on the workers, in order."""
+        """Residual, and Jacobian if `with_jacobian`, of each stretch of adjacent lines, evaluated on workers.
+
+        The list is in the order of frequency.
+        """
         n_lines = len(self.problem.record.frequency)
         count = min(n_lines, _STRETCHES_A_WORKER * self.workers.n_workers)
         ends = np.linspace(0, n_lines, count + 1).astype(int).tolist()
@@ -273,7 +290,10 @@ class _Lines(TypedDict):
 
 
 def _join_parts(name: Literal["residual", "jacobian"], parts: list[_Lines]) -> FloatArray:
-    """Residual or Jacobian of all lines: real parts of all stretches, imaginary parts of all, then the prior rows once."""
+    """Residual (n_data,) or Jacobian (n_data, n_params) of all lines, joined from those of the stretches.
+
+    The rows are real parts of all stretches, imaginary parts of all stretches, then the rows of the priors once.
+    """
     real, imaginary = [], []
     for part in parts:
         rows, half = part[name], part["n_data"] // 2
@@ -283,7 +303,11 @@ def _join_parts(name: Literal["residual", "jacobian"], parts: list[_Lines]) -> F
 
 
 def stretch(stretches: Stretches, item: tuple[int, int, FloatArray, bool], _: Tools) -> _Lines:
-    """Residual, and Jacobian if wanted, of the stretch `item` (first, last, theta, with_jacobian), as a task for workers."""
+    """Residual, and Jacobian if asked for, of one stretch of lines, as a task for workers.
+
+    `item` is (first line, line after the last, free variables, with_jacobian). The result has ``residual``, ``n_data`` (the
+    rows that are data and not priors) and perhaps ``jacobian``.
+    """
     first, last, theta, with_jacobian = item
     part = stretches.at(first, last)
     if not with_jacobian:
@@ -293,7 +317,10 @@ def stretch(stretches: Stretches, item: tuple[int, int, FloatArray, bool], _: To
 
 
 def spread(problem: Problem, workers: Workers) -> Problem:
-    """The problem with the lines of its large FRF problems evaluated on workers, if there are several and it pays."""
+    """The problem with the lines of its large FRF problems evaluated on workers; unchanged if that does not pay.
+
+    It does not pay with one worker, few lines or degrees of freedom, or a Jacobian that takes long to send.
+    """
     if workers.n_workers < 2:
         return problem
     if isinstance(problem, JointProblem):

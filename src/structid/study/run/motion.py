@@ -109,6 +109,8 @@ class MotionResult:
 def motion_of_study(path: Path, options: MotionOptions, progress: Progress | None = None) -> MotionResult:
     """Parameters of the study at `path`, identified from the motion of every degree of freedom.
 
+    `progress` is called with the number of samples done and their total.
+
     Raises
     ------
     StudyError
@@ -148,7 +150,10 @@ def motion_of_study(path: Path, options: MotionOptions, progress: Progress | Non
 def _reduce_records(
     whole: Whole, workers: Workers | None, checkpoint: Path | None, progress: Progress | None
 ) -> RecursiveMotionFit:
-    """The fit of all records, reduced in this process or on workers, continued from the checkpoint if there is one."""
+    """The fit of all records, reduced on `workers` or, if None, in this process.
+
+    It continues from the file `checkpoint` if that exists. `progress` takes the samples done and their total.
+    """
     fit = motion_fit(whole.structure, whole.unknown)
     if checkpoint is not None and checkpoint.exists():
         fit = load_motion_fit(checkpoint, fit)
@@ -158,7 +163,7 @@ def _reduce_records(
 
 
 def peak_memory() -> int:
-    """Largest resident memory of this process so far, in bytes; 0 if the system does not tell."""
+    """Largest resident memory of this process so far, in bytes; 0 on Windows."""
     try:
         import resource
     except ImportError:  # Windows
@@ -168,7 +173,7 @@ def peak_memory() -> int:
 
 
 def write_motion(result: MotionResult, folder: Path) -> None:
-    """Write motion.json, parameters.csv and study.toml into the existing `folder`."""
+    """Write motion.json, the table of parameters (CSV) and study.toml into the existing `folder`."""
     (folder / MOTION_SUMMARY).write_text(json_text(motion_summary(result)), encoding="utf-8")
     (folder / "study.toml").write_bytes(result.study.text.encode("utf-8"))
     solution = result.solution
@@ -246,14 +251,21 @@ class Whole:
 
 
 def stretches(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0) -> list[Stretch]:
-    """Stretches (record number, first and last sample) of nearly equal length that cover the samples after the first `done`.
+    """Stretches of nearly equal length that cover the samples after the first `done`.
 
     Parameters
     ----------
     records : sequence of OnDiskRecord
+        Records in the order in which they are reduced.
     answer_bytes : int
-        Size of the result of one stretch, in bytes.
+        Size of the result of one stretch, in bytes; a stretch holds several times as much.
     done : int
+        Number of samples, counted over all records, that are already reduced.
+
+    Returns
+    -------
+    list of tuple
+        Record number (from 0), first sample, and sample after the last.
     """
     found: list[Stretch] = []
     before = 0
@@ -278,7 +290,11 @@ class Reduced(TypedDict):
 
 
 def reduced_stretch(whole: Whole, item: Stretch, tools: Tools) -> Reduced:
-    """Triangles, energies and counts of one stretch (record number, first and last sample), as a task for workers."""
+    """Sums of the least-squares problem over one stretch of a record, as a task for workers.
+
+    `item` is (record number, first sample, sample after the last). The result has ``triangles`` and ``energy`` of the reduced
+    rows, and the counts ``n_rows`` and ``n_samples``.
+    """
     number, first, last = item
     fit = whole.start
     for chunk in whole.records[number].chunks(first, last, whole.longest):
@@ -299,16 +315,20 @@ def reduced_on(
     checkpoint: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> RecursiveMotionFit:
-    """`fit` after all remaining samples of the records were reduced on `workers`.
+    """The fit `fit` extended by all remaining samples of the records, which `workers` reduce.
 
     Parameters
     ----------
     workers : Workers
+        Workers that see the records by the same paths.
     fit : RecursiveMotionFit
+        Fit to continue; its number of samples says where.
     whole : Whole
+        Structure, unknowns and records.
     checkpoint : Path, optional
-        Keeps what is merged.
+        File that keeps the fit of what was merged so far.
     progress : callable, optional
+        Called with the number of samples done and their total.
 
     Raises
     ------
@@ -341,7 +361,10 @@ def reduced_on(
 def reduced_alone(
     fit: RecursiveMotionFit, whole: Whole, checkpoint: Path | None = None, progress: Progress | None = None
 ) -> RecursiveMotionFit:
-    """`fit` after all records were reduced in this process, one chunk after the other."""
+    """The fit `fit` extended by all remaining samples of the records, reduced in this process one chunk after the other.
+
+    `checkpoint` is a file that keeps the fit; `progress` is called with the number of samples done and their total.
+    """
     ends = list(accumulate(record.n_times for record in whole.records))
 
     def report(done: int, _: int) -> None:
@@ -358,14 +381,14 @@ def reduced_alone(
 
 
 def _merge_fits(fit: RecursiveMotionFit, part: Reduced) -> RecursiveMotionFit:
-    """`fit` and the samples of one stretch; the first one is taken as it is."""
+    """The fit `fit` with the samples of one more stretch; a fit without samples is replaced by that of the stretch."""
     state = replace(fit.state, triangles=part["triangles"], n_rows=part["n_rows"])
     own = replace(fit, state=state, energy=part["energy"], error=np.zeros_like(fit.error), n_samples=part["n_samples"])
     return own if fit.n_samples == 0 else fit.merged(own)
 
 
 def _require_records(workers: Workers, whole: Whole) -> None:
-    """Raise `InputError` if a worker does not see the records, or would reduce them with another engine."""
+    """Raise `InputError` if a worker does not see the records, or has another version of numba where numba is used."""
     wanted = tuple((str(record.path), record.path.stat().st_size) for record in whole.records)
     for worker, trouble in workers.asked(unusable, (wanted, _numba_version(whole.work.engine))).items():
         if trouble:
@@ -375,7 +398,8 @@ def _require_records(workers: Workers, whole: Whole) -> None:
 def unusable(wanted: tuple[tuple[tuple[str, int], ...], str]) -> str:
     """The reason why this worker cannot reduce the records; "" if it can.
 
-    `wanted` are the paths and sizes in bytes of the records as the main process sees them, and its version of numba.
+    `wanted` is a tuple of (path, size in bytes) of each record as the main process sees it, then its version of numba, ""
+    if numba is not used.
     """
     records, numba = wanted
     for name, size in records:
@@ -393,7 +417,7 @@ def unusable(wanted: tuple[tuple[tuple[str, int], ...], str]) -> str:
 
 
 def _numba_version(engine: str) -> str:
-    """Version of numba if the engine is numba and it is installed, else ""."""
+    """Version of numba if `engine` is "numba" and it is installed, else ""."""
     if engine != "numba" or not has_numba():
         return ""
     from importlib.metadata import version

@@ -41,7 +41,7 @@ class PipedProcesses(Executor):
     """
 
     def __init__(self, n: int, begin: Callable[[], None] | None = None) -> None:
-        """A pool of `n` processes, started when needed, each of which calls `begin` first."""
+        """A pool of `n` processes, each started when first needed; each calls `begin`, if given, before its first task."""
         self._threads = ThreadPoolExecutor(n)
         self._begin = begin
         self._guard = threading.Lock()
@@ -61,9 +61,9 @@ class PipedProcesses(Executor):
         return self._threads.submit(self._call_remote, fn, args, kwargs)
 
     def _call_remote(self, fn: Callable[..., T], arguments: tuple[object, ...], named: Mapping[str, object]) -> T:
-        """Result of calling `fn` in the process of this thread; `ProcessLostError` if that process ends.
+        """Result of calling `fn` in the process that belongs to this thread, with the positional and keyword arguments passed.
 
-        `arguments` and `named` are those of the call.
+        Raises `ProcessLostError` if that process ends, and the error of `fn` if it fails.
         """
         try:
             pipe = self._connection()
@@ -78,7 +78,7 @@ class PipedProcesses(Executor):
         return answer
 
     def _connection(self) -> Connection:
-        """The pipe to the process of this thread, which is started when first needed."""
+        """The pipe to the process that belongs to this thread, started when first needed; `EOFError` after `shutdown`."""
         thread = threading.get_ident()
         with self._guard:
             if self._is_ended:
@@ -94,14 +94,14 @@ class PipedProcesses(Executor):
             return self._pipes[thread]
 
     def shutdown(self, wait: bool = False, *, cancel_futures: bool = True) -> None:
-        """End the processes now, whatever they do.
+        """End the processes at once, even in the middle of a call.
 
         Parameters
         ----------
         wait : bool, optional
-            Until they have ended.
+            True to return only after they have ended.
         cancel_futures : bool, optional
-            True if calls that have not begun are cancelled; else they are lost.
+            True to cancel calls that have not begun; else they fail.
         """
         with self._guard:
             self._is_ended = True
@@ -113,9 +113,9 @@ class PipedProcesses(Executor):
 
 
 def _answer(pipe: Connection, begin: Callable[[], None] | None) -> None:
-    """Main loop of a child process: call the functions that arrive on `pipe`, and send back results or errors.
+    """Main loop of a child process: call the functions that arrive on `pipe`, and send back (error or None, result or None).
 
-    `begin` is called first. The child ignores Ctrl-C, which the parent process handles.
+    `begin` is called first. The child ignores Ctrl-C, which the parent process handles, and ends with its parent.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
@@ -135,6 +135,6 @@ def _answer(pipe: Connection, begin: Callable[[], None] | None) -> None:
 
 
 def _end_after(parent: BaseProcess) -> None:
-    """End with the process that began this one, however that ended."""
+    """Wait for the process `parent` to end in any way, then end this process."""
     parent.join()
     os._exit(1)

@@ -109,6 +109,17 @@ def predict_study(
 ) -> StudyPrediction:
     """Predictions from a results folder of `structid identify`.
 
+    Parameters
+    ----------
+    folder : Path
+        Results folder.
+    options : PredictOptions
+        Sensors, loads, band and number of draws.
+    changes : sequence of Change, optional
+        Changes of the structure; with any, each quantity is predicted before and after them.
+    study : Path, optional
+        The study file, if it was moved since.
+
     Raises
     ------
     InputError
@@ -190,7 +201,7 @@ def predict_study(
 
 
 def _damper(model: IdentifiedModel, options: PredictOptions) -> TunedDamper:
-    """The tuned mass damper of the text ``mass@place`` in the options, tuned to the model."""
+    """The tuned mass damper that ``mass@place`` in the options asks for (mass in kg), tuned to the model; else `InputError`."""
     mass, at, dof = options.tune_damper.partition("@")
     try:
         kg = float(mass)
@@ -204,14 +215,20 @@ def _damper(model: IdentifiedModel, options: PredictOptions) -> TunedDamper:
 
 
 def _predicted_band(folder: Path, study: Study) -> tuple[float | None, float | None]:
-    """Ends of the band that was fitted, Hz: as the study states them, else those of the record; None where neither says."""
+    """Lower and upper end of the band of predictions, Hz; an end is None if it is not known.
+
+    It is the band that the study states, else that of the fitted FRFs.
+    """
     low, high = study.options.band or (None, None)
     lowest, highest = stored_band(folder) or (None, None)
     return lowest if low is None else low, highest if high is None else high
 
 
 def _lines(band: tuple[float | None, float | None], options: PredictOptions) -> FloatArray:
-    """The frequencies of FRFs and spectra, Hz."""
+    """Equally spaced frequencies (Hz) of FRFs and spectra, as many as the options say, from end to end of `band`.
+
+    `InputError` if an end of the band is None.
+    """
     low, high = band
     if low is None or high is None:
         raise InputError(
@@ -222,7 +239,7 @@ def _lines(band: tuple[float | None, float | None], options: PredictOptions) -> 
 
 
 def kind_under(inputs: Sequence[Input], kind: FrfKind) -> FrfKind:
-    """The kind of the FRFs under these inputs: motion per motion where all are supports, in place of the default.
+    """The kind of the FRFs under these inputs: `kind`, or transmissibility where all inputs are moving supports.
 
     Raises
     ------
@@ -247,13 +264,19 @@ def _inputs(structure: Structure, names: Sequence[str | Dof], options: PredictOp
 
 
 def _input(structure: Structure, dof: Dof, together: bool) -> Input:
-    """The degree of freedom, or the base that moves with it where it is a support."""
+    """The degree of freedom `dof` as an input: a force or, at a support, the base that moves with it.
+
+    With `together` all supports of that direction move.
+    """
     is_support = dof.unsigned in {each.unsigned for each in structure.fixed}
     return support_base(structure, dof, together) if is_support else dof
 
 
 def _history(structure: Structure, outputs: tuple[Output, ...], options: PredictOptions) -> tuple[History, str]:
-    """The quantity that predicts the motion under the loads of the options, and these loads in words."""
+    """The quantity that predicts the motion under the loads of the options, and a text that describes these loads.
+
+    The loads are those of a recorded file, a half-sine or a sine.
+    """
     if options.history is not None:
         inputs, loads, rate = _recorded_loads(structure, options.history, options)
         words = f"loads of {options.history.name}"
@@ -280,7 +303,10 @@ def _history(structure: Structure, outputs: tuple[Output, ...], options: Predict
 def _recorded_loads(
     structure: Structure, path: Path, options: PredictOptions
 ) -> tuple[tuple[Input, ...], FloatArray, float]:
-    """Forces of a record, and the accelerations of supports that it moves; its sampling rate."""
+    """Inputs, their loads (n_times, n_inputs) and the sampling rate (Hz) of a record of time histories.
+
+    Channels of force are loads in N or N m; channels at supports become accelerations of these supports. Others are ignored.
+    """
     record = read_record(path, ReadOptions())
     if not isinstance(record, TimeRecord):
         raise InputError(f"{path}: holds FRFs; `history` takes loads over time", "history")
@@ -316,9 +342,9 @@ def _recorded_loads(
 def _spectrum(
     structure: Structure, outputs: tuple[Output, ...], lines: FloatArray, options: PredictOptions
 ) -> Spectrum:
-    """The quantity that predicts the spectra of `outputs` at the frequencies `lines` (Hz).
+    """The quantity that predicts the spectra of `outputs` at the frequencies `lines` (Hz) under the noise of the options.
 
-    It includes the noise named in the options.
+    The spectral density of the noise is interpolated linearly and 0 outside its table; `InputError` if it is 0 at all lines.
     """
     path, loaded = _noise_parts(structure, options)
     frequency, density = read_density(path, isinstance(loaded, Base))
@@ -337,7 +363,7 @@ def _noise_history(
 ) -> History:
     """The quantity that predicts the motion of `outputs` under one random sample of the noise named in the options.
 
-    `duration` in s, `sampling_rate` in Hz.
+    `duration` is in s, `sampling_rate` in Hz; the seed of the options fixes the sample.
     """
     path, loaded = _noise_parts(structure, options)
     rng = np.random.default_rng(options.seed)
@@ -346,7 +372,7 @@ def _noise_history(
 
 
 def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, Input]:
-    """The file of the noise table that the options name, and the input that the noise drives."""
+    """Absolute path of the noise table that the options name as ``table@place``, and the input that the noise drives."""
     text, at, name = options.noise.rpartition("@")
     if not at or not text:
         raise InputError(f"`noise` must be a table and a place, as wind.csv@12Y, got {options.noise!r}", "noise")
@@ -354,7 +380,7 @@ def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, I
 
 
 def _sizes_at(name: str, text: str, parts: tuple[str, str]) -> tuple[tuple[float, float], Dof]:
-    """Two numbers and a degree of freedom from the text of the option `name`, such as ``500,0.01@12Y``.
+    """Two numbers and a degree of freedom from the text of the option `name`, such as ``500,0.01@12Y``; else `InputError`.
 
     `parts` are the names of the two numbers for the error message.
     """
@@ -421,7 +447,7 @@ def _damper_entry(damper: TunedDamper) -> dict[str, Entry]:
 
 
 def _output_entries(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
-    """Distributions of each output of a quantity without a time axis, by each of the predictions."""
+    """Value, interval and quantiles of each output of a quantity without a time axis, by the names of `parts`."""
     quantity = next(iter(parts.values())).quantity
     return [
         {
@@ -434,14 +460,14 @@ def _output_entries(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
 
 
 def _quantiles(part: Prediction, index: int) -> dict[str, Entry]:
-    """Quantiles of the random models for the output at `index`, by their probability."""
+    """Quantiles of the output `index` over the random models, by probability as text; {} if no draws are kept."""
     if part.draws is None:
         return {}
     return {f"{p:g}": float(np.quantile(part.draws[:, index].real, p)) for p in QUANTILES}
 
 
 def parts_of(prediction: Prediction | PredictedChange) -> dict[str, Prediction]:
-    """The predictions by their names in files: ``value``, or ``before``, ``after`` and ``difference``."""
+    """The predictions by their names in files: ``value``, or ``before``, ``after`` and ``difference`` if there are changes."""
     if isinstance(prediction, PredictedChange):
         return {"before": prediction.before, "after": prediction.after, "difference": prediction.difference}
     return {"value": prediction}
@@ -458,9 +484,9 @@ def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, Entry]:
 
 
 def prediction_csv(prediction: Prediction | PredictedChange) -> str:
-    """CSV text of one predicted quantity: its axis, then value and ends of the band of every channel.
+    """CSV text of one predicted quantity: its axis (Hz or s), then value and ends of the band of every channel.
 
-    FRFs have columns of real and imaginary part too.
+    FRFs have real part, imaginary part and magnitude as values. With changes, the columns come once before and once after them.
     """
     parts = parts_of(prediction)
     first = next(iter(parts.values()))

@@ -80,7 +80,10 @@ class Sizes:
 
     @property
     def matrix_free_bytes(self) -> int:
-        """Bytes of a matrix-free search: the stored Jacobian with its preconditioner, or the fields."""
+        """Memory of a matrix-free search in bytes.
+
+        It is that of the stored Jacobian with its preconditioner or, if that is too large, of the response fields.
+        """
         data = 16 * self.n_lines * self.n_channels
         if data * self.n_parameters <= STORED_BYTES:
             return 3 * data * self.n_parameters
@@ -124,7 +127,10 @@ class Needs:
     interval_seconds: float
 
     def search_and_intervals(self, n_workers: int = 1) -> float:
-        """Wall time of the search and all that repeats it, s, with the repeats on `n_workers`; from the lines alone."""
+        """Wall time in s of the first search, further searches and intervals, estimated from the time of single lines.
+
+        Only further searches and intervals are spread over `n_workers`.
+        """
         repeats = (self.starts - 1) * self.search_seconds + self.interval_seconds
         return self.analysis_seconds + self.search_seconds + repeats / n_workers
 
@@ -178,6 +184,8 @@ def sizes(problems: Sequence[RecordProblem]) -> Sizes:
 def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
     """Memory and time that a study needs, from timing response and Jacobian on a few lines of each record.
 
+    The times follow from usual numbers of iterations and refits; no search is made.
+
     Raises
     ------
     InputError
@@ -227,7 +235,9 @@ class _EnoughError(Exception):
 
 
 def expected(study: Study, n_workers: int = 1) -> tuple[Needs, Duration]:
-    """Memory that a study needs and how long a run takes; a search of seconds is tried, else a few lines are timed.
+    """Memory that a study needs and how long a run takes with `n_workers`.
+
+    A search that takes seconds is tried; otherwise a few lines are timed, and a usual number of iterations is assumed.
 
     Raises
     ------
@@ -265,9 +275,9 @@ class _Tried:
         self._in_first = True
 
     def __call__(self, name: str, _: int, __: float) -> None:
-        """Count an iteration of the timed trial search, reported by its stage `name`.
+        """Count an iteration of the timed trial search; `name` is the stage of the search that reports it.
 
-        Raises `_EnoughError` when its time is over.
+        The time at the end of the first search is kept. Raises `_EnoughError` when the time for trying is over.
         """
         now = time.perf_counter() - self.begun
         if now > _TRIED_SECONDS:
@@ -279,7 +289,7 @@ class _Tried:
 
 
 def _start_seconds() -> float:
-    """Seconds that a Python process takes to import what a run uses."""
+    """Seconds that a new Python process takes to start and import what a run uses, as measured now."""
     begun = time.perf_counter()
     words = "import structid.study.run.run, structid.report, structid.diagnose.verdict"
     child = start_child(python_arguments("-c", words), errors=subprocess.PIPE, has_group=False)
@@ -290,7 +300,11 @@ def _start_seconds() -> float:
 
 
 def _time_evaluation(problem: RecordProblem, method: Method) -> tuple[float, float, float]:
-    """Seconds per evaluation with its derivative, as a fixed part and a part for each line, and bytes for each line."""
+    """Time and memory of one response with its Jacobian, measured on a few lines.
+
+    The parts are the extra time of the first evaluation (s), the time for each line (s), and the peak memory for each line
+    (bytes).
+    """
     most = _MEASURED_LINES if problem.is_large else _MEASURED_LINES_SMALL
     few = problem.with_lines(np.unique(np.linspace(0, len(problem.frequency) - 1, most).astype(int)))
     n_lines, theta = len(few.frequency), np.asarray(few.theta_start)
@@ -313,19 +327,21 @@ def _seconds(linearize: Callable[[np.ndarray], object], theta: np.ndarray) -> fl
 
 
 def require_room(study: Study, problems: Sequence[RecordProblem], free: int | None = None) -> None:
-    """Refuse a study whose Jacobians cannot fit in memory.
+    """Raise an error if the Jacobians of a study cannot fit in memory.
 
     Parameters
     ----------
     study : Study
+        The study, which the message names.
     problems : sequence of RecordProblem
+        Problem of each record.
     free : int, optional
-        Bytes; what the system says by default.
+        Free memory in bytes; by default as the system states it.
 
     Raises
     ------
     InputError
-        With the numbers, and what makes them smaller.
+        If they do not fit, with the sizes and advice.
     """
     size, room = sizes(problems), available_bytes() if free is None else free
     if size.least_bytes > room:
@@ -339,7 +355,7 @@ def require_room(study: Study, problems: Sequence[RecordProblem], free: int | No
 
 
 def gigabytes(count: float) -> str:
-    """A number of bytes as text with a suitable unit, such as ``1.5 GB``."""
+    """A number of bytes as text with three digits and a suitable decimal unit (kB to TB), such as ``1.5 GB``."""
     for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
         if count >= size:
             return f"{count / size:.3g} {unit}"
@@ -373,7 +389,7 @@ def _group_free() -> int | None:
 
 
 def _limit_free() -> int | None:
-    """Free bytes under the address-space limit of this process (``ulimit -v``); None without a limit."""
+    """Free bytes under the address-space limit of this process (``ulimit -v``); None without a limit, and on Windows."""
     try:
         import resource
     except ImportError:  # Windows

@@ -36,15 +36,16 @@ def run_study(study: Study, progress: StageProgress | None = None, work: Work = 
     Parameters
     ----------
     study : Study
+        The study to run.
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
     work : Work
-        Where searches and their repeats run, and whether they are kept; see `structid.study.run.long_run`.
+        The way in which searches and their repeats run, and if they are kept; see `structid.study.run.long_run`.
 
     Returns
     -------
     StudyResult
-        Also where the search did not converge or the data do not determine the answer: see
+        Also returned if the search did not converge or the data do not determine the answer: see
         ``identification.estimate.status``.
 
     Raises
@@ -52,14 +53,14 @@ def run_study(study: Study, progress: StageProgress | None = None, work: Work = 
     InputError, SingularModelError
         If the study cannot be run as it is, see `prepare_study`, or does not fit in memory.
     SearchFailedError
-        If the search came to where there is no model response.
+        If the search reached values without a model response.
     """
     ready = relinearized_study(study, progress, work)
     return confirm_result(ready, run_prepared(ready, progress, work), progress, work)[1]
 
 
 def relinearized_study(study: Study, progress: StageProgress | None = None, work: Work = ALONE) -> PreparedStudy:
-    """The records and models of a study, ready for the search; the model of a solver is linearized about the answer."""
+    """The study with records and models prepared for the search; the model of a solver is linearized about the answer."""
     ready = prepare_study(study)
     return ready if study.solved is None else solver.relinearize_solver(ready, progress, work)
 
@@ -67,7 +68,10 @@ def relinearized_study(study: Study, progress: StageProgress | None = None, work
 def confirm_result(
     ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: Work = ALONE
 ) -> tuple[PreparedStudy, StudyResult]:
-    """The study and its result, searched again on finer meshes where these move values, and run by its solver at the answer."""
+    """The study and its result after two checks: finer meshes, and a run of the solver at the answer.
+
+    The search is repeated where finer meshes move the values. The solver runs only if the study has one.
+    """
     ready, result = refine_mesh(ready, result, progress, work)
     if ready.study.solved is not None:
         result = solver.with_solver(solver.with_nominal_start(result), work)
@@ -79,7 +83,8 @@ def refine_mesh(
 ) -> tuple[PreparedStudy, StudyResult]:
     """The study and its result with beams cut into more pieces, until finer pieces hardly change the values.
 
-    Where the study fixes the number of pieces it stays, and a warning says if the mesh changes a value.
+    Where the study fixes the number of pieces it stays, and a warning is added if the mesh changes a value.
+    A warning also says if the number of attempts runs out first.
     """
     if ready.mesh is None:
         return ready, result if ready.study.solved is not None else _with_mesh_warning(ready, result)
@@ -104,7 +109,7 @@ def refine_mesh(
 def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult:
     """The result, with a warning where the mesh changes a value by a large part of its standard deviation.
 
-    Beams are cut as the study says.
+    Beams are cut as the study says. Results from modes alone, and of large structures, are not checked here.
     """
     found, structure = result.identification, ready.study.structure
     of_modes = all(isinstance(problem, ModalProblem) for problem in found.problems)  # `mesh_warnings` looks at these
@@ -115,7 +120,15 @@ def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult
 
 
 def run_prepared(ready: PreparedStudy, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
-    """Identify a study whose records are already read; see `run_study`."""
+    """Identify a study whose records are already read; see `run_study`.
+
+    Raises
+    ------
+    SearchFailedError
+        If the model becomes singular, or a factorization fails.
+    InputError
+        If the search does not fit in memory.
+    """
     study = ready.study
     if not is_matrix_free(ready):
         require_room(study, ready.problems)
@@ -136,12 +149,12 @@ def run_prepared(ready: PreparedStudy, progress: StageProgress | None = None, wo
 
 
 def is_matrix_free(ready: PreparedStudy) -> bool:
-    """True if the parameters of a study are searched for without a Jacobian; see `chosen_method`.
+    """True if the search for the parameters runs without a Jacobian matrix; see `chosen_method`.
 
     Raises
     ------
     InputError
-        If that is asked for and cannot be; with the place in the study file.
+        If the study asks for that and it is not possible; with the place in the study file.
     """
     method = ready.study.section("method")
     with method.located("search" if "search" in method.table else None):

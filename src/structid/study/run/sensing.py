@@ -22,10 +22,20 @@ from structid.study.results.stored_model import stored_doubt, stored_model, stor
 def sense_record(
     folder: Path, path: Path, read: ReadOptions, options: SenseOptions, study: Path | None = None
 ) -> SensedMotion:
-    """The motion at the unmeasured channels named in `options`, estimated from the record at `path` with an identified model.
+    """The motion at the unmeasured channels named in `options`, estimated from a record with an identified model.
 
-    `folder` holds the results of the identification, `study` is its study file if that was moved, and `read` tells how to read
-    the record.
+    Parameters
+    ----------
+    folder : Path
+        Results folder of the identification.
+    path : Path
+        File of the record, which must hold time histories.
+    read : ReadOptions
+        How the record is read.
+    options : SenseOptions
+        Channels wanted, unknown forces and sensors to leave out.
+    study : Path, optional
+        The study file, if it was moved since the identification.
 
     Raises
     ------
@@ -60,7 +70,7 @@ def sense_record(
 
 
 def sensed_csv(sensed: SensedMotion) -> str:
-    """CSV text of time, then value and standard deviation of every output and every unknown force."""
+    """CSV text of time, then value and standard deviation of every output and every unknown force; one row for each time."""
     unit = QUANTITY_UNITS[sensed.motion][0]
     header, columns = ["time (s)"], [sensed.time]
     for dof, value, std in zip(sensed.outputs, sensed.values.T, sensed.std.T, strict=True):
@@ -77,7 +87,10 @@ def sensed_csv(sensed: SensedMotion) -> str:
 
 
 def sensed_summary(sensed: SensedMotion, folder: Path, path: Path) -> dict[str, Entry]:
-    """The content of sensed.json."""
+    """The content of sensed.json: root mean squares of outputs and forces with deviations, checks of left-out sensors, verdict.
+
+    `folder` holds the results that the motion was computed from, `path` is the record.
+    """
 
     def rows(dofs: tuple[object, ...], values: np.ndarray, std: np.ndarray) -> list[dict[str, Entry]]:
         sizes = np.sqrt((values**2).mean(axis=0)), np.sqrt((std**2).mean(axis=0))

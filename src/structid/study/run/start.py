@@ -89,9 +89,9 @@ def prepare_study(study: Study) -> PreparedStudy:
 
 
 def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPieces | None) -> PreparedStudy:
-    """A study prepared for its identification: its records compared with the initial models of `setups`.
+    """A study prepared for its identification, with its records compared with the initial models of `setups`.
 
-    `mesh` tells into how many pieces beams were cut, where the study leaves that open.
+    `mesh` tells into how many pieces beams were cut, where the study leaves that open; None where the study states it.
     """
     records = zip(prefixes(setups), setups, study.setups, strict=True)
     pairs = [_prepare_record(study, source, setup, name) for name, setup, source in records]
@@ -104,10 +104,10 @@ def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPi
 
 
 def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces | None]:
-    """The set-ups of a study.
+    """The study, its set-ups with their records read, and the number of pieces of its beams; None where the study states it.
 
-    Where the study leaves open how many pieces beams are cut into, it comes back with as many as bring all modes in the band of
-    its records to a tenth of their half-bandwidths; a fit then tells whether these are enough.
+    Where the study leaves the number open, beams are cut so that all modes in the band are right to a tenth of their
+    half-bandwidths; a fit then shows whether these pieces are enough.
     """
     cache = ResponseCache()
     setups = tuple(load_setup(source, cache) for source in study.setups)
@@ -119,13 +119,13 @@ def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces |
 
 
 def with_pieces(study: Study, setups: tuple[AnySetup, ...], count: int) -> tuple[Study, tuple[AnySetup, ...]]:
-    """A study with its beams cut into so many pieces, and its set-ups, whose records are not read again."""
+    """The study with its beams cut into `count` pieces each, and its set-ups, whose records are not read again."""
     cut, cache = cut_study(study, count), ResponseCache()
     return cut, tuple(load_setup(source, cache, setup) for source, setup in zip(cut.setups, setups, strict=True))
 
 
 def study_problems(study: Study) -> tuple[RecordProblem, ...]:
-    """The problem of each record, nothing evaluated yet.
+    """The problem of each record of a study, before any response is computed.
 
     Raises
     ------
@@ -137,15 +137,16 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
 
 
 def load_setup(source: SetupSource, cache: ResponseCache, measured: AnySetup | None = None) -> AnySetup:
-    """The set-up of a source: its record read, its channels part of the structure.
+    """The set-up of a source: its record read, and its channels checked against the structure.
 
     Parameters
     ----------
     source : SetupSource
+        Structure, parameters and record as the study file states them.
     cache : ResponseCache
         Cache shared by all set-ups of a study.
     measured : RecordSetup, optional
-        One with the same record, which is then not read again.
+        A set-up with the same record, which is then not read again.
     """
     section, structure, parameters, name = source.section, source.structure, source.parameters, source.name
     setup: AnySetup
@@ -198,7 +199,10 @@ def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], cac
 
 
 def _require_dofs(structure: Structure, dofs: Iterable[Dof], inputs: bool) -> None:
-    """Raise `InputError` if the structure lacks a channel (see `Structure.require_dofs`), with a hint on solver nodes."""
+    """Raise `InputError` if the structure lacks a channel; if a solver gives the model, the message has a hint on its nodes.
+
+    `inputs` is True where the channels are inputs, which may also be supports.
+    """
     try:
         structure.require_dofs(dofs, inputs)
     except InputError as error:
@@ -211,7 +215,7 @@ def _require_dofs(structure: Structure, dofs: Iterable[Dof], inputs: bool) -> No
 
 
 def _channel_key(section: Section, key: str) -> str:
-    """The key of the section that names its channels: `key` itself, or the one that names the file."""
+    """The key of the section that names its channels: `key` if it is there, else the key that names channels or the file."""
     for candidate in (key, "channels_used", "channels", "path", "repeats"):
         if candidate in section.table:
             return candidate
@@ -221,7 +225,10 @@ def _channel_key(section: Section, key: str) -> str:
 def _prepare_record(
     study: Study, source: SetupSource, setup: AnySetup, name: str
 ) -> tuple[Prepared[RecordProblem], InitialComparison]:
-    """The problem of one record and its comparison with the initial model; `name` begins warnings about it."""
+    """The problem of one record and its comparison with the initial model; `name` is put before messages about it.
+
+    Errors are raised with the place in the study file.
+    """
     method, structure, options = study.section("method"), study.section("structure"), study.options
     section = source.section.section("modes") or source.section
     with section.located(), _locate_empty_band(method, "band", name):
@@ -238,7 +245,7 @@ def _prepare_record(
 
 @contextmanager
 def _locate_empty_band(method: Section, key: str, name: str) -> Iterator[None]:
-    """Context manager: a `NoLinesError` gets the place of the key that leaves no line, with `name` before it."""
+    """Context manager: a `NoLinesError` is raised again with the place of the key that leaves no line, and `name` before it."""
     try:
         yield
     except NoLinesError as error:
@@ -248,7 +255,7 @@ def _locate_empty_band(method: Section, key: str, name: str) -> Iterator[None]:
 
 @contextmanager
 def placed_mechanism(section: Section) -> Iterator[None]:
-    """Gives a `SingularModelError`, and what a factorization raises on such matrices, the place of the structure."""
+    """Context manager: a `SingularModelError`, or an error of a factorization, gets the place of the structure in the study."""
     try:
         yield
     except (SingularModelError, np.linalg.LinAlgError) as error:

@@ -7,9 +7,9 @@ from structid.study.run.workers import InProcess, Processes, Workers
 
 
 def start_workers(workers: int | None, scheduler: str | None) -> Workers | None:
-    """The workers that the options ask for: a Dask cluster (`scheduler`, its address), processes, or this process for one worker.
+    """The workers that the options ask for: a Dask cluster, processes of this machine, or this process for a single worker.
 
-    None where neither option is given.
+    `workers` is their number, `scheduler` the address of a Dask scheduler; None is returned where both are None.
 
     Raises
     ------

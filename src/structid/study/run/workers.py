@@ -74,23 +74,30 @@ class Workers(ABC):
     def completed(
         self, task: Task[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
     ) -> Iterator[tuple[int, Found]]:
-        """Number and result of each item, as they come.
+        """Number and result of each item, in the order in which they are ready.
 
         Parameters
         ----------
         task : Task
+            Function called with `shared`, an item and its tools.
         shared : object
+            First argument of all calls, sent to each worker once.
         items : mapping of int to object
+            The items by their numbers.
         tools : callable
-            Of a task that runs in this process, by its number.
+            Gives the tools of a task, by the number of its item; used only for tasks in this process.
 
         Raises
         ------
         WorkersLostError
+            If the workers ended again and again, or cannot be reached.
         """
 
     def asked(self, question: Callable[[Shared], str], argument: Shared) -> Mapping[str, str]:
-        """The answer of a function of a module on every other machine's worker, by its name."""
+        """The answer of each worker on other machines to `question(argument)`, by the name of the worker.
+
+        `question` must be a function of a module; {} without such workers.
+        """
         return {}
 
     @abstractmethod
@@ -107,7 +114,7 @@ class InProcess(Workers):
     def completed(
         self, task: Task[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
     ) -> Iterator[tuple[int, Found]]:
-        """Number and result of each item, one after another in this process, on one thread."""
+        """Number and result of each item, computed one after another in this process, each on one thread."""
         pools = ThreadpoolController()
         for count, (number, item) in enumerate(items.items()):
             if count == 1:
@@ -166,7 +173,10 @@ class RemoteWorkers(Workers):
     def completed(
         self, task: Task[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
     ) -> Iterator[tuple[int, Found]]:
-        """Number and result of each item as they come back; items of lost workers are sent again."""
+        """Number and result of each item in the order in which they come back; items of lost workers are sent again.
+
+        `WorkersLostError` if workers are lost too often.
+        """
         missing, name, losses = dict(items), self._name_of_shared(shared), 0
         while missing:
             try:
@@ -182,9 +192,9 @@ class RemoteWorkers(Workers):
         return self.executor().submit(self.answer, name, task, batch)
 
     def _name_of_shared(self, shared: object) -> str:
-        """The name under which workers have the object `shared`, which is sent to them when it is new.
+        """The name under which workers have the object `shared`, which is sent to them if it is new.
 
-        It is kept here too, so that the same object is sent once.
+        The last few objects are kept here to recognize them; workers forget the oldest.
         """
         for name, sent in self._given.items():
             if sent is shared:
@@ -214,7 +224,7 @@ class Processes(RemoteWorkers):
     losses = (ProcessLostError,)
 
     def __init__(self, n_workers: int) -> None:
-        """A pool of `n_workers` processes of this machine, started when first needed."""
+        """A pool of `n_workers` processes of this machine, started when first needed; `InputError` without any."""
         super().__init__()
         if n_workers < 1:
             raise InputError(f"`workers` must be at least 1, got {n_workers}; one for each core is usual")
@@ -248,7 +258,7 @@ class Processes(RemoteWorkers):
             ) from error
 
     def close(self) -> None:
-        """End the processes; tasks that have not begun are dropped."""
+        """End the processes and remove their temporary files; tasks that have not begun are dropped."""
         self._end()
         self._given.clear()
         self._folder.cleanup()
@@ -273,7 +283,7 @@ def _read(path: str) -> Any:
 
 
 def results(shared: Shared, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
-    """Results of a batch by number of the item, and the seconds that they took."""
+    """Number and result of each item of a batch, computed without tools, and the seconds that the batch took."""
     begun = time.perf_counter()
     found = [(number, task(shared, item, PLAIN_TOOLS)) for number, item in batch]
     return found, time.perf_counter() - begun
@@ -281,7 +291,10 @@ def results(shared: Shared, task: Task[Shared, Item, Found], batch: Batch[Item])
 
 @contextmanager
 def one_thread(pools: ThreadpoolController) -> Iterator[None]:
-    """Context manager: BLAS, MKL, OpenMP, numba and the factorizers use one thread."""
+    """Context manager: BLAS, MKL, OpenMP, numba and the factorizers use one thread each.
+
+    `pools` controls the thread pools of the libraries that are loaded. The former numbers are restored at the end.
+    """
     variable = os.environ.get(THREADS_VARIABLE)
     os.environ[THREADS_VARIABLE] = "1"
     try:
@@ -296,7 +309,7 @@ def one_thread(pools: ThreadpoolController) -> Iterator[None]:
 
 @contextmanager
 def _limit_library_threads(pools: ThreadpoolController) -> Iterator[None]:
-    """Context manager: numba and the thread pools of numerical libraries use one thread."""
+    """Context manager: numba and the thread pools of numerical libraries, which `pools` controls, use one thread each."""
     numba = sys.modules.get("numba")
     before = numba.get_num_threads() if numba else 1
     try:
@@ -310,7 +323,7 @@ def _limit_library_threads(pools: ThreadpoolController) -> Iterator[None]:
 
 
 def threads_for(problems: Sequence[Problem]) -> AbstractContextManager[None]:
-    """Context manager: products with small Jacobians use one thread, as more bring nothing; factorizations keep theirs."""
+    """Context manager: products with Jacobians use one thread if they are small, as more bring nothing."""
     size = sum(problem.n_data * len(problem.names) for problem in problems)
     return _limit_library_threads(ThreadpoolController()) if size <= SMALL_JACOBIAN else nullcontext()
 
@@ -321,9 +334,10 @@ def in_batches(
     items: Mapping[int, Item],
     require_alive: Callable[[], None] = lambda: None,
 ) -> Iterator[tuple[int, Found]]:
-    """Number and result of each item as batches come back; the first batches are single items, which show how long one takes.
+    """Number and result of each item, in the order in which batches come back.
 
-    `send` gives a batch to a worker, and `require_alive` raises if the workers are lost.
+    The first batches are single items, which show how long one takes; later ones are larger. `send` sends a batch to a worker
+    and returns its future; `require_alive` is called while nothing comes back, and raises if the workers are lost.
     """
     waiting, n_waiting = iter(tuple(items.items())), len(items)
     pending: set[Future[Answer[Found]]] = set()

@@ -39,7 +39,10 @@ class Block:
 
 
 def blocks_of(text: str) -> list[Block]:
-    """Tables of a valid TOML text in order, each with the places of its keys and values."""
+    """Tables of a valid TOML text in order, each with the positions of its keys and values.
+
+    The first block has no header; it holds the keys above all headers.
+    """
     words = words_of(text, " \t#\n")
     blocks = [Block((), 0, 0)]
     counts: dict[KeyPath, int] = {}
@@ -63,7 +66,7 @@ def _after_line(text: str, offset: int) -> int:
 
 
 def _add_key(text: str, words: Words, block: Block) -> None:
-    """Add the key at the head of `words` with the places of its value in `text` to `block`."""
+    """Move the key and value at the head of `words` into `block`, with their positions in `text`."""
     parts, start = read_key(words, "=")
     begin = words[-1][1]
     end = _value_end(words)
@@ -73,7 +76,7 @@ def _add_key(text: str, words: Words, block: Block) -> None:
 
 
 def _value_end(words: Words) -> int:
-    """Index of the end of the next value, whose words are removed from `words`."""
+    """Index in the text after the end of the next value, whose words are removed from `words`."""
     word, at = words.pop()
     end = at + len(word)
     if word in ("[", "{"):
@@ -95,7 +98,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
-    """TOML text after the `edits` (mappings with "set", "remove", "add" or "list"), made in order.
+    """TOML text after all `edits`, made in order.
 
     Parameters
     ----------
@@ -104,12 +107,13 @@ def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
     edits : sequence of mappings
         ``{"set": path, "to": value}``, the value as it would be written, such as ``1.6e6`` or ``["1X"]``;
         ``{"remove": path}``; ``{"add": path, "table": {key: value}}``, a new entry of an array of tables. Paths are lists
-        of names, and of positions in arrays of tables. ``{"list": path}`` makes a table the first of an array of tables.
+        of names, and of positions (from 0) in arrays of tables. ``{"list": path}`` makes a table the first of an array of
+        tables.
 
     Raises
     ------
     InputError
-        If the text is no TOML, a value is none, or a path leads nowhere; nothing is changed then.
+        If the text is not TOML, a text is not a TOML value, or a path leads nowhere; nothing is changed then.
     """
     if edits:
         _require_toml(text, "the study is no TOML as it stands")
@@ -127,14 +131,15 @@ def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
 
 
 def changed_text(text: str, change: Callable[[dict[str, Any]], None]) -> str:
-    """TOML text after `change` of its content; lines of keys and tables that stay, and all comments, are as they were.
+    """TOML text after `change` of its content; unchanged lines and all comments stay as they were.
 
     Parameters
     ----------
     text : str
+        A TOML text.
     change : callable
-        Changes the content, plain tables and lists, in place: keys are set or deleted, entries of arrays of tables changed, deleted
-        or appended.
+        Changes the content, plain tables and lists, in place: keys are set or deleted, entries of arrays of tables changed,
+        deleted or appended.
 
     Raises
     ------
@@ -152,9 +157,9 @@ def changed_text(text: str, change: Callable[[dict[str, Any]], None]) -> str:
 
 
 def _numbered_entries(content: Any) -> Iterator[tuple[dict[str, Any], int]]:
-    """Pairs of a table and its position in the list that holds it, through nested lists and tables.
+    """Pairs of each table in a list and its position there (from 0), through nested lists and tables.
 
-    `content` is a parsed TOML text.
+    `content` is a parsed TOML text or a part of it.
     """
     for number, value in enumerate(content.values() if isinstance(content, dict) else content):
         if isinstance(content, list) and isinstance(value, dict):
@@ -164,9 +169,9 @@ def _numbered_entries(content: Any) -> Iterator[tuple[dict[str, Any], int]]:
 
 
 def _edits_between(path: KeyPath, before: Any, after: Any, numbers: Mapping[int, int]) -> Iterator[dict[str, Any]]:
-    """Edits that turn the content `before` under `path` into `after`.
+    """Edits, as `edited` takes them, that turn the content `before` under `path` into `after`.
 
-    `numbers` are the positions that entries of arrays of tables had before, by their identity.
+    `numbers` gives the position that each entry of an array of tables had before, by the `id` of the entry.
     """
     if isinstance(before, dict) and isinstance(after, dict):
         for key in before:
@@ -192,13 +197,13 @@ def _edits_between(path: KeyPath, before: Any, after: Any, numbers: Mapping[int,
 
 
 def _added_entries(path: KeyPath, entries: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Edits that append entries to an array of tables."""
+    """Edits, as `edited` takes them, that append `entries` to the array of tables at `path`."""
     for entry in entries:
         yield {"add": [*path], "table": {key: _value_text(value) for key, value in entry.items()}}
 
 
 def _value_text(value: Any) -> str:
-    """TOML text of a value on one line."""
+    """TOML text, on one line, of a value: a number, text, list or table."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{_name((key,))} = {_value_text(item)}" for key, item in value.items()) + " }"
     if isinstance(value, list | tuple):
@@ -207,7 +212,7 @@ def _value_text(value: Any) -> str:
 
 
 def value_of(text: str) -> str:
-    """Text of one TOML value, stripped of blanks; raises `InputError` unless it is exactly one."""
+    """The text of one TOML value without blanks around it; `InputError` unless it is exactly one value on one line."""
     written = text.strip()
     try:
         count = len(parse_toml(f"value = [{written}]")["value"])
@@ -227,7 +232,10 @@ def _require_toml(text: str, words: str) -> None:
 
 
 def _with_value(text: str, path: KeyPath, value: str) -> str:
-    """TOML text with the key at `path` set to `value` (TOML text), changed in place or added."""
+    """TOML text with the key at `path` set to `value` (TOML text), changed in place or added to its table.
+
+    `InputError` if the path ends in a position or a table, or leads to an entry that is not there.
+    """
     blocks = blocks_of(text)
     if value.startswith("{") and _is_spread(blocks, path):
         return _set_spread(text, path, value)
@@ -256,15 +264,15 @@ def _with_value(text: str, path: KeyPath, value: str) -> str:
 
 
 def _is_spread(blocks: Sequence[Block], path: KeyPath) -> bool:
-    """True if the table at `path` has a header of its own, or keys with points."""
+    """True if the table at `path` has a header of its own, or dotted keys, and is not an inline table."""
     named = [block.path + key[:-1] for block in blocks for key in block.pairs if len(key) > 1]
     return path in [*(block.path for block in blocks), *named]
 
 
 def _set_spread(text: str, path: KeyPath, value: str) -> str:
-    """TOML text with a table in block form set key by key, so that comments stay.
+    """TOML text with the table at `path`, written in block form, set key by key, so that comments stay.
 
-    `value` is the table as TOML text.
+    `value` is the new table as TOML text; keys that it lacks are removed.
     """
     wanted: Any = tomlkit.value(value)
     there = [block.path + key for block in blocks_of(text) for key in block.pairs]
@@ -276,7 +284,10 @@ def _set_spread(text: str, path: KeyPath, value: str) -> str:
 
 
 def _changed_inline(text: str, span: _Span, keys: KeyPath, value: str | None) -> str:
-    """TOML text with the entry at `keys` inside an inline table or list set, or removed if `value` is None."""
+    """TOML text with the entry at `keys` inside an inline table or list set to `value`, or removed if that is None.
+
+    `span` is the position of the whole inline value; `InputError` if `keys` leads nowhere in it.
+    """
     whole: Any = tomlkit.value(text[span.value : span.end])
     try:
         held = whole
@@ -296,7 +307,7 @@ def _changed_inline(text: str, span: _Span, keys: KeyPath, value: str | None) ->
 
 
 def _without_key(text: str, path: KeyPath) -> str:
-    """TOML text without the key or table at `path`; raises `InputError` if it is not there."""
+    """TOML text without the key or table at `path`, with all that is in it; `InputError` if it is not there."""
     blocks = blocks_of(text)
     for block in blocks:
         for key, span in block.pairs.items():
@@ -325,7 +336,10 @@ def _without_key(text: str, path: KeyPath) -> str:
 
 
 def _as_array_of_tables(text: str, path: KeyPath) -> str:
-    """TOML text with the table at `path` turned into the first entry of an array of tables."""
+    """TOML text with the header of the table at `path` turned into that of the first entry of an array of tables.
+
+    `InputError` if the table has no header of its own.
+    """
     first = next((block for block in blocks_of(text) if block.path[: len(path)] == path), None)
     if first is None or first.path != path:
         raise InputError(
@@ -337,7 +351,7 @@ def _as_array_of_tables(text: str, path: KeyPath) -> str:
 
 
 def _with_entry(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
-    """TOML text with a new entry after the last one of the array of tables at `path`."""
+    """TOML text with a new entry after the last one of the array of tables at `path`; `table` has TOML texts by key."""
     keys = "".join(f"{_name((key,))} = {value_of(str(value))}\n" for key, value in table.items())
     entry = f"[[{_name(path)}]]\n{keys}"
     blocks = blocks_of(text)
@@ -355,7 +369,10 @@ def _with_entry(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
 
 
 def _inserted_block(text: str, blocks: Sequence[Block], path: KeyPath, entry: str) -> str:
-    """TOML text with the new table `entry` inserted next to related tables, or at its customary position."""
+    """TOML text with the new table `entry` (TOML text) inserted next to related tables, or at its customary position.
+
+    `blocks` are the tables of `text`, `path` is that of the new table.
+    """
     for length in range(len(path) - 1, 0, -1):
         near = [block for block in blocks if block.path and block.path[:length] == path[:length]]
         if near:
@@ -374,13 +391,13 @@ def _inserted_line(text: str, offset: int, line: str) -> str:
 
 
 def _inserted_text(text: str, offset: int, entry: str) -> str:
-    """A table with a blank line before it."""
+    """TOML text with the table `entry` (TOML text) inserted at `offset`, after a blank line."""
     before = text[:offset].rstrip("\n")
     return before + ("\n\n" if before else "") + entry + text[offset:]
 
 
 def _above_comments(text: str, offset: int) -> int:
-    """Index in `text` where the comment lines directly above position `offset` begin."""
+    """Index in `text` where the comment lines directly above position `offset` begin; `offset` itself if there are none."""
     while offset > 0:
         start = text.rfind("\n", 0, offset - 1) + 1
         if not text[start:offset].startswith("#"):

@@ -63,8 +63,8 @@ Schema = TypedDict(
 def fits(value: Plain, schema: Schema) -> bool:
     """True if a value of a TOML file satisfies `schema`, by the keywords of JSON Schema that kinds use.
 
-    Every number and text must satisfy this too: no number but 0 is so large or so small that its square is lost, and no
-    text holds characters that steer a terminal, or null, which no file name may hold.
+    Besides, the magnitude of a number other than 0 must be between 1e-100 and 1e100, integers must fit 64 bits, and a text must
+    hold printable characters, line ends and tabs only.
     """
     if "anyOf" in schema:
         return any(fits(value, one) for one in schema["anyOf"])
@@ -143,7 +143,7 @@ def choice(*names: str) -> Kind:
 
 
 def limit_kind(kind: Kind, limits: Limits) -> Kind:
-    """The kind `kind` of a number, restricted to `limits`."""
+    """The kind `kind` of a number, restricted to `limits`, which its words for error messages then name."""
     words = ("of " if limits.words.startswith("at least") else "") + limits.words
     schema: Schema = {**kind.schema}
     if limits.least is not None:
@@ -158,7 +158,7 @@ def limit_kind(kind: Kind, limits: Limits) -> Kind:
 
 
 def several(kind: Kind) -> Kind:
-    """One of a kind or a list of them, which becomes a tuple."""
+    """A kind that accepts a value of `kind` or a list of them, and makes a tuple of it."""
     plural = {NUMBER.words: "a number or a list of numbers", TEXT.words: "a text or a list of texts"}
     words = plural.get(kind.words, f"{kind.words}, or a list of these")
     return Kind(words, {"anyOf": [kind.schema, list_of(kind.schema)]}, made=_tuple)
@@ -170,7 +170,7 @@ def or_none(kind: Kind) -> Kind:
 
 
 def either(*kinds: Kind) -> Kind:
-    """A kind that accepts what any of several kinds accept."""
+    """A kind that accepts what any of `kinds` accepts; a value is converted by the first that accepts it."""
 
     def made(value: Plain) -> Any:
         return next(kind for kind in kinds if kind.accepts(value)).made(value)
@@ -277,7 +277,9 @@ _PLAIN: dict[object, Kind] = {
 
 
 def kind_of(annotation: object) -> Kind:
-    """The kind of value that a key may hold for a field or argument with this annotation.
+    """The kind of value that a key may hold for a field or argument with the type `annotation`.
+
+    A kind in ``Annotated`` is taken as it is, limits restrict the number, and None in a union is ignored.
 
     Raises
     ------
@@ -314,6 +316,6 @@ def _is_list(annotation: object) -> bool:
 
 
 def flat(nodes: int | Sequence[int | Sequence[int]]) -> list[int]:
-    """Node numbers as `NODES` allows them, one after another."""
+    """Node numbers from a number, a list of numbers or a list of lists, in one list."""
     rows = [nodes] if isinstance(nodes, int) else nodes
     return [node for row in rows for node in ([row] if isinstance(row, int) else row)]

@@ -27,7 +27,10 @@ T = TypeVar("T")
 
 
 def read_method(section: Section | None) -> IdentifyOptions:
-    """The options that the section ``[method]`` gives; the defaults if there is none."""
+    """The options that the section ``[method]`` states; the defaults if `section` is None.
+
+    `StudyError` if a key does not belong to the chosen `search`.
+    """
     if section is None:
         return IdentifyOptions()
     values = section.values(method_table())
@@ -38,7 +41,7 @@ def read_method(section: Section | None) -> IdentifyOptions:
 
 
 def method_table(options: type = IdentifyOptions) -> Table:
-    """All keys of ``[method]``, or those that one group of its options contributes."""
+    """All keys of ``[method]``, or, for another dataclass `options`, those that its fields contribute."""
     groups = {item.name: _groups(options, item.name) for item in fields(options)}
     table = table_of(options, [name for name, kinds in groups.items() if kinds or name in _ELSEWHERE])
     merged = Table({_NAMES.get(name, name): key for name, key in table.keys.items()})
@@ -54,7 +57,10 @@ def method_table(options: type = IdentifyOptions) -> Table:
 
 
 def _make_options(options: type[T], values: Given, search: str | None) -> T:
-    """An object of the class `options` from keys, which are removed from `values`; `search` names the search method."""
+    """An object of the class `options` made from `values`, from which the keys that it takes are removed.
+
+    `search` is the name of the search method; None for the default.
+    """
     arguments: Given = {}
     for item in inspect.signature(options).parameters:
         kinds, name = _groups(options, item), _NAMES.get(item, item)
@@ -69,7 +75,7 @@ def _make_options(options: type[T], values: Given, search: str | None) -> T:
 
 
 def _groups(options: type, name: str) -> tuple[type, ...]:
-    """Classes whose fields are keys of their own in place of the field `name`."""
+    """Classes whose fields are keys of their own in place of the field `name` of `options`; () if the field is a key itself."""
     kind = declared_types(options)[name]
     if name in _ELSEWHERE:
         return ()

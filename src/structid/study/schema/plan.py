@@ -96,10 +96,10 @@ class PlanStudy:
 
 
 def load_plan(path: str | Path, work: Work = ALONE, **changes: Any) -> PlanStudy:
-    """The plan in the study file at `path`; `changes` are fields of `PlanOptions` that replace those of the file.
+    """The plan in the study file at `path`, with its structure, parameters, options and notes.
 
-    Neither ``[plan]`` nor ``[record]`` is needed. Where a record is there, its sensors, loads, lines, kind and noise
-    are the defaults.
+    `changes` are fields of `PlanOptions` that replace those of the file; `work` is the executor of a solver's runs. Neither
+    ``[plan]`` nor ``[record]`` is needed. Where there is a record, its sensors, loads, lines, kind and noise are the defaults.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def load_plan(path: str | Path, work: Work = ALONE, **changes: Any) -> PlanStudy
 
 
 def _describe_aimed_sensors(structure: Structure, options: PlanOptions) -> tuple[str, ...]:
-    """Sentences on which sensors of ``[record.sensors]`` are candidates and which are not."""
+    """Sentences on which sensors of ``[record.sensors]`` are candidates of the plan, and which are not."""
     aimed = [tie for tie in structure.ties if isinstance(tie, AimedSensor)]
     candidates = {dof.unsigned for dof in (*options.sensors, *options.loads)}
     names = [
@@ -146,9 +146,9 @@ def _describe_aimed_sensors(structure: Structure, options: PlanOptions) -> tuple
 def _read_record(
     section: Section | None, files: InputFiles, structure: Structure, aimed: Mapping[str, str]
 ) -> tuple[FrfRecord | None, NoiseSource, tuple[str, ...]]:
-    """The record that ``[record]`` describes, or None if there is none yet; its declared noise; notes.
+    """The FRF record that ``[record]`` describes, its declared noise, and notes; the record is None if it cannot be used yet.
 
-    `aimed` gives the structure's names of aimed sensors.
+    That is so without a section, without its file, or for measured modes. `aimed` gives the structure's names of aimed sensors.
     """
     if section is None:
         return None, NoiseSource(), ()
@@ -175,7 +175,10 @@ def _read_options(
     method: IdentifyOptions,
     aimed: Mapping[str, str],
 ) -> tuple[PlanOptions, tuple[str, ...]]:
-    """Options of the plan with defaults from the record and from [method], and notes on them; `aimed` renames aimed sensors."""
+    """Options of the plan with defaults from the record and from ``[method]``, and notes on them.
+
+    `aimed` gives the structure's names of aimed sensors, `declared` the noise that the record's section states.
+    """
     values = section.values(PLAN)
     frequency, line_notes = _candidate_lines(section, values, structure, unknown, record, method)
     relative, absolute, noise_notes = _noise_levels(section, record, declared, method.model_error)
@@ -197,7 +200,10 @@ def _read_options(
 
 
 def _in_structure(dofs: tuple[Dof, ...], aimed: Mapping[str, str], are_loads: bool) -> tuple[Dof, ...]:
-    """Degrees of freedom by which the structure knows channels, those of ``[record.sensors]`` among them."""
+    """The channels `dofs` as degrees of freedom of the structure; those of aimed sensors get their names in `aimed`.
+
+    `are_loads` is True if the channels are loads.
+    """
     own = used_names({name: dof for name, dof in aimed.items() if is_load(name) == are_loads}, dofs)
     return renamed((), dofs, own)[1] if are_loads else renamed(dofs, (), own)[0]
 
@@ -210,9 +216,9 @@ def _candidate_lines(
     record: FrfRecord | None,
     method: IdentifyOptions,
 ) -> tuple[tuple[float, ...], tuple[str, ...]]:
-    """Candidate frequencies in Hz and notes: as given, those of the record, or spread over the band of the model's modes.
+    """Candidate frequencies in Hz and notes: those of the plan, those of the record, or spread over a band.
 
-    The keys that it uses are removed from `values`.
+    Without any band, it reaches over the modes of the model. The keys that are used here are removed from `values`.
     """
     band, spacing = values.pop("band", None), values.pop("spacing", "linear")
     axis, count = values.pop("frequency", None), values.pop("n_lines", None)
@@ -247,7 +253,10 @@ def _band_of_modes(structure: Structure, unknown: Parameters) -> tuple[float, fl
 def _noise_levels(
     section: Section, record: FrfRecord | None, declared: NoiseSource, model_error: float
 ) -> tuple[float, float, tuple[str, ...]]:
-    """Relative and absolute noise, model error included, and notes: as declared, the record's median, or 1 %."""
+    """Relative noise, absolute noise (in the unit of the FRFs) and notes: as declared, else the record's median, else 1 %.
+
+    `model_error` (relative) is added to the relative noise as a sum of squares.
+    """
     inner = section.section("noise")
     relative, absolute, notes = _DEFAULT_NOISE, 0.0, _NO_NOISE
     if inner is not None:
@@ -276,7 +285,7 @@ def _noise_levels(
 
 
 def _tolerances(root: Section) -> Tolerances:
-    """Tolerances of fixed values, and of the calibration of the first record where it states one."""
+    """Tolerances of fixed values, with the calibration of the first record if that states one."""
     tolerances = read_tolerances(root.inner("structure"))
     recorded = next(iter(record_sections(root)), None)
     stated = None if recorded is None else recorded.table.get("calibration")
@@ -284,7 +293,7 @@ def _tolerances(root: Section) -> Tolerances:
 
 
 def planned(study: PlanStudy) -> Plan:
-    """The plan that a study file asks for.
+    """The test plan computed from the structure, parameters and options of `study`.
 
     Raises
     ------

@@ -59,7 +59,7 @@ class InputFiles:
     measured: dict[tuple[str, str], MeasuredComponent] = field(default_factory=dict)
 
     def path(self, name: str) -> Path:
-        """The path of `name`, which is now one of the study's inputs.
+        """The path of the input file `name` relative to the study's folder; its digest is added to those of the inputs.
 
         Raises
         ------
@@ -81,18 +81,19 @@ def _told_name(name: str) -> str:
 
 
 def read_root(path: str | Path, work: Work = ALONE) -> tuple[Section, InputFiles]:
-    """The root section of the study file at `path`, and the list of input files, which begins with the study itself.
+    """The root section of the study file at `path`, and the list of its input files, which begins with the study file itself.
 
     Parameters
     ----------
     path : path
+        The study file.
     work : Work
         Executor of a solver's runs.
 
     Raises
     ------
     InputError
-        If there is no such file, it is no TOML, or a section is unknown.
+        If there is no such file, it is not TOML, or a section is unknown.
     """
     source = read_study_text(path)
     files = InputFiles(source.path.parent, work=work)
@@ -101,7 +102,7 @@ def read_root(path: str | Path, work: Work = ALONE) -> tuple[Section, InputFiles
 
 
 def root_of(source: StudyText) -> Section:
-    """The root section of a study file, with its sections checked by name."""
+    """The root section of a study file, after a check that the names of its sections are known."""
     root = Section(source, (), source.table)
     root.values(SECTIONS)
     root.section("structure")
@@ -109,7 +110,7 @@ def root_of(source: StudyText) -> Section:
 
 
 def record_sections(root: Section) -> list[Section]:
-    """Every ``[[record]]`` section, or the single ``[record]``; empty if there is none."""
+    """The sections ``[[record]]`` in order, or the single ``[record]``; an empty list if there is none."""
     if isinstance(root.table.get("record"), list):
         return root.sections("record")
     single = root.section("record")
@@ -127,7 +128,7 @@ def read_study_text(path: str | Path) -> StudyText:
     Raises
     ------
     InputError
-        If there is no such file, it is not UTF-8 text, or not TOML.
+        If there is no such file, it is too large, not UTF-8 text, or not TOML; with the line.
     """
     path = require_readable(path)
     if path.stat().st_size > MOST_STUDY_BYTES:

@@ -52,7 +52,7 @@ class StudyText:
         return toml_lines(self.text)
 
     def line(self, path: KeyPath) -> int:
-        """Line of `path`, or of the nearest table that holds it."""
+        """Line (from 1) of `path`, or of the innermost table around it that has a line."""
         while path and path not in self.lines:
             path = path[:-1]
         return self.lines.get(path, 1)
@@ -77,7 +77,7 @@ class Section:
 
     @property
     def title(self) -> str:
-        """The header as the user wrote it, with the name of the entry if it has one."""
+        """The header as messages show it, such as ``[[structure.beam]] "deck"``, with the name or number of an entry."""
         if not self.path:
             return "top level"
         words = ".".join(str(part) for part in self.path if isinstance(part, str))
@@ -87,13 +87,16 @@ class Section:
         return f"[[{words}]] " + (f'"{name}"' if isinstance(name, str) else f"number {self.path[-1] + 1}")
 
     def error(self, message: str, key: str | None = None) -> StudyError:
-        """`message` with its place before it."""
+        """An error with `message` after file, line and header of this section, and `key` if there is one; it is not raised."""
         line = self.source.line(self.path if key is None else (*self.path, key))
         return StudyError(f"{self.source.path}, line {line}: {self.title}{'' if key is None else ' ' + key}: {message}")
 
     @contextmanager
     def located(self, key: str | None = None) -> Iterator[None]:
-        """Context manager that adds the position of this section, and of `key`, to an `InputError` raised in its block."""
+        """Context manager that adds the position of this section, and of `key`, to an `InputError` raised in its block.
+
+        The error becomes a `StudyError`; an error that has a position already is left as it is.
+        """
         try:
             yield
         except StudyError:
@@ -102,7 +105,9 @@ class Section:
             raise self.error(str(error), error.option if error.option in self.table else key) from error
 
     def values(self, table: Table) -> Given:
-        """Every given key of `table` that is not itself a table, checked and converted to its kind.
+        """Value of each key of `table` that is present and not itself a table, checked and converted to its kind.
+
+        Defaults are not filled in.
 
         Raises
         ------
@@ -138,13 +143,13 @@ class Section:
         return values
 
     def read(self, make: Callable[..., T]) -> T:
-        """Object that `make`, a class or function, makes of the keys that are its arguments; see `table_of`."""
+        """The object that `make`, a class or function, makes of the keys of this section as its arguments; see `table_of`."""
         given = self.values(own_table(make))
         with self.located():
             return make(**given)
 
     def section(self, key: str) -> Section | None:
-        """The table `key` inside this one, or None."""
+        """The table `key` inside this one, or None if it is absent; `StudyError` if the key holds no table."""
         if key not in self.table:
             return None
         inner = self.table[key]
@@ -157,7 +162,10 @@ class Section:
         return self.section(key) or Section(self.source, (*self.path, key), {})
 
     def sections(self, key: str) -> list[Section]:
-        """The entries of the array of tables `key` inside this one."""
+        """The entries of the array of tables `key` inside this one; an empty list if it is absent.
+
+        `StudyError` if the key holds anything else.
+        """
         entries = self.table.get(key, [])
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
             raise self.error(f"must be an array of tables; write [[{self.joined(key)}]] above each entry", key)
@@ -169,9 +177,9 @@ class Section:
 
 
 def _nearest(name: str, value: Plain, keys: Mapping[str, Key]) -> list[str]:
-    """Names of the keys most similar to `name`: keys of tables if `value` is a table, else of plain values.
+    """Names of the keys most similar to `name`, among those that may hold a table if `value` is one, else a plain value.
 
-    A tolerance where a table has none is the key that says how well its values are known: `prior` or `calibration`.
+    For a ``tolerance`` in a table without that key, they are `prior` and `calibration`, which say how well values are known.
     """
     meant = [key_name for key_name in ("prior", "calibration") if name == "tolerance" and key_name in keys]
     if meant:

@@ -85,7 +85,10 @@ class Study(Shown):
 
     @property
     def settings(self) -> dict[str, Entry]:
-        """All options, defaults included, as plain values."""
+        """All options of the identification as plain values, defaults included.
+
+        The entries for search and regularization have the name of their kind.
+        """
         settings = asdict(self.options)
         settings["search"] = {"type": type(self.options.method).__name__, **settings.pop("method")}
         settings["regularization"] = [
@@ -94,7 +97,7 @@ class Study(Shown):
         return settings
 
     def section(self, name: str) -> Section:
-        """The table `name` of the file, or the whole file where there is none."""
+        """The table `name` of the study file, or the whole file if there is no such table."""
         return self.root.section(name) or self.root
 
 
@@ -104,24 +107,25 @@ def load_study(path: str | Path, work: Work = ALONE) -> Study:
     Parameters
     ----------
     path : path
+        The study file.
     work : Work
-        Where a solver runs, in a study that has one.
+        Executor of a solver's runs, in a study that has a solver.
 
     Raises
     ------
     InputError
-        If the file or one that it names is missing, a key is unknown, missing or of the wrong kind, or structure
-        and unknowns contradict each other; the message gives file, line, section and key.
+        If the file or a file named in it is missing, a key is unknown, missing or of the wrong kind, or structure and unknowns
+        contradict each other; the message has file, line, section and key.
     """
     root, files = read_root(path, work)
     return _make_study(root, files)
 
 
 def edited_study(study: Study, tables: Mapping[str, Plain], work: Work = ALONE) -> Study:
-    """The study with other tables, as `load_study` reads it.
+    """The study with the changed `tables` in place of its own, as `load_study` would read it.
 
-    Structures whose tables are as before are not made again, nor measured components read whose tables and files are.
-    Places of errors are those of what the file had.
+    Structures and measured components whose tables and files are unchanged are reused. Errors have the places that the
+    original file had.
     """
     files = InputFiles(study.path.parent, dict(study.digests), work, measured=dict(study.measured))
     found = _make_study(root_of(replace(study.root.source, edited=tables)), files, study.setups)
@@ -129,14 +133,17 @@ def edited_study(study: Study, tables: Mapping[str, Plain], work: Work = ALONE) 
 
 
 def cut_study(study: Study, count: int) -> Study:
-    """A study with its beams cut into so many pieces."""
+    """The study with each of its beams cut into `count` pieces."""
     tables = dict(study.root.table)
     tables["structure"] = {**dict(study.section("structure").table), "subdivide": count}
     return edited_study(study, tables)
 
 
 def _make_study(root: Section, files: InputFiles, before: Sequence[SetupSource] = ()) -> Study:
-    """The study of a root section; set-ups of `before` are reused where their tables are unchanged."""
+    """The study of a root section; structures of the set-ups `before` are reused where their tables are unchanged.
+
+    `files` is the list of input files, to which those that are read are added.
+    """
     if "record" not in root.table:
         raise root.error(
             'the section [record] is missing; add it with the file of the test, `path = "record.csv"`, or plan a test first'

@@ -55,7 +55,7 @@ class Key:
 
     @property
     def schema(self) -> Schema:
-        """The key as JSON Schema."""
+        """The key as JSON Schema, with its description and default."""
         schema: Schema = {"type": "array", "items": self.holds.schema} if self.listed else {**self.holds.schema}
         if self.description:
             schema["description"] = self.description
@@ -123,7 +123,7 @@ class Table:
 
     @property
     def schema(self) -> Schema:
-        """The table as JSON Schema."""
+        """The table as JSON Schema: an object with its keys and no others, or the short form."""
         schema: Schema = {"type": "object", "additionalProperties": False}
         if self.keys:
             schema["properties"] = {name: key.schema for name, key in self.keys.items()}
@@ -141,11 +141,11 @@ def table_of(make: Callable[..., object], leave_out: Collection[str] = (), **oth
     Parameters
     ----------
     make : class or function
-        What each key is stands in its docstring, or as a text in the annotation.
+        Its docstring, or a text in the annotation, describes each key.
     leave_out : collection of str
-        Arguments that no key gives.
+        Arguments that are no keys.
     **others : Kind or Table
-        What keys hold where the annotation does not say it, and keys besides the arguments.
+        Kind or table of keys whose annotation does not say it, and of keys besides the arguments.
     """
     types, words = declared_types(make), parameter_descriptions(make)
     keys = {}
@@ -163,7 +163,7 @@ own_table: Callable[[Callable[..., object]], Table] = cache(table_of)
 
 
 def kind_of_argument(annotation: object) -> Kind | Table:
-    """The table of a dataclass, or the kind, that a key for an argument with this annotation holds."""
+    """The table (for a dataclass) or kind of value that a key for an argument with this annotation holds."""
     parts = alternatives(annotation)
     if len(parts) == 1 and isinstance(parts[0], type) and is_dataclass(parts[0]) and parts[0] is not Dof:
         return table_of(parts[0])
@@ -176,6 +176,6 @@ def _types(schema: Schema) -> set[str]:
 
 
 def _annotated_words(annotation: object) -> str:
-    """The text that stands in an annotation."""
+    """The text in an ``Annotated`` annotation, which describes a key; "" if there is none."""
     marks = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
     return next((mark for mark in marks if isinstance(mark, str)), "")

@@ -46,12 +46,12 @@ def toml_lines(text: str) -> dict[KeyPath, int]:
     Parameters
     ----------
     text : str
-        A text that `tomllib.loads` accepts; for another the answer is not defined.
+        A text that `tomllib.loads` accepts; for another the result is not defined.
 
     Returns
     -------
     mapping of path to line
-        A path holds table names and keys, and positions (from 0) in arrays and arrays of tables.
+        A path is a tuple of table names and keys, and of positions (from 0) in arrays and arrays of tables.
 
     Examples
     --------
@@ -76,13 +76,19 @@ def toml_lines(text: str) -> dict[KeyPath, int]:
 
 
 def words_of(text: str, passed_over: str) -> Words:
-    """The words of a TOML text but those that begin with a letter of `passed_over`, each with its first letter; a stack."""
+    """The tokens of a TOML text in reverse order, each with its index in the text, so that `pop` takes the next.
+
+    Tokens that begin with a character of `passed_over` are left out.
+    """
     found = [(match[0], match.start()) for match in WORD.finditer(text) if match[0][0] not in passed_over]
     return found[::-1]  # the next word is the last
 
 
 def read_key(words: Words, end: str) -> tuple[list[str], int]:
-    """The parts of a dotted key up to the token `end`, both taken off `words`, and the line where it begins."""
+    """The parts of a dotted key up to the token `end`, and the index in the text where the key begins.
+
+    The key and `end` are removed from `words`.
+    """
     parts: list[str] = []
     line = words[-1][1]
     while (word := words.pop()[0]) != end:
@@ -94,9 +100,9 @@ def read_key(words: Words, end: str) -> tuple[list[str], int]:
 
 
 def header(words: Words, counts: dict[KeyPath, int], lines: dict[KeyPath, int]) -> KeyPath:
-    """The path of ``[a.b]`` or ``[[a.b]]``, with indices into arrays of tables, whose lengths are in `counts`.
+    """The path of the header ``[a.b]`` or ``[[a.b]]`` at the head of `words`, with positions in arrays of tables.
 
-    The line of each part is noted in `lines`.
+    `counts` holds the present length of each array and is updated. The index in the text of each part is noted in `lines`.
     """
     words.pop()
     is_array = words[-1][0] == "["
@@ -118,7 +124,7 @@ def header(words: Words, counts: dict[KeyPath, int], lines: dict[KeyPath, int]) 
 
 
 def _note_key_lines(words: Words, lines: dict[KeyPath, int], path: KeyPath) -> None:
-    """Note the lines of ``key = value`` under `path` in `lines`, and take it off `words`."""
+    """Note where ``key = value`` under `path` begins (index in the text) in `lines`, and remove it from `words`."""
     parts, line = read_key(words, "=")
     for part in parts:
         path = (*path, part)
@@ -127,7 +133,7 @@ def _note_key_lines(words: Words, lines: dict[KeyPath, int], path: KeyPath) -> N
 
 
 def _value(words: Words, lines: dict[KeyPath, int], path: KeyPath) -> None:
-    """Note the lines of the entries of a value under `path` in `lines`, and take it off `words`."""
+    """Note where each entry of the value under `path` begins (index in the text) in `lines`, and remove it from `words`."""
     first, position = words.pop()[0], 0
     if first not in ("[", "{"):
         while words and words[-1][0] not in "]},\n":

@@ -49,8 +49,8 @@ REGULARIZATION = table_of(Smoothness) | {"kind": Key(choice(*_TERMS), "Which of 
 def read_parameters(root: Section, structure: Structure, element_sets: Collection[str] = ()) -> Parameters:
     """The parameters that the ``[[unknown]]`` tables declare on `structure`.
 
-    Element sets among `element_sets`, those of a study's other set-ups, may be missing from `structure`; what is declared on
-    them alone is then no parameter of it.
+    `element_sets` are the names of sets in any set-up of the study. Those that `structure` lacks are ignored, and a parameter
+    that is declared on them alone is left out.
     """
     entries = root.sections("unknown")
     if not entries:
@@ -72,7 +72,7 @@ def read_parameters(root: Section, structure: Structure, element_sets: Collectio
 
 
 def _read_unknown(entry: Section) -> Unknown:
-    """The declaration of one ``[[unknown]]`` table."""
+    """The declaration of one ``[[unknown]]`` table, with its field and prior."""
     values = entry.values(UNKNOWN)
     field = entry.section("field")
     if field is not None:
@@ -81,7 +81,7 @@ def _read_unknown(entry: Section) -> Unknown:
 
 
 def read_prior(entry: Section) -> Prior | None:
-    """The prior that an unknown states, or None."""
+    """The prior that an unknown states, or None; `StudyError` unless it has either ``std`` or ``relative_std``."""
     section = entry.section("prior")
     if section is None:
         return None
@@ -94,7 +94,10 @@ def read_prior(entry: Section) -> Prior | None:
 
 
 def read_regularization(root: Section, structure: Structure, unknown: Parameters) -> tuple[Regularization, ...]:
-    """The regularization terms of the ``[[regularization]]`` tables; () if there are none."""
+    """The regularization terms of the ``[[regularization]]`` tables, checked on the parameters; () if there are none.
+
+    `unknown` are the parameters of the study on `structure`.
+    """
     terms = []
     for entry in root.sections("regularization"):
         values = entry.values(REGULARIZATION)
@@ -106,7 +109,10 @@ def read_regularization(root: Section, structure: Structure, unknown: Parameters
 
 
 def _restrict_to_structure(unknown: Unknown, structure: Structure, element_sets: Collection[str]) -> Unknown | None:
-    """The declaration restricted to the element sets that `structure` has; None if it has none of them."""
+    """The declaration restricted to the element sets that `structure` has; None if it has none of them.
+
+    Only names in `element_sets` may be missing; others are kept, so that they are errors later.
+    """
     present = {element.name for element in (*structure.elements, *structure.sets)}
     absent = set(element_sets) - present
     texts = as_list(unknown.elements)
@@ -120,10 +126,7 @@ def _restrict_to_structure(unknown: Unknown, structure: Structure, element_sets:
 
 
 def _faulty_declaration(structure: Structure, unknowns: list[Unknown]) -> int:
-    """Index of the first declaration that cannot be used.
-
-    It fails by itself, together with those before it, or because of its tie.
-    """
+    """Index of the first declaration that cannot be used alone, else together with those before it, else because of its tie."""
     plain = [replace(unknown, tied_to=None) for unknown in unknowns]
     for i in range(len(unknowns)):
         if _fails(structure, [plain[i]]):

@@ -24,9 +24,9 @@ def _pairs(first: int, count: int) -> str:
 
 
 def _beams(name: str, nodes: str, mass: float, bending: float, loss_factor: float, length: float | None = None) -> str:
-    """A ``[[structure.beam]]`` table; members of a frame, `length` m long, have an axial stiffness too.
+    """Text of a ``[[structure.beam]]`` table; with `length`, that of a member in m, it has an axial stiffness too.
 
-    `mass` in kg/m, `bending` stiffness in N m^2.
+    `nodes` is the text of the pairs of nodes, `mass` in kg/m, `bending` stiffness in N m^2.
     """
     axial = ""
     if length is not None:
@@ -54,7 +54,7 @@ class BeamTemplate(Template):
     support: str = asked("clamped, simple or free", "", "clamped", tuple(_SUPPORTS))
 
     def text(self, folder: Path) -> str:
-        """The text of the study file of a beam; `folder` is not used."""
+        """The text of the study file (TOML) of a beam along x; `folder` is not used."""
         words, held = _SUPPORTS[self.support]
         last = self.elements + 1
         held = ('"1Y"', f'"{last}Y"') if self.support == "simple" else held
@@ -83,7 +83,7 @@ class BridgeTemplate(Template):
     bending_stiffness: float = asked("bending stiffness E I", "N m^2", 4.0e10)
 
     def text(self, folder: Path) -> str:
-        """The text of the study file of a bridge; `folder` is not used."""
+        """The text of the study file (TOML) of a bridge, with an element set for each span; `folder` is not used."""
         total = self.spans * self.elements
         positions = {k + 1: [self.length * k / self.elements] for k in range(total + 1)}
         piers = ", ".join(f'"{1 + k * self.elements}Y"' for k in range(self.spans + 1))
@@ -118,7 +118,7 @@ class FrameTemplate(Template):
     girder_bending_stiffness: float = asked("bending stiffness of a girder", "N m^2", 4.0e7)
 
     def text(self, folder: Path) -> str:
-        """The text of the study file of a frame; `folder` is not used."""
+        """The text of the study file (TOML) of a plane frame of one bay; `folder` is not used."""
         floors = range(self.storeys + 1)
         positions = {10 * f + 1: [0.0, f * self.height] for f in floors}
         positions |= {10 * f + 2: [self.width, f * self.height] for f in floors}
@@ -163,7 +163,7 @@ class ShearBuildingTemplate(Template):
     stiffness: float = asked("stiffness of a storey", "N/m", 1.6e6)
 
     def text(self, folder: Path) -> str:
-        """The text of the study file of a shear building; `folder` is not used."""
+        """The text of the study file (TOML) of a shear building, a chain of masses and springs; `folder` is not used."""
         positions = {k: [0.0, 0.0, k * self.height] for k in range(self.storeys + 1)}
         floors = ", ".join(str(k) for k in range(1, self.storeys + 1))
         lower = ", ".join(f'"{k}X"' for k in range(self.storeys))
@@ -206,7 +206,7 @@ class PlateTemplate(Template):
     clamped: str = asked("clamped edges: one (X = 0), all or none", "", "one", _EDGES)
 
     def text(self, folder: Path) -> str:
-        """The text of the study file of a plate; `folder` is not used."""
+        """The text of the study file (TOML) of a rectangular plate in bending; `folder` is not used."""
         nx, ny = self.elements_along, self.elements_across
         label = {(i, j): 1 + i * (ny + 1) + j for i in range(nx + 1) for j in range(ny + 1)}
         positions = {n: [self.length * i / nx, self.width * j / ny] for (i, j), n in label.items()}

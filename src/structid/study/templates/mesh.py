@@ -35,7 +35,10 @@ class MeshTemplate(Template):
     thickness: float = asked("thickness, of plates and shells", "m", 0.003)
 
     def text(self, folder: Path) -> str:
-        """The text of the study file; the mesh is read from `folder`."""
+        """The text of the study file; the mesh is read from `folder` to find its sets and supports.
+
+        `InputError` if the mesh has no cells of two or three dimensions.
+        """
         mesh = read_mesh(folder / self.path, self.length_unit)
         if mesh.dimension < 2:
             raise InputError(
@@ -68,7 +71,10 @@ loss_factor = 0.01
 """
 
     def _support_text(self, mesh: Mesh, table: str) -> str:
-        """Text of a ``[[structure.support]]`` table for the fixed group, commented out if there is none."""
+        """Text of a ``[[structure.support]]`` table for the fixed group; as a comment if no group is fixed.
+
+        `table` is the element type ("solid", "plate" or "shell"), which decides the fixed directions.
+        """
         others = [name for name in (*mesh.groups, *mesh.node_groups) if name not in _covering_groups(mesh)]
         if self.held != _FREE:
             mesh.group_nodes(self.held)  # it may not be there
@@ -84,7 +90,10 @@ loss_factor = 0.01
 
 
 def _covering_groups(mesh: Mesh) -> list[str]:
-    """Groups that share the cells of the mesh's dimension without overlap; [""], all cells, if groups do not."""
+    """Groups that share the cells of the mesh's highest dimension without overlap, first groups first.
+
+    [""], which stands for all cells, if groups leave cells out or there are none.
+    """
     free = [np.ones(len(block.nodes), dtype=bool) for block in mesh.blocks]
     top = [CELL_DIMENSIONS.get(block.kind, 3) == mesh.dimension for block in mesh.blocks]
     chosen = []
@@ -104,7 +113,7 @@ def _name(group: str) -> str:
 
 
 def _damping_text(names: list[str]) -> str:
-    """Text that declares one loss factor for all sets."""
+    """Text of an ``[[unknown]]`` table that declares one loss factor for all element sets `names`."""
     if len(names) == 1:
         return unknown("loss_factor", names[0])
     sets = json.dumps(names, ensure_ascii=False)

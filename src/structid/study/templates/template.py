@@ -52,13 +52,13 @@ class Asked:
 
 
 def asked_of(template: type[Template]) -> tuple[Asked, ...]:
-    """Questions of `template`, in order."""
+    """Questions that `template` asks, one for each of its fields that has a text, in order."""
     found = (one for one in fields(template) if "words" in one.metadata)  # type: ignore[arg-type]
     return tuple(Asked(one.name, **one.metadata) for one in found)
 
 
 def template_with(template: type[Template], answers: Mapping[str, object]) -> Template:
-    """`template` filled with values, given as text or numbers by name, and defaults for the others.
+    """A `template` of this class filled with the values in `answers`, text or numbers by name, and defaults for the others.
 
     Raises
     ------
@@ -78,12 +78,12 @@ def template_with(template: type[Template], answers: Mapping[str, object]) -> Te
 
 
 def asked_value(question: Asked, answer: str) -> float | int | str:
-    """`answer` as the number or text that a question asks for.
+    """The text `answer` as the number or text that a question asks for.
 
     Raises
     ------
     InputError
-        If it is no number, not positive, far too many pieces, or none of the choices.
+        If it is not a number greater than 0, a count outside 1 to 2000, a text with quotes, or none of the choices.
     """
     text = answer.strip()
     if question.choices and text not in question.choices:
@@ -111,7 +111,7 @@ def study_file(path: Path) -> Path:
 
 
 def write_study(template: Template, path: Path) -> Path:
-    """Write the study of `template` to a new file, `path` with the suffix ``.toml``, and return its path.
+    """Write the study of `template` to a new file, `path` with the suffix ``.toml``, and return the path of the file.
 
     Raises
     ------

@@ -25,9 +25,10 @@ _LEGEND_COLOURS, _MOST_WORDS = 9, 20
 
 
 def identified_scene(folder: Path) -> dict[str, Entry]:
-    """Drawing data of the structure of a results folder: colours of its changes by element, and shapes of the identified modes.
+    """Drawing data of an identified structure: that of `structure_scene`, with colours of its changes and up to 12 mode shapes.
 
-    There are no modes of large structures, and of those that have none.
+    ``shadings`` are colourings of the elements with legends; ``modes`` hold a name and packed node displacements, and are empty
+    above 30 000 degrees of freedom or without a modal model.
 
     Raises
     ------
@@ -52,7 +53,10 @@ def identified_scene(folder: Path) -> dict[str, Entry]:
 
 
 def _identified_parameters(folder: Path, study: Study) -> IdentifiedParameters:
-    """The parameters of the study of a results folder with their values, from its estimate.json."""
+    """Parameters of a study with start and identified values and 95 % intervals, from estimate.json in `folder`.
+
+    An end of an interval that is missing becomes infinite; raises `FileError` if the file cannot be used.
+    """
     try:
         listed = {one["name"]: one for one in read_json(folder / "estimate.json")["parameters"]}
         own = [listed[name] for name in study.parameters.names]
@@ -71,7 +75,10 @@ def _identified_parameters(folder: Path, study: Study) -> IdentifiedParameters:
 
 
 def _shading(shading: Shading, study: Study) -> dict[str, Entry]:
-    """One shading as the page shows it: by element set the colour of each element and words on its changes; and the legend."""
+    """Shading for the page: ``title``, ``legend`` (colours and tick labels), and ``sets`` by name of element set.
+
+    A set holds its distinct ``colours``, the packed ``index`` of the colour of each element, and texts of its changes.
+    """
     sets: dict[str, Entry] = {}
     for element in study.structure.elements:
         rows = range(len(element.nodes))
@@ -92,7 +99,10 @@ def _shading(shading: Shading, study: Study) -> dict[str, Entry]:
 
 
 def _largest_first(changes: Iterable[Change]) -> list[str]:
-    """Distinct words of the relative changes of a set, the largest first, and how many more there are."""
+    """Distinct texts of the relative changes of an element set, the largest change first.
+
+    At most 20; if there are more, a last text says how many were left out.
+    """
     size = {change.text: abs(float(np.nan_to_num(change.ratio))) for change in changes}
     words = sorted(size, key=lambda text: (-size[text], text))
     more = len(words) - _MOST_WORDS

@@ -22,9 +22,9 @@ _KEPT_BYTES = 500_000_000
 
 
 def called(name: str, root: str, arguments: dict[str, Any]) -> str:
-    """Answer of the worker function `name` as JSON, or ``{"error": words}`` if it raises an error.
+    """JSON text that the worker function `name` answers, or ``{"error": message}`` if it fails.
 
-    `root` is the open folder, `arguments` are those of the function by name.
+    `root` is the path of the open folder, which the function takes first; `arguments` are its other arguments by name.
     """
     from structid.core.json_types import plain
 
@@ -40,7 +40,10 @@ def called(name: str, root: str, arguments: dict[str, Any]) -> str:
 
 
 def called_again(name: str, root: str, arguments: dict[str, Any]) -> str:
-    """Call as `called` does, in a process that keeps the records that it has read."""
+    """JSON text as `called` returns it, in a process that keeps up to 500 MB of the records that it has read.
+
+    The next call on the same record then needs no second reading.
+    """
     from structid.records.formats import keep_records
 
     keep_records(_KEPT_BYTES)
@@ -48,7 +51,7 @@ def called_again(name: str, root: str, arguments: dict[str, Any]) -> str:
 
 
 def _warm(_: OpenFolder) -> Entry:
-    """Nothing but the imports of what is asked first."""
+    """Import the modules that the first requests need; the answer is empty."""
     import structid.workbench.work.scene
     import structid.workbench.work.signals  # noqa: F401
 
@@ -62,7 +65,10 @@ def _scene(opened: OpenFolder, study: str, number: int = 0) -> Entry:
 
 
 def _channels(opened: OpenFolder, study: str, number: int = 0) -> Entry:
-    """Channels of a study's record, with their nodes and directions on the structure."""
+    """Channels of record `number` (from 0) of a study, with their nodes and directions on the structure.
+
+    ``record`` lists the record's file names, of which the first is read; ``channels`` is as from `placed_channels`.
+    """
     from structid.study.schema.kinds import as_list
     from structid.workbench.work.model import read_model, read_record_section
     from structid.workbench.work.scene import placed_channels
@@ -79,7 +85,10 @@ def _channels(opened: OpenFolder, study: str, number: int = 0) -> Entry:
 
 
 def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any]) -> Entry:
-    """Write a new study from a template with these `numbers`, and return its path."""
+    """Write a new study to `path` in the folder, and return ``{"path": path}``, with the suffix of a study added if missing.
+
+    `template` is a name in `TEMPLATES`; `numbers` are the template's values by name.
+    """
     from structid.study.templates import TEMPLATES, MeshTemplate, study_file, template_with, write_study
 
     path = str(study_file(Path(path)))
@@ -127,7 +136,10 @@ def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> Entry
 
 
 def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int = 0) -> Entry:
-    """Magnitude, phase and coherence of a study's record at `outputs`, with its frequency band."""
+    """Magnitude, phase and coherence of a study's FRF record, with the study's frequency band and excluded bands (Hz).
+
+    `outputs` are names of channels, all if empty; `number` counts the study's records from 0. See `responses` for the parts.
+    """
     from structid.study.schema.method import read_method
     from structid.study.schema.records.record import load_record
     from structid.workbench.work.model import read_record_source
@@ -141,7 +153,11 @@ def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int =
 
 
 def _check(opened: OpenFolder, study: str) -> Entry:
-    """Findings of a study's check before identification: predicted standard deviations, rank and warnings."""
+    """Result of `structid check` for a study as a mapping: findings, channels, modes, parameters with predicted std, and rank.
+
+    ``modes`` are rows of frequency (Hz), damping ratio, in band or not, and lines per half-power bandwidth; ``mass`` is the
+    total mass and its standard deviation (kg). At most 2000 ``parameters`` and 12 undetermined ``directions`` are returned.
+    """
     import numpy as np
 
     from structid.study.run.check import check_study
@@ -177,9 +193,10 @@ def _check(opened: OpenFolder, study: str) -> Entry:
 
 
 def _modelled(opened: OpenFolder, study: str, number: int = 0) -> Entry:
-    """FRF magnitudes of a study's model at its start values as JSON: ``frequency``, and ``channels`` with name and magnitude.
+    """FRF magnitudes of a study's model at its start values, at the used lines of record `number` (counted from 0).
 
-    At the used lines of record `number` (from 0), thinned for a picture; no channels of records that are no FRFs.
+    ``frequency`` (Hz) is packed and thinned to about 4000 lines; ``channels`` are mappings of name and packed magnitude, empty
+    for a record without FRFs. See `initial_responses`.
     """
     from structid.study.run.start import prepare_study
     from structid.study.schema.study import load_study
@@ -190,7 +207,11 @@ def _modelled(opened: OpenFolder, study: str, number: int = 0) -> Entry:
 
 
 def _needs(opened: OpenFolder, study: str) -> Entry:
-    """Memory (bytes) and duration (s) that a study's identification is expected to take."""
+    """Memory (bytes) and duration (s) that a study's identification is expected to take.
+
+    ``bytes`` is needed and ``free`` is available. The run takes ``seconds`` at least and ``most_seconds`` if causes of a misfit
+    are sought; ``is_tried`` is True if the search was tried to its end.
+    """
     from structid.study.run.resources import available_bytes, expected
     from structid.study.schema.study import load_study
 
@@ -207,7 +228,10 @@ def _needs(opened: OpenFolder, study: str) -> Entry:
 
 
 def _plan(opened: OpenFolder, study: str, sensors: int) -> Entry:
-    """Best sensors and loads for a study's planned test, with predicted relative standard deviations."""
+    """Best positions for `sensors` sensors, and loads, of a study's planned test, with predicted relative standard deviations.
+
+    ``sensors`` and ``loads`` are names of degrees of freedom; ``parameters`` are mappings with ``name`` and ``relative``.
+    """
     from structid.study.schema.plan import load_plan, planned
 
     found = planned(load_plan(opened.inside(study), n_sensors=sensors, work=LOOKING))
@@ -234,7 +258,10 @@ def _pick(
     out: str,
     band: list[float] | None,
 ) -> Entry:
-    """Modes at the chosen `frequencies` (Hz) of a record, saved in the folder `out`."""
+    """Identify the modes at the chosen `frequencies` (Hz) of a record, and save them in the folder `out`.
+
+    `band` is [low, high] in Hz or None. The answer is that of `save`, with the ``path`` of the file of modes.
+    """
     from structid.workbench.work.modes import save
     from structid.workbench.work.signals import options_of
 
@@ -245,7 +272,11 @@ def _pick(
 def _merge(
     opened: OpenFolder, records: list[str], options: dict[str, Any], out: str, band: list[float] | None
 ) -> Entry:
-    """Modes merged from several set-ups, saved in the folder `out`."""
+    """Merge modes of several set-ups, and save them in the folder `out`.
+
+    `records` are paths of records or of files of modes; `band` is [low, high] in Hz or None. The answer is that of `merge`,
+    with the ``path`` of the file of modes.
+    """
     from structid.workbench.work.modes import merge
     from structid.workbench.work.signals import options_of
 
@@ -254,9 +285,10 @@ def _merge(
 
 
 def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str) -> Entry:
-    """Measured modes compared with those of a study's model, at start values, or at the values in the results folder `at`.
+    """Measured modes compared with those of a study's model, see `beside` for the parts.
 
-    `number` is that of the study's record, `measured` a file of modes or unsaved modes from the page.
+    `number` counts the study's records from 0; `measured` is the path of a file of modes, or unsaved modes as the page sends
+    them; `at` is a results folder whose values the model takes, "" for the start values.
     """
     from structid.modal.formats.files import read_modes
     from structid.workbench.work.model import read_model
@@ -292,9 +324,9 @@ def _predict(opened: OpenFolder, results: str, options: dict[str, Any], changes:
 
 
 def _exports(opened: OpenFolder, results: str, kind: str, suffix: str, options: dict[str, Any]) -> Entry:
-    """Files of an identified model, written into a folder beside its results.
+    """Write files of an identified model into the folder ``<results>_exports``; returns messages and paths of the files.
 
-    `kind` and `suffix` choose the file, `options` are those of the export.
+    `kind` and `suffix` choose the file, as listed under ``offers`` of `use_facts`; `options` are those of `export_use`.
     """
     from structid.workbench.work.use import export_use
 
@@ -307,7 +339,7 @@ def _exports(opened: OpenFolder, results: str, kind: str, suffix: str, options: 
 
 
 def _solver(opened: OpenFolder, study: str) -> Entry:
-    """Solver command that a study runs; empty if it runs none."""
+    """Solver command that a study runs, as a mapping with the study's ``folder``; {} if the study runs no solver."""
     from structid.study.schema.model.solver import solver_command
     from structid.study.schema.root import read_root
 
@@ -316,7 +348,7 @@ def _solver(opened: OpenFolder, study: str) -> Entry:
 
 
 def _line(opened: OpenFolder, study: str) -> Entry:
-    """Empty answer if a study can be read; reading errors are raised as `InputError`."""
+    """Try to read a study or plan without running it: {} if that succeeds, else an `InputError` with file and line."""
     from structid.study.schema.plan import load_plan
     from structid.study.schema.root import read_root
     from structid.study.schema.study import load_study

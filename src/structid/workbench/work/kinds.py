@@ -13,7 +13,7 @@ EDITED = ("beam", "bar", "space_beam", "point_mass", "spring")
 
 
 def element_kinds() -> dict[str, Entry]:
-    """Keys of each element type that the editor edits: name, unit, words, and whether it must be there."""
+    """Keys of each element type that the page can edit, by type: name, unit, description and whether required."""
     kinds: dict[str, Entry] = {}
     for name in EDITED:
         kind = ELEMENT_TYPES[name]

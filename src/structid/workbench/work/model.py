@@ -38,7 +38,9 @@ class ReadModel:
 
 
 def read_model(path: Path, number: int = 0) -> ReadModel:
-    """The structure of the study at `path` under its record `number`, counted from 0.
+    """Structure of the study at `path` as it was under its record `number` (counted from 0), with the study's sections.
+
+    Without any record, number 0 gives the structure alone.
 
     Raises
     ------
@@ -52,7 +54,7 @@ def read_model(path: Path, number: int = 0) -> ReadModel:
 
 
 def read_record_section(path: Path, number: int = 0) -> Section:
-    """``[record]`` of the study at `path`, or of several the one of this number, counted from 0.
+    """Section of record `number` (counted from 0) of the study at `path`, the only ``[record]`` or one of several.
 
     Raises
     ------
@@ -69,7 +71,9 @@ def _required(record: Section | None) -> Section:
 
 
 def read_record_source(path: Path, number: int = 0) -> tuple[Section, RecordSource]:
-    """Study at `path`, and the source of its record `number`; other records' files may be missing.
+    """Root section of the study at `path`, and the source of its record `number` (counted from 0).
+
+    Files of the other records may be missing.
 
     Raises
     ------
@@ -84,7 +88,10 @@ def read_record_source(path: Path, number: int = 0) -> tuple[Section, RecordSour
 
 
 def _record(root: Section, number: int) -> Section | None:
-    """Section of record `number` (from 0) of a study; None if it has no record."""
+    """Section of record `number` (counted from 0) of a study; None if the study has no records.
+
+    Raises `InputError` if it has records, but none of this number.
+    """
     listed = record_sections(root)
     if not 0 <= number < max(len(listed), 1):
         raise InputError(f"the study has {len(listed)} records and none of number {number + 1}; it was changed since")
@@ -103,7 +110,13 @@ class Looking(Alone):
         progress: StageProgress | None = None,
         first: int = 0,
     ) -> list[Any]:
-        """Run `task` over `items` as `Work.map` does, but never start a solver."""
+        """Results of `task` for each of `items`, as from `Work.map`, without ever starting a solver.
+
+        Raises
+        ------
+        InputError
+            If `shared` is a solver, which would have to run.
+        """
         if isinstance(shared, Solver):
             raise InputError(
                 f"[structure.solver] names a program that has yet to run {len(items)} times ({shared.command}), and looking at a"

@@ -39,7 +39,10 @@ _MOST_LINES = 3000
 
 
 def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str, Entry]:
-    """Modes of a record, with all poles of the stabilization diagram and the spectrum, for the web page.
+    """Modes of a record with all poles of the stabilization diagram and the spectrum, packed for the page.
+
+    `band` is [low, high] in Hz, None for the default. ``poles`` hold frequency (Hz), damping ratio, model order, kind and real
+    shape of the poles of all orders; ``spectrum`` is thinned to about 3000 lines.
 
     Raises
     ------
@@ -69,7 +72,9 @@ def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str,
 def save(
     path: Path, read: ReadOptions, frequencies: list[float], folder: Path, band: list[float] | None
 ) -> dict[str, Entry]:
-    """The modes at `frequencies`, written as `structid modes --frequencies` writes them.
+    """Identify the modes at `frequencies` (Hz) of the record at `path`, write them into `folder`, and return them for the page.
+
+    The files are those of ``structid modes --frequencies``; `band` is [low, high] in Hz, None for the default.
 
     Raises
     ------
@@ -81,17 +86,23 @@ def save(
 
 
 def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[float] | None) -> dict[str, Entry]:
-    """Modes of several set-ups merged by their common reference sensors, and written into `folder`.
+    """Merge modes of several set-ups by their common reference sensors, write them into `folder`, and return them for the page.
 
     Parameters
     ----------
     paths : sequence of Path
-        Records, whose modes are found first, or files of modes.
+        Either records, whose modes are identified first, or files of modes.
+    read : ReadOptions
+        How records are read.
+    folder : Path
+        Results folder.
+    band : list of float or None
+        Frequency band [low, high] in Hz for records, None for the default.
 
     Raises
     ------
     InputError
-        If there are records and files of modes, fewer than two, or set-ups that have no sensor or no mode in common.
+        If records and files of modes are mixed, there are fewer than two, or set-ups share no sensor or no mode.
     """
     saved = [path for path in paths if holds_modes(path)]
     if saved and len(saved) < len(paths):
@@ -111,7 +122,7 @@ def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[flo
 
 
 def _write_modes(result: ModesResult, folder: Path) -> dict[str, Entry]:
-    """Write modes and their report into `folder`, and return them for the web page."""
+    """Write modes and their report into `folder`, replacing earlier ones, and return the modes for the web page."""
     with staged_folder(folder, MODES_PAGE) as staged:
         write_modes_results(result, staged)
         modes_page(result).write(staged)
@@ -143,12 +154,14 @@ def _told(modes: ModalRecord) -> dict[str, Entry]:
 
 
 def posted_modes(posted: dict[str, Any]) -> ModalRecord:
-    """Modal record of unsaved modes that the web page sends: frequencies, damping, shapes and channels.
+    """Modal record of unsaved modes that the page sends, with keys ``frequency``, ``damping``, ``shapes`` and ``channels``.
+
+    Frequencies in Hz, damping ratios, one row of ``shapes`` for each mode, and names of channels.
 
     Raises
     ------
     InputError
-        If there is none.
+        If there are no modes.
     """
     if not posted["frequency"]:
         raise InputError("no mode is taken that has a shape; take one, or save the modes first")
@@ -159,14 +172,15 @@ def posted_modes(posted: dict[str, Any]) -> ModalRecord:
 
 
 def beside(model: ReadModel, measured: ModalRecord, results: Path | None) -> dict[str, Any]:
-    """Comparison of `measured` modes with those of `model`, at start values or at the values in `results`.
+    """Comparison of `measured` modes with those of `model`, at start values or at the values in the folder `results`.
 
-    Channels are renamed as the record of the study says, where it has them.
+    ``frequency`` and ``model`` are in Hz, ``mac`` is (n_measured, n_shown), ``pair`` gives for each measured mode the column of
+    its model mode or None. Channels are renamed by ``relabel`` of the study's record.
 
     Raises
     ------
     InputError
-        If a channel is not part of the structure, or the folder holds no value of the study's parameters.
+        If a channel is not part of the structure, or `results` holds no value of the study's parameters.
     """
     structure, unknown = model.structure, read_parameters(model.root, model.structure)
     known = {} if results is None else stored_values(results)

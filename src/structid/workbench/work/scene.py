@@ -30,12 +30,15 @@ _MOST_JUDGED = 60_000
 
 
 def scene(path: Path, number: int = 0) -> dict[str, Entry]:
-    """Drawing data of the structure of a study with the changes of its record `number` (from 0) applied.
+    """Drawing data of a study's structure, with the changes of its record `number` (counted from 0) applied.
+
+    Those of `structure_scene`, with ``title``, ``planned`` (installed sensors and loads), ``has_record`` and ``findings``,
+    which are empty above 60 000 degrees of freedom.
 
     Raises
     ------
     InputError
-        If the file or its structure cannot be used.
+        If the file or its structure cannot be used, or there is no record of this number.
     """
     model = read_model(path, number)
     root, structure = model.root, model.structure
@@ -55,7 +58,10 @@ def scene(path: Path, number: int = 0) -> dict[str, Entry]:
 
 
 def structure_scene(structure: Structure) -> dict[str, Entry]:
-    """Drawing data of a structure: nodes by label and position (m), element sets, supports and links by rows of nodes."""
+    """Drawing data of a structure: packed node labels and positions (m), element sets, supports, links and mesh points.
+
+    Nodes are named by their row in ``labels``; ``places`` is (n_nodes, 3), padded with zeros; a link lists its main node first.
+    """
     labels = np.array(list(structure.nodes), dtype=np.int64)
     places = np.zeros((len(labels), 3), dtype=np.float32)
     places[:, : structure.dimension] = np.array(list(structure.nodes.values()))
@@ -94,7 +100,7 @@ def structure_scene(structure: Structure) -> dict[str, Entry]:
 def _moves(structure: Structure, labels: IntArray, rows: Any) -> IntArray:
     """Directions in which each node can move, (n_nodes,) int: the sum of 1 for X, 2 for Y and 4 for Z.
 
-    `labels` (n_nodes,) are the nodes; `rows` is a function that gives the rows of node labels.
+    `labels` (n_nodes,) are the node labels; `rows` is a function that turns node labels into rows of `labels`.
     """
     nodes, axes = np.divmod(structure.numbering.moving, 6)
     own = np.isin(nodes, labels) & (axes < 3)
@@ -104,7 +110,10 @@ def _moves(structure: Structure, labels: IntArray, rows: Any) -> IntArray:
 
 
 def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> list[dict[str, Entry]]:
-    """Findings as the page marks them: words, nodes by their labels, elements by the labels around them."""
+    """Findings for the page, each with ``words``, ``nodes`` (labels) and ``outlines`` (lists of node labels around elements).
+
+    At most 4000 nodes, and 4000 elements of a set, are marked for each finding.
+    """
     return [
         {
             "words": one.words,
@@ -121,7 +130,10 @@ def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> li
 
 
 def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
-    """Node labels around each of the elements `rows`: ends of lines, corners of areas, faces of solids."""
+    """Lists of node labels around the elements `rows` of a set: one list per line or area, one per face of a solid.
+
+    Only the first 4000 of `rows` are used.
+    """
     found: list[list[int]] = []
     for nodes in element.nodes[rows[:_MOST_MARKED]]:
         own = nodes[nodes >= 0]
@@ -133,14 +145,15 @@ def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
 
 
 def packed(values: ArrayLike, kind: type[np.generic]) -> str:
-    """`values` as bytes in letters, as the page unpacks them."""
+    """Base64 text of `values` as the bytes of a C-ordered array of dtype `kind`."""
     return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
 
 
 def _describe_set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Entry]:
-    """Description of one element set for the page: type, count, property ranges and drawing data.
+    """Drawing data of one element set: name, type, element count, and the range of each property in its SI unit.
 
-    `rows` is a function that gives the rows of node labels.
+    Geometry is added under ``connectors``, ``triangles`` (with ``edges`` and ``owners``), ``marks`` or ``lines``, depending on
+    the type. `rows` is a function that turns node labels into rows of the drawn nodes.
     """
     properties: list[dict[str, Entry]] = [
         {
@@ -181,9 +194,9 @@ def _describe_set(element: ElementSet, structure: Structure, rows: Any) -> dict[
 
 
 def _faces(element: ElementSet, rows: Any) -> tuple[str, str, str]:
-    """Packed arrays for the page: triangles, edges, and the element of each triangle; of solids the outer faces only.
+    """Packed triangles (n, 3), edges (m, 2) and, for each triangle, the row of its element; solids by their outer faces only.
 
-    `rows` is a function that gives the rows of node labels.
+    Triangles and edges hold rows of nodes, to which the function `rows` turns node labels.
     """
     corners, owners = [], []
     counts = (element.nodes >= 0).sum(axis=1)
@@ -216,12 +229,15 @@ def _faces(element: ElementSet, rows: Any) -> tuple[str, str, str]:
 
 
 def _four(faces: IntArray) -> IntArray:
-    """Faces of three corners with the last one twice."""
+    """Faces (n, 4) from faces with four or three corners; a triangle repeats its last corner."""
     return faces if faces.shape[1] == 4 else np.column_stack([faces, faces[:, 2]])
 
 
 def _supports(structure: Structure, row: dict[int, int]) -> list[dict[str, Entry]]:
-    """Fixed nodes (by row) with the directions in which each is fixed."""
+    """Supported nodes, each as ``node`` (row) and ``directions`` (those that are fixed); at most 4000.
+
+    `row` maps node labels to rows.
+    """
     held: dict[int, list[str]] = {}
     for dof in structure.fixed:
         if dof.node in row:
@@ -231,9 +247,10 @@ def _supports(structure: Structure, row: dict[int, int]) -> list[dict[str, Entry
 
 
 def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[dict[str, Entry]]:
-    """Node and direction vector of each channel (name, role) of the record on the model's structure.
+    """Each channel of a record with its node and direction on the structure, in the order of `channels`.
 
-    ``node`` is the label of the structure's node, None where the channel is on none; ``direction`` a vector.
+    `channels` are pairs of name and role, "sensor" or "load". ``node`` is None if the structure has no such node; ``direction``
+    is a vector of three; ``declared`` is True if the study gives the channel's position itself.
     """
     structure = model.structure
     aimed = {tie.channel: tie for tie in structure.ties if isinstance(tie, AimedSensor)}
@@ -266,12 +283,14 @@ def _unit(dof: Dof) -> list[float]:
 
 
 def mesh_facts(path: Path, length_unit: str) -> dict[str, Entry]:
-    """Nodes, cells, size in m and groups of the mesh at `path`.
+    """Number of nodes, extent (m), cells and groups of the mesh file at `path`, whose lengths are in `length_unit`.
+
+    ``size`` is the extent along each axis; ``cells`` are pairs of cell kind and count; ``groups`` are the names of groups.
 
     Raises
     ------
     InputError
-        If it cannot be read.
+        If the file cannot be read.
     """
     mesh = read_mesh(path, length_unit)
     return {

@@ -35,7 +35,10 @@ _CHECKED_BYTES = 200_000_000
 
 
 def facts(path: Path, options: ReadOptions) -> dict[str, Any]:
-    """Kind, channels, units and findings of the data file at `path`, as read with `options`.
+    """Kind, channels, units and quality findings of the data file at `path`, as read with `options`.
+
+    ``kind`` is "modes", "time histories", or a kind of FRF; the other keys depend on it. Signals are checked only if they are
+    in memory and smaller than 200 MB.
 
     Raises
     ------
@@ -84,7 +87,7 @@ def facts(path: Path, options: ReadOptions) -> dict[str, Any]:
 
 
 def channels(path: Path, options: ReadOptions) -> list[tuple[str, str]]:
-    """Name and role, ``sensor`` or ``load``, of every channel."""
+    """Name and role ("sensor" or "load") of every channel of the data file at `path`."""
     return [(one["name"], one["role"]) for one in facts(path, options)["channels"]]
 
 
@@ -98,12 +101,15 @@ def _units(record: ChunkedRecord) -> list[str]:
 
 
 def _segment(n_times: int) -> int:
-    """Samples of a segment of spectra, about sixteen in the record."""
+    """Segment length for spectra, in samples: a power of two from 256 to 16384, about n_times / 8 or less."""
     return int(2 ** np.clip(np.floor(np.log2(max(n_times, 256) / 8)), 8, 14))
 
 
 def _open_record(path: Path, options: ReadOptions) -> ChunkedRecord | FrfRecord:
-    """Record in the file at `path`; a long time record is opened but not read into memory."""
+    """Record in the file at `path`; time records in NPY or HDF5 files above 100 MB are opened, not read into memory.
+
+    Raises `FileError` if the file is missing.
+    """
     try:
         size = path.stat().st_size
     except FileNotFoundError:
@@ -123,10 +129,23 @@ def histories(
 ) -> dict[str, Entry]:
     """Minimum and maximum of every channel in about `points` stretches from `first` to `last` (s).
 
+    ``time`` (s) holds the starts of the stretches, ``low`` and ``high`` a packed row for each channel, ``seconds`` the length
+    of the record. Above 400 000 samples of a file too large for memory, a stored overview is used; without it, short samples
+    are taken and ``sampled`` is True.
+
     Parameters
     ----------
+    last : float or None
+        None is the end of the record.
+    points : int
+        Limited to 50 to 4000.
     kept : Path
-        Folder of overviews. ``"sampled"`` in the answer says that none was there yet, see `write_overview`.
+        Folder of overviews, see `write_overview`.
+
+    Raises
+    ------
+    InputError
+        If the file holds FRFs.
     """
     record = _open_record(path, options)
     if isinstance(record, FrfRecord):
@@ -157,9 +176,9 @@ def histories(
 def _read_stretches(
     record: ChunkedRecord, begin: int, end: int, points: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Minimum and maximum (n_channels, n_stretches) of samples `begin` to `end`, and first samples.
+    """Minimum and maximum (n_channels, n_stretches) of samples `begin` to `end`, and the first sample of each stretch.
 
-    `points` is the number of stretches.
+    `end` is exclusive; there are at most `points` stretches of equal length, the last may be shorter.
     """
     parts = [np.asarray(part) for part in record.chunks(begin, end)]
     values = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
@@ -171,9 +190,10 @@ def _read_stretches(
 def _overview_stretches(
     overview: FloatArray, begin: int, end: int, points: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Minimum and maximum of stretches from the stored overview (2, n_channels, n_stretches).
+    """Minimum and maximum (n_channels, n_stretches) from a stored overview, and the first sample of each stretch.
 
-    They cover samples `begin` to `end` in about `points` stretches.
+    `overview` (2, n_channels, n) holds minimum and maximum of every 256 samples; samples `begin` to `end` are covered by at
+    most `points` stretches.
     """
     first, last = begin // STRETCH, -(-end // STRETCH)
     part = overview[:, :, first:last]
@@ -184,9 +204,9 @@ def _overview_stretches(
 
 
 def _sampled_stretches(record: ChunkedRecord, begin: int, end: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Minimum and maximum of a few short samples of a long record, without reading all of it.
+    """Minimum and maximum (n_channels, 1000) of 1000 pieces of 32 samples, and the first sample of each piece.
 
-    They lie between samples `begin` and `end`.
+    The pieces are evenly spread from sample `begin` to `end`, so that a long record need not be read whole.
     """
     starts = np.linspace(begin, end - _SAMPLE, _SAMPLED).astype(int)
     parts = [next(record.chunks(at, at + _SAMPLE)) for at in starts.tolist()]
@@ -195,14 +215,20 @@ def _sampled_stretches(record: ChunkedRecord, begin: int, end: int) -> tuple[Flo
 
 
 def overview_path(path: Path, options: ReadOptions, kept: Path) -> Path:
-    """Path of the overview of a record, named by the record's path, size and time of change."""
+    """Path of a record's overview file in the folder `kept`.
+
+    Its name is a hash of the record's path, size and modification time and of `options`, so that a changed file gets a new one.
+    """
     stamp = path.stat()
     told = f"{path}|{stamp.st_size}|{stamp.st_mtime_ns}|{options}"
     return kept / f"{hashlib.sha256(told.encode()).hexdigest()[:32]}.npy"
 
 
 def write_overview(path: Path, options: ReadOptions, kept: Path) -> None:
-    """Write minimum and maximum of every stretch of a long record to the folder `kept`, in one pass."""
+    """Write minimum and maximum of every 256 samples of a time record to an NPY file in the folder `kept`.
+
+    The array is (2, n_channels, n_stretches), float32, at `overview_path`. Nothing is written for FRFs or if the file exists.
+    """
     record, target = _open_record(path, options), overview_path(path, options, kept)
     if isinstance(record, FrfRecord) or target.exists():
         return
@@ -223,7 +249,11 @@ def write_overview(path: Path, options: ReadOptions, kept: Path) -> None:
 
 
 def responses(record: FrfRecord, outputs: list[str]) -> dict[str, Entry]:
-    """Responses at `outputs`, all where the list is empty: magnitude, phase, coherence and relative random error."""
+    """FRFs at `outputs` (names; all if empty) and every input: magnitude, phase (degrees), coherence and relative random error.
+
+    ``pairs`` hold packed arrays over ``frequency`` (Hz), one for each output and input; coherence and error are None if
+    unknown. Every ``thinned``-th line is kept, so that at most about 1.5 million values are sent.
+    """
     wanted = [k for k, dof in enumerate(record.outputs) if not outputs or str(dof) in outputs]
     step = max(1, -(-len(record.frequency) * len(wanted) * len(record.inputs) // _MOST_VALUES))
     few = record.lines(np.arange(0, len(record.frequency), step))
@@ -257,12 +287,14 @@ def responses(record: FrfRecord, outputs: list[str]) -> dict[str, Entry]:
 
 
 def options_of(posted: dict[str, Any]) -> ReadOptions:
-    """Reading options for a file from a mapping, such as the page or a ``[record]`` section gives.
+    """Options for reading a record file, from a mapping of the page or a ``[record]`` section.
+
+    Unknown keys and empty values ("" or None) are ignored; ``csv`` may be a mapping, see `CsvLayout`.
 
     Raises
     ------
     InputError
-        If an option is unknown or of the wrong kind.
+        If a value cannot be used.
     """
     known = set(ReadOptions.__dataclass_fields__)
     chosen = {name: value for name, value in posted.items() if name in known and value not in ("", None)}

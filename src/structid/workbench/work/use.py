@@ -38,7 +38,10 @@ _TUNE = "tune"
 
 
 def use_facts(folder: Path) -> dict[str, Entry]:
-    """Facts on the model of a results folder for the page: nodes, properties, measured channels, and files.
+    """Names and options that the page offers for predictions and exports of an identified model, from its results folder.
+
+    Degrees of freedom, nodes, supports, element outputs and properties, each at most 1500; element sets; channels and kind of
+    the measured FRFs; the band (Hz); and ``offers``, the kinds of export.
 
     Raises
     ------
@@ -77,7 +80,10 @@ def use_facts(folder: Path) -> dict[str, Entry]:
 
 
 def _element_outputs(structure: Structure) -> Iterator[str]:
-    """Names of forces, strains and stresses that can be read from the elements: ``M[deck:3@12]``, ``stress_xx[plate:17@top]``."""
+    """Yield names of forces, strains and stresses in elements, such as ``M[deck:3@12]`` or ``stress_xx[plate:17@top]``.
+
+    In brackets: element set, element (counted from 1), and node or, for plates and shells, side.
+    """
     for element in structure.elements:
         forces = element.section_directions(structure.nodes)
         read = (*forces, *(("strain",) if "N" in forces else ()))  # a beam on a line strains off its axis alone
@@ -100,12 +106,15 @@ _CHANGES: dict[str, tuple[Callable[..., Change], tuple[str, ...]]] = {
 
 
 def read_changes(stated: Sequence[Mapping[str, Any]]) -> list[Change]:
-    """Changes of a structure from tables with a `kind` and the numbers of that kind.
+    """Changes of a structure from mappings, each with a ``kind`` and the values of that kind.
+
+    Kinds: ``mass`` (node, mass), ``scale`` (label, factor), ``support`` (dof), ``damper`` (dof, mass, frequency, damping_ratio)
+    and ``remove`` (name); in kg, Hz and as ratios.
 
     Raises
     ------
     InputError
-        If a kind is not known, or a number is missing.
+        If a kind is unknown, or a value is missing.
     """
     changes: list[Change] = []
     for table in stated:
@@ -121,7 +130,7 @@ def read_changes(stated: Sequence[Mapping[str, Any]]) -> list[Change]:
 
 
 def _node(stated: Any) -> int:
-    """The number of a node, which the page sends as text."""
+    """Node label as an integer from the text that the page sends; `InputError` if it is no number."""
     text = str(stated).strip()
     if not text.isdigit():
         raise InputError(f"`node` must be a number of a node, got {stated!r}")
@@ -129,18 +138,21 @@ def _node(stated: Any) -> int:
 
 
 def predict_use(folder: Path, options: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]) -> dict[str, Entry]:
-    """Modes of the model, and its FRF of one sensor and one load with a 95 % band, before and after changes.
+    """Predicted modes, and the FRF from one load to one sensor with its 95 % band, before and after changes.
+
+    The answer holds ``changes``, ``bands``, ``modes`` and, if a sensor is chosen, ``frf`` with packed frequency (Hz) and
+    curves.
 
     Parameters
     ----------
     folder : Path
-        Results.
+        Results of an identification.
     options : mapping
-        ``sensor``, ``load``, ``band``, and ``kind`` of the response to a force, which one to a support that moves has not; without
-        a sensor modes alone are predicted.
+        ``sensor`` and ``load`` (names of degrees of freedom, "" for none), ``band`` ([low, high] in Hz or None), and ``kind``,
+        the kind of FRF, "accelerance" by default; for a load at a support the transmissibility is predicted instead.
     changes : sequence of mapping
-        See `read_changes`; one may be of kind ``tune``: a tuned mass damper of a `mass` at a `dof`, whose frequency and damping
-        are sought.
+        See `read_changes`. One may have the kind ``tune``: a tuned mass damper with a ``mass`` (kg) and a ``dof``, whose
+        frequency and damping are optimized.
     """
     tuned = [table for table in changes if table.get("kind") == _TUNE]
     load, supports = str(options.get("load") or ""), {dof.unsigned for dof in stored_study(folder).structure.fixed}
@@ -175,7 +187,10 @@ def predict_use(folder: Path, options: Mapping[str, Any], changes: Sequence[Mapp
 
 
 def _damper_text(tuned: Sequence[Mapping[str, Any]]) -> str:
-    """Mass and place of the damper that is to be tuned, as the option `tune_damper` takes them; "" without one."""
+    """Tuned mass damper as ``mass@dof``, the form of the option `tune_damper`; "" if `tuned` is empty.
+
+    Raises `InputError` for more than one damper, or without ``dof`` or ``mass``.
+    """
     if not tuned:
         return ""
     if len(tuned) > 1:
@@ -187,7 +202,7 @@ def _damper_text(tuned: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _curves(part: Prediction) -> dict[str, Entry]:
-    """Magnitude and band of one FRF."""
+    """Packed ``value`` (magnitude), ``low`` and ``high`` (95 % band) over frequency of the first channel of an FRF."""
     columns = {"value": np.abs(part.values), "low": part.low, "high": part.high}
     return {name: packed(column.reshape(len(column), -1)[:, 0], np.float32) for name, column in columns.items()}
 
@@ -195,14 +210,15 @@ def _curves(part: Prediction) -> dict[str, Entry]:
 def export_use(
     folder: Path, kind: str, suffix: str, options: Mapping[str, Any], out: Path
 ) -> tuple[list[str], list[Path]]:
-    """Write one kind of file of the model into the folder `out`, anew where it is there; what was written, in lines, and the paths.
+    """Write one kind of export file of an identified model into `out`; returns messages to print and the paths written.
 
-    `suffix` is that of the format, `options` are those of the export.
+    Existing files are replaced. `folder` holds the results, `kind` and `suffix` are as in ``offers`` of `use_facts`; `options`
+    may hold ``sensor``, ``load``, ``band`` ([low, high] in Hz) and ``modes`` (their number, 10 by default).
 
     Raises
     ------
     InputError
-        If the kind or its format is not known, or the model has no such content.
+        If the kind or its format is unknown, or the model has no such content.
     """
     study = stored_study(folder)
     offers = {

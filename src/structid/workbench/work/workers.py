@@ -33,7 +33,10 @@ _LOST = '{"error":"the process that worked on this was ended, by lack of memory 
 
 
 def limit_memory() -> None:
-    """Let this process take most of the memory that is free now, so that a file that asks for more is refused in words."""
+    """Limit the address space of this process to its present size and 75 % of the free memory; no effect on Windows.
+
+    A file that needs more then raises `MemoryError`, which is reported.
+    """
     try:
         import resource
     except ImportError:  # Windows
@@ -49,7 +52,7 @@ class Workers:
     """Calls of `called_again` in processes; the last answers are kept by the content that they belong to."""
 
     def __init__(self, root: str) -> None:
-        """Worker processes for the folder `root`, started with the first question."""
+        """Worker processes for the folder at the path `root`; each is started at its first call."""
         self.root = root
         self._pools: dict[str, PipedProcesses] = {}
         self._used: dict[str, float] = {}
@@ -58,9 +61,10 @@ class Workers:
         self._running: dict[tuple[str, ...], asyncio.Task[str]] = {}
 
     async def __call__(self, name: str, arguments: dict[str, Any], version: str = "") -> str:
-        """Answer of the worker function `name` as JSON; with a `version` of its input files, cached.
+        """JSON text that the worker function `name` answers to `arguments` (by name, without the folder).
 
-        `arguments` are those of the function by name.
+        With a `version`, which stands for the content of its input files, answers without error are cached; equal calls that
+        run at the same time are computed once.
         """
         key = (name, repr(sorted(arguments.items())), version)
         if version and key in self._answers:
@@ -77,9 +81,9 @@ class Workers:
         return answer
 
     async def _called(self, name: str, arguments: dict[str, Any]) -> str:
-        """Answer of the worker function `name` from its process; an error message if that process was lost.
+        """JSON text that the worker function `name` answers to `arguments` (by name), computed in its process.
 
-        `arguments` are those of the function by name.
+        If the process is lost, an error as JSON; the next call starts a new process.
         """
         kind = "think" if name in _THINKING else "look"
         if kind not in self._pools:
@@ -97,12 +101,12 @@ class Workers:
             self._used[kind] = time.monotonic()
 
     async def warm(self) -> None:
-        """Begin the worker that looks before it is asked, as its imports take longest."""
+        """Start the worker process for scenes and records and its imports, unless it runs already."""
         if "look" not in self._pools:
             await self._called("warm", {})
 
     def end_idle(self) -> None:
-        """End workers that nothing was asked of for a while."""
+        """End worker processes that have been idle for more than 120 s."""
         for kind in list(self._pools):
             if not self._busy[kind] and time.monotonic() - self._used.get(kind, 0.0) > IDLE_SECONDS:
                 self._pools.pop(kind).shutdown()

@@ -25,7 +25,11 @@ POISSON = "Poisson's ratio, known"
 
 
 def cell_table(cells: Mapping[int, str]) -> Store:
-    """A function that stores node labels of cells; `cells` maps numbers of nodes to cell types, rows may end in -1."""
+    """A function that checks and stores node labels of cells as (n_cells, most nodes); rows of smaller cells end in -1.
+
+    `cells` maps allowed numbers of nodes to cell types. The function takes the name of the set, for errors, and the labels,
+    and raises `InputError` if they are no whole numbers or too many or few.
+    """
 
     def stored(name: str, nodes: ArrayLike) -> IntArray:
         """The table of `nodes` of the set `name`, checked, (n_cells, most nodes)."""
@@ -52,12 +56,20 @@ class CellSet(ElementSet):
     def matrix_term(
         self, corners: FloatArray, matrices_of: CellMatrices, power: int = 0, directions: Sequence[str] | None = None
     ) -> ElementMatrixTerm:
-        """Element matrix term of all cells, from `matrices_of`, a function of one cell type.
+        """Element matrix term of all cells, made by `matrices_of` for the cells of each type at once.
 
-        `directions` are those of each node that the matrices have: all in which the nodes move.
+        Matrices of cells with fewer nodes than the largest are padded with zeros.
 
-        `corners` are the positions of the nodes. Cells with fewer nodes are padded with zeros; `power` is that of the
-        thickness.
+        Parameters
+        ----------
+        corners : (n_cells, n_nodes, n_dimensions) float array
+            Positions of the nodes, m.
+        matrices_of : callable
+            Takes the name of the set, node labels, positions and type of cells, and returns their matrices.
+        power : int
+            Power of the thickness that they go with.
+        directions : sequence of str, optional
+            Directions of each node that the matrices have; by default all in which the nodes move.
         """
         axes = self.moves if directions is None else directions
         counts = (self.nodes >= 0).sum(axis=1)
@@ -71,7 +83,11 @@ class CellSet(ElementSet):
 
 
 def cell_positions(name: str, nodes: IntArray, positions: Positions, dimensions: int) -> FloatArray:
-    """Positions of the cells' nodes along the first axes, (n_cells, n_nodes, dimensions); zeros where a row has ended."""
+    """Positions in m of the cells' nodes along the first axes, (n_cells, n_nodes, dimensions); zeros where a row has ended.
+
+    Raises `InputError`, which names the set, if nodes have fewer than `dimensions` coordinates, or more and a cell is not
+    parallel to the x-y plane.
+    """
     size = len(next(iter(positions.values())))
     if size < dimensions:
         raise InputError(f"{name!r} needs {dimensions}-D nodes, got positions with {size} coordinates")
@@ -85,7 +101,10 @@ def cell_positions(name: str, nodes: IntArray, positions: Positions, dimensions:
 
 
 def _require_flat(name: str, nodes: IntArray, corners: FloatArray) -> None:
-    """Raise `InputError` if a plane cell is not parallel to the x-y plane; `corners` are positions (n_cells, n_nodes, 3)."""
+    """Raise `InputError` if z differs within a cell by more than 1e-9 of its size.
+
+    `nodes` (n_cells, n_nodes) are labels, -1 where a row has ended, and `corners` positions (n_cells, n_nodes, 3).
+    """
     used = nodes >= 0
     high = np.where(used, corners[..., 2], -np.inf).max(axis=1)
     low = np.where(used, corners[..., 2], np.inf).min(axis=1)

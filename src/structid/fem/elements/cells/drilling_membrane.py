@@ -50,9 +50,10 @@ def drilling_stiffness(corners: FloatArray, elasticity: FloatArray, poisson: flo
 
 
 def mean_strains(corners: FloatArray) -> FloatArray:
-    """Mean strains (xx, yy, engineering xy) of cells from (u, v, rotation) at each corner, (n_cells, 3, 3 n_corners).
+    """Maps (n_cells, 3, 3 n_corners) to the mean strains (xx, yy, engineering xy) of cells, from their corner motions.
 
-    Those of the lumped tractions L: L'/area. `corners` are as in `drilling_stiffness`.
+    These are (u, v, rotation) corner by corner. The maps are L' / area of the lumped tractions L. `corners` are as in
+    `drilling_stiffness`.
     """
     n = corners.shape[1]
     divisions, share = (((0, 1, 2),), 1.0) if n == 3 else (_DIVISIONS, 0.5)
@@ -68,7 +69,8 @@ def mean_strains(corners: FloatArray) -> FloatArray:
 def _triangle_stiffness(corners: FloatArray, elasticity: FloatArray, higher: float) -> FloatArray:
     """Stiffness of triangles on (u, v, rotation) of each corner for unit thickness, (n_cells, 9, 9).
 
-    `elasticity` is the plane stress-strain matrix, `higher` the factor on the stiffness against linear strains.
+    `corners` (n_cells, 3, 2) are positions in m, `elasticity` (3, 3) is stress from strain in plane stress, and `higher` the
+    factor on the stiffness against linear strains.
     """
     area = _area(corners)
     tractions = _lumped_tractions(corners)
@@ -92,7 +94,10 @@ def _area(corners: FloatArray) -> FloatArray:
 
 
 def _lumped_tractions(corners: FloatArray) -> FloatArray:
-    """Nodal forces of unit constant stresses, (n_cells, 9, 3); `corners` are (n_cells, 3, 2)."""
+    """Nodal forces (u, v, rotation of each corner) of unit constant stresses (xx, yy, xy), (n_cells, 9, 3).
+
+    `corners` (n_cells, 3, 2) are positions.
+    """
     forces = np.zeros((len(corners), 9, 3))
     for k in range(3):
         before, after = corners[:, (k + 2) % 3], corners[:, (k + 1) % 3]

@@ -14,9 +14,7 @@ BENDING_CELLS = ("quad", "hexahedron")
 def plane_elasticity(poisson: float, strain: bool) -> FloatArray:
     """Stress-strain matrix (3, 3) of xx, yy and engineering xy for unit Young's modulus.
 
-    Plane strain if `strain`, else plane stress.
-
-    `poisson` is Poisson's ratio.
+    Plane strain if `strain`, else plane stress; `poisson` is Poisson's ratio.
     """
     if strain:
         return solid_elasticity(poisson)[np.ix_([0, 1, 3], [0, 1, 3])]
@@ -37,7 +35,10 @@ def solid_elasticity(poisson: float) -> FloatArray:
 
 
 def strain_rows(slopes: FloatArray) -> FloatArray:
-    """Strain-displacement matrices from gradients (..., d, n_nodes), (..., n_strains, d n_nodes), node by node."""
+    """Strain-displacement matrices (..., n_strains, d n_nodes) from gradients `slopes` (..., d, n_nodes), d = 2 or 3.
+
+    Strains are xx, yy, engineering xy, or xx, yy, zz, engineering xy, yz, zx; displacements go node by node.
+    """
     d, n = slopes.shape[-2:]
     pairs = [(0, 1)] if d == 2 else [(0, 1), (1, 2), (2, 0)]
     rows = np.zeros((*slopes.shape[:-2], d + len(pairs), n, d))
@@ -85,9 +86,9 @@ def elastic_stiffness(
 
 
 def _products(left: FloatArray, elasticity: FloatArray, right: FloatArray, measure: FloatArray) -> FloatArray:
-    """Integrals of left' D right over each cell, (n_cells, n_left, n_right): D is `elasticity`; `measure` weighs the points.
+    """Integrals of left' D right over each cell, (n_cells, n_left, n_right), with D = `elasticity`.
 
-    `left` and `right` are (n_points, n_cells, n_strains, n).
+    `left` and `right` are (n_points, n_cells, n_strains, n); `measure` (n_points, n_cells) weighs the points.
     """
     total = np.zeros((left.shape[1], left.shape[3], right.shape[3]))
     for a, b, weight in zip(left, right, measure, strict=True):
@@ -96,9 +97,10 @@ def _products(left: FloatArray, elasticity: FloatArray, right: FloatArray, measu
 
 
 def _bending_slopes(shape: CellShape, positions: FloatArray, determinant: FloatArray) -> FloatArray:
-    """Gradients of 1 - xi_i^2 by the Jacobian of the cell's centre, (n_points, n_cells, d, d).
+    """Gradients of the incompatible modes 1 - xi_i^2, by the Jacobian of the cell's centre, (n_points, n_cells, d, d).
 
-    With the determinants' ratio in front, their integrals vanish, as the patch test asks.
+    Axes of the gradient come before modes. They are scaled by the ratio of determinants, centre to point, so that their
+    integrals vanish, as the patch test asks.
     """
     d = positions.shape[2]
     centre = np.einsum("dk,ekc->edc", shape.slopes(np.zeros((1, d)))[0], positions)
@@ -121,7 +123,10 @@ def _with_mean_dilatation(rows: FloatArray, measure: FloatArray, d: int) -> Floa
 
 
 def unit_mass(name: str, nodes: IntArray, positions: FloatArray, cell: str) -> FloatArray:
-    """Consistent mass matrices for unit density, (n_cells, n_local, n_local); `positions` are (n_cells, n_nodes, d)."""
+    """Consistent mass matrices of all cells for unit density, (n_cells, d n_nodes, d n_nodes), node by node.
+
+    `positions` (n_cells, n_nodes, d) are in m, `cell` is the type; `name` and `nodes` are for messages.
+    """
     shape = CELLS[cell]
     d = positions.shape[2]
     _, determinant = gradients(name, nodes, positions, shape, shape.mass_points)

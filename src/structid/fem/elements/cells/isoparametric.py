@@ -81,7 +81,10 @@ def _monomial_slopes(points: FloatArray, exponents: IntArray, axis: int) -> Floa
 
 
 def box_rule(*orders: int) -> tuple[FloatArray, FloatArray]:
-    """Gauss points (n_points, d) and weights on the reference line, square or cube, with `orders` points along each axis."""
+    """Gauss points (n_points, d) and weights (n_points,) on the reference line, square or cube from -1 to 1.
+
+    `orders` are the numbers of points along each axis.
+    """
     rules = [np.polynomial.legendre.leggauss(n) for n in orders]
     points = np.stack(np.meshgrid(*[x for x, _ in rules], indexing="ij"), axis=-1).reshape(-1, len(orders))
     weights = np.prod(np.stack(np.meshgrid(*[w for _, w in rules], indexing="ij"), axis=-1), axis=-1).ravel()
@@ -89,30 +92,33 @@ def box_rule(*orders: int) -> tuple[FloatArray, FloatArray]:
 
 
 def triangle_rule(order: int) -> tuple[FloatArray, FloatArray]:
-    """Quadrature of the reference triangle by collapsed Gauss points, exact to degree 2 `order` - 2."""
+    """Points (n_points, 2) and weights of the reference triangle by collapsed Gauss points, exact to degree 2 `order` - 2."""
     (points, weights) = box_rule(order, order)
     s, t = (points.T + 1) / 2
     return np.stack([s * (1 - t), t], axis=1), weights / 4 * (1 - t)
 
 
 def _tetrahedron(order: int) -> tuple[FloatArray, FloatArray]:
-    """Quadrature of the reference tetrahedron, exact to degree 2 `order` - 3."""
+    """Points (n_points, 3) and weights of the reference tetrahedron, exact to degree 2 `order` - 3."""
     points, weights = box_rule(order, order, order)
     r, s, t = (points.T + 1) / 2
     return np.stack([r * (1 - s) * (1 - t), s * (1 - t), t], axis=1), weights / 8 * (1 - s) * (1 - t) ** 2
 
 
 def _pyramid(order: int) -> tuple[FloatArray, FloatArray]:
-    """Quadrature of the reference pyramid: a square that shrinks towards the tip."""
+    """Points (n_points, 3) and weights of the reference pyramid, a square at z = -1 that shrinks towards the tip at 0.
+
+    `order` points along each side of the square, three along the height.
+    """
     points, weights = box_rule(order, order, 3)
     s, t, height = points[:, 0], points[:, 1], (points[:, 2] + 1) / 2
     return np.stack([s * height, t * height, -height], axis=1), weights / 2 * height**2
 
 
 def _wedge_rule(order: int, along_axis: int = 2) -> tuple[FloatArray, FloatArray]:
-    """Quadrature points (n_points, 3) and weights of the reference wedge: a triangle rule times Gauss points along its axis.
+    """Points (n_points, 3) and weights of the reference wedge: a triangle rule times Gauss points along its axis.
 
-    `order` is that of the triangle rule.
+    `order` is that of the triangle rule, `along_axis` the number of Gauss points.
     """
     flat, weights = triangle_rule(order)
     along, others = np.polynomial.legendre.leggauss(along_axis)
@@ -214,7 +220,10 @@ def gradients(
 
 
 def require_regular(name: str, nodes: IntArray, positions: FloatArray, determinant: FloatArray) -> None:
-    """Raise `InputError` if a cell has no volume, is inverted or folded; `determinant` is (n_points, n_cells)."""
+    """Raise `InputError` if a cell has no volume (area), is turned inside out or folded.
+
+    `determinant` (n_points, n_cells) is that of the Jacobian; `name` and `nodes` are for the message.
+    """
     size = np.ptp(positions, axis=1).max(axis=1) ** positions.shape[2]
     word = "area" if positions.shape[2] == 2 else "volume"
     mean = determinant.mean(axis=0)
@@ -226,9 +235,9 @@ def require_regular(name: str, nodes: IntArray, positions: FloatArray, determina
 
 
 def require_none(bad: np.ndarray, name: str, nodes: IntArray, words: str, remedy: str) -> None:
-    """Raise `InputError` for the first cell where `bad` is True, and say how many others there are.
+    """Raise `InputError` for the first cell where `bad` (n_cells,) is True, and say how many others there are.
 
-    `words` say what is wrong, `remedy` ends the message.
+    `name` is that of the set, `nodes` are labels (n_cells, n_nodes). `words` say what is wrong, `remedy` ends the message.
     """
     if bad.any():
         e, others = int(np.argmax(bad)), int(bad.sum()) - 1

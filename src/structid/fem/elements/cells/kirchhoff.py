@@ -57,7 +57,10 @@ def centre_curvatures(name: str, nodes: IntArray, corners: FloatArray, cell: str
 def _curvatures(
     name: str, nodes: IntArray, corners: FloatArray, cell: str, points: FloatArray
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Maps from corner coordinates to strains per height, (n_cells, 3, 3 n) a point, and determinants (n_points, n_cells)."""
+    """Maps (n_cells, 3, 3 n) from corner motions to strains per height, for each point, and determinants (n_points, n_cells).
+
+    Motions are (w, theta_x, theta_y) corner by corner, strains xx, yy and engineering xy; `points` are reference points.
+    """
     middles = (corners + np.roll(corners, -1, axis=1)) / 2
     rotations = CELLS[_ROTATIONS[cell]]
     slopes, determinant = gradients(name, nodes, np.concatenate([corners, middles], axis=1), rotations, points)
@@ -100,10 +103,10 @@ def _rotation_map(corners: FloatArray) -> FloatArray:
 
 
 def plate_mass(name: str, nodes: IntArray, corners: FloatArray, cell: str) -> FloatArray:
-    """Mass matrices of plates for unit mass per area, (n_cells, 3 n_corners, 3 n_corners); the deflection is cubic along sides.
+    """Mass matrices of plates for unit mass per area, (n_cells, 3 n_corners, 3 n_corners), on (w, theta_x, theta_y) of corners.
 
-    Triangles take the nine functions of Bazeley, Cheung, Irons and Zienkiewicz (1965), quadrilaterals the twelve of
-    Melosh (1963) on the reference square. Both hold every rigid motion exactly.
+    Triangles take the nine functions of Bazeley, Cheung, Irons and Zienkiewicz (1965), quadrilaterals the twelve of Melosh
+    (1963) on the reference square. Both hold every rigid motion exactly. Arguments are those of `bending_stiffness`.
     """
     shape = CELLS[cell]
     corner_slopes = np.einsum("qdk,ekc->eqdc", shape.slopes(shape.corners), corners)
@@ -120,7 +123,10 @@ def plate_mass(name: str, nodes: IntArray, corners: FloatArray, cell: str) -> Fl
 
 
 def _square_functions(points: FloatArray) -> FloatArray:
-    """Values at `points` (n_points, 2) of the functions of (w, dw/dxi, dw/deta) at corners of the square, (n_points, 4, 3)."""
+    """Values of the twelve shape functions of the square at `points` (n_points, 2), (n_points, 4, 3).
+
+    Axes are points, corners, and the corner values (w, dw/dxi, dw/deta) that the functions belong to.
+    """
     values = np.empty((len(points), 4, 3))
     for k, (a, b) in enumerate(CELLS["quad"].corners):
         x, y = points[:, 0] * a, points[:, 1] * b
@@ -132,7 +138,10 @@ def _square_functions(points: FloatArray) -> FloatArray:
 
 
 def _triangle_functions(points: FloatArray) -> FloatArray:
-    """Values at `points` (n_points, 2) of the functions of (w, dw/dxi, dw/deta) at corners of the triangle, (n_points, 3, 3)."""
+    """Values of the nine shape functions of the triangle at `points` (n_points, 2), (n_points, 3, 3).
+
+    Axes are points, corners, and the corner values (w, dw/dxi, dw/deta) that the functions belong to.
+    """
     area = np.column_stack([1 - points.sum(axis=1), points])
     corners = CELLS["triangle"].corners
     bubble = area.prod(axis=1)

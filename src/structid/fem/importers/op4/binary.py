@@ -39,7 +39,10 @@ class Header(NamedTuple):
 
 
 def kind_of(content: bytes) -> Kind | None:
-    """Byte order and word size of a binary OUTPUT4 file, from the length of its first record; None if it is text."""
+    """Byte order and word size of the binary OUTPUT4 file `content`, from the length of its first record.
+
+    None if it is text.
+    """
     for order in "<>":
         for marker, word in ((24, 4), (48, 8)):
             if content[:4] == struct.pack(f"{order}i", marker):
@@ -62,7 +65,10 @@ def matrices(path: Path, content: bytes, kind: Kind) -> list[ImportedMatrix]:
 
 
 def _record_range(path: Path, content: bytes, offset: int, kind: Kind, what: str) -> tuple[int, int]:
-    """First byte and length of the record at byte `offset`, after its two markers were compared; `what` names it in errors."""
+    """Byte where the data of the record at byte `offset` begin, and their length in bytes, after its two markers were compared.
+
+    Raises `FileError`, which names the record `what`, if it is cut short or damaged.
+    """
     if offset + 4 > len(content):
         raise FileError(f"{path}: ends at byte {len(content)} before {what}; {_REMEDY}")
     (length,) = struct.unpack_from(f"{kind.order}i", content, offset)
@@ -75,7 +81,10 @@ def _record_range(path: Path, content: bytes, offset: int, kind: Kind, what: str
 
 
 def _read_header(path: Path, content: bytes, offset: int, kind: Kind) -> tuple[Header, int]:
-    """The header of the matrix at byte `offset`, and the byte behind it."""
+    """The header of the matrix at byte `offset` of the file `content`, and the byte behind it.
+
+    Raises `FileError` if it is cut short, or its sizes or type are not possible.
+    """
     start, length = _record_range(path, content, offset, kind, "the header of a matrix")
     if length != 6 * kind.word:
         raise FileError(
@@ -93,7 +102,8 @@ def _read_header(path: Path, content: bytes, offset: int, kind: Kind) -> tuple[H
 def _read_columns(path: Path, content: bytes, offset: int, kind: Kind, header: Header) -> tuple[IntArray, int]:
     """Byte, column, row and number of words of each column record, (n_records, 4), and the byte behind the matrix.
 
-    `content` is that of the file; the records begin at byte `offset`.
+    Columns count from 0; rows from 1, with 0 where strings follow. `content` is that of the file; the records begin at byte
+    `offset`.
     """
     rows = []
     unpack = struct.Struct(f"{kind.order}3{kind.integer}").unpack_from
@@ -117,7 +127,8 @@ def _read_columns(path: Path, content: bytes, offset: int, kind: Kind, header: H
 def _read_matrix(path: Path, view: NDArray[np.uint32], kind: Kind, header: Header, columns: IntArray) -> Any:
     """The sparse matrix of one header, put together from the strings in its column records.
 
-    `view` is the file as 32-bit words, `columns` the table of column records.
+    `view` is the file as 32-bit words, `columns` (n_records, 4) the table of `_read_columns`. Raises `FileError` if entries
+    lie outside the matrix.
     """
     is_complex = header.kind > 2
     single = header.kind % 2 == 1
@@ -141,7 +152,7 @@ def _read_matrix(path: Path, view: NDArray[np.uint32], kind: Kind, header: Heade
 def _string_table(
     path: Path, view: NDArray[np.uint32], kind: Kind, header: Header, columns: IntArray
 ) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-    """First byte, row, column and number of words of each string, (n_strings,) each.
+    """First byte, row and column (from 0) and number of words of each string, (n_strings,) each.
 
     The k-th strings of all columns are read together. `view` is the file as 32-bit words, `columns` the table of column
     records.
@@ -178,13 +189,16 @@ def _integers(view: NDArray[np.uint32], byte: IntArray, kind: Kind) -> IntArray:
 
 
 def _numbers(view: NDArray[np.uint32], offsets: IntArray, words: int, kind: Kind) -> FloatArray:
-    """Numbers of `words` 32-bit words that begin at 32-bit word `offsets`."""
+    """Real numbers (n,) of `words` (1 or 2) 32-bit words each, from the 32-bit words at `offsets` (n,) on."""
     taken = view[offsets] if words == 1 else view[offsets[:, None] + np.arange(words)]
     return np.ascontiguousarray(taken).view(f"{kind.order}f{4 * words}").ravel().astype(np.float64)
 
 
 def encode_matrix(strings: Strings, options: Op4Options) -> bytes:
-    """One matrix as records of a binary OUTPUT4 file."""
+    """Bytes of a matrix as records of a binary OUTPUT4 file: header, a record for each column with entries, and the last one.
+
+    `strings` are its entries; `options` give byte order, word size and precision.
+    """
     kind = Kind("<" if options.byte_order == "little" else ">", options.words // 8)
     rows = -strings.shape[0] if strings.layout == "bigmat" else strings.shape[0]
     name = strings.name.upper().ljust(2 * kind.word).encode("ascii")

@@ -38,12 +38,12 @@ def read(path: Path) -> list[ImportedMatrix]:
 
 
 def file_bytes(path: Path, matrices: Sequence[ImportedMatrix], options: Op4Options) -> bytes:
-    """Content of an OUTPUT4 file of `matrices`.
+    """Content of an OUTPUT4 file of `matrices` in the format of `options`; `path` is for errors.
 
     Raises
     ------
     FileError
-        If a name is longer than eight characters, or a matrix does not fit the layout.
+        If a name is empty, longer than eight characters or not ASCII, or a matrix does not fit the layout.
     """
     parts = []
     for item in matrices:
@@ -55,7 +55,10 @@ def file_bytes(path: Path, matrices: Sequence[ImportedMatrix], options: Op4Optio
 
 
 def _make_strings(path: Path, item: ImportedMatrix, options: Op4Options) -> Strings:
-    """A matrix as strings of OUTPUT4; `FileError` if its name, size or values do not fit the format."""
+    """The matrix `item` as strings of OUTPUT4, in the layout and precision of `options`.
+
+    Raises `FileError`, which names `path`, if its name, size or values do not fit the format.
+    """
     if len(item.name) > 8 or not item.name.isascii() or not item.name or " " in item.name:
         raise FileError(f"{path}: the name {item.name!r} must have 1 to 8 ASCII characters; rename the matrix")
     if options.layout == "sparse" and item.matrix.shape[0] > 65535:

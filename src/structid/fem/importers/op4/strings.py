@@ -91,9 +91,10 @@ class Strings:
 
 
 def strings_of(name: str, matrix: sparse.csc_array, form: int, layout: Layout, single: bool) -> Strings:
-    """`matrix` as strings (runs of entries without a gap in one column); one string a column in the dense layout.
+    """The entries of `matrix` as strings: runs without a gap in one column; a single string a column in the dense layout.
 
-    `form` is the number of OUTPUT4 for the form of a matrix; `single` rounds to single precision.
+    `name` is that of the matrix, `form` the number of OUTPUT4 for its form (1, 2 or 6), `layout` that of the file. `single`
+    sets the type to single precision; values are not rounded here. Sorts `matrix` and removes its zeros in place.
     """
     matrix.sort_indices()
     matrix.eliminate_zeros()
@@ -135,7 +136,10 @@ def _fill_columns(matrix: sparse.csc_array) -> tuple[IntArray, IntArray, AnyArra
 
 
 def entries(row: IntArray, column: IntArray, length: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Row, column and place within its string of every entry."""
+    """Row, column and place within its string of every entry, (n_entries,) each.
+
+    `row`, `column` and `length` (n_strings,) are first row, column and number of entries of each string.
+    """
     before = np.cumsum(length) - length
     within = np.arange(int(length.sum())) - np.repeat(before, length)
     return np.repeat(row, length) + within, np.repeat(column, length), within
@@ -144,9 +148,9 @@ def entries(row: IntArray, column: IntArray, length: IntArray) -> tuple[IntArray
 def assemble_strings(
     shape: tuple[int, int], row: IntArray, column: IntArray, length: IntArray, numbers: AnyArray, is_complex: bool
 ) -> sparse.csc_array:
-    """The sparse matrix of strings given by first row, column and length.
+    """The sparse matrix of `shape` from strings: first row, column and number of entries of each, (n_strings,), from 0.
 
-    `numbers` alternate real and imaginary parts if `is_complex`.
+    `numbers` are the values of all entries in order; real and imaginary parts alternate if `is_complex`.
     """
     values = np.ascontiguousarray(numbers, dtype=np.float64)
     rows, columns, _ = entries(row, column, length)
@@ -156,7 +160,7 @@ def assemble_strings(
 
 
 def finish_matrix(path: Path, name: str, matrix: sparse.csc_array, form: int) -> ImportedMatrix:
-    """The matrix with both triangles where its form is 6, symmetric."""
+    """The matrix called `name`, with both triangles if its OUTPUT4 form is 6 (symmetric); `FileError` if pairs disagree."""
     try:
         return ImportedMatrix(name, complete_triangles(matrix, name, form == 6))
     except InputError as error:

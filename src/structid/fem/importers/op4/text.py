@@ -79,7 +79,10 @@ def matrices(path: Path, content: bytes) -> list[ImportedMatrix]:
 
 
 def _read_title(lines: _Lines, line_index: int) -> _Title:
-    """The title line of a matrix at line index `line_index`: sizes, form, type, name and number format."""
+    """The title line of a matrix at line index `line_index`: sizes, form, type, name and number format.
+
+    Five numbers a line of 16 columns if it states no format. Raises `FileError` for sizes or types that are not possible.
+    """
     line = lines.text[line_index]
     wide = 16 if line.rstrip().upper().endswith(b"|I16") else 0  # large dimensions have fields of sixteen columns
     columns, rows, form, kind = _title_numbers(lines, line_index, wide)
@@ -94,7 +97,10 @@ def _read_title(lines: _Lines, line_index: int) -> _Title:
 
 
 def _title_numbers(lines: _Lines, line_index: int, wide: int) -> list[int]:
-    """The four whole numbers of a title line; `wide` is the extra width of its first two fields."""
+    """The four whole numbers of a title line: columns, rows, form and type.
+
+    `wide` is the number of characters by which its first two fields together are wider (0 or 16).
+    """
     line = lines.text[line_index]
     edges = [0, 8 + wide // 2, 16 + wide, 24 + wide, 32 + wide]
     try:
@@ -108,7 +114,11 @@ def _title_numbers(lines: _Lines, line_index: int, wide: int) -> list[int]:
 
 
 def _read_strings(lines: _Lines, line_index: int, title: _Title) -> tuple[IntArray, int]:
-    """First line, number of reals, row and column of each string, (n_strings, 4), and the line index behind the matrix."""
+    """First line, number of reals, row and column of each string, (n_strings, 4), and the line index behind the matrix.
+
+    Lines, rows and columns count from 0. The strings begin at `line_index`; raises `FileError` for positions that are not
+    possible.
+    """
     strings: list[tuple[int, int, int, int]] = []
     words_per_real = 1 if title.kind % 2 == 1 else 2
     big = title.rows < 0 or title.rows > 65535
@@ -155,9 +165,10 @@ def _require(lines: _Lines, line_index: int, column: int, row: int, reals: int, 
 def _read_numbers(
     path: Path, buffer: NDArray[np.uint8], offset: IntArray, length: IntArray, table: IntArray, title: _Title
 ) -> FloatArray:
-    """The numbers of all strings, one after another; `offset` and `length` are first byte and size of each line.
+    """The real numbers of all strings, one after another; `FileError` with the line for a field that is none.
 
-    `table` has first line, number of reals, row and column of each string.
+    `offset` and `length` are first byte and size of each line in `buffer`; `table` has first line, number of reals, row and
+    column of each string.
     """
     count = table[:, 1]
     before = np.cumsum(count) - count
@@ -183,7 +194,10 @@ def _read_numbers(
 
 
 def encode_matrix(strings: Strings, options: Op4Options) -> bytes:
-    """One matrix as text of an ASCII OUTPUT4 file."""
+    """Bytes of a matrix as text of an ASCII OUTPUT4 file: title, columns with entries, and the last column.
+
+    `strings` are its entries; of `options` only the precision counts: 10 digits in single, 17 in double.
+    """
     digits, per_line = (9, 5) if options.single else (16, 3)
     width = digits + 7 if options.single else digits + 8  # a third digit of an exponent fits
     rows = -strings.shape[0] if strings.layout == "bigmat" else strings.shape[0]

@@ -61,22 +61,25 @@ class SubstructureCoupling:
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
     ) -> Iterator[tuple[slice, NumberArray]]:
-        """Fields (n, n_dofs, n_loads) for stretches of lines, under all columns where no other loads are given."""
+        """Fields of the coupled structure for one block of lines after another: the lines, and (n, n_dofs, n_loads).
+
+        `loads` (n_dofs, n_loads) are all columns of the channels by default.
+        """
         right, n_joined = self.channels.columns if loads is None else loads, self.joined.shape[1]
         for part, fields, push in self._pushed(physical, coefficients, right):
             yield part, fields[:, :, n_joined:] - fields[:, :, :n_joined] @ push
 
     def forces(self, physical: FloatArray, coefficients: ComplexArray) -> ComplexArray:
-        """Forces (n_lines, n_joined, n_columns) between the model and what is joined, under all columns."""
+        """Forces between the model and what is joined, under all columns of the channels, (n_lines, n_joined, n_columns)."""
         return np.concatenate([push for _, _, push in self._pushed(physical, coefficients, self.channels.columns)])
 
     def _pushed(
         self, physical: FloatArray, coefficients: ComplexArray, right: sparse.csc_array
     ) -> Iterator[tuple[slice, NumberArray, NumberArray]]:
-        """Slice of lines, fields of the model alone under interface forces and `right`, and forces at interfaces.
+        """For one block of lines after another: the lines, fields of the model alone, and interface forces.
 
-        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
-        Z, and `right` the further load columns.
+        Fields (n, n_dofs, n_joined + n_loads) are under unit interface forces, then under the load columns `right` (n_dofs,
+        n_loads); forces are (n, n_joined, n_loads). `coefficients` (n_lines, n_matrices) are those of the matrices in Z.
         """
         n_joined = self.joined.shape[1]
         given = np.zeros((n_joined, right.shape[1]))
@@ -90,11 +93,10 @@ class SubstructureCoupling:
             )
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """Readings of sensors and contacts under some of the load columns, (n_lines, n_sensors, n_columns).
+        """Readings of sensors and contacts under the load columns at indices `columns`, (n_lines, n_sensors, n_columns).
 
-        Small models solve for all columns, as derivatives do, so that the two share their poles. `physical` are the
-        parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in Z, and `columns` the
-        indices of the loads.
+        `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of the matrices in Z. Small models
+        solve for all columns, as derivatives do, so that both share cached fields.
         """
         if not self.is_large:
             every = self.fields(physical, coefficients)

@@ -46,7 +46,7 @@ class DenseSolver:
         return at.solve_in_chunks(coefficients, np.arange(at.loads.shape[1]))
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """Readings of sensors and contacts under some of the load columns, (n_lines, n_sensors, n_columns)."""
+        """Readings of sensors and contacts under the load columns at indices `columns`, (n_lines, n_sensors, n_columns)."""
         with single_blas():
             read = [
                 of for _, of in self.at(physical, coefficients).solve_in_chunks(coefficients, columns, self._reader)

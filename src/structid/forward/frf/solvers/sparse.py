@@ -82,10 +82,10 @@ class SparseSolver:
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
     ) -> Iterator[tuple[slice, NumberArray]]:
-        """Fields (1, n_dofs, n_loads) of one line after another.
+        """Fields of one line after another: the line as a slice, and the fields (1, n_dofs, n_loads).
 
-        Where no loads are given under all columns, by a reduced sweep where that serves. `physical` are the parameter
-        values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in Z.
+        `loads` (n_dofs, n_loads) are all columns of the channels by default; then a reduced sweep is used if it is accurate
+        enough. `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of the matrices in Z.
         """
         sweep = self._reduced_sweep(physical, coefficients) if loads is None else None
         if sweep is not None:
@@ -101,10 +101,9 @@ class SparseSolver:
                 yield slice(line, line + 1), stiffness.solver(line).solve(right)[None]
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """Readings of sensors and contacts under some of the load columns, (n_lines, n_sensors, n_columns).
+        """Readings of sensors and contacts under the load columns at indices `columns`, (n_lines, n_sensors, n_columns).
 
-        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
-        Z, and `columns` the indices of the loads.
+        `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of the matrices in Z.
         """
         key = self._key(physical, coefficients)
         known = self.last_sweep.readings.get(key)
@@ -179,10 +178,10 @@ class SparseSolver:
         return LastSweep()
 
     def _reduced_sweep(self, physical: FloatArray, coefficients: ComplexArray) -> FieldSweep | None:
-        """Fields of all columns at all lines from few factorizations; None if each line must be solved.
+        """Reduced sweep with the fields of all columns at all lines from few factorizations; None if each line must be solved.
 
-        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
-        Z.
+        None without `reduced`, with friction contacts, or if the error cannot be met cheaply. `physical` (n_params,) are the
+        parameters, `coefficients` (n_lines, n_matrices) those of the matrices in Z.
         """
         if self.reduced is None or self.channels.n_contacts:
             return None
@@ -197,12 +196,12 @@ class SparseSolver:
 
     @staticmethod
     def _key(physical: FloatArray, coefficients: ComplexArray) -> bytes:
-        """Key of a sweep: the values it depends on, but for their rounding, and the Laplace variables."""
+        """Key of a sweep: parameters rounded to 14 digits, and Laplace variables (the column of `coefficients` for damping)."""
         part, power = np.frexp(physical)
         return np.round(part, 14).tobytes() + power.tobytes() + coefficients[:, 1].tobytes()
 
     def stiffness(self, physical: FloatArray, coefficients: ComplexArray) -> DynamicStiffness:
-        """Z at all lines."""
+        """Dynamic stiffness Z at all lines, for the parameters `physical` and the `coefficients` of the matrices."""
         data = self.slopes.assembled.data(self.slopes.parameters.values(physical))
         return DynamicStiffness(self.pattern.analysis, data, coefficients, self.frequency)
 
@@ -213,11 +212,10 @@ def sweep_error(
     loads: IntArray,
     forces: tuple[ParameterForces, ComplexArray],
 ) -> ErrorOf:
-    """Function for the error of fields from a reduced basis, relative to what `tolerance` allows.
+    """Function (line, exact, approximate) for the error of fields from a reduced basis, over the allowed error: 1 is the limit.
 
-    Readings may be off by `tolerance` of the largest of their line, derivatives by ten times that in root mean square
-    over parameters. As readings are off by the product of what the fields of loads and sensors are, and derivatives by
-    their sum, derivatives decide.
+    Readings may be off by `tolerance` of the largest in their line, derivatives by ten times that in root mean square over
+    parameters.
 
     Parameters
     ----------
@@ -240,7 +238,10 @@ def sweep_error(
 
 
 def derivative_error(exact: NumberArray, approximate: NumberArray) -> float:
-    """Root mean square over parameters of the relative difference of derivatives (n_loads, n_params, n_readings)."""
+    """Root mean square over parameters of the relative error of derivatives (n_loads, n_params, n_readings).
+
+    Parameters whose exact derivative is 0 are left out; 0 if all are.
+    """
     size, off = (np.linalg.norm(values, axis=(0, 2)) for values in (exact, approximate - exact))
     return float(np.sqrt(np.mean((off[size > 0] / size[size > 0]) ** 2))) if size.any() else 0.0
 
@@ -274,9 +275,9 @@ class LastSweep:
         return max((sweep.n_basis for sweep in self._sweeps.values()), default=0)
 
     def verified(self, key: bytes, begun: Callable[[], FieldSweep], error_of: ErrorOf) -> FieldSweep | None:
-        """The cached reduced sweep of `key`, refined until its error by `error_of` is allowed; None where that would cost too much.
+        """Reduced sweep of `key`, cached or made by `begun`, refined until `error_of` allows its error.
 
-        Where none is cached, `begun` makes it.
+        None if that would cost too much. Two sweeps are cached at most.
         """
         sweep = self._sweeps.pop(key, None)
         if sweep is None:
@@ -288,7 +289,7 @@ class LastSweep:
             return None if sweep.verified(error_of) is None else sweep
 
     def read(self, key: bytes, sweep: FieldSweep, sensors: sparse.csc_array) -> ComplexArray:
-        """Sensor readings of `sweep` at all lines under all load columns; cached by `key`."""
+        """Readings of `sweep` at all lines under all load columns, (n_lines, n_sensors, n_columns); cached by `key`."""
         while len(self.readings) >= _MOST_READINGS:
             del self.readings[next(iter(self.readings))]
         self.readings[key] = sweep.basis.read(sensors)
@@ -297,9 +298,9 @@ class LastSweep:
     def derived(
         self, key: bytes, sweep: FieldSweep, sides: Channels, forces: ParameterForces, factors: ComplexArray
     ) -> LineDerivatives:
-        """Sensor readings of `sweep` under the loads and their derivatives by parameters; the last ones are cached.
+        """Sensor readings of `sweep` under the loads at all lines, and their derivatives by the parameters; cached by `key`.
 
-        `key` is that of the parameter values; `forces` and `factors` give the forces (dZ/dp) x at each line.
+        `forces` and `factors` (n_lines, n_maps) give the forces (dZ/dp) x at each line.
         """
         x = sweep.basis.all_coordinates()
         used, place = np.unique(sides.inputs[0], return_inverse=True)

@@ -60,10 +60,10 @@ class TabulatedFrf:
         raise InputError(f"the motion of all nodes {NO_MATRICES}")
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """Tabulated receptances of sensors under some distinct load columns, with the signs of the directions.
+        """Tabulated receptances of the sensors under the load columns at indices `columns`, (n_lines, n_outputs, n_columns).
 
-        `physical` are the parameter values (n_params,) and `columns` the indices of the loads; `coefficients` are not
-        needed.
+        Signs are those of the directions of the sensors. `physical` (n_params,) are the parameters; `coefficients` are not
+        used.
         """
         values, _ = self._seen(physical)
         senses = np.array([dof.sign for dof in self.record.inputs])
@@ -76,9 +76,9 @@ class TabulatedFrf:
         yield LineDerivatives(slice(0, len(values)), values, change, np.zeros((*values.shape[:2], 0), np.complex128))
 
     def _seen(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Receptances with the signs of the record's channels, and their derivatives with respect to the parameters.
+        """Receptances (n_lines, n_outputs, n_inputs) with the signs of the channels, and their derivatives (..., n_params).
 
-        `physical` are the parameter values (n_params,).
+        `physical` (n_params,) are the parameters.
         """
         lines, (outputs, senses), (inputs, ways) = self._places
         values, change = self.element.table.evaluated(self.parameters.values(physical)[self._rows])
@@ -95,7 +95,7 @@ class TabulatedFrf:
 
     @cached_property
     def _columns(self) -> tuple[int, ...]:
-        """Distinct degree of freedom of each load, by number as `channels` counts them."""
+        """Number of the distinct degree of freedom of each load, from 0 in the order of first appearance."""
         known: dict[str, int] = {}
         return tuple(known.setdefault(str(dof.unsigned), len(known)) for dof in self.record.inputs)
 

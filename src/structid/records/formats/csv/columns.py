@@ -84,13 +84,17 @@ def _column(table: Table, j: int, error: InputError | None = None, text: str = "
 
 
 def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord | TimeRecord:
-    """The time record in a CSV table, with gaps treated as `options` state.
+    """The time record of the channels in a CSV table, with gaps treated as `options` state.
+
+    The column of times gives rate and start, unless `options.sampling_rate` replaces it; columns of dates are left out.
 
     Raises
     ------
     FileError
-        If a header is not a degree of freedom with its unit and `options` do not say it, time is not even, or a gap
-        stays.
+        If a header is not a degree of freedom with its unit and `options` do not state them, times are uneven, or a gap
+        is too long to be filled.
+    InputError
+        If `options` contradict the table.
     """
     options = options or ReadOptions()
     count = len(table.names)
@@ -120,7 +124,11 @@ def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord |
 
 
 def _time_column(table: Table, options: ReadOptions) -> int | None:
-    """Index of the column of times, or None if the option `sampling_rate` replaces it."""
+    """Index of the column of times, from 0; None if the table has none and the option `sampling_rate` replaces it.
+
+    `time_column` decides if set; else the first column headed as time, else a column of dates with clock times. Raises
+    `FileError` if there is none and `sampling_rate` is not set.
+    """
     if options.time_column:
         numbers = range(1, len(table.names) + 1)
         return choose_columns(table.path, [options.time_column], table.names, list(numbers))[0]
@@ -145,12 +153,15 @@ def _time_column(table: Table, options: ReadOptions) -> int | None:
 
 
 def _first_date(table: Table, j: int) -> datetime | None:
-    """The date or time of a clock in the first cell of a column; None where that is a number."""
+    """Date or clock time in the first cell of column `j`; None if the cell is a number or no date."""
     return as_date(table.column(j)[0]) if np.isnan(table.values[0, j]) else None
 
 
 def _is_day(table: Table, j: int) -> bool:
-    """True for a column of dates without a time of the day, such as beside a column of clock times."""
+    """True if column `j` (from 0) holds dates without a time of day, as beside a column of clock times.
+
+    Only its first, middle and last cells are read.
+    """
     if _first_date(table, j) is None:
         return False
     texts = table.column(j)
@@ -172,7 +183,11 @@ class _Clock(NamedTuple):
 
 
 def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
-    """Sampling rate and first time from the column `axis` of times, or from the option `sampling_rate`."""
+    """Sampling rate in Hz, time of the first sample in s and words on them, from the column of times or `sampling_rate`.
+
+    `axis` is the index of that column, None if there is none. Uneven times that are to be resampled are returned in
+    `uneven`, (n_times,) in s, with rate and start 0. Raises `FileError` or `InputError` if times and options disagree.
+    """
     stated = options.sampling_rate
     if axis is None:
         return _Clock(stated or 1.0, 0.0, "sampling rate as given")
@@ -217,10 +232,10 @@ def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
 
 
 def last_digits(texts: Sequence[str]) -> FloatArray:
-    """Size of the last digit of numbers as they are written, (n,), whether or not trailing zeros are written.
+    """Size of the last digit of each written number, (n,), in the unit of the number: 0.01 for ``3.25``.
 
-    Numbers of one power of ten are taken to be written to the longest of them: 10.5 stands for 10.5000 beside 10.4375.
-    `texts` are the numbers as written.
+    Numbers of the same power of ten are taken to be written to the longest of them, since trailing zeros may be omitted: 10.5
+    stands for 10.5000 beside 10.4375. `texts` are the numbers as written.
     """
     parts = [text.lower().replace("d", "e").replace(",", ".").partition("e") for text in texts]
     shift = np.array([int(power) if power else 0 for _, _, power in parts])
@@ -237,9 +252,9 @@ def last_digits(texts: Sequence[str]) -> FloatArray:
 
 
 def _seconds(table: Table, axis: int, texts: Sequence[str]) -> FloatArray:
-    """Dates or times of a clock as seconds after the first one, (n_rows,); a clock goes on after midnight.
+    """Dates or clock times as seconds after the first of them, (n_rows,); clock times that fall back count as past midnight.
 
-    `texts` are the cells of the column `axis`.
+    `texts` are the cells of the column with index `axis`. Raises `FileError` for a cell that is no date like the first.
     """
     first = as_date(texts[0])
     seconds = np.empty(len(texts))
@@ -268,23 +283,28 @@ def sampling_rate(
     column: int,
     to_resample: bool = False,
 ) -> Rate | None:
-    """The sampling rate of a column of times (see `even_rate`); None if they are uneven and are to be resampled.
+    """The sampling rate of a column of times (see `even_rate`); None if they are uneven and `to_resample` is set.
 
     Parameters
     ----------
     path : Path
+        File, named in errors.
     time : (n_times,) float array
-        s.
+        Times in s.
     texts : (n_times,) sequence of str
-        The times as written, in units of `scale` s.
+        The times as written.
+    scale : float
+        Factor from the written times to s.
     first_line, column : int
         Line of the first time and column of the times, from 1, for messages.
     to_resample : bool
+        True if uneven times are to be resampled later, so that they are no error.
 
     Raises
     ------
     FileError
-        If there are fewer than two samples, or a step differs by more than 1e-6 of it, rounding apart.
+        If there are fewer than two samples, times do not increase, or steps are uneven beyond rounding and not to be
+        resampled.
     """
     if time.size < 2:
         raise FileError(f"{path}: one line does not tell a sampling rate; give at least two samples")
@@ -304,7 +324,10 @@ def sampling_rate(
 
 
 def _uneven_remedy(time: FloatArray, i: int) -> str:
-    """The remedy for an uneven time step after sample `i`: missing lines, or digits; `time` is in s."""
+    """Advice for an uneven step between samples `i` and `i` + 1 of `time` (n_times,) in s, as text that ends an error.
+
+    It names missing lines if the step is a multiple of the median step, else more digits or resampling.
+    """
     usual = float(np.median(np.diff(time)))
     missing = (time[i + 1] - time[i]) / usual - 1 if usual > 0 else 0.0
     if missing > 0.5 and abs(missing - round(missing)) < 0.01 * (missing + 1):
@@ -316,7 +339,7 @@ def _uneven_remedy(time: FloatArray, i: int) -> str:
 
 
 def time_header(record: TimeRecord) -> tuple[list[str], list[FloatArray]]:
-    """Headers and columns of a time record."""
+    """Headers and columns (n_times,) for the CSV table of a time record, times in s first."""
     names = [f"{dof} [{unit}]" for dof, unit in zip(record.channels, record.units, strict=True)]
     return ["time_s", *names], [record.time, *record.values.T]
 
@@ -339,7 +362,11 @@ class _Column(NamedTuple):
 
 
 def _read_headers(table: Table, options: ReadOptions) -> list[_Head]:
-    """Output, input, unit and part of each column but the axis, from its header or from the option `parts`."""
+    """Output, input, unit and part (``re``, ``im``, ``magnitude``, ...) of each column after the frequencies, in order.
+
+    They come from the headers, or from the options `outputs`, `inputs` and `parts`, with parts varying fastest. Raises
+    `FileError` for a header that cannot be read, and `InputError` if the options do not fit the table.
+    """
     layout = options.csv or CsvLayout()
     for j, name in enumerate(table.names[1:], start=1):
         word = level_word(f"{name} {table.units[j]}")
@@ -382,7 +409,10 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_Head]:
 
 
 def _match_pair(name: str) -> re.Match[str] | None:
-    """The header `name` as a pair of sensor and load, its part behind it, or in front of degrees of freedom; None for no pair."""
+    """Match of the header `name` as a pair output/input with unit and part; None if it is no such pair.
+
+    The part follows the pair, or precedes it if both names are degrees of freedom.
+    """
     if len(name) > LONGEST_NAME:
         return None
     match, part = _PAIR.fullmatch(name), _PART_WORD.match(name)
@@ -402,7 +432,10 @@ def _without_estimator(output: str, load: str) -> str:
 
 
 def _phase_unit(table: Table, j: int, in_name: str | None) -> str:
-    """The unit of phases by the name of column `j`, or by what stands below it; `FileError` if these differ."""
+    """Unit text of the phases in column `j`, from its header or from the line of units below; "" if neither states it.
+
+    `in_name` is the unit in the header, None if there is none. Raises `FileError` if both are stated and differ.
+    """
     units = [text for text in (in_name, table.units[j]) if text]
     if len({_PHASE_UNITS.get(text.strip().lower()) for text in units}) > 1:
         raise _column(table, j, text=f"says {units[0]} and {units[1]} of its phases; correct one of them")
@@ -410,7 +443,10 @@ def _phase_unit(table: Table, j: int, in_name: str | None) -> str:
 
 
 def _output_first(heads: list[_Head], options: ReadOptions) -> list[_Head]:
-    """Heads of which the first name is the sensor: turned where only the other order agrees with `outputs` and `inputs`."""
+    """Column heads with output and input exchanged where the table names the load first; else `heads` as they are.
+
+    They are exchanged only if the options `outputs` and `inputs`, or their numbers, fit the exchanged order alone.
+    """
     names = [list(dict.fromkeys(pair)) for pair in zip(*((head.output, head.input) for head in heads), strict=True)]
     counts = [len(own) for own in names]
     if all(map(as_dof, names[0] + names[1])):
@@ -425,7 +461,10 @@ def _output_first(heads: list[_Head], options: ReadOptions) -> list[_Head]:
 
 
 def _require_headers_agree(table: Table, assumed: Sequence[_Head]) -> None:
-    """Raise `InputError` where the headers say another part, sensor or load of a column than its place does."""
+    """Raise an error if a header states another part, sensor or load than the position of its column implies.
+
+    `assumed` are the heads by position, one for each column after the frequencies.
+    """
     meant: dict[tuple[str, str], str] = {}
     for j, head in enumerate(assumed, start=1):
         name = table.names[j]
@@ -451,9 +490,10 @@ def _require_headers_agree(table: Table, assumed: Sequence[_Head]) -> None:
 
 
 def _names_by_user(table: Table, option: str, names: list[str], by_user: tuple[str, ...]) -> dict[str, str]:
-    """The user's name (`by_user`, in order) for each distinct one of `names`; {} if all of them are degrees of freedom.
+    """Mapping from the table's names of sensors or loads to those in `by_user`, which follow the order of first occurrence.
 
-    `option` is named in errors.
+    Empty if `by_user` is empty or all `names` are degrees of freedom already. Raises `InputError`, naming the option
+    `option`, if the number of distinct names differs from that of `by_user`.
     """
     distinct = list(dict.fromkeys(names))
     if not by_user or all(map(as_dof, distinct)):
@@ -471,7 +511,10 @@ def _names_by_user(table: Table, option: str, names: list[str], by_user: tuple[s
 def _parse_column(
     table: Table, j: int, head: _Head, outputs: dict[str, str], inputs: dict[str, str], options: ReadOptions
 ) -> _Column:
-    """Column `j` with its degrees of freedom, unit, part and factor to SI; `outputs` and `inputs` map the table's names."""
+    """Degrees of freedom, unit, part and factor to SI of column `j`; the unit is None for phases and coherences.
+
+    `outputs` and `inputs` map the table's names to degrees of freedom where these differ. Errors name line and column.
+    """
     try:
         output = parse_dof(outputs.get(head.output, head.output))
         load = parse_dof(inputs.get(head.input, head.input))
@@ -493,7 +536,10 @@ def _parse_column(
 
 
 def _require_meanings(table: Table, heads: Sequence[_Head], outputs: dict[str, str], inputs: dict[str, str]) -> None:
-    """Raise `FileError` if sensors or loads have names of their own that the user's `outputs` and `inputs` do not explain."""
+    """Raise `FileError` if a sensor or load name is neither a degree of freedom nor explained by the user.
+
+    `outputs` and `inputs` map the table's names to the user's degrees of freedom.
+    """
     names = {
         "outputs": dict.fromkeys(head.output for head in heads if head.output not in outputs),
         "inputs": dict.fromkeys(head.input for head in heads if head.input not in inputs),
@@ -513,14 +559,17 @@ def _require_meanings(table: Table, heads: Sequence[_Head], outputs: dict[str, s
 
 
 def _require_name_agrees(name: str, unit: FrfUnit) -> None:
-    """Raise `InputError` if the name of a column says another unit than that which it is read in."""
+    """Raise `InputError` if the name of a column states another unit than `unit`, in which the column is read."""
     text = other_unit_in_name(name, parse_frf_unit, unit.kind, unit.factor)
     if text:
         raise InputError(f"the name says {text!r}, and the column is read in another unit; correct one of them")
 
 
 def _phase_factor(table: Table, j: int, unit: str, layout: CsvLayout) -> float:
-    """Factor from the phases in column `j` to rad: by their unit, or because numbers are too large for rad."""
+    """Factor from the phases in column `j` to rad, by `unit`, by `layout.phase_unit`, or because values can only be degrees.
+
+    `unit` is the unit in the header, "" if absent. Raises `InputError` if units contradict, or nothing tells the unit.
+    """
     factor = _PHASE_UNITS.get((unit or layout.phase_unit).strip().lower())
     if unit and layout.phase_unit and factor not in (None, _PHASE_UNITS[layout.phase_unit]):
         raise InputError(
@@ -536,7 +585,7 @@ def _phase_factor(table: Table, j: int, unit: str, layout: CsvLayout) -> float:
 
 
 def _is_surely_degrees(phase: FloatArray) -> bool:
-    """True if phases can be none in rad: within one turn they are too large, and unwrapped they step by half a turn at most."""
+    """True if phases (n_lines,) cannot be in rad: they exceed a turn, and step by more than half a turn, if taken as rad."""
     return bool(
         np.abs(phase).max() > 2 * np.pi + _PHASE_ROUNDING
         and np.abs(np.diff(phase)).max(initial=0.0) > np.pi + _PHASE_ROUNDING
@@ -544,7 +593,10 @@ def _is_surely_degrees(phase: FloatArray) -> bool:
 
 
 def _unit_of(text: str, output: Dof, load: Dof) -> FrfUnit:
-    """The FRF unit in a header; without one, as 1 or -, the column is a ratio of one motion at two points."""
+    """The FRF unit parsed from a header's text; ``1``, ``-`` and the like mean a transmissibility of motion.
+
+    Raises `InputError` if the text is no FRF unit, or a dimensionless ratio combines a translation and a rotation.
+    """
     if text.strip() not in _RATIOS:
         return parse_frf_unit(text)
     if output.is_rotation != load.is_rotation:
@@ -556,15 +608,15 @@ def _unit_of(text: str, output: Dof, load: Dof) -> FrfUnit:
 
 
 def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
-    """The FRF record in a CSV table; each output needs a column for each input.
+    """The FRF record in a CSV table, as `select_channels` reduces it; each output needs a column for each input.
 
-    Sensors and loads of a table with names of its own are what `options.outputs` and `options.inputs` say, in the order
-    of the table; where its names are degrees of freedom, these choose.
+    If the table's names are not degrees of freedom, `options.outputs` and `options.inputs` state them, in the order of the
+    table; otherwise these options choose among the table's channels.
 
     Raises
     ------
     FileError
-        If a header cannot be read, a pair is missing or doubled, or kinds are mixed.
+        If a header cannot be read, a pair is missing or doubled, kinds are mixed, or frequencies do not increase.
     InputError
         If `options` do not fit the table.
     """
@@ -619,7 +671,7 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
 
 
 def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:
-    """Refuse a unit that is given beside another in the header."""
+    """Raise `FileError` if the option `unit` is set ("" if not) and differs from a unit in a header."""
     if unit and {column.unit for column in columns} - {None, parse_frf_unit(unit)}:
         raise FileError(
             f"{table.path}: line {table.header_line} says the unit of each column, but `unit` {unit!r} was given; leave the"
@@ -629,7 +681,7 @@ def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:
 
 
 def _require_same_unit_of_both_parts(table: Table, columns: list[_Column]) -> None:
-    """Refuse a real part in one unit beside an imaginary part of the same pair in another."""
+    """Raise `FileError` if real and imaginary parts of a pair are in different units."""
     units: dict[tuple[Dof, Dof], FrfUnit | None] = {}
     for j, column in enumerate(columns, start=1):
         if column.part not in ("re", "im"):
@@ -642,7 +694,7 @@ def _require_same_unit_of_both_parts(table: Table, columns: list[_Column]) -> No
 
 
 def _kind(table: Table, columns: list[_Column]) -> FrfKind:
-    """The one kind of FRF that all columns have."""
+    """The kind of FRF that all columns share; `FileError` if they differ or none has a unit."""
     kinds = {column.unit.kind for column in columns if column.unit is not None}
     if len(kinds) != 1:
         raise FileError(
@@ -658,8 +710,9 @@ def _require_complete(
     outputs: tuple[Dof, ...],
     inputs: tuple[Dof, ...],
 ) -> None:
-    """Raise `FileError` unless each part has a column for each pair of output and input.
+    """Raise `FileError` unless each part has a value on each line for each pair of output and input.
 
+    `parts` maps ``re``, ``std``, ... to (n_frequencies, n_outputs, n_inputs) arrays, NaN where no column was read;
     `needed` are the parts that must be there.
     """
     for part in (*needed, *(name for name in parts if name not in needed)):
@@ -673,7 +726,10 @@ def _require_complete(
 
 
 def _require_sound(table: Table, columns: list[_Column]) -> None:
-    """Raise `FileError` for frequencies that do not increase, coherences outside of 0 to 1 or negative deviations."""
+    """Raise `FileError` for frequencies that do not increase, or coherences, magnitudes or deviations out of range.
+
+    Coherences must be from 0 to 1, magnitudes and standard deviations at least 0.
+    """
     falls = np.diff(table.values[:, 0]) <= 0
     if falls.any():
         i = int(np.argmax(falls))
@@ -705,7 +761,10 @@ def _frf_unit(record: FrfRecord, output: Dof, load: Dof) -> str:
 
 
 def frf_header(record: FrfRecord) -> tuple[list[str], list[FloatArray]]:
-    """Headers and columns (n_frequencies,) of an FRF record for a CSV table."""
+    """Headers and columns (n_frequencies,) for the CSV table of an FRF record, frequencies in Hz first.
+
+    For each output, then each input: real and imaginary parts, and coherence and standard deviation where the record has them.
+    """
     header, columns = ["frequency_hz"], [record.frequency]
     for a, output in enumerate(record.outputs):
         for b, load in enumerate(record.inputs):

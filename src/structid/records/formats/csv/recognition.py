@@ -110,11 +110,10 @@ def is_axis(name: str) -> bool:
 
 
 def as_date(cell: str) -> datetime | None:
-    """The date and time in a cell, or the time of a clock such as ``12:00:01.25`` from day 1 of year 1 on; else None.
+    """The date and time in a cell, cut to microseconds; clock times without a date get day 1 of year 1; None for other cells.
 
-    Dates are ISO 8601, ``27.11.2026`` or ``11/27/2026``, alone or with a clock behind. Where both numbers between slashes may be
-    the month, the first is: of times of one day the order tells nothing, and across midnight steps are not even with the wrong
-    one. Cut to microseconds.
+    Dates are ISO 8601, ``27.11.2026`` or ``11/27/2026``, alone or followed by a clock time. Between slashes the month comes
+    first, unless the first number is above 12.
     """
     text = cell.strip().replace(",", ".")
     clock = _as_clock(text)
@@ -150,7 +149,7 @@ def _as_clock(text: str) -> timedelta | None:
 
 
 def is_unit(cell: str) -> bool:
-    """True if a cell is the unit of a channel, a time, a frequency or an FRF, in brackets or not."""
+    """True if a cell is a unit of a channel, a time, a frequency or an FRF, with or without brackets."""
     text = bare_unit(cell)
     for parse in (parse_unit, parse_frf_unit, parse_time_unit, parse_frequency_unit):
         try:
@@ -162,7 +161,7 @@ def is_unit(cell: str) -> bool:
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    """True if most cells of a line are units that channels or times have, and the others as short as units are."""
+    """True if more than half of the non-empty cells of a row are units, and all are as short as units."""
     cells = [cell.strip() for cell in row if cell.strip()]
     known = sum(map(is_unit, cells))
     return 2 * known > len(cells) and all(len(cell) <= _LONGEST_UNIT for cell in cells)
@@ -171,10 +170,19 @@ def _are_units(row: Sequence[str]) -> bool:
 def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
     """Header and cells of a table, with its separator, decimal sign and header lines recognised from the text.
 
+    Parameters
+    ----------
+    path : Path
+        File, named in errors.
+    text : str
+        All of the file's text.
+    layout : CsvLayout
+        Settings that replace the recognition where they are not "auto" or None.
+
     Raises
     ------
     FileError
-        If cells cannot be told, no line holds numbers, or what stands above the first of them is neither names nor
+        If the separator is unclear, no line holds numbers, or the lines above the first numbers are neither names nor
         names and units; the message names lines and the keys of ``[record.csv]`` that help.
     """
     lines = text.splitlines()
@@ -214,7 +222,10 @@ def _split(line: str, separator: str) -> list[str]:
 
 
 def _split_cells(path: Path, lines: list[str], separator: str) -> Sequence[list[str]]:
-    """The cells of each line; quoted cells may hold separators and line ends."""
+    """Cells of each line, split at `separator` (" " for any blanks); quoted cells may hold separators and line ends.
+
+    Raises `FileError` if quotes are unbalanced.
+    """
     if separator == " " or not any('"' in line for line in lines):
         return Rows(lines, separator)
     try:
@@ -224,7 +235,10 @@ def _split_cells(path: Path, lines: list[str], separator: str) -> Sequence[list[
 
 
 def _guess_separator(lines: Sequence[str]) -> str:
-    """The separator with which most sampled lines are whole rows of numbers, else the most frequent one in the first line."""
+    """The separator at which most sampled lines split into rows of numbers.
+
+    If no sampled line does, the most frequent of semicolon, tab and comma in the first line, outside of quotes.
+    """
     step = max(1, len(lines) // _SAMPLE)
     sample = lines[-1::-step][:_SAMPLE]
     n_rows = {sign: _count_number_rows(sample, sign) for sign in SEPARATORS.values()}
@@ -236,7 +250,7 @@ def _guess_separator(lines: Sequence[str]) -> str:
 
 
 def _count_number_rows(sample: Sequence[str], sign: str) -> int:
-    """Number of sampled lines that are rows of at least two numbers when split at `sign`."""
+    """Number of lines in `sample` that split at `sign` into two or more numbers, with a date allowed as the first cell."""
     count = 0
     for line in sample:
         cells = line.split() if sign == " " else line.split(sign)
@@ -254,12 +268,16 @@ def _is_data(row: Sequence[str]) -> bool:
 
 
 def _begins_with_time(row: Sequence[str]) -> bool:
-    """True if a line is numbers behind one cell that has digits and colons, such as a date or a clock."""
+    """True if the first cell of a row has digits and colons, as a date or clock time, and all others are numbers."""
     return re.search(r"\d:\d", row[0]) is not None and _is_data(row[1:]) if row else False
 
 
 def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> int:
-    """Number of header lines: 0, 1 (names) or 2 (names and units), as stated or recognised."""
+    """Number of header lines: 0, 1 (names) or 2 (names and units), from `layout.header_rows` or by the first line of numbers.
+
+    `cells` are those of all lines after the skipped ones. Raises `FileError` if no line of numbers is found near the top, or
+    the lines above it are no such header.
+    """
     if layout.header_rows is not None:
         return layout.header_rows
     first = next((i for i, row in enumerate(cells[:_HEAD]) if _is_data(row)), None)
@@ -297,9 +315,10 @@ def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout
 def _has_decimal_commas(
     path: Path, rows: Sequence[Sequence[str]], separator: str, layout: CsvLayout, first_line: int
 ) -> bool:
-    """True if numbers have decimal commas, as stated or recognised; `FileError` if both signs occur.
+    """True if the numbers have decimal commas, from `layout.decimal` or by a sample of the rows.
 
-    `rows` are the cells below the header, which begin at line `first_line`.
+    `rows` are the cells below the header, of which the first is line `first_line`, from 1. Raises `FileError` if both signs
+    occur, or all numbers could also have thousands separators.
     """
     if layout.decimal != "auto":
         return layout.decimal == "comma"

@@ -74,13 +74,23 @@ class Table(NamedTuple):
 
 
 def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "") -> Table:
-    """The table in the CSV file at `path`; `axis_unit` is the unit of a first column of frequencies that does not state it.
+    """The table in the CSV file at `path`, with names, units and cells parsed to numbers.
+
+    Parameters
+    ----------
+    path : Path
+    layout : CsvLayout, optional
+        Separator, decimal sign, header lines and encoding; recognised by default.
+    axis_unit : str
+        Unit of the frequencies in the first column, if its header does not state it; "" if not known.
 
     Raises
     ------
     FileError
         If the file is not text, has no lines of numbers, or a cell is not a finite number. Samples of time
         histories may be NaN, infinite or empty: gaps are judged by `structid.records.formats.gaps`.
+    InputError
+        If `axis_unit` contradicts the header.
     """
     path, layout = require_readable(path), layout or CsvLayout()
     text = _read_text(path, layout)
@@ -96,9 +106,9 @@ def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "")
 
 
 def _to_hertz(path: Path, name: str, unit: str, axis_unit: str) -> float | None:
-    """Factor from the first column to Hz; None if it holds no frequencies, NaN if nothing states their unit.
+    """Factor from the first column to Hz; None if it holds no frequencies, NaN if their unit is not stated.
 
-    `axis_unit` is the option that states it.
+    `name` and `unit` are the column's header, `axis_unit` the option that states the unit otherwise ("" if not set).
     """
     try:
         by_table = frequency_factor(name, unit)
@@ -118,7 +128,10 @@ def _to_hertz(path: Path, name: str, unit: str, axis_unit: str) -> float | None:
 def _split_complex(
     path: Path, grid: Grid, names: tuple[str, ...], units: tuple[str, ...]
 ) -> tuple[Grid, tuple[str, ...], tuple[str, ...]]:
-    """The table with each column of complex cells split in two, headed ``re`` and ``im``."""
+    """Grid, names and units of the table with each column of complex cells replaced by two, headed ``re`` and ``im``.
+
+    The first row decides which columns are complex; `FileError` if a later cell in such a column is not.
+    """
     split = [complex_parts(cell) is not None for cell in grid.rows[0][: len(names)]]
     if not any(split):
         return grid, names, units
@@ -144,7 +157,7 @@ def _split_complex(
 
 
 def _read_text(path: Path, layout: CsvLayout) -> str:
-    """Text of the file at `path` in the stated encoding; `FileError` if it cannot be decoded or looks truncated."""
+    """Text of the file at `path` in `layout.encoding`; `FileError` if it cannot be decoded or its last line has no end."""
     try:
         text = path.read_text(encoding=_encoding_by_mark(path) if layout.encoding == "utf-8" else layout.encoding)
     except UnicodeError as error:
@@ -166,14 +179,17 @@ def _read_text(path: Path, layout: CsvLayout) -> str:
 
 
 def _encoding_by_mark(path: Path) -> str:
-    """The encoding that the first bytes of a file say, as spreadsheets write them; UTF-8 where they say nothing."""
+    """Encoding of a file by its byte-order mark: "utf-16", or "utf-8-sig" without a mark of UTF-16."""
     with path.open("rb") as stream:
         begin = stream.read(2)
     return "utf-16" if begin in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-8-sig"
 
 
 def _column_names(path: Path, grid: Grid) -> tuple[str, ...]:
-    """Names of the columns from the header, or their numbers if there is none."""
+    """Names of the columns from the first header line, or "1", "2", ... if the table has no header.
+
+    Raises `FileError` if a name is missing, or there are fewer names than numbers in the first row.
+    """
     if not grid.header:
         return tuple(str(j) for j in range(1, len(_strip_empty_end(grid.rows[0])) + 1))
     names = _strip_empty_end([cell.strip() for cell in grid.header[0]])
@@ -211,7 +227,10 @@ def _is_whole(row: Sequence[str]) -> bool:
 
 
 def _numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> FloatArray:
-    """Cells as numbers, (n_rows, n_columns); if `gaps` are allowed, empty cells beyond the first column and dates become NaN."""
+    """Cells as numbers, (n_rows, n_columns); with `gaps`, empty cells after the first column and dates become NaN.
+
+    Raises `FileError` for any other cell that is no number.
+    """
     rows, count = grid.rows, len(names)
     dated = {j for j, cell in enumerate(rows[0][:count]) if as_date(cell) is not None} if gaps else set()
     values = _parse_fast(rows, count, grid.decimal_comma, dated, gaps) if isinstance(rows, Rows) else None
@@ -219,10 +238,10 @@ def _numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> Floa
 
 
 def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool) -> FloatArray | None:
-    """Cells as numbers by one call, (n_rows, n_columns); None if a line is not plain numbers, which `_parse_cells` reports.
+    """Cells parsed by a single `numpy.loadtxt` call, (n_rows, n_columns); None if a line needs `_parse_cells`.
 
-    `count` is the number of columns, `comma` says that numbers have decimal commas, `dated` are the columns of dates,
-    and `gaps` allows empty cells.
+    `count` is the number of columns, `comma` says that numbers have decimal commas, `dated` are the indices of columns of
+    dates, which become NaN, and `gaps` allows empty cells.
     """
     lines, sign = rows.lines, rows.separator
     if comma:
@@ -249,15 +268,12 @@ def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool
 
 
 def _ends_empty(line: str, sign: str, count: int) -> bool:
-    """True if a line ends with a separator behind its last cell."""
+    """True if a line has `count` separators `sign`, one for each column, and ends with a separator."""
     return line.rstrip().endswith(sign) and line.rstrip().count(sign) == count
 
 
 def _with_nan(line: str, sign: str) -> str:
-    """A line whose empty cells beyond the first are NaN.
-
-    `sign` is the separator.
-    """
+    """The line with ``nan`` written into its empty cells, except the first; `sign` is the separator."""
     empty = sign + sign
     if empty in line:
         line = line.replace(empty, f"{sign}nan{sign}").replace(empty, f"{sign}nan{sign}")
@@ -265,9 +281,9 @@ def _with_nan(line: str, sign: str) -> str:
 
 
 def _parse_cells(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int], gaps: bool) -> FloatArray:
-    """Cells as numbers one by one, (n_rows, n_columns); `FileError` with line and column for the first that is none.
+    """Cells parsed row by row, (n_rows, n_columns); `FileError` with line and column for the first that is no number.
 
-    `dated` are the columns of dates, and `gaps` allows empty cells.
+    `dated` are the indices of columns of dates, which become NaN; `gaps` allows empty cells after the first column.
     """
     rows, count = grid.rows, len(names)
     values = np.empty((len(rows), count))
@@ -303,7 +319,10 @@ def _where(grid: Grid) -> str:
 
 
 def _footer_error(path: Path, grid: Grid, i: int, count: int) -> FileError | None:
-    """The error if row `i` begins a footer (few last lines that are no rows of numbers), or None."""
+    """The error to raise if row `i` begins a footer, a few last lines with text; None if it does not.
+
+    `count` is the number of columns.
+    """
     tail, n_left = grid.rows[i:], len(grid.rows) - i
     while len(tail) and not any(cell.strip() for cell in tail[0]):
         tail = tail[1:]
@@ -326,7 +345,10 @@ def _footer_error(path: Path, grid: Grid, i: int, count: int) -> FileError | Non
 
 
 def _bad_cell_error(path: Path, line: int, row: list[str], cells: list[str], names: tuple[str, ...]) -> FileError:
-    """The error for the first cell of a row that is no number, with a hint at the cause."""
+    """The error to raise for the first cell of a row that is no number, with a hint at the cause.
+
+    `row` are the cells as written, `cells` those with decimal points, `names` the columns; `line` counts from 1.
+    """
     for j, name in enumerate(names):
         try:
             float(cells[j])

@@ -32,15 +32,15 @@ _TYPES = {17: "time", 18: "frequency", 19: "rpm", 20: "order"}
 
 
 def axis_unit(path: Path, function: Function, kind: AxisKind, options: ReadOptions) -> tuple[float, str]:
-    """Factor from the abscissa of a function to Hz or s, and a note if it is in another unit ("" if not).
+    """Factor from the abscissa of a function to Hz or s, and a note on its unit ("" for Hz or s by the label).
 
-    The unit is that of the label, or of the option `axis_unit`; frequencies (type 18) and times (17) without one are in
-    Hz and s, as the format has them.
+    The unit is that of the option `axis_unit` or of the label; frequencies (type 18) and times (17) without either are in
+    Hz and s, as the format defines. `kind` is "frequencies" or "times".
 
     Raises
     ------
     FileError
-        If the type is of something else, or nothing says the unit.
+        If the abscissa is of another type, or nothing states the unit.
     InputError
         If the option contradicts the file.
     """
@@ -77,7 +77,7 @@ def axis_unit(path: Path, function: Function, kind: AxisKind, options: ReadOptio
 
 
 def one_axis_unit(path: Path, functions: list[Function], kind: AxisKind, options: ReadOptions) -> tuple[float, str]:
-    """The factor and note of `axis_unit` that all functions share; `FileError` if they differ."""
+    """Factor to Hz or s and note, as from `axis_unit`, that all functions share; `FileError` if their factors differ."""
     units = [axis_unit(path, function, kind, options) for function in functions]
     for function, unit in zip(functions, units, strict=True):
         if unit[0] != units[0][0]:

@@ -43,27 +43,29 @@ def in_global_axes(
     groups: Sequence[Hashable] | None = None,
     is_load: bool = False,
 ) -> GlobalAxes:
-    """Channels along the axes of their nodes, expressed along global axes.
+    """Channels along the local axes of their nodes, transformed to global axes.
 
-    A channel along a global axis gets its name and sense. The others of one node are turned together where they span as many
-    global axes: all three, or the radial and the tangential one of a cylinder. What is left is refused, with the direction along
-    which it reads.
+    A channel along a global axis is only renamed. The others of a node are transformed together if there are as many of them as
+    global axes that they span: all three, or the radial and the tangential one of a cylinder. Returns new channels, the
+    transformation matrix (n_channels, n_channels), None if values stay, and words on it.
 
     Parameters
     ----------
     path : Path
+        File, named in errors.
     nodes : UniversalNodes
+        Nodes with their axes; nodes that the file does not define have global axes.
     dofs : sequence of Dof
-        One a channel; nodes that the file does not define have global axes.
+        Degree of freedom of each channel in local axes.
     groups : sequence, optional
-        Kind of each channel, such as its quantity: only channels of one kind are transformed together.
+        Kind of each channel, such as its quantity: only channels of the same kind are transformed together.
     is_load : bool
-        True if the channels are loads.
+        True if the channels are loads, for messages.
 
     Raises
     ------
     FileError
-        If a channel reads along no global axis and the others of its node that turn it are not there.
+        If a channel lies along no global axis, and the other channels of its node that are needed are missing.
     """
     named = option_words(axes="named")
     kinds: Sequence[Hashable] = [""] * len(dofs) if groups is None else groups
@@ -103,7 +105,10 @@ def _global(dof: Dof, axis: int, sign: int) -> Dof:
 
 
 def _describe_skewed(dof: Dof, axes: FloatArray, is_load: bool) -> str:
-    """A message on a channel along no global axis, with the way to state its direction in a study."""
+    """Text of the error on a channel along no global axis, which says how to state its direction in a study.
+
+    `axes` (3, 3) holds the local axes of its node as rows, in global coordinates.
+    """
     way = ", ".join(f"{part:.5g}" for part in axes[dof.axis % 3])
     name = f"{'load ' if is_load else ''}{dof.place}"
     if dof.is_rotation:

@@ -29,17 +29,19 @@ CORRELATIONS = (7, 8)
 
 
 def read_correlations(path: Path, options: ReadOptions) -> CorrelationRecord:
-    """The correlation functions of the universal file at `path`, of all channels with those that each is correlated with.
+    """The correlation functions in the universal file at `path`, between all channels and the references common to them.
 
-    A cross-correlation is the mean product of its response at t + lag and its reference at t. Functions over negative lags too,
-    or with the negative lags behind the positive ones as a Fourier transform leaves them, stand for the reverse of their pair as
-    well. The unit of a label is a square (``(m/s^2)^2``) or a product (``g*m/s``).
+    A cross-correlation is the mean product of its response at t + lag and its reference at t. Negative lags, stored before
+    lag 0 or behind the positive ones as a Fourier transform leaves them, serve for the reversed pair. The unit of a label is a
+    square (``(m/s^2)^2``) or a product (``g*m/s``).
 
     Raises
     ------
     FileError
         If there are none, lag 0 is not among them, lags are uneven or differ, an autocorrelation is not symmetric, pairs are
-        doubled or missing, or units are not said or not squares.
+        doubled or missing, or units are not stated or not squares.
+    InputError
+        If an option does not apply, or names a channel that the file lacks.
     """
     words = "correlation functions of motion (function types 7 and 8)"
     blocks, by_pair, factors, windows = read_pairs(path, options, CORRELATIONS, words)
@@ -76,9 +78,9 @@ def read_correlations(path: Path, options: ReadOptions) -> CorrelationRecord:
 
 
 def _one_step(path: Path, functions: list[Function], to_seconds: float) -> float:
-    """The step of lag in s that all functions share, at the same lags.
+    """Step of the lags in s, which must be the same in all functions; `FileError` if lags differ.
 
-    `to_seconds` turns the axis of the file into s.
+    `to_seconds` is the factor from the functions' abscissa to s.
     """
     first = functions[0].axis * to_seconds
     step = step_of(path, first)

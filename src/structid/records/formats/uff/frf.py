@@ -49,23 +49,25 @@ def read_frfs(
     nodes: UniversalNodes | None,
     options: ReadOptions,
 ) -> tuple[FrfRecord | TimeRecord, bool]:
-    """One record of the functions `frfs`, or of those outputs and inputs among them that `options` name.
+    """The FRF record made of the functions `frfs`, or of the outputs and inputs among them that `options` name.
 
     Parameters
     ----------
     path : Path
+        File, for messages and for the record's source.
     frfs, coherences : sequence of Function
+        FRFs to be read, and all coherences of the file.
     factors : UnitFactors, optional
-        By dataset 164.
+        Unit factors of dataset 164.
     nodes : UniversalNodes, optional
-        Whose axes the sensors and loads are named by; None where names count as they are.
+        Nodes whose local axes name the sensors and loads; None if their names are taken as they are.
     options : ReadOptions
 
     Returns
     -------
     record : FrfRecord
     has_coherence : bool
-        True if the record contains the coherences.
+        True if the record contains the coherences: if there is one for every pair, and no values were transformed.
 
     Raises
     ------
@@ -120,7 +122,7 @@ def read_frfs(
 
 
 def _unit_words(functions: Sequence[Function], options: ReadOptions) -> str:
-    """A phrase on the units of responses that are not in SI by their labels; "" if all are."""
+    """Note on the unit of the FRFs, by the option `unit` or by labels that are not SI; "" if all labels are SI."""
     labels = {(f.ordinate.label, f.denominator.label) for f in functions}
     if options.unit:
         stated = [
@@ -140,7 +142,10 @@ def _choose_dofs(path: Path, name: str, texts: tuple[str, ...], present: list[Do
 
 
 def _functions_by_pair(path: Path, functions: Sequence[Function], options: ReadOptions) -> dict[Pair, Function]:
-    """The functions by output and input, as the file names them or as `options` name those chosen by number."""
+    """Functions by (output, input), named by the file, or by `options` for functions that `columns` chooses.
+
+    A single name in `outputs` or `inputs` then holds for all functions. Raises `FileError` if a pair occurs twice.
+    """
     named: dict[str, tuple[Dof, ...]] = {}
     for name in ("outputs", "inputs"):
         texts = getattr(options, name)
@@ -195,9 +200,10 @@ def _make_response(
     factors: UnitFactors | None,
     options: ReadOptions,
 ) -> _Response:
-    """Kind, frequencies in Hz and complex values in SI of one FRF; `FileError` if it holds real numbers only.
+    """Kind, frequencies in Hz and complex values in SI of an FRF, (n_frequencies,) each.
 
-    `to_hertz` turns the axis of the file into Hz.
+    `pair` is (output, input), `to_hertz` the factor from the abscissa to Hz, `factors` those of dataset 164. Raises
+    `FileError` if the values are real, or kind and function type disagree.
     """
     values = function.values
     if not np.iscomplexobj(values) or _is_padded_magnitude(values):
@@ -222,7 +228,10 @@ def _is_padded_magnitude(values: FloatArray | ComplexArray) -> bool:
 def _frf_scale(
     path: Path, function: Function, pair: Pair, factors: UnitFactors | None, options: ReadOptions
 ) -> tuple[FrfKind, float]:
-    """Kind and factor to SI of one FRF, from the option `unit`, or from types, labels and dataset 164."""
+    """Kind and factor to SI of an FRF, from the option `unit`, or from data types, labels and dataset 164.
+
+    `pair` is (output, input). Raises an error if these contradict each other or the directions.
+    """
     if options.unit:
         unit = parse_frf_unit(options.unit)
         if unit.output_rotation == pair[0].is_rotation and unit.input_rotation == pair[1].is_rotation:
@@ -248,7 +257,10 @@ def _frf_scale(
 def _scale_by_sides(
     path: Path, above: Characteristics, below: Characteristics, pair: Pair, factors: UnitFactors | None
 ) -> tuple[FrfKind, float]:
-    """Kind and factor to SI of one FRF, from its ordinate (`above`) and denominator (`below`)."""
+    """Kind and factor to SI of an FRF, from the characteristics of ordinate (`above`) and denominator (`below`).
+
+    Raises `FileError` unless it is a motion per force, or a motion per the same motion (transmissibility).
+    """
     quantity, above_factor = channel_scale(path, above, pair[0], factors, "unit")
     load, below_factor = channel_scale(path, below, pair[1], factors, "unit")
     if quantity == load != "force":
@@ -262,7 +274,10 @@ def _scale_by_sides(
 
 
 def _split(kind: FrfKind, above: Characteristics, below: Characteristics) -> tuple[Characteristics, Characteristics]:
-    """Both sides of an FRF whose numerator label describes the whole FRF of this kind; types by kind without labels."""
+    """Ordinate and denominator of an FRF of this kind without labels, for a label of `above` that covers the whole FRF.
+
+    Unknown data types are replaced by those of the kind.
+    """
     types = {"receptance": 8, "mobility": 11, "accelerance": 12, "transmissibility": 12}
     load = 12 if kind == "transmissibility" else 13
     return (
@@ -297,9 +312,10 @@ def _stack_coherence(
     frequency: FloatArray,
     to_hertz: float,
 ) -> FloatArray | None:
-    """Coherence of all pairs, (n_frequencies, n_outputs, n_inputs), or None unless the file has it for each pair.
+    """Coherences of all pairs, (n_frequencies, n_outputs, n_inputs); None unless the file has one for every pair.
 
-    `to_hertz` turns the axis of the file into Hz.
+    `by_pair` are the FRFs that they belong to, `frequency` the lines in Hz that they must share, and `to_hertz` the factor from
+    their abscissa to Hz.
     """
     of_pair: dict[Pair, FloatArray] = {}
     for function in coherences:
@@ -320,14 +336,14 @@ def _stack_coherence(
 
 
 def _belongs(coherence: Function, frf: Function) -> bool:
-    """True if a coherence is that of an FRF; one without a reference is that of all."""
+    """True if a coherence belongs to an FRF: same response and reference, or no reference in the coherence."""
     return coherence.response == frf.response and coherence.reference[1] in (0, frf.reference[1]) and (
         coherence.reference[1] == 0 or coherence.reference == frf.reference
     )  # fmt: skip
 
 
 def _averages(frfs: Sequence[Function]) -> int | None:
-    """Number of averages that the title lines of all FRFs agree on, or None."""
+    """Number of averages in the title lines of the FRFs, if all state the same; else None."""
     counts = set()
     for function in frfs:
         match = AVERAGES.search(function.titles)

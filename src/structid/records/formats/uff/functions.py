@@ -90,9 +90,9 @@ class Function:
 
 
 def require_one_component(path: Path, functions: Sequence[Function]) -> None:
-    """Raise `FileError` if a node number belongs to several components of a test, by the names beside the nodes.
+    """Raise `FileError` if a node number belongs to several components, by the names stored beside the nodes.
 
-    A name that stands beside several nodes is that of a component; others are labels of channels.
+    A name beside several different nodes counts as a component; a name beside a single node is a channel label.
     """
     nodes_of: dict[str, set[int]] = {}
     for function in functions:
@@ -111,13 +111,13 @@ def require_one_component(path: Path, functions: Sequence[Function]) -> None:
 
 
 def read_function(path: Path, block: Block, ordinal: int) -> Function:
-    """The function in a dataset 58, the `ordinal`-th function (from 1) of its file.
+    """The function stored in a block of dataset 58 or 58b; `ordinal` is its number among the functions of the file, from 1.
 
     Raises
     ------
     FileError
-        If the header is damaged or says what cannot be read (numbers of a VAX or an IBM mainframe), points are missing, or values
-        are not finite but in time responses, whose gaps are judged later.
+        If the header is damaged, the number format is not readable (VAX, IBM mainframe), points are missing, or values are
+        not finite; only samples of time responses may be NaN or infinite.
     """
     where = f"{path}: dataset {block.ordinal} (58)"
     lines = block.lines
@@ -172,7 +172,7 @@ class _Dof:
 
 
 def _parse_record_6(line: str) -> _Dof:
-    """Record 6: function type, and node and direction of response and reference."""
+    """Function type, (node, direction) of response and of reference, and both entity names, from record 6 of dataset 58."""
     words = line.split()
     if len(words) != len(_DOF_COLUMNS):  # a name is blank, or has blanks in it
         words, column = [], 0
@@ -187,13 +187,13 @@ def _parse_record_6(line: str) -> _Dof:
 
 
 def _form_reals(line: str) -> list[str]:
-    """Start and step of record 7."""
+    """Texts of start and step of the abscissa in a line of record 7; "" if blank."""
     words = line.split()
     return words[3:5] if len(words) == len(_FORM_COLUMNS) else [line[30:43].strip(), line[43:56].strip()]
 
 
 def _parse_characteristics(line: str) -> Characteristics:
-    """Type, exponents and unit label in a line of record 8, 9 or 10."""
+    """Data type, unit exponents and unit label ("" if none) in a line of record 8, 9 or 10 of dataset 58."""
     numbers = [int(line[column : column + width] or 0) for column, width in ((0, 10), (10, 5), (15, 5))]
     label = line[47:67].strip()
     if line[25:26].strip() or line[46:47].strip():  # a long axis label pushed the unit out of its columns
@@ -203,9 +203,9 @@ def _parse_characteristics(line: str) -> Characteristics:
 
 
 def _text_values(where: str, block: Block, points: int, columns: int) -> FloatArray:
-    """The numbers of an ASCII dataset, (n_points, n_columns), without zeros that fill the last line.
+    """Values of an ASCII dataset, (n_points, n_columns); zeros that fill up the last line are dropped.
 
-    `where` names the dataset in errors.
+    `where` names the dataset in errors. Raises `FileError` if numbers are missing or left over.
     """
     body = block.content.split(b"\n", HEADER_LINES - 1)[HEADER_LINES - 1]
     try:
@@ -226,9 +226,9 @@ def _text_values(where: str, block: Block, points: int, columns: int) -> FloatAr
 def _binary_values(
     where: str, block: Block, points: int, per_value: int, item: int
 ) -> tuple[FloatArray | None, FloatArray]:
-    """Abscissa (n_points,) or None if it is even, and numbers of each value (n_points, 1 or 2), of a dataset 58b.
+    """Abscissa (n_points,) and values (n_points, `per_value`) of a binary dataset 58b; the abscissa is None if evenly spaced.
 
-    `where` names the dataset in errors; there are `per_value` numbers of `item` bytes in a value.
+    `where` names the dataset in errors; each value has `per_value` numbers (2 if complex) of `item` bytes.
     """
     words = block.head.split()
     try:
@@ -252,12 +252,15 @@ def _binary_values(
 
 
 def _axis_bytes(block: Block, points: int, value_bytes: int) -> int:
-    """Bytes of each number of a binary axis; 0 of a text, and of an axis that is a start and a step."""
+    """Bytes of each abscissa value in a binary dataset; 0 for ASCII, and for an even abscissa, of which none are stored.
+
+    `value_bytes` are those of an ordinate value.
+    """
     return (len(block.content) - block.values_at) // points - value_bytes if block.values_at else 0
 
 
 def _last_digits(axis: FloatArray, item: int) -> FloatArray:
-    """Size of the last digit of each number of an axis, (n_points,): binary with `item` bytes, or six digits if `item` is 0."""
+    """Resolution of each number of an axis, (n_points,): that of a float of `item` bytes, or the sixth digit if `item` is 0."""
     if item:
         return np.spacing(np.abs(axis).astype(f"f{item}")).astype(float)
     size = np.abs(axis)

@@ -15,12 +15,14 @@ _EXPONENTIAL = (4, 6)
 
 
 def qualifier_words(path: Path, blocks: Sequence[Block], ordinals: Collection[int]) -> str:
-    """A note on exponential windows of the functions at `ordinals` among those of the file, from 1; "" if none is stated.
+    """Note on exponential windows that dataset 1858 states for the functions `ordinals`; "" if there are none.
+
+    `ordinals` count the functions of the file from 1.
 
     Raises
     ------
     FileError
-        If one of them is weighted as sound levels are, or its dataset 1858 is damaged.
+        If one of these functions has an acoustic weighting, or its dataset 1858 is damaged.
     """
     ordinal, windowed = 0, 0
     for block in blocks:

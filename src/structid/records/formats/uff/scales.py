@@ -49,7 +49,7 @@ def direction_of(dof: Dof) -> int:
 
 
 def _file_factor(factors: UnitFactors, quantity: str, dof: Dof) -> float:
-    """Factor to SI of a `quantity` at `dof` by the units of the file."""
+    """Factor to SI of a `quantity` at `dof` in the units of dataset 164, whose factors convert from SI."""
     if quantity == "force":
         return 1 / (factors.force * (factors.length if dof.is_rotation else 1.0))
     return 1.0 if dof.is_rotation else 1 / factors.length
@@ -58,22 +58,26 @@ def _file_factor(factors: UnitFactors, quantity: str, dof: Dof) -> float:
 def channel_scale(
     path: Path, side: Characteristics, dof: Dof, factors: UnitFactors | None, option: str
 ) -> tuple[str, float]:
-    """Quantity and factor to SI of one side (ordinate or denominator) of a function.
+    """Quantity and factor to SI of the ordinate or denominator of a function.
 
     Parameters
     ----------
+    path : Path
+        File, named in errors.
     side : Characteristics
+        Data type, exponents and unit label of that side.
     dof : Dof
+        Degree of freedom that it belongs to.
     factors : UnitFactors, optional
-        Units by dataset 164.
+        Unit factors of dataset 164; None if the file has none.
     option : str
         Option that states the unit if the file does not: ``unit`` for FRFs, ``units`` for time histories.
 
     Raises
     ------
     FileError
-        If neither data type nor label says the quantity, nothing says the unit, or label, type and dataset 164 contradict
-        each other.
+        If neither data type nor label states the quantity, nothing states the unit, or label, type and dataset 164
+        contradict each other.
     """
     remedy = _remedy(option)
     unit = _label_unit(path, side, dof, remedy)
@@ -134,12 +138,12 @@ def _label_unit(path: Path, side: Characteristics, dof: Dof, remedy: str) -> Uni
 
 
 def whole_unit(path: Path, numerator: Characteristics, denominator: Characteristics) -> FrfUnit | None:
-    """The unit of the whole FRF, such as `(m/s^2)/N`, if the label of the numerator states that, else None.
+    """Unit of the whole FRF, such as `(m/s^2)/N`, if the label of the numerator states it; else None.
 
     Raises
     ------
     FileError
-        If the denominator has another unit than the one behind the division.
+        If the label of the denominator contradicts it.
     """
     try:
         unit = parse_frf_unit(numerator.label)

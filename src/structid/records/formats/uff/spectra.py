@@ -48,15 +48,17 @@ _USED = ("kind", "channels", "columns", "units", "axis_unit", "axes", "averages"
 
 
 def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
-    """The spectra of the universal file at `path` between all channels and those that every channel is measured against.
+    """The auto- and cross-spectra in the universal file at `path`, between all channels and the references common to them.
 
-    A cross-spectrum is that of its response with the conjugate of its reference; one of two channels is the conjugate of the
-    other way round. The unit of a label is a square (``g^2/Hz``, ``(m/s^2)^2``) or a product (``g*m/s``).
+    A cross-spectrum is its response's transform times the conjugate of its reference's; the reversed pair has the conjugate.
+    The unit of a label is a square (``g^2/Hz``, ``(m/s^2)^2``) or a product (``g*m/s``).
 
     Raises
     ------
     FileError
-        If there are none, a cross-spectrum has no phase, pairs are doubled or missing, or units are not said or not squares.
+        If there are none, a cross-spectrum has no phase, pairs are doubled or missing, or units are not stated or not squares.
+    InputError
+        If an option does not apply, or names a channel that the file lacks.
     """
     pairs = read_pairs(path, options, SPECTRA, "spectra of motion (function types 2, 3 and 9)")
     blocks, by_pair, factors, windows = pairs
@@ -97,14 +99,16 @@ class Pairs(NamedTuple):
 
 
 def read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: str) -> Pairs:
-    """The functions of the universal file at `path` that are of `kinds` and between channels that the options choose.
+    """Functions of types `kinds` in the universal file at `path` by (response, reference), between the channels of `options`.
+
+    Returns the file's blocks, the functions, the factors of dataset 164 (None if `options.units` is set) and a note on windows.
 
     Raises
     ------
     FileError
-        If there are none, or one stands twice; `words` name them.
+        If there are none, or a pair occurs twice; `words` describe the functions in messages.
     InputError
-        If an option is not about them, or names a channel that the file has not.
+        If an option does not apply to them, or names a channel that the file lacks.
     """
     other = next((name for name in options.given() if name not in _USED), None)
     if other is not None:
@@ -152,7 +156,10 @@ def along_global_axes(
     values: NumberArray,
     options: ReadOptions,
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...], NumberArray, str]:
-    """Channels, references and values (n_points, n_channels, n_references) in global axes, and words on what was turned."""
+    """Channels, references and values (n_points, n_channels, n_references) in global axes, and words on the transformation.
+
+    They stay as they are if `options.axes` is "named". `blocks` are those of the file, with nodes and coordinate systems.
+    """
     if options.axes == "named":
         return channels, references, values, ""
     nodes = read_nodes(path, blocks)
@@ -162,7 +169,7 @@ def along_global_axes(
 
 
 def _response_and_reference(path: Path, function: Function) -> tuple[Dof, Dof]:
-    """Response and reference; an autospectrum may leave the reference out."""
+    """Response and reference of a function; both are the response for an autospectrum without a reference."""
     response = dof_of(path, function.response, "response", function.ordinal)
     if function.reference[1] == 0 and function.kind not in _CROSS:
         return response, response
@@ -172,12 +179,14 @@ def _response_and_reference(path: Path, function: Function) -> tuple[Dof, Dof]:
 def complete_references(
     path: Path, by_pair: Iterable[tuple[Dof, Dof]], mirrored: Container[tuple[Dof, Dof]], nouns: str
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
-    """All channels, and those with a function to every channel; pairs in `mirrored` stand for their reverse too.
+    """All channels, and those among them that have a function with every channel, both in order of first occurrence.
+
+    `by_pair` are the (response, reference) pairs of the file; those in `mirrored` serve for the reversed pair too.
 
     Raises
     ------
     FileError
-        If no channel has these, called `nouns`, to all others, or a channel is named in both senses.
+        If no channel has functions (`nouns` in the message) with all others, or a channel is named in both senses.
     """
     by_pair = tuple(by_pair)
     channels = tuple(dict.fromkeys(dof for pair in by_pair for dof in pair))
@@ -201,7 +210,7 @@ def complete_references(
 
 
 def _densities(path: Path, functions: Sequence[Function]) -> bool:
-    """True if all spectra are densities by their labels or types, False if none is; `FileError` if some are."""
+    """True if all functions are densities (per Hz) by type or label, False if none is; `FileError` if some are."""
     found = {function.kind == 9 or is_per_hertz(function) for function in functions}
     if len(found) > 1:
         raise FileError(f"{path}: some spectra are densities and some are not; export all with one setting")
@@ -227,10 +236,10 @@ def scaled_matrix(
     options: ReadOptions,
     values_of: Callable[[Path, Function, tuple[Dof, Dof], bool], NumberArray],
 ) -> tuple[tuple[Quantity, ...], NumberArray]:
-    """Quantities of the channels and the matrix of functions in SI units, (n_points, n_channels, n_references).
+    """Quantities of the channels, and the matrix of functions in SI units, (n_points, n_channels, n_references).
 
-    `values_of` gives the values of a function by file, function, response and reference, and True for those of the reverse
-    pair.
+    `values_of(path, function, (response, reference), is_reverse)` returns the values of a function, for the reversed pair if
+    `is_reverse`. Units come from `options.units`, or from labels and `factors` (dataset 164).
     """
     stated: dict[Dof, float] = {}
     quantity_of: dict[Dof, str] = {}
@@ -268,9 +277,9 @@ def scaled_matrix(
 
 
 def _values(path: Path, function: Function, pair: tuple[Dof, Dof], is_reverse: bool) -> ComplexArray:
-    """The complex values of one function, (n_lines,), conjugate for the reverse of its pair.
+    """Complex values of a spectrum, (n_lines,), conjugated if `is_reverse`; `pair` is (response, reference).
 
-    `FileError` if an autospectrum is not positive or a cross-spectrum is real.
+    Raises `FileError` if an autospectrum is not real and positive, or a cross-spectrum is real.
     """
     response, reference = pair
     values = np.asarray(function.values, np.complex128)
@@ -290,7 +299,10 @@ def _values(path: Path, function: Function, pair: tuple[Dof, Dof], is_reverse: b
 
 
 def _sides(path: Path, function: Function) -> tuple[str, str]:
-    """The units of both motions by the label of their product; blank where there is none."""
+    """Unit texts of response and reference, from a label that is their product or square; "" twice without a label.
+
+    Raises `FileError` if the label is neither, or the function has a denominator.
+    """
     below = function.denominator
     if below.number in QUANTITIES and below.number not in UNKNOWN:
         raise FileError(

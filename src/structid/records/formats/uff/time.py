@@ -37,24 +37,28 @@ def read_times(
     nodes: UniversalNodes | None,
     options: ReadOptions,
 ) -> TimeRecord:
-    """One record of the time responses `times`, or of those channels among them that `options` name.
+    """The time record made of the functions `times`, or of the channels among them that `options` name.
 
     The format stores an even step with six digits only: `options.sampling_rate` may state it exactly.
 
     Parameters
     ----------
     path : Path
+        File, for messages and for the record's source.
     times : sequence of Function
+        Time responses.
     factors : UnitFactors, optional
-        By dataset 164.
+        Unit factors of dataset 164.
     nodes : UniversalNodes, optional
-        Whose axes the channels are named by; None where names count as they are.
+        Nodes whose local axes name the channels; None if their names are taken as they are.
     options : ReadOptions
 
     Raises
     ------
     FileError
-        If lengths, start or steps differ, a step is not even and not to be resampled, or nothing says a unit.
+        If lengths, starts or steps differ, times are uneven and not to be resampled, or nothing states a unit.
+    InputError
+        If `options` contradict the file.
     """
     times, channels, is_named = _choose_functions(path, times, options)
     for dof, function in zip(channels, times, strict=True):
@@ -87,7 +91,10 @@ def read_times(
 def _choose_functions(
     path: Path, times: Sequence[Function], options: ReadOptions
 ) -> tuple[Sequence[Function], tuple[Dof, ...], bool]:
-    """The functions to read, their channels, and True if the user named these."""
+    """Functions to read, their channels, and True if `options.channels` renames the functions that `columns` chose.
+
+    Without `columns`, `channels` chooses among the file's channels, in its order, each with all of its quantities.
+    """
     if options.columns and options.channels:
         with about("channels"):
             channels = parse_dofs(options.channels)
@@ -124,7 +131,7 @@ def _require_distinct(
 
 
 def _unit_words(times: Sequence[Function], options: ReadOptions) -> str:
-    """A phrase on the units of channels that are not in SI by their labels; "" if all are."""
+    """Note on the units of the channels, by the option `units` or by labels that are not SI; "" if all labels are SI."""
     labels = dict.fromkeys(function.ordinate.label for function in times)
     if options.units:
         several = options.units if len(options.units) == len(times) else options.units[:1] * len(times)
@@ -138,10 +145,7 @@ def _unit_words(times: Sequence[Function], options: ReadOptions) -> str:
 
 
 def _require_one_clock(path: Path, channels: tuple[Dof, ...], clocks: Sequence[FloatArray]) -> None:
-    """Raise `FileError` if a channel has other sample times than the first.
-
-    `clocks` are the sample times of each channel.
-    """
+    """Raise `FileError` if a channel has other sample times than the first; `clocks` are the times (n_times,) of each in s."""
     first = clocks[0]
     allowed = 0.01 * abs(first[-1] - first[0]) / max(first.size - 1, 1)
     for dof, axis in zip(channels, clocks, strict=True):
@@ -165,7 +169,10 @@ def _quantities_and_factors(
     factors: UnitFactors | None,
     options: ReadOptions,
 ) -> tuple[tuple[Quantity, ...], FloatArray]:
-    """Quantity and factor to SI, (n_channels,), of each channel, by the options or the file."""
+    """Quantities of the channels and their factors to SI, (n_channels,), from `options.units`, or from the file.
+
+    `factors` are those of dataset 164. Raises `InputError` if `options.quantities` contradicts the file.
+    """
     if options.units:
         return channel_units(path, channels, options)
     pairs = [
@@ -185,9 +192,10 @@ def _quantities_and_factors(
 def _even_samples(
     path: Path, function: Function, time: FloatArray, to_seconds: float, values: FloatArray, options: ReadOptions
 ) -> tuple[float, float, FloatArray, str]:
-    """Sampling rate in Hz, first time in s, evenly spaced samples, and a note if the clock is not plainly even.
+    """Sampling rate in Hz, first time in s, evenly spaced samples (n_times, n_channels), and a note on the clock.
 
-    `to_seconds` turns the axis of the file into s.
+    `time` (n_times,) is in s, `to_seconds` the factor from the abscissa of `function` to s; the note is "" for a plainly even
+    clock. Uneven times are resampled if `options.resample` is set, else a `FileError`.
     """
     step = float(time[-1] - time[0]) / max(time.size - 1, 1)
     if step <= 0:
@@ -213,7 +221,7 @@ def _even_samples(
 
 
 def _checked_rate(path: Path, rate: float, error: float, options: ReadOptions) -> float:
-    """The rate of the file in Hz, or the option `sampling_rate` if both agree within the relative `error`."""
+    """The option `sampling_rate` in Hz if set, else `rate`; `InputError` if they differ by more than the relative `error`."""
     if options.sampling_rate is None:
         return rate
     if abs(options.sampling_rate / rate - 1) > error:

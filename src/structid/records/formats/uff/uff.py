@@ -97,7 +97,7 @@ def _name(kind: int) -> str:
 
 
 def _choose_functions(path: Path, functions: list[Function], options: ReadOptions) -> list[Function]:
-    """The functions that the option `columns` names by number or name; all without it."""
+    """Functions that the option `columns` chooses by number or name such as ``12Z+``, in its order; all if it is not set."""
     if not options.columns:
         return functions
     names = [f"{f.response[0]}{_DIRECTIONS.get(f.response[1], ' direction 0')}" for f in functions]
@@ -114,7 +114,7 @@ def _nodes(path: Path, blocks: list[Block]) -> UniversalNodes:
 
 
 def _no_response_error(path: Path, functions: list[Function]) -> FileError:
-    """The error for a file that holds neither FRFs nor time responses, with what it holds."""
+    """The error to raise for a file without FRFs and time responses, which names what the file holds."""
     kinds = sorted({function.kind for function in functions})
     names = ", ".join(map(_name, kinds))
     is_spectra, is_correlations = bool({*kinds} & {*_SPECTRA}), bool({*kinds} & {*_CORRELATIONS})

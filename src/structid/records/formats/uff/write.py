@@ -27,12 +27,12 @@ _NOTHING = f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'NONE':<20s}"
 
 
 def file_bytes(path: Path, record: FrfRecord | TimeRecord, geometry: Geometry | None) -> Iterator[bytes]:
-    """Content of a universal file of `record`, dataset by dataset: 164 (SI), geometry, 58b.
+    """Content of a universal file of `record`, dataset by dataset: 164 (SI), geometry (if not None), 58b.
 
     Raises
     ------
     FileError
-        If a node label has more than nine digits, or one point has an abscissa of more than six digits.
+        If a node label has more than nine digits, or the abscissa of a single point needs more than six digits.
     """
     dofs = (*record.outputs, *record.inputs) if isinstance(record, FrfRecord) else record.channels
     for node in (*(dof.node for dof in dofs), *(geometry.nodes if geometry else ())):
@@ -53,7 +53,7 @@ SI_UNITS = block(164, [f"{1:10d}{'SI':<20s}{1:10d}", "".join(f"{n:25.17e}" for n
 
 
 def geometry_blocks(geometry: Geometry | None) -> Iterator[bytes]:
-    """Datasets 15, 2411 and 82 of a geometry; none without nodes."""
+    """Datasets 15 and 2411 (nodes) and 82 (trace lines) of a geometry, as bytes; nothing for None or without nodes."""
     if geometry is None or not geometry.nodes:
         return
     short, full = [], []
@@ -85,7 +85,11 @@ class _Axis(NamedTuple):
 
 
 def _make_axis(path: Path, points: FloatArray, step: float, data_type: int, unit: str) -> _Axis:
-    """The abscissa for the header; `step` is the spacing if `points` are even, `data_type` and `unit` describe it."""
+    """Abscissa of a function as it is written: points, evenness, rounded start and step, and the header line.
+
+    `step` is the spacing of `points` (n_points,) if they are even; `data_type` (18 frequency) and `unit` describe them.
+    Points whose even step needs more than six digits are stored one by one; a single such point raises `FileError`.
+    """
     rounded_start, rounded_step = float(f"{points[0]:.5e}"), float(f"{step:.5e}")
     rebuilt = rounded_start + rounded_step * np.arange(points.size)
     even = bool(np.allclose(rebuilt, points, rtol=1e-14, atol=0)) and (points.size > 1 or rounded_step == step)
@@ -98,9 +102,10 @@ def _make_axis(path: Path, points: FloatArray, step: float, data_type: int, unit
 def _function_bytes(
     number: int, output: Dof, load: Dof | None, values: FloatArray | ComplexArray, axis: _Axis, text: list[str]
 ) -> bytes:
-    """One dataset 58b; `text` has five title lines, then the lines of ordinate and denominator.
+    """Bytes of a dataset 58b with `values` (n_points,); `load` None leaves the reference out.
 
-    `number` is that of the function in the file.
+    `number` is the function type (1 time response, 4 FRF, 6 coherence), and `text` holds five title lines, then the lines of
+    ordinate and denominator.
     """
     is_complex = np.iscomplexobj(values)
     columns = [values.real, values.imag] if is_complex else [values]
@@ -127,7 +132,7 @@ def _side(quantity: str, dof: Dof) -> str:
 
 
 def _frf_blocks(path: Path, record: FrfRecord) -> Iterator[bytes]:
-    """Datasets 58b of the FRFs of a record, each followed by its coherence."""
+    """Datasets 58b of the FRFs of a record as bytes, each followed by its coherence; inputs vary fastest."""
     step = float(record.frequency[1] - record.frequency[0]) if record.frequency.size > 1 else 1.0
     title, axis = _title(record), _make_axis(path, record.frequency, step, 18, "Hz")
     for a, output in enumerate(record.outputs):

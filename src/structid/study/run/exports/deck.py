@@ -83,9 +83,9 @@ class _Source:
     scales: Mapping[str, float]
 
     def number(self, element: str, name: str, index: int | None = None) -> tuple[float, float]:
-        """Identified and initial value of a property in the units of the deck, for one element `index` or for a whole set.
+        """Identified and initial value of the property `name` of an element set, in the units of the deck.
 
-        `InputError` where the values of a set differ.
+        `index` is the row of one element in the set; None takes the whole set, with `InputError` if its values differ.
         """
         item = self.values[element, name]
         rows = slice(None) if index is None else slice(index, index + 1)
@@ -101,7 +101,7 @@ class _Source:
 
 
 def deck_path(study: Study) -> Path:
-    """The deck that a study takes its mesh from.
+    """Path of the deck that a study takes its mesh from.
 
     Raises
     ------
@@ -119,21 +119,28 @@ def deck_path(study: Study) -> Path:
 
 
 def export_deck(study: Study, values: Sequence[ElementValues], path: Path) -> list[str]:
-    """Write the deck of the study's mesh with the identified values in place of its numbers; returns a sentence on each change.
+    """Write the deck of the study's mesh with the identified values in place of its numbers.
 
     Parameters
     ----------
     study : Study
+        Study with a mesh from a deck of Nastran or Abaqus.
     values : sequence of ElementValues
-        Properties of the identified model; those that were parameters are written.
+        Properties of the identified model; only those that were parameters are written.
     path : Path
+        New file, with the suffix of the deck.
+
+    Returns
+    -------
+    list of str
+        A line on the file, then one on each number that was changed.
 
     Raises
     ------
     InputError
-        If the study has no deck, a value has no number of its own there, or a number belongs to elements that were not identified.
+        If the study has no deck, nothing identified is a number of the deck, or elements of another value share a number.
     FileError
-        If the deck cannot be read or written.
+        If the suffix differs from that of the deck, or the deck cannot be read or written.
     """
     original = require_readable(deck_path(study))
     if path.suffix.lower() != original.suffix.lower():
@@ -169,7 +176,7 @@ def export_deck(study: Study, values: Sequence[ElementValues], path: Path) -> li
 
 
 def _read_source(study: Study, path: Path, values: Sequence[ElementValues]) -> _Source:
-    """Text, units and parts of the deck at `path`, with the identified values that it is to hold."""
+    """Text, mesh, group names and factors from SI to the units of the deck at `path`, with the identified `values`."""
     section = study.root.inner("structure")
     stated = section.table["mesh"]
     options = stated if isinstance(stated, dict) else {}
@@ -194,7 +201,10 @@ def _read_source(study: Study, path: Path, values: Sequence[ElementValues]) -> _
 
 
 def _written(source: _Source, numbers: Sequence[DeckNumber]) -> tuple[str, list[str]]:
-    """The text of the deck after its numbers are replaced, and a sentence on each replacement."""
+    """The text of the deck after its numbers are replaced, and a sentence on each replacement, in the order of the text.
+
+    New numbers fill the field of the old ones where there is room, aligned as they were.
+    """
     placed = [(number.mark.locate({source.name: source.text}), number) for number in numbers]
     text, lines = source.text, []
     for position, number in sorted(placed, key=lambda pair: -pair[0].start):
@@ -215,9 +225,9 @@ def _written(source: _Source, numbers: Sequence[DeckNumber]) -> tuple[str, list[
 
 
 def _change_words(position: DeckPosition, number: DeckNumber, before: str, after: str) -> str:
-    """Sentence on the change of one number of the deck, and on a study that begins elsewhere than the deck.
+    """Sentence on the change of one number of the deck; it also says if the study began at another value than the deck's.
 
-    `before` and `after` are its texts.
+    `before` and `after` are the number as text in the old and the new deck.
     """
     words = f"line {position.line}, {number.mark.words}, {number.label}: {before} becomes {after}"
     if not math.isclose(position.value, number.initial, rel_tol=_DIGITS):
@@ -226,7 +236,7 @@ def _change_words(position: DeckPosition, number: DeckNumber, before: str, after
 
 
 def _nastran_numbers(source: _Source, structure: Structure, item: ElementValues) -> Iterator[DeckNumber]:
-    """New numbers for the cards of a Nastran deck that hold the property `item` of an element set."""
+    """New numbers for the cards of a Nastran deck that hold the property `item` of an element set; none if no card does."""
     label = f"{item.name}[{item.element}]"
     if item.element in source.group_of:
         numbers = _property_numbers(source, item.element)
@@ -258,7 +268,7 @@ def _field(card: Card, number: int) -> str:
 
 
 def _property_numbers(source: _Source, element: str) -> list[int]:
-    """Numbers of the properties that the cells of an element set have."""
+    """Property identification numbers (PID) of a Nastran deck that the cells of an element set have."""
     group = source.group_of[element]
     by_number = {key: rows for key, rows in source.mesh.groups.items() if key.isdigit()}
     if group is None:
@@ -268,9 +278,10 @@ def _property_numbers(source: _Source, element: str) -> list[int]:
 
 
 def _mat1_numbers(source: _Source, item: ElementValues, numbers: Sequence[int]) -> Iterator[DeckNumber]:
-    """New numbers for the MAT1 cards behind the properties `numbers` of an element set.
+    """New numbers for the MAT1 cards that the properties `numbers` (PIDs) of an element set refer to.
 
-    A shear modulus on the card is scaled with Young's modulus.
+    A shear modulus on the card is scaled with Young's modulus. `InputError` if a material also belongs to elements with another
+    value, or a property names no material.
     """
     users: dict[int, set[int]] = {}
     for name, fields in _PROPERTY_CARDS.items():
@@ -311,16 +322,17 @@ def _require_same(
     Parameters
     ----------
     source : _Source
+        The deck.
     where : str
         Name of the material or property in the deck.
     item : ElementValues
         Property of the element set that is written.
     other : str or None
-        Another element set that has the same number.
+        Another element set that has the same number; None if no set of the study has it.
     value : float
         New value, in the units of the deck.
     is_used : bool
-        Whether elements outside the study have the same number.
+        True if elements outside the study may have the same number.
     """
     if other is not None and (other, item.name) in source.values:
         theirs = source.number(other, item.name)[0]
@@ -337,7 +349,10 @@ def _require_same(
 
 
 def _abaqus_numbers(source: _Source, structure: Structure, item: ElementValues) -> Iterator[DeckNumber]:
-    """New numbers for the keyword lines of an Abaqus deck that hold one property of an element set."""
+    """New numbers for the keyword lines of an Abaqus deck that hold the property `item` of an element set.
+
+    Empty if no line holds it. `InputError` if the set has no section, or elements with another value share the material.
+    """
     label = f"{item.name}[{item.element}]"
     kind, _, name = item.element.partition(" ")
     simple = {("mass", "mass"): ("*MASS", 1), ("spring", "stiffness"): ("*SPRING", 2)}
@@ -379,7 +394,7 @@ def _bare(group: str) -> str:
 
 
 def _require_single(source: _Source, mark: KeywordEntry, material: str) -> None:
-    """Raise `InputError` unless the keyword that `mark` finds has one number for the material: isotropic, one temperature."""
+    """Raise `InputError` unless the keyword at `mark` has one number for the material: isotropic and one temperature."""
     position = mark.locate({source.name: source.text})
     block = next(
         block for block in keywords_in(source.name, source.text)

@@ -34,7 +34,7 @@ MATRIX_SUFFIXES = (".op4", ".pch", ".mat", ".inp", ".mtx", ".npz", ".npy")
 
 
 def export_state_space(model: IdentifiedModel, options: ExportOptions, path: Path) -> str:
-    """Write state equations to `path`, and return a line that describes them.
+    """Write state equations of the identified model to `path`, and return a line that describes them.
 
     Raises
     ------
@@ -61,15 +61,16 @@ def export_state_space(model: IdentifiedModel, options: ExportOptions, path: Pat
 
 
 def export_matrices(model: IdentifiedModel, path: Path) -> list[str]:
-    """Write mass, damping and stiffness in the format of the suffix, and the node and component of each row beside them.
+    """Write mass, damping and stiffness in the format of the suffix, and the node and component of each row in a text file.
 
-    Formats that hold one matrix get a file for each: ``frame_KAA.mtx``. An Abaqus deck (.inp) has the nodes and names
-    these files, in the form of Abaqus.
+    The matrices are for the free degrees of freedom, in SI units; a matrix of zeros is left out.
+    Formats that hold one matrix get a file for each, such as ``frame_KAA.mtx``. An Abaqus deck (.inp) has the nodes,
+    and includes matrix files in the form of Abaqus.
 
     Returns
     -------
     list of str
-        What was written, in lines.
+        One line on each file.
 
     Raises
     ------
@@ -99,7 +100,7 @@ def export_matrices(model: IdentifiedModel, path: Path) -> list[str]:
 
 
 def matrix_files(path: Path) -> list[Path]:
-    """Every file that `export_matrices` may write for `path`: the file, or one for each matrix, and that of the numbering."""
+    """Every file that `export_matrices` may write for `path`: the matrices, and the text file with the numbering of rows."""
     files = [path, path.with_suffix(".dofs.txt")]
     if path.suffix.lower() in _ONE_EACH:
         files[:1] = [_file_of(path, name) for name in _MATRICES]
@@ -113,7 +114,7 @@ def _file_of(path: Path, name: str) -> Path:
 
 
 def _write_files(path: Path, items: Sequence[ImportedMatrix], structure: Structure) -> list[str]:
-    """Write matrices to files whose names begin with `path`, and return a line on each file."""
+    """Write matrices to files whose names begin with the stem of `path`, and return a line on what was written."""
     names = [item.name for item in items]
     imaginary = "; K4AA is the imaginary part of the stiffness" if "K4AA" in names else ""
     size = f"{structure.n_dofs} degrees of freedom, SI units"
@@ -137,9 +138,9 @@ def _write_files(path: Path, items: Sequence[ImportedMatrix], structure: Structu
 
 
 def _abaqus_deck(structure: Structure, parts: Mapping[str, Path]) -> str:
-    """An Abaqus deck of nodes and matrices, to include in a model or to add steps to.
+    """Text of an Abaqus deck of nodes and matrices, to include in a model or to add steps to.
 
-    `parts` are the files of the matrices by kind.
+    `parts` are the files of the matrices by their names: KAA, MAA, BAA, K4AA.
     """
     keywords = {"KAA": "STIFFNESS", "MAA": "MASS", "BAA": "VISCOUS DAMPING", "K4AA": "STRUCTURAL DAMPING"}
     nodes = [

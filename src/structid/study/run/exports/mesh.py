@@ -29,6 +29,8 @@ _SOLIDS = {4: 10, 5: 14, 6: 13, 8: 12, 10: 24, 15: 26, 20: 25, 27: 29}
 def export_mesh(model: IdentifiedModel, spread: ParameterSpread, n_modes: int, path: Path) -> list[str]:
     """Write the structure with the values of its elements to `path`, .vtu or .csv, and return lines that describe the content.
 
+    A .vtu file also has the shapes of the `n_modes` lowest modes; `spread` has initial values and covariance of the parameters.
+
     Raises
     ------
     FileError
@@ -56,7 +58,7 @@ def export_mesh(model: IdentifiedModel, spread: ParameterSpread, n_modes: int, p
 
 
 def _elements_csv(properties: Sequence[ElementValues]) -> str:
-    """A row for each property of each element."""
+    """CSV text with a row for each property of each element: value, deviation, initial value, change, significance."""
     header = (
         "element set",
         "element",
@@ -82,7 +84,10 @@ def _cell(value: float) -> str:
 
 
 def _grid_text(model: IdentifiedModel, properties: Sequence[ElementValues], n_modes: int) -> str:
-    """Text of the VTK file of a model."""
+    """Text of the VTK file (.vtu) of a model.
+
+    `properties` become cell data, and the shapes of the `n_modes` lowest modes point data.
+    """
     structure = model.structure
     points = np.zeros((len(structure.nodes), 3))
     points[:, : structure.dimension] = np.array(list(structure.nodes.values()))
@@ -103,7 +108,7 @@ def _grid_text(model: IdentifiedModel, properties: Sequence[ElementValues], n_mo
 
 
 def _cell_type(element: ElementSet, n_nodes: int) -> int:
-    """Number of an element's cell type in VTK."""
+    """VTK number of the cell type of an element with `n_nodes` nodes."""
     if isinstance(element, MatrixGroup):
         return _POINTS
     if isinstance(element, Solid):
@@ -114,10 +119,10 @@ def _cell_type(element: ElementSet, n_nodes: int) -> int:
 
 
 def _cell_data(structure: Structure, properties: Sequence[ElementValues]) -> dict[str, AnyArray]:
-    """Arrays for the cells of a VTK file by name, NaN where a cell lacks the property.
+    """Arrays for the cells of a VTK file by name, each (n_cells,), NaN where a cell lacks the property.
 
-    They are the numbers of element set and element, and each property's value; for identified properties also the standard
-    deviation, relative change and significance.
+    They are the numbers (from 1) of element set and element, and the value of each property; for identified properties also
+    the standard deviation, relative change and significance. Properties that are 0 throughout are left out.
     """
     counts = [len(element.nodes) for element in structure.elements]
     starts = dict(

@@ -20,7 +20,7 @@ from structid.records.formats.geometry import Geometry
 
 
 def model_modes(model: IdentifiedModel, n_modes: int) -> Modes:
-    """The lowest natural modes of an identified model, fewer than `n_modes` where it has no more."""
+    """The `n_modes` lowest natural modes of an identified model, at most one for each degree of freedom."""
     structure = model.structure
     structure.require_modes("modes")
     mass, stiffness, damping, loss = (
@@ -33,7 +33,7 @@ def model_modes(model: IdentifiedModel, n_modes: int) -> Modes:
 def modes_covariance(model: IdentifiedModel, n_modes: int) -> FloatArray:
     """Covariance of frequencies (Hz), then damping ratios, of the lowest modes, (2 n_modes, 2 n_modes), to first order.
 
-    Each independent error of the model is moved by one standard deviation; modes are matched by their shapes.
+    Each independent error of the parameters is moved by one standard deviation; modes are matched by their shapes.
     """
     structure, n_factors = model.structure, model.factor.shape[1]
     evaluate = NaturalModes(n_modes).evaluator(structure, model.parameters, [model.physical])
@@ -47,7 +47,10 @@ def modes_covariance(model: IdentifiedModel, n_modes: int) -> FloatArray:
 
 
 def model_modes_record(model: IdentifiedModel, n_modes: int, source: str, with_covariance: bool = False) -> ModalRecord:
-    """Modes of an identified model of unit modal mass, at every degree of freedom of its nodes that moves."""
+    """The `n_modes` lowest modes of an identified model with unit modal mass, at all moving degrees of freedom of its nodes.
+
+    `source` is the text on their origin. The covariance of frequencies and damping ratios is computed only if asked for.
+    """
     structure, computed = model.structure, model_modes(model, n_modes)
     rows = [
         row
@@ -79,7 +82,9 @@ def node_translations(structure: Structure, mode_shapes: FloatArray) -> FloatArr
 
 
 def export_modes(model: IdentifiedModel, n_modes: int, title: str, path: Path) -> list[str]:
-    """Write natural modes to `path` in the format of its suffix, and return lines that describe the content.
+    """Write the `n_modes` lowest natural modes to `path` in the format of its suffix; return one line on the content.
+
+    `title` is stored in the file. The shapes have unit modal mass.
 
     Raises
     ------
@@ -97,7 +102,10 @@ def export_modes(model: IdentifiedModel, n_modes: int, title: str, path: Path) -
 
 
 def _geometry(structure: Structure) -> Geometry:
-    """Nodes of a structure, and the sides of its elements as lines."""
+    """Nodes of a structure with three coordinates (m), and each line element as a line through its nodes.
+
+    A line with node 0 is left out, since 0 lifts the pen in the file format.
+    """
     nodes: dict[int, tuple[float, float, float]] = {}
     for node, position in structure.nodes.items():
         padded = [*position.tolist(), 0.0, 0.0]

@@ -35,7 +35,7 @@ class Offer:
 
 
 def list_offers(model: IdentifiedModel, study: Study) -> tuple[Offer, ...]:
-    """Every kind of file that `structid export` writes, with the reason where this model cannot give it."""
+    """Every kind of file that `structid export` writes, with a text on why this model cannot give it; "" if it can."""
     obstacle = deck_obstacle = ""
     try:
         model.structure.require_modes("it", "predict FRFs")

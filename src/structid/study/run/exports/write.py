@@ -32,7 +32,7 @@ class ExportFiles:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """Every file that may be written, those beside matrices too."""
+        """Every file that may be written, with those that belong to the matrices."""
         single = [getattr(self, item.name) for item in fields(self) if item.name != "matrices"]
         beside = [] if self.matrices is None else matrix_files(self.matrices)
         return (*(path for path in single if path is not None), *beside)
@@ -41,7 +41,9 @@ class ExportFiles:
 def write_exports(
     results: Path, files: ExportFiles, options: ExportOptions, study: Path | None = None, force: bool = False
 ) -> list[str]:
-    """Write files of the identified model of a results folder, and return lines that describe them.
+    """Write files from the identified model of a results folder, and return lines that describe them.
+
+    `results` is the folder, `files` the paths by kind of content, and `study` the study file if it was moved since.
 
     Raises
     ------

@@ -42,7 +42,9 @@ _OPEN = 50.0
 def relinearize_solver(
     ready: PreparedStudy, progress: StageProgress | None = None, work: Work = ALONE
 ) -> PreparedStudy:
-    """The study with its solver's finite differences taken about the answer; unchanged without a solver or with exact matrices.
+    """The study with the finite differences of its solver taken about the answer, after repeated searches.
+
+    It is unchanged without a solver or with exact matrices. A warning is added if the answer still moves after the last round.
 
     Raises
     ------
@@ -112,7 +114,7 @@ def _identify(
 
 
 def with_nominal_start(result: StudyResult) -> StudyResult:
-    """The result with the study's own initial values, where the last search started at an earlier answer."""
+    """The result with the initial values that the study states, where the last search started at an earlier answer."""
     study, answer = result.study, result.identification
     if study.solved is None or study.solved.is_exact:
         return result
@@ -136,7 +138,7 @@ def with_nominal_start(result: StudyResult) -> StudyResult:
 
 
 def _with_initial_responses(fit: RecordFit, before: RecordProblem) -> RecordFit:
-    """The fit with initial responses from `before`, the problem at the study's own initial values."""
+    """The fit with its initial responses replaced by those of `before`, the problem at the study's initial values."""
     assert isinstance(before, FrfProblem)
     start = before.physical(before.theta_start)
     used, judged = (
@@ -153,7 +155,10 @@ def found_values(solved: Solved, identification: Identification) -> dict[str, fl
 
 
 def with_solver(result: StudyResult, work: Work = ALONE) -> StudyResult:
-    """The result with the updated deck of its solver, and the outcome of one more run of the solver with that deck."""
+    """The result with the updated deck of its solver, and the outcome of one more run of the solver with that deck.
+
+    It is unchanged without a solver; a run that fails is reported in words.
+    """
     solved, identification = result.study.solved, result.identification
     if solved is None:
         return result

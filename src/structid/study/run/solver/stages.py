@@ -55,9 +55,9 @@ def deck_values(solved: Solved, problem: RecordProblem, names: Sequence[str], va
 
 
 def deck_std(solved: Solved, identification: Identification) -> dict[str, float]:
-    """Standard deviation of each parameter of the deck, by name; 0 where the data do not determine it.
+    """Standard deviation of each parameter of the deck, by name; unknown covariances count as 0.
 
-    A deck's parameter is d'p + constant in the parameters p that are sought, so its variance is d' C d.
+    A deck's parameter is d'p + constant in the sought parameters p, so that its variance is d' C d with their covariance C.
     """
     problem, estimate = identification.problems[0], identification.estimate
     order = [estimate.names.index(name) for name in problem.parameters.names]
@@ -79,9 +79,9 @@ def _property_values(problem: RecordProblem, names: Sequence[str], values: Float
 
 
 def limit_to_bounds(solved: Solved, name: str, value: float) -> float:
-    """`value` of the deck parameter `name`, limited to its bounds and to half of its value in `solved` around that.
+    """The value `value` of the deck parameter `name`, limited to its bounds and to a change by half of its present value.
 
-    Differences were taken about the value in `solved`; they say little of what is farther away.
+    The present value is that in `solved`, about which differences were taken; they say little of what is farther away.
     """
     at = solved.at[name]
     low, high = next(parameter.limits for parameter in solved.solver.deck.parameters if parameter.name == name)
@@ -90,7 +90,7 @@ def limit_to_bounds(solved: Solved, name: str, value: float) -> float:
 
 
 def tables(study: Study, values: Mapping[str, float | None], step: float | None = None) -> Tables:
-    """The study's tables, with the deck parameters set to `values` for finite differences; None for a nominal value.
+    """A copy of the study's tables, with the deck parameters set to `values` for finite differences; None for a nominal value.
 
     `step` is the step of the differences relative to each value; by default that of the study file.
     """
@@ -110,9 +110,9 @@ def tables(study: Study, values: Mapping[str, float | None], step: float | None 
 def relinearize_study(
     study: Study, values: Mapping[str, float], identified: Mapping[str, float], work: Work, step: float | None = None
 ) -> Study:
-    """The study with finite differences about the deck's `values`; searches start at the `identified` values of parameters.
+    """The study with finite differences about the deck parameters `values`, and searches that start at `identified`.
 
-    `step` is the step of the differences relative to each value; by default that of the study file.
+    Both are values by parameter name. `step` is the step of the differences relative to each value; None for that of the file.
     """
     edited = edited_study(study, tables(study, values, step), work)
     pairs = zip(study.setups, edited.setups, strict=True)
@@ -134,7 +134,10 @@ _HALVINGS, _TINY = 4, 1e-12
 
 
 def led_near(ready: PreparedStudy, work: Work) -> PreparedStudy:
-    """The study with start values from which a search on the FRFs themselves converges; unchanged if they are near already."""
+    """The study with start values from which a search on the FRFs themselves converges; unchanged if they are near already.
+
+    Searches on smoothed FRFs, from wide to narrow smoothing, lead there. If none leads near, the last start values are kept.
+    """
     if _is_near(ready.problems):
         return ready
     for level in (*LEVELS, 0.0):
@@ -157,7 +160,10 @@ def led_near(ready: PreparedStudy, work: Work) -> PreparedStudy:
 
 
 def _with_step(ready: PreparedStudy, step: float | None, work: Work) -> Study:
-    """The study evaluated about its present start values, with another step of the finite differences."""
+    """The study evaluated again about its present start values, with another relative `step` of the finite differences.
+
+    None takes the step of the study file.
+    """
     solved = ready.study.solved
     assert solved is not None
     problem = ready.problems[0]
@@ -172,25 +178,27 @@ def confirm_move(
     work: Work,
     step: float | None = None,
 ) -> tuple[FloatArray, PreparedStudy] | None:
-    """The free variables reached and the study prepared there, after a move towards `end` that the solver itself confirms.
+    """The free variables after a move towards `end` that the solver confirms, (n_params,), and the study prepared there.
 
-    The move is halved until the sum of squares with the solver's FRFs falls; None if it never does.
+    The move is halved until the sum of squares with the solver's FRFs falls; None if it does not within a few halvings.
 
     Parameters
     ----------
     ready : PreparedStudy
+        The study at its present values.
     form : callable
-        Makes, from the problems of the FRFs, those whose sum of squares is to fall.
+        Makes, from the FRF problems of all records, the problems whose sum of squares is to fall.
     end : (n_params,) float array
         Free variables that the model linearized at the present values proposes.
     work : Work
+        The way in which the solver is run: in this process or on workers.
     step : float, optional
-        Step of the finite differences there, relative to each value.
+        Step of the finite differences at the new values, relative to each value.
 
     Raises
     ------
     InputError
-        If a run of the solver fails, wherever it is on the way.
+        If the last run of the solver that was tried fails.
     """
     solved = ready.study.solved
     assert isinstance(solved, SolvedFrfs)
@@ -217,7 +225,10 @@ def confirm_move(
 
 
 def _is_near(problems: Sequence[RecordProblem]) -> bool:
-    """True if the model's resonances overlap with the measured ones, so that the FRFs themselves lead the search."""
+    """True if the initial model is close enough to the measured FRFs for a search on the FRFs themselves.
+
+    At 98 % of the values above the noise, the magnitudes must agree to a factor of 2 (0.7 in the natural logarithm).
+    """
     for problem in problems:
         assert isinstance(problem, FrfProblem)
         record = problem.record
@@ -232,9 +243,10 @@ def _is_near(problems: Sequence[RecordProblem]) -> bool:
 
 
 def _smoothed_problems(problems: Sequence[RecordProblem], level: float) -> list[RecordProblem]:
-    """The problems of smoothed values at one level, with priors near their starts; empty where lines are too coarse.
+    """The problems of smoothed FRFs at one level (width relative to frequency), with priors near their start values.
 
-    Level 0 stands for the FRFs themselves, by the residual that is bounded near resonances.
+    An empty list if the lines of a record are too coarse for the level. Level 0 takes the FRFs themselves, with a residual that
+    is bounded near resonances.
     """
     problems_made: list[RecordProblem] = []
     for problem in problems:
@@ -263,7 +275,10 @@ def _smoothed_problems(problems: Sequence[RecordProblem], level: float) -> list[
 
 
 def _level_weights(omega: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
-    """Angular frequencies of a smoothing level that is wide against the line spacing, and its weights (n, n_lines)."""
+    """Angular frequencies (n,), rad/s, that a smoothing level can use, and the weights of the lines for each, (n, n_lines).
+
+    Only frequencies at which the smoothing is wide against the line spacing are used. Each row of weights has the sum 1.
+    """
     centres = level_frequencies(omega, level)
     centres = centres[level * centres > _WIDE * np.interp(centres, omega, np.gradient(omega))]
     forward, backward = poisson_weights(omega, centres * (level + 1j))
@@ -272,7 +287,7 @@ def _level_weights(omega: FloatArray, level: float) -> tuple[FloatArray, FloatAr
 
 
 def _smooth_magnitudes(weights: FloatArray, values: ComplexArray) -> ComplexArray:
-    """Geometric means of magnitudes (n_lines, ...)."""
+    """Weighted geometric means of the magnitudes of `values` (n_lines, ...), with `weights` (n, n_lines); (n, ...)."""
     size = np.abs(values)
     log = np.log(np.maximum(size, _TINY * size.max(axis=0) + np.finfo(float).tiny)).reshape(len(size), -1)
     return np.exp(weights @ log).reshape(-1, *values.shape[1:]).astype(np.complex128)
@@ -290,7 +305,7 @@ def _runs(problem: RecordProblem) -> FrfRuns:
 
 
 def _with_runs(problem: RecordProblem, runs: FrfRuns) -> FrfProblem:
-    """The problem with other runs of the solver."""
+    """The FRF problem with its solver's responses replaced by those of `runs`."""
     structure = problem.structure
     [element] = structure.elements
     assert isinstance(element, SolverFrfs)

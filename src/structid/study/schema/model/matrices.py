@@ -114,7 +114,7 @@ class _Reader:
     known: dict[Path, Mapping[str, ImportedMatrix]] = field(default_factory=dict)
 
     def matrices(self, name: str) -> Mapping[str, ImportedMatrix]:
-        """The matrices of the file `name` by their names; each file is read once."""
+        """The matrices of the file `name`, by their names; each file is read once and then kept."""
         path = self.files.folder / name
         if path not in self.known:
             self.known[path] = importers.read_matrices(self.files.path(name))
@@ -122,14 +122,14 @@ class _Reader:
 
 
 def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section, MatrixGroup]], list[Dof]]:
-    """Groups of matrices from files, in SI units, and the degrees of freedom that the files mark as constrained.
+    """Groups of matrices from files, in SI units, each with its section, and the degrees of freedom marked as constrained.
 
     Parameters
     ----------
     section : Section
         ``[structure]``.
     files : InputFiles
-        Takes note of the files read.
+        List of input files, to which the files read are added.
     """
     entries = section.sections("matrix_group")
     matrices = section.section("matrices")
@@ -150,11 +150,10 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
 def _read_entries(
     entries: list[Section], dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader
 ) -> tuple[list[tuple[Section, MatrixGroup]], list[Dof]]:
-    """Matrix groups of the tables `entries`, and the degrees of freedom marked as constrained.
+    """Matrix groups of the tables `entries`, each with its table, and the degrees of freedom that files mark as constrained.
 
-    The groups are on `dofs`, or on those that the files state.
-
-    `units` are those of length and force in the files.
+    The rows of the matrices belong to `dofs` or, if that is None, to those that the files state. `units` are those of length
+    and force in the files.
     """
     groups = [(entry, _read_group(entry, dofs, units, reader)) for entry in entries]
     constrained = [
@@ -170,7 +169,10 @@ def _read_entries(
 
 
 def _read_group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader) -> MatrixGroup:
-    """The group of matrices that one entry describes, on `dofs` or on those of its files, in SI units."""
+    """The group of matrices that one entry describes, in SI units, on `dofs` or, if None, on those of its files.
+
+    Each matrix must be positive semidefinite unless the entry says ``indefinite``. `units` are those of length and force.
+    """
     values = entry.values(GROUP)
     parts: dict[str, list[ImportedMatrix]] = {}
     for key in _KEYS:
@@ -191,7 +193,7 @@ def _read_group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, 
 def _own_numbering(entry: Section, parts: Mapping[str, list[ImportedMatrix]]) -> tuple[Dof, ...]:
     """The degrees of freedom that the matrix files of a group state for their rows, each once, in the order of nodes.
 
-    `parts` are the imported matrices by key of the entry.
+    `parts` are the imported matrices by key of the entry; () if there are none, an error if a file states no numbering.
     """
     tables: list[IntArray] = []
     for key, items in parts.items():
@@ -212,7 +214,10 @@ def _own_numbering(entry: Section, parts: Mapping[str, list[ImportedMatrix]]) ->
 def _sum_matrices(
     entry: Section, key: str, items: list[ImportedMatrix], dofs: tuple[Dof, ...], units: tuple[str, str]
 ) -> sparse.csc_array:
-    """The sum of the matrices of a key, on `dofs` and in SI units, sparse (n_dofs, n_dofs)."""
+    """The sum of the matrices `items` of a key, on `dofs` and in SI units, sparse (n_dofs, n_dofs).
+
+    `units` are those of length and force in the files.
+    """
     total = sparse.csc_array((len(dofs), len(dofs)))
     with entry.located(key):
         for item in items:
@@ -225,7 +230,10 @@ def _sum_matrices(
 
 
 def _signed_table(dofs: tuple[Dof, ...], item: ImportedMatrix) -> IntArray:
-    """Node and component of `dofs` (n_dofs, 2) as the file numbers them; its scalar points (component 0) stand at RX."""
+    """Node and component (1 to 6) of `dofs`, (n_dofs, 2), as the file of `item` numbers them.
+
+    The component is 0 at scalar points of the file, which structid calls RX.
+    """
     table = importers.dof_table(dofs)
     assert item.dofs is not None
     scalar = np.isin(table[:, 0], item.dofs[item.dofs[:, 1] == 0, 0]) & (table[:, 1] == 4)
@@ -234,7 +242,10 @@ def _signed_table(dofs: tuple[Dof, ...], item: ImportedMatrix) -> IntArray:
 
 
 def _read_matrix(entry: Section, key: str, value: Any, reader: _Reader) -> ImportedMatrix:
-    """Matrix under `key` of an entry, whose `value` names a file, some elements of a file, or two exports to subtract."""
+    """Matrix under `key` of an entry, whose `value` names a file, some elements of a file, or two exports to subtract.
+
+    It is as the file has it, in its units and numbering.
+    """
     if isinstance(value, str):
         return _require_real_square(_choose_matrix(key, value, None, reader), value)
     section = Section(entry.source, (*entry.path, key), value)
@@ -248,7 +259,10 @@ def _read_matrix(entry: Section, key: str, value: Any, reader: _Reader) -> Impor
 
 
 def _read_difference(entry: Section, key: str, section: Section, reader: _Reader) -> ImportedMatrix:
-    """A group matrix as the difference of two exports, checked by a third if there is one."""
+    """A group matrix computed from the difference of two exports of one mesh, checked by a third if there is one.
+
+    `section` names the files and the factors by which the group was changed.
+    """
     files_given = section.read(ExportsEntry)
     files = {"base": files_given.base, "changed": files_given.changed, "third": files_given.third}
     items = {name: _read_matrix(entry, key, file, reader) for name, file in files.items() if file is not None}
@@ -269,7 +283,10 @@ def _read_difference(entry: Section, key: str, section: Section, reader: _Reader
 
 
 def _choose_matrix(key: str, name: str, matrix: str | None, reader: _Reader) -> ImportedMatrix:
-    """The matrix of a file: the one called `matrix`, or the only one, or the one whose name fits the `key`."""
+    """The matrix `matrix` of the file `name`, in any case of letters; None takes the only one, or the one that fits `key`.
+
+    `InputError` if there is no such matrix, or several could be meant.
+    """
     matrices = reader.matrices(name)
     if matrix is None:
         fitting = [item for item in matrices.values() if item.name in _OWN_NAMES[key]]
@@ -286,7 +303,7 @@ def _choose_matrix(key: str, name: str, matrix: str | None, reader: _Reader) -> 
 
 
 def _require_real_square(item: ImportedMatrix, name: str) -> ImportedMatrix:
-    """The matrix `item` itself; raises `InputError` with the file's `name` unless it is real and square."""
+    """The matrix `item` unchanged; `InputError` with the file's `name` unless it is real and square."""
     if np.iscomplexobj(item.matrix.data):
         raise InputError(
             f"{name}: must hold a real matrix, {item.name!r} is complex ({item.matrix.dtype}); export without structural "
@@ -298,7 +315,7 @@ def _require_real_square(item: ImportedMatrix, name: str) -> ImportedMatrix:
 
 
 def _complete_triangle(item: ImportedMatrix) -> ImportedMatrix:
-    """A matrix of which one triangle is stored, completed to both."""
+    """A matrix of which one triangle is stored, completed to both; `InputError` if it has entries in both."""
     upper, lower = sparse.triu(item.matrix, 1), sparse.tril(item.matrix, -1)
     if abs(upper).sum() > 0 and abs(lower).sum() > 0:
         raise InputError(f"{item.name!r} has entries on both sides of the diagonal; leave `one_triangle` out")
@@ -306,7 +323,7 @@ def _complete_triangle(item: ImportedMatrix) -> ImportedMatrix:
 
 
 def _labels(entries: Sequence[int | str] | int | str) -> set[int]:
-    """Element labels from numbers and ranges such as ``"3-8"``."""
+    """Element labels from numbers and ranges such as ``"3-8"``, ends included; `InputError` for a range that is too long."""
     labels: set[int] = set()
     for entry in as_list(entries):
         match = _RANGE.match(str(entry))

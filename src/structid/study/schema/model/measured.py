@@ -34,15 +34,16 @@ MEASURED = _RECORD.only("relabel", "frf", "noise", *(one.name for one in fields(
 
 
 def read_measured(entry: Section, files: InputFiles, dofs_of_set: Callable[[str], list[Dof]]) -> MeasuredComponent:
-    """The component that an entry of ``[[structure.measured_component]]`` describes.
+    """The component that an entry of ``[[structure.measured_component]]`` describes; an equal entry is read only once.
 
     Parameters
     ----------
     entry : Section
+        The entry.
     files : InputFiles
-        Takes note of the file.
+        List of input files, to which the component's file is added.
     dofs_of_set : callable
-        The degrees of freedom of a text of `interface`, checked to be at nodes of the structure.
+        Gives the degrees of freedom of a text of `interface`, and checks that they are at nodes of the structure.
 
     Raises
     ------
@@ -58,7 +59,10 @@ def read_measured(entry: Section, files: InputFiles, dofs_of_set: Callable[[str]
 
 
 def _make_component(entry: Section, name: str, record: FrfRecord, named: list[Dof]) -> MeasuredComponent:
-    """The component of an FRF record, at the degrees of freedom `named`, or at all its sensors."""
+    """The component called `name` from an FRF record, at the degrees of freedom `named` or, if empty, at all its sensors.
+
+    Its FRFs are receptances with positive signs, at frequencies above 0.
+    """
     interface = tuple(dict.fromkeys(dof.unsigned for dof in named or record.outputs))
     with entry.located("interface" if named else "path"):
         rows, columns = (_channel_indices(record, role, interface) for role in ("outputs", "inputs"))
@@ -69,9 +73,9 @@ def _make_component(entry: Section, name: str, record: FrfRecord, named: list[Do
 
 
 def _channel_indices(record: FrfRecord, role: str, interface: tuple[Dof, ...]) -> tuple[IntArray, FloatArray]:
-    """Indices of degrees of freedom among the ``outputs`` or ``inputs`` of a record, and the signs of these.
+    """Index and sign (1 or -1) of the channel of a record at each degree of freedom of `interface`, both (n_interface,).
 
-    `interface` are the degrees of freedom, `role` is one of the two words.
+    `role` is "outputs" or "inputs"; `InputError` if a channel is missing.
     """
     channels = {"outputs": record.outputs, "inputs": record.inputs}
     index_of = {dof.unsigned: index for index, dof in enumerate(channels[role])}

@@ -70,7 +70,7 @@ MESH, SUPPORT = table_of(MeshEntry), table_of(SupportEntry)
 
 
 def read_structure_mesh(section: Section, files: InputFiles) -> Mesh | None:
-    """The mesh that `[structure]` names, checked; None if it names none."""
+    """The mesh that ``[structure]`` names, in SI units and checked; None if it names none."""
     inner = _mesh_section(section)
     if inner is None:
         return None
@@ -85,7 +85,7 @@ def read_structure_mesh(section: Section, files: InputFiles) -> Mesh | None:
 
 
 def _mesh_section(section: Section) -> Section | None:
-    """The section ``[structure.mesh]``, made of the path if only that is given; None if there is none."""
+    """The section ``[structure.mesh]``; a section with only the path if ``mesh`` is just a path; None if there is no mesh."""
     stated = section.table.get("mesh")
     if stated is None:
         return None
@@ -115,7 +115,10 @@ class TakenParts:
 
 
 def take_parts(section: Section, mesh: Mesh, elements: list[ElementSet]) -> TakenParts:
-    """Element sets and ties from those parts of the deck that ``[structure.mesh]`` takes, and notes on the others."""
+    """Element sets and ties from those parts of the deck that ``[structure.mesh]`` takes, and texts on the others.
+
+    `elements` are the element sets of the study file; nothing is taken if the structure names no mesh.
+    """
     inner = _mesh_section(section)
     if inner is None:
         return TakenParts()
@@ -156,7 +159,7 @@ def take_parts(section: Section, mesh: Mesh, elements: list[ElementSet]) -> Take
 
 
 def _assigned_tables(mesh: Mesh, wanted: MeshEntry, elements: list[ElementSet]) -> list[IntArray]:
-    """Node tables of element sets, and of the groups that are left out."""
+    """Node labels of the cells that belong to an element set or to a group that is left out, one array for each."""
     kinds = {part.kind for part in mesh.parts}
     groups = [
         name for name in as_list(wanted.leave_out) if name in mesh.groups or name.lstrip("*").upper() not in kinds
@@ -168,7 +171,10 @@ def _assigned_tables(mesh: Mesh, wanted: MeshEntry, elements: list[ElementSet]) 
 
 
 def group_table(entry: Section, kind: type[ElementSet], group: str | None, mesh: Mesh) -> IntArray:
-    """Node labels of an element set on `group` of the mesh, (n_elements, n_nodes)."""
+    """Node labels of an element set on `group` of the mesh, or on all its cells if that is None, (n_elements, n_nodes).
+
+    `kind` is the class of the element set; masses may be on a group of nodes.
+    """
     with entry.located("group" if group is not None else None):
         if kind.follows and group is not None:
             return mesh.group_nodes(group)
@@ -176,7 +182,7 @@ def group_table(entry: Section, kind: type[ElementSet], group: str | None, mesh:
 
 
 def require_all_assigned(section: Section, mesh: Mesh, elements: list[ElementSet]) -> None:
-    """Raise `StudyError` if cells of the mesh belong to no element set and are not left out."""
+    """Raise `StudyError` if cells of the mesh belong to none of the sets `elements` and are not in `leave_out`."""
     inner = section.section("mesh") if isinstance(section.table.get("mesh"), dict) else None
     wanted = inner.read(MeshEntry) if inner is not None else MeshEntry("")
     with (inner or section).located("leave_out" if wanted.leave_out else "mesh" if inner is None else None):
@@ -189,7 +195,10 @@ def require_all_assigned(section: Section, mesh: Mesh, elements: list[ElementSet
 
 
 def read_supports(section: Section, mesh: Mesh | None, nodes: Collection[int]) -> list[Dof]:
-    """Degrees of freedom that the ``[[structure.support]]`` tables fix."""
+    """Degrees of freedom that the ``[[structure.support]]`` tables fix, each once.
+
+    `nodes` are the labels of all nodes of the structure, `mesh` is None if there is none.
+    """
     fixed: dict[Dof, None] = {}
     for entry in section.sections("support"):
         support = entry.read(SupportEntry)
@@ -202,7 +211,10 @@ def read_supports(section: Section, mesh: Mesh | None, nodes: Collection[int]) -
 
 
 def _nodes_of_support(entry: Section, support: SupportEntry, mesh: Mesh | None, nodes: Collection[int]) -> list[int]:
-    """Sorted labels of the nodes that satisfy every condition of a support."""
+    """Sorted labels of the nodes that satisfy every condition of a support: its list, its group and its coordinates.
+
+    `nodes` are all labels; an error if no node is left.
+    """
     chosen = set(nodes)
     if not {"group", "nodes", *_AXES} & set(entry.table):
         raise entry.error("names no nodes; add `group`, `nodes`, or a coordinate such as `x = 0.0`")
@@ -230,7 +242,7 @@ def _nodes_of_support(entry: Section, support: SupportEntry, mesh: Mesh | None, 
 
 
 def read_points(section: Section, mesh: Mesh | None, elements: list[ElementSet]) -> list[tuple[Section, MeshPoint]]:
-    """The points of sensors and loads in ``[structure.points]``, each at the nearest mesh node, with its section."""
+    """The points of sensors and loads in ``[structure.points]``, each with its section and tied to the nearest mesh node."""
     inner = section.section("points")
     if inner is None:
         return []

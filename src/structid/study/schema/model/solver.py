@@ -112,12 +112,12 @@ def read_solver(section: Section, files: InputFiles) -> external.Solved | None:
     section : Section
         ``[structure]``.
     files : InputFiles
-        Takes note of the files read.
+        List of input files, to which those read are added; it keeps the results.
 
     Raises
     ------
     InputError
-        If deck and parameters disagree, the solver is not there or fails, or no model can be made of what it gives.
+        If deck and parameters disagree, the solver is missing or fails, or no model can be made of its output.
     """
     own = section.section("solver")
     if own is None:
@@ -128,7 +128,7 @@ def read_solver(section: Section, files: InputFiles) -> external.Solved | None:
 
 
 def _run_solver(section: Section, files: InputFiles) -> external.Solved:
-    """The model that the solver's runs give: of FRFs, modes or matrices."""
+    """The model that the solver's runs give, of FRFs, modes or matrices, as ``gives`` in the section says."""
     values = SOLVER.defaults | section.values(SOLVER)
     with section.located("deck"):
         texts = deck_texts([files.path(name) for name in as_list(values["deck"])])
@@ -166,7 +166,7 @@ class SolverCommand(NamedTuple):
 
 
 def solver_command(root: Section, files: InputFiles) -> SolverCommand | None:
-    """The command that a study runs, and what a user confirms of it; None if there is none. Nothing is run.
+    """The command that a study runs, and the text that a user confirms for it; None without a solver. Nothing is run.
 
     Raises
     ------
@@ -185,7 +185,10 @@ def solver_command(root: Section, files: InputFiles) -> SolverCommand | None:
 
 
 def _read_parameters(section: Section, texts: Mapping[str, str]) -> tuple[list[DeckParameter], dict[str, str]]:
-    """The parameters of the deck, and its texts with each of them marked by name."""
+    """The parameters of the deck, and the texts of its files by name, with each parameter marked in them.
+
+    `texts` are those of the files as they are.
+    """
     entries = section.sections("parameter")
     if not entries:
         raise section.error(
@@ -206,7 +209,7 @@ def _read_parameters(section: Section, texts: Mapping[str, str]) -> tuple[list[D
 
 
 def _find_positions(entry: Section, marks: Plain, texts: Mapping[str, str]) -> list[DeckPosition]:
-    """Positions of a parameter in the deck, by its `mark` or marks.
+    """Positions of a parameter in the deck, one for each of its `marks` (a table or a list of tables).
 
     `texts` are the files of the deck by name.
     """
@@ -223,7 +226,10 @@ def _find_positions(entry: Section, marks: Plain, texts: Mapping[str, str]) -> l
 def _read_outputs(
     section: Section, values: Given, stem: Mapping[str, str], files: InputFiles
 ) -> external.MatricesOut | external.ModesOut | external.FrfsOut:
-    """The output that the study expects of a run (matrices, modes or FRFs); keys of another kind are an error."""
+    """The output that the study expects of a run: matrices, modes or FRFs.
+
+    `values` are the values of the section, `stem` fills file names. `StudyError` for a key of another kind of output.
+    """
     gives = values["gives"]
     for kind, keys in _OF_KIND.items():
         for key in keys:
@@ -275,7 +281,7 @@ def _read_outputs(
 
 
 def _output_name(section: Section, key: str, text: str, stem: Mapping[str, str]) -> str:
-    """A file name in the folder of a run, with ``{stem}`` filled in.
+    """A file name in the folder of a run, from `text` with ``{stem}`` filled in; `StudyError` if it has folders.
 
     `key` is named in errors.
     """
@@ -289,7 +295,10 @@ def _output_name(section: Section, key: str, text: str, stem: Mapping[str, str])
 
 
 def positions_of(solved: external.Solved) -> dict[int, list[float]]:
-    """Position in m of each node of the model: from the deck if structid can read its mesh, else at the origin."""
+    """Position of each node of the model, [x, y, z] in m by label, from the deck if its mesh can be read.
+
+    Nodes without a position there are at the origin.
+    """
     deck = solved.solver.deck
     try:
         mesh = read_mesh(solved.solver.run_folder(solved.at) / deck.main, solved.units.length)
@@ -308,18 +317,19 @@ class WantedFrfs(NamedTuple):
 
 
 def wanted_frfs(section: Section, files: InputFiles) -> WantedFrfs:
-    """The lines and channels that all records need from the solver; lines only inside the band or the evaluation band.
+    """The lines and channels that all records need from the solver: only lines in the band or the evaluation band.
 
     Parameters
     ----------
     section : Section
         ``[structure.solver]``.
     files : InputFiles
+        List of input files, to which the records are added.
 
     Raises
     ------
     StudyError
-        If there is no record, or one that no FRFs explain, or the structure holds more than the solver.
+        If there is no record, or one that FRFs cannot explain, or the structure holds more than the solver.
     """
     root = Section(section.source, (), section.source.table)
     structure = root.inner("structure")
@@ -350,7 +360,7 @@ def wanted_frfs(section: Section, files: InputFiles) -> WantedFrfs:
 
 
 def _read_frf_record(section: Section, files: InputFiles) -> FrfRecord:
-    """The FRF record of a section; `StudyError` if it is nothing that a solver's FRFs can be compared with."""
+    """The FRF record of a section; `StudyError` if it cannot be compared with FRFs from a solver (motion per force)."""
     for key, words in _NOT_OF_FRFS.items():
         if key in section.table:
             raise section.error(f'is nothing for a solver with `gives = "frfs"`: {words}', key)

@@ -173,7 +173,7 @@ def _element_key(name: str) -> Key:
 
 
 def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:
-    """All keys of an element type; with `on_mesh` its nodes may come from a group of the mesh."""
+    """All keys of the element type `kind`; with `on_mesh` its nodes may come from a group of the mesh."""
     table = own_table(kind)
     if "nodes" not in table.keys:
         return table
@@ -183,7 +183,9 @@ def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:
 
 
 def read_tolerances(section: Section) -> Tolerances:
-    """The tolerances of fixed values that ``[structure]`` states; the calibration of records keeps its default.
+    """The tolerances of fixed values that ``[structure]`` states, as one number for all kinds or by kind; else the defaults.
+
+    The calibration of records keeps its default.
 
     Raises
     ------
@@ -215,10 +217,10 @@ def read_structure(
     section : Section
         ``[structure]``.
     files : InputFiles
-        Takes note of the matrix files read.
+        List of input files, to which mesh, matrix and measured files are added.
     changes : Section, optional
-        ``[record.structure]``: element sets, nodes and ties that one set-up has beside, what it is `without`, and what
-        is `fixed` instead.
+        ``[record.structure]``: element sets, nodes and ties that one set-up has in addition, those that it is `without`, and
+        what is `fixed` instead.
     record : Section, optional
         ``[record]``, whose ``[record.sensors]`` may have nodes of their own.
     """
@@ -293,9 +295,10 @@ def _make_structure(
     options: Given,
     file_words: tuple[tuple[str, ...], tuple[str, ...]] = ((), ()),
 ) -> Structure:
-    """The structure of the parts that were read; errors get the place of the part that they name.
+    """The structure of the parts that were read; an error gets the place of the part that its message names.
 
-    `file_words` are the parts of the mesh file left aside, and notes on it.
+    `options` are the plain values of ``[structure]``; `file_words` are texts on parts of the mesh file that were left aside,
+    and notes on it.
     """
     elements, ties, fixed, measured = parts
     active = as_list(options["active"]) if "active" in options else None
@@ -324,7 +327,7 @@ def _make_structure(
 
 
 def _apply_changes(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None) -> Parts:
-    """The parts of the structure as one set-up changes them; its own nodes are added to `nodes`."""
+    """The parts of the structure as ``[record.structure]`` of one set-up changes them; its own nodes are added to `nodes`."""
     elements, ties, fixed, measured = parts
     values = changes.values(changes_table())
     names = [element.name for _, element in elements] + [tie.name for _, tie in ties]
@@ -360,9 +363,9 @@ def _error_at_part(
     message: str,
     named: Sequence[tuple[Section, MeasuredComponent | Component | ElementSet | Tie | Base]],
 ) -> InputError:
-    """An error with the position in the study of the first part that the message names, else of the key that it names.
+    """An error with `message` and the place in the study of the first part that the message names, else of the key it names.
 
-    `named` are the parts of the structure, each with its section.
+    `named` are the parts of the structure, each with its section; `section` is ``[structure]``.
     """
     for entry, part in named:
         if repr(part.name) in message:
@@ -379,7 +382,10 @@ def _read_nodes(
     mesh: Mesh | None = None,
     solved: Solved | None = None,
 ) -> Positions:
-    """Positions in m by node label, from ``[structure.nodes]``, the mesh, the solver or the matrix groups."""
+    """Positions in m by node label, from the mesh, from ``[structure.nodes]``, or else from the solver or the matrix groups.
+
+    Nodes of matrix groups are all at the origin.
+    """
     inner = section.section("nodes")
     if inner is None and mesh is None and solved is not None:
         return model.positions_of(solved)
@@ -401,7 +407,7 @@ def _read_nodes(
 
 
 def _check_beside_mesh(inner: Section, positions: Positions, mesh: Mesh) -> Positions:
-    """`positions`, the nodes of the study, after a check that they fit beside those of a mesh."""
+    """The nodes `positions` of the study, returned unchanged after a check that labels are new and have three coordinates."""
     for label, position in positions.items():
         if label in mesh.nodes:
             raise inner.error(f"is a node of {mesh.source} already; take another number", str(label))
@@ -416,7 +422,10 @@ def _elements(section: Section, nodes: Positions, mesh: Mesh | None) -> Elements
 
 
 def _read_element(entry: Section, kind: type[ElementSet], nodes: Positions, mesh: Mesh | None = None) -> ElementSet:
-    """The element set of one entry; its nodes come from the entry or from the mesh."""
+    """The element set of the class `kind` that one entry describes.
+
+    Its nodes are those in the entry, or else those of a group of the mesh or of all its cells.
+    """
     table = element_table(kind, mesh is not None)
     if "subdivide" in entry.table and kind.is_line:
         raise entry.error(
@@ -448,7 +457,7 @@ def _require_node(entry: Section, key: str, node: int, nodes: Collection[int]) -
 
 
 def _known_dof(entry: Section, key: str, text: str | Dof, nodes: Positions) -> Dof:
-    """`text` as a degree of freedom, after a check that its node exists."""
+    """The text or object `text` as a degree of freedom, after a check that its node exists; `key` is named in errors."""
     with entry.located(key):
         dof = parse_dof(text)
     _require_node(entry, key, dof.node, nodes)
@@ -456,7 +465,7 @@ def _known_dof(entry: Section, key: str, text: str | Dof, nodes: Positions) -> D
 
 
 def _read_fixed(section: Section, texts: str | tuple[str, ...], nodes: Positions) -> list[Dof]:
-    """Degrees of freedom of the texts in `fixed`, after a check that their nodes exist."""
+    """Degrees of freedom of the texts in `fixed` (such as "1" or "2 Z RX"), after a check that their nodes exist."""
     dofs = []
     for text in as_list(texts):
         with section.located("fixed"):
@@ -472,7 +481,7 @@ def _read_supports(section: Section, mesh: Mesh | None, nodes: Positions) -> lis
 
 
 def _read_base(entry: Section, nodes: Positions) -> Base:
-    """The base (supports that drive the structure together) of one ``[[structure.base]]`` table."""
+    """The base of one ``[[structure.base]]`` table: supports that move together, after a check that their nodes exist."""
     values = entry.values(_BASE)
     supports: list[str | Dof] = []
     for text in as_list(values["supports"]):
@@ -484,7 +493,7 @@ def _read_base(entry: Section, nodes: Positions) -> Base:
 
 
 def _read_component(entry: Section, nodes: Positions) -> Component:
-    """The component to be reduced of one entry; its frequency limit is derived from the band if not given."""
+    """The component that one entry reduces; without ``up_to`` the frequency limit follows from the upper end of the band."""
     values = entry.values(_COMPONENT)
     if "up_to" not in values:
         method = Section(entry.source, (), entry.source.table).inner("method")
@@ -521,7 +530,7 @@ def _ties(section: Section, nodes: Positions) -> Ties:
 
 
 def _read_rigid_link(entry: Section, nodes: Positions) -> Tie:
-    """The rigid link of one ``[[structure.rigid_link]]`` table."""
+    """The rigid link of one ``[[structure.rigid_link]]`` table, after a check that its nodes exist."""
     values = entry.values(_RIGID_LINK)
     for key in ("main", "dependents"):
         for node in flat(values[key]):
@@ -536,7 +545,7 @@ def _read_rigid_link(entry: Section, nodes: Positions) -> Tie:
 
 
 def _read_constraint(entry: Section, nodes: Positions) -> Tie:
-    """The multi-point constraint of one entry."""
+    """The multi-point constraint of one entry: a dependent degree of freedom as a sum of others times factors."""
     values = entry.values(_CONSTRAINT)
     dependent = _known_dof(entry, "dependent", values["dependent"], nodes)
     pairs = [(_known_dof(entry, "depends_on", text, nodes), factor) for text, factor in values["depends_on"]]

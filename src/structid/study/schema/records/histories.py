@@ -65,7 +65,7 @@ class FrfSettings:
 
 
 def read_frf(section: Section, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> FrfSettings:
-    """The settings in ``[record.frf]``; its channels default to those of ``[record]``."""
+    """The settings in ``[record.frf]``; `inputs` and `outputs` of ``[record]`` are the defaults of its channels."""
     values = section.values(FRF)
     channels = {}
     for key, outer in (("inputs", inputs), ("outputs", outputs)):
@@ -76,6 +76,8 @@ def read_frf(section: Section, inputs: tuple[str, ...], outputs: tuple[str, ...]
 
 def spectral_frf(records: Sequence[TimeRecord], settings: FrfSettings) -> FrfRecord:
     """FRFs from averaged spectra of one time record, or of repeats.
+
+    Without channels in `settings`, the inputs are all force channels and the outputs all motions.
 
     Raises
     ------
@@ -122,7 +124,9 @@ class TimeSource:
     settings: TimeFit
 
     def with_noise(self, records: Sequence[TimeRecord]) -> TimeRecord:
-        """The time record with the variance of each channel from the stated noise.
+        """The time record with the variance of each channel from the stated noise, absolute and relative to the rms.
+
+        `records` must hold one record; a variance that it has is kept if no noise is stated.
 
         Raises
         ------
@@ -150,7 +154,10 @@ class TimeSource:
 
 
 def _value_of_each_channel(name: str, numbers: tuple[float, ...], record: TimeRecord) -> FloatArray:
-    """Value of each channel, (n_channels,), from `numbers`: one for all, or one each; 0 if it is empty."""
+    """Value of each channel, (n_channels,), from `numbers`: one for all, or one each; zeros if it is empty.
+
+    `InputError` names the key `name` if the count is wrong or a number is negative.
+    """
     count = len(record.channels)
     if len(numbers) not in (0, 1, count):
         raise InputError(f"`{name}` must be one number or {count}, one for each channel, got {len(numbers)}")
@@ -162,7 +169,7 @@ def _value_of_each_channel(name: str, numbers: tuple[float, ...], record: TimeRe
 
 
 def read_time(section: Section) -> TimeSource:
-    """The settings in ``[record.time]``."""
+    """The settings in ``[record.time]``; `StudyError` for a key that the stated ``fit`` does not use."""
     values = section.values(TIME)
     fit = values.get("fit", "spectra")
     for key in _OF_TIME if fit == "spectra" else _OF_SPECTRA:

@@ -37,7 +37,9 @@ class ModeDeviations:
     ] = ()
 
     def added_to(self, record: ModalRecord) -> ModalRecord:
-        """The modal record with the standard deviations that the study states.
+        """The modal record with the standard deviations that the study states for frequencies (Hz), damping ratios and shapes.
+
+        Those of a shape are the stated part of its largest entry.
 
         Raises
         ------
@@ -70,7 +72,10 @@ class ModeDeviations:
         return record
 
     def _value_of_each_mode(self, name: str, n: int) -> np.ndarray | None:
-        """One value for each of `n` modes from the field `name`; None if it is empty."""
+        """One value for each of `n` modes from the field `name`, (n,), or None if it is empty.
+
+        `InputError` if the field has neither one value nor `n`.
+        """
         values = getattr(self, name)
         if len(values) not in (0, 1, n):
             raise InputError(f"`{name}` must be one number or {n}, one for each mode of the file, got {len(values)}")
@@ -128,7 +133,7 @@ class ModesSource:
         return self.section.section("modes") or self.section
 
     def load(self) -> ModalRecord:
-        """The modes and sensors of the file that are used, with names, directions and deviations as the study states.
+        """The modes and sensors of the file that are used, with names, directions and deviations that the study states.
 
         Raises
         ------
@@ -157,9 +162,9 @@ class ModesSource:
 
 
 def read_modes_source(section: Section, table: Table, files: InputFiles, aimed: Mapping[str, str]) -> ModesSource:
-    """The source that a ``[record]`` with ``[record.modes]`` describes; its file is checked to exist but not read.
+    """The source that a ``[record]`` with ``[record.modes]`` describes; its file must exist but is not read.
 
-    `table` has the keys of such a record. `aimed` gives the structure's names of aimed sensors.
+    `table` has the valid keys of ``[record]``, `aimed` the structure's names of aimed sensors. The file is added to `files`.
     """
     values = section.values(table)
     with section.located("path"):

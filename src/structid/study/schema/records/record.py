@@ -158,10 +158,9 @@ def read_source(
     supports: frozenset[Dof] = frozenset(),
     keys: Table | None = None,
 ) -> RecordSource:
-    """The source that ``[record]`` describes; its files are checked to exist but not read.
+    """The source that ``[record]`` describes; its files must exist but are not read.
 
-    See `ChannelSource` for `aimed` and `supports`. `keys` are those of another section that says where FRFs are, in
-    place of the keys of a record.
+    See `ChannelSource` for `aimed` and `supports`. `keys` are the valid keys of another section that says where FRFs are.
     """
     called = aimed or {}
     table = keys or record_table(Table())
@@ -212,7 +211,10 @@ def read_source(
 
 
 def _read_noise(section: Section, repeats: bool) -> NoiseSource:
-    """The noise that ``[record.noise]`` declares; with `repeats` it comes from the repeats."""
+    """The noise that ``[record.noise]`` declares; no noise without that section.
+
+    `repeats` is True if the noise comes from repeats; a declared noise is then an error.
+    """
     inner = section.section("noise")
     if inner is None:
         return NoiseSource()
@@ -228,7 +230,7 @@ def _read_noise(section: Section, repeats: bool) -> NoiseSource:
 
 
 def read_files(source: RecordSource) -> list[FrfRecord | TimeRecord]:
-    """The records of a source as they are in its files, one a file.
+    """The records of a source as they are in its files, one for each file, with channels relabelled.
 
     Raises
     ------
@@ -240,14 +242,16 @@ def read_files(source: RecordSource) -> list[FrfRecord | TimeRecord]:
 
 
 def faults(records: Sequence[FrfRecord | TimeRecord]) -> tuple[Finding, ...]:
-    """Faults of single channels of histories: dead, constant, clipped, with drop-outs or spikes."""
+    """Faults of single channels of time histories: dead, constant, clipped, with drop-outs or spikes; () for FRFs."""
     histories = [record for record in records if isinstance(record, TimeRecord)]
     found = [one for record in histories for one in channel_checks(record)]
     return tuple(one for one in found if one.kind in CHANNEL_FAULTS)
 
 
 def load_record(source: RecordSource, read: Sequence[FrfRecord | TimeRecord] | None = None) -> FrfRecord:
-    """The FRF record of a source, with its noise and the used sensors; from its files as `read`, if given.
+    """The FRF record of a source, with its noise and the used sensors.
+
+    `read` are the records of its files if these were read before; by default they are read here.
 
     Raises
     ------
@@ -272,7 +276,9 @@ def load_record(source: RecordSource, read: Sequence[FrfRecord | TimeRecord] | N
 def load_histories(
     source: RecordSource, time: record_kinds.TimeSource, read: Sequence[FrfRecord | TimeRecord] | None = None
 ) -> TimeRecord:
-    """The time record of a source that is fitted itself, with its noise and the used sensors; from files as `read`, if given.
+    """The time record of a source that is fitted itself, with its noise, the used sensors and all loads.
+
+    `read` are the records of its files if these were read before; by default they are read here.
 
     Raises
     ------
@@ -307,14 +313,14 @@ def load_histories(
 
 
 def read_histories(source: RecordSource) -> list[TimeRecord]:
-    """The time histories of a source as they are in its files; none where it holds responses or modes."""
+    """The time histories in the files of a source; an empty list where it holds FRFs or modes."""
     if source.modes is not None or (source.frf is None and source.time is None):
         return []
     return [record for record in _read_files(source) if isinstance(record, TimeRecord)]
 
 
 def _read_files(source: RecordSource) -> list[FrfRecord | TimeRecord]:
-    """The records of all files of a source, relabelled, with accelerations of driven supports marked as inputs."""
+    """The records of all files of a source, relabelled, with accelerations of supports that drive the structure as inputs."""
     records = [read_record(path, source.options) for path in source.paths]
     with source.section.located("relabel"):
         records = [rename_channels(record, source.channels.relabel) for record in records]
@@ -336,9 +342,9 @@ def _named_shortly(source: str, path: Path) -> str:
 
 
 def _mark_support_motion(record: FrfRecord | TimeRecord, supports: frozenset[Dof]) -> FrfRecord | TimeRecord:
-    """`record` with accelerations of supports that drive the structure as its inputs.
+    """The record with accelerations of supports that drive the structure marked as inputs.
 
-    FRFs of accelerations per motion of a support are transmissibilities: a force there would do nothing.
+    FRFs of accelerations per motion of such supports become transmissibilities, since a force there would have no effect.
     """
     if isinstance(record, FrfRecord):
         moved = record.kind == "accelerance" and all(dof.unsigned in supports for dof in record.inputs)
@@ -352,7 +358,10 @@ def _mark_support_motion(record: FrfRecord | TimeRecord, supports: frozenset[Dof
 
 
 def _make_frf_record(records: Sequence[FrfRecord | TimeRecord], source: RecordSource) -> FrfRecord:
-    """One FRF record from one file or from repeats, of FRFs or of histories."""
+    """A single FRF record from one file or from repeats, of FRFs or of histories.
+
+    `StudyError` if the files are of both kinds, or histories have no settings that say how to fit them.
+    """
     responses = [record for record in records if isinstance(record, FrfRecord)]
     histories = [record for record in records if isinstance(record, TimeRecord)]
     if responses and histories:
@@ -376,7 +385,10 @@ def _make_frf_record(records: Sequence[FrfRecord | TimeRecord], source: RecordSo
 
 
 def _add_noise(record: FrfRecord, noise: NoiseSource) -> FrfRecord:
-    """The FRF record with variances from declared noise or from coherence; unchanged if it has its own."""
+    """The FRF record with variances from declared noise or from coherence; else unchanged.
+
+    Declared noise replaces that of the record; coherence is used if declared, or if the record has it and no variance.
+    """
     if noise.relative + noise.absolute > 0:
         return with_declared_noise(record, noise.relative, noise.absolute)
     has_coherence = record.coherence is not None and record.averages is not None

@@ -50,15 +50,16 @@ SENSORS = Key(
 def read_sensors(
     record: Section, nodes: Mapping[int, Sequence[float]], structure: Structure
 ) -> list[tuple[Section, AimedSensor]]:
-    """The sensors that ``[record.sensors]`` of a record declares, each with its place in the study.
+    """The sensors that ``[record.sensors]`` of a record declares, each with its place in the study; [] without that section.
 
     Parameters
     ----------
     record : Section
+        ``[record]``.
     nodes : mapping of int to position
-        Of the structure.
+        Positions of the structure's nodes, m.
     structure : Structure
-        Without these sensors. Only nodes that its elements use can be nearest.
+        The structure without these sensors. Only nodes that its elements use can be nearest.
 
     Raises
     ------
@@ -94,7 +95,7 @@ def read_sensors(
 
 
 def _sensor_section(section: Section, channel: str) -> Section:
-    """The table of one channel of ``[record.sensors]``."""
+    """The table of the channel `channel` in ``[record.sensors]``, whose section is `section`."""
     entry = section.table[channel]
     if not isinstance(entry, dict):
         raise section.error("must be a table, as in { node = 12, direction = [0.3, 0.95, 0.0] }", channel)
@@ -104,9 +105,9 @@ def _sensor_section(section: Section, channel: str) -> Section:
 def _node_of_sensor(
     sensor: SensorEntry, number: int, nodes: Mapping[int, Sequence[float]], elements: Sequence[ElementSet]
 ) -> tuple[int, float]:
-    """The node that a sensor reads, and its distance in m from the stated point (0 without one).
+    """Label of the node that a sensor reads, and its distance in m from the point that the study states (0 without a point).
 
-    `number` is the node in the sensor's name.
+    `number` is the node in the sensor's name, taken if neither node nor point is stated.
     """
     if sensor.point is not None:
         if sensor.node is not None:
@@ -125,7 +126,7 @@ def _node_of_sensor(
 def _moving_direction(
     direction: tuple[float, float, float], node: int, structure: Structure
 ) -> tuple[float, float, float]:
-    """The components of `direction` along which elements or ties move the node; `InputError` if there are none."""
+    """The vector `direction` with 0 along axes in which the node cannot move; `InputError` if nothing is left."""
     moves = structure.numbering.directions(node)
     x, y, z = (part if axis in moves else 0.0 for part, axis in zip(direction, DIRECTIONS, strict=False))
     if not (x or y or z):
@@ -143,7 +144,7 @@ def is_load(name: str) -> bool:
 
 
 def channel_names(structure: Structure) -> dict[str, str]:
-    """Names in the structure of the channels of ``[record.sensors]``, by their names in the record.
+    """Places in the structure of the channels of ``[record.sensors]``, such as "7X", by their names in the record.
 
     Their sense stays: a channel `3X-` of the record reads against the direction that is declared.
     """
@@ -155,6 +156,6 @@ def channel_names(structure: Structure) -> dict[str, str]:
 
 
 def used_names(names: Mapping[str, str], channels: Iterable[Dof]) -> dict[str, str]:
-    """Entries of `names` whose channels are among those given."""
+    """The entries of `names` (names in the structure by channel) whose channel is among `channels`."""
     names_of_channels = {dof.place for dof in channels}
     return {name: dof for name, dof in names.items() if name.removeprefix(_LOAD) in names_of_channels}

@@ -45,7 +45,7 @@ class SetupSource:
         return self.record.section
 
     def require_channels(self, setup: AnySetup) -> None:
-        """Raise a `StudyError` at the channel error that the record of `setup` does not have, or that repeats another."""
+        """Raise `StudyError` at a ``channel_error`` whose channel the record of `setup` lacks, or that repeats an entry."""
         for count, entry in enumerate(self.section.sections("channel_error"), 1):
             with entry.located():
                 setup.channel_errors(self.channel_unknowns[:count])
@@ -57,14 +57,16 @@ def read_setups(root: Section, files: InputFiles, before: Sequence[SetupSource] 
     Parameters
     ----------
     root : Section
+        The whole study file.
     files : InputFiles
+        List of input files, to which those of the set-ups are added.
     before : sequence of SetupSource
-        Set-ups of the same study with other tables, reused where these are equal.
+        Set-ups of an earlier version of the study; their structures are reused where their tables are equal.
 
     Raises
     ------
     StudyError
-        If one of them, the structure or the unknowns cannot be read.
+        If one of them, the structure or the unknowns cannot be read, or two records have the same name.
     """
     records, structure = record_sections(root), root.inner("structure")
     if not records:
