@@ -119,7 +119,8 @@ def screen_changes(
 ) -> list[float]:
     """The misfit of each changed model after a linear step, in the order of `sized` (candidate, strength).
 
-    Infinite where there is no such model, or no time for it. `name` is that of the stage in progress messages.
+    Infinite where there is no such model, its step fails or changes next to nothing, or there is no time for it. `name` is that of
+    the stage in progress messages.
     """
     known = {
         k: linearized.misfit_with_freed(one.where) for k, (one, _) in enumerate(sized) if _has_columns(linearized, one)

@@ -171,7 +171,11 @@ def freed_problems(
 
 
 def taken_as_exact(problems: Sequence[RecordProblem], tolerances: Tolerances, carried: Sequence[str]) -> str:
-    """Clause that names the fixed values whose tolerance the search did not include, all except `carried`; "" if none."""
+    """Clause that names the fixed values whose tolerance the search did not include, all except `carried`; "" if none.
+
+    `tolerances` are for sets that state none, `carried` are labels such as ``mass[deck]``. Of a solver that gives FRFs alone the
+    clause names its whole model.
+    """
     if not all(problem.structure.has_matrices for problem in problems):
         return "the model behind the FRFs of the solver is taken as exact"
     labels = dict.fromkeys(

@@ -199,7 +199,10 @@ class Transient:
 
     @cached_property
     def _own_shapes(self) -> ComplexArray:
-        """Shapes (n_frequencies, n_shapes) of each output's own part of a spectrum: polynomial in s, and tones."""
+        """Shapes (n_frequencies, n_shapes) of each output's own part of a spectrum: powers of s, then four for each tone.
+
+        Those are 1/p, s/p, 1/p^2 and s/p^2 with p = s^2 + w^2; s and w are relative to the highest line.
+        """
         s = self.relative_laplace
         powers = [s**k for k in range(0 if self.order is None else self.order + 1)]
         for tone in self.tones:

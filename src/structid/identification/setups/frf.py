@@ -137,7 +137,7 @@ class Setup(RecordSetup[FrfProblem]):
     def begun(self, problem: FrfProblem) -> FrfProblem:
         """Problem started at the one-step linear solution if every degree of freedom is measured; else the same problem.
 
-        Values out of range keep their start.
+        The same one also where channels have unknowns. Values out of range keep their start.
         """
         if self.channel_unknowns or not measures_everything(self.structure, problem.record):
             return problem

@@ -113,7 +113,7 @@ def restored(kept: Stored) -> ChainState:
 
 
 def begun(log_density: LogDensity, start: FloatArray) -> ChainState:
-    """A chain before its first draw."""
+    """The state of a chain before its first draw, at `start` (n_params,)."""
     return _phase(log_density, start, np.eye(len(start)), 0.5, 0, 0)
 
 

@@ -376,7 +376,10 @@ def _doubts(
 
 
 def _slow_modes(omega: FloatArray, duration: float, pair: str) -> list[str]:
-    """Notes on modes of less than half a period in `duration` (s), except rigid-body modes that the pair allows."""
+    """One note that lists modes of less than half a period in `duration` (s), or []; without rigid-body modes that `pair` allows.
+
+    `omega` (n_modes,) is in rad/s; `pair` names the measured motions, such as ``velocity-acceleration``.
+    """
     at_rest = omega <= 1e-6 * omega.max()
     slow = np.flatnonzero((omega * duration < np.pi) & ~(at_rest & pair.startswith(("velocity", "acceleration"))))
     if not len(slow):

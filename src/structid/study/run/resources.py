@@ -374,7 +374,7 @@ def resident_bytes() -> int:
 
 
 def _group_free() -> int | None:
-    """Free bytes of the control group (a container, a batch job), file caches included; None without a limit."""
+    """Free bytes of the control group (a container, a batch job), inactive file caches included; None without one or its limit."""
     for limit, used, cache in (
         ("memory.max", "memory.current", "inactive_file"),
         ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes", "total_inactive_file"),

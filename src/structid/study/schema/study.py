@@ -133,7 +133,7 @@ def edited_study(study: Study, tables: Mapping[str, Plain], work: Work = ALONE) 
 
 
 def cut_study(study: Study, count: int) -> Study:
-    """The study with each of its beams cut into `count` pieces."""
+    """The study with `subdivide = count` in its structure: bars and beams that can be cut are cut into so many pieces."""
     tables = dict(study.root.table)
     tables["structure"] = {**dict(study.section("structure").table), "subdivide": count}
     return edited_study(study, tables)
