@@ -48,7 +48,11 @@ HOLDS: dict[str, Callable[[dict[str, Any]], Any]] = {
         and close(end["change"], [0.0] * 8 + [-0.15] * 8, absolute=0.02)
         and (np.abs(end["significance"][8:]) > 3).all()
     ),
-    "use/control_of_a_free_beam": lambda end: end["on_drawing"] > 0 > end["on_identified"] and (end["poles"] < 0).all(),
+    "use/control_of_a_free_beam": lambda end: (
+        end["slowest"](end["truth"], end["regulate"](end["nominal"])) > 0
+        and end["slowest"](end["truth"], end["regulate"](end["identified"])) < 0
+        and (end["poles"] < 0).all()
+    ),
     "commands/explain": lambda end: near(end["found"], bending_stiffness_beam=30.0, stiffness_support_0RZ=400.0),
     "commands/identify": lambda end: (
         near(end["found"], mass_tip=0.12) and noise_deviation(end["found"], "mass[tip]") < 1e-3
@@ -84,9 +88,9 @@ HOLDS: dict[str, Callable[[dict[str, Any]], Any]] = {
     "elements/joints": lambda end: near(end["found"], stiffness_bolt=3e4, bending_stiffness_girder=2.1e4),
     "elements/matrices_of_another_code": lambda end: near(end["found"], stiffness_upper=0.9),
     "elements/component": lambda end: (
-        near(end["found"], stiffness_mount_1=2e4, stiffness_mount_3=1e4)
+        near(end["identified"], stiffness_mount_1=2e4, stiffness_mount_3=1e4)
         and close(end["answers"]["reduced"].values, end["answers"]["whole"].values, relative=1e-4)
-        and "changes the model's FRFs" in end["found"].truncations[0].words
+        and "changes the model's FRFs" in end["identified"].truncations[0].words
     ),
     "elements/tie_rod": lambda end: (
         near(end["found"], axial_force_rod=40e3, bending_stiffness_rod=3.34e3)

@@ -319,8 +319,8 @@ def test_a_study_from_a_mesh_and_the_folders_before(page, screens, tmp_path):
         (tmp_path / name).mkdir()
     folder = tmp_path / "plate"
     shutil.copy(ROOT / "examples" / "plate_from_mesh" / "plate.msh", folder)
-    with served(tmp_path / "a bridge of 1958"):
-        pass
+    with served(tmp_path / "a bridge of 1958") as bench:
+        assert bench.ask("GET", "/")[0] == 200
     with served(folder) as bench:
         page.goto(bench.address)
         recent = page.locator("#recent")
