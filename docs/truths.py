@@ -116,7 +116,10 @@ HOLDS: dict[str, Callable[[dict[str, Any]], Any]] = {
     "trust/several_states": lambda end: list(end["found"].changed) == [True, False, True, False],
     "trust/intervals": lambda end: np.isinf(end["curve"].upper) and end["curve"].lower < 3e4,
     "benchmarks/iasc_asce": lambda end: list(end["found"].changed[:4]) == [True, False, True, False],
-    "benchmarks/palisaden": lambda end: close(end["modes"].frequency, [1.8820, 2.4217, 2.6870], absolute=0.01),
+    "benchmarks/palisaden": lambda end: (
+        close(end["modes"].frequency[:3], [1.8820, 2.4217, 2.6870], absolute=0.01)
+        and (end["modes"].frequency[3:] > 3).all()  # the published list ends with the third
+    ),
     "benchmarks/smu_frame": lambda end: (
         "found" not in end or near(end["found"], 2.0, stiffness_storey_1=7.397 * 4.4482216 / 0.0254)
     ),
