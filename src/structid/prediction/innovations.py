@@ -10,30 +10,32 @@ import numpy.typing as npt
 
 from structid.core.arrays import FloatArray
 
-#: Longest lag, in samples, over which innovations are correlated with earlier ones; of short records a quarter of their samples.
+#: Longest lag, in samples, over which innovations are correlated with earlier ones; at most a quarter of the record.
 _LAGS = 50
-#: By how many standard deviations of simulated records a logarithm must lie above their mean.
+#: Standard deviations, of the logarithms over replicates, by which a value must lie above their mean.
 _SIGNIFICANT = 3.0
-#: Least part by which the size of innovations, and least part of their variance that earlier ones foretell, count: an effect below
-#: changes deviations by less than their own digits.
-_LARGER, _FORETOLD = 0.2, 0.05
-#: The same part where another spectrum of the forces or more noise would show too: these make 0.5 of it, wrong models more than 3.
-_CLEAR = 1.0
+#: Least relative excess of the size of innovations over that of replicates that counts.
+_LARGER = 0.2
+#: Least excess of `foretold_part` over that of replicates that counts.
+_FORETOLD = 0.05
+#: The same for directions in which another spectrum of the forces, or more noise, shows too: these make about 0.5, wrong models
+#: more than 3.
+_CLEARLY_FORETOLD = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Innovations:
-    """Readings of sensors less those that a filter expects from earlier samples, white and of unit variance if its model is right.
+    """Readings of sensors less those that a filter expects from earlier samples: white, of unit variance, if its model is right.
 
     Attributes
     ----------
     whitened : (n_times, n) float array
         In the directions in which the expected errors are independent, over their standard deviations.
     is_forced : (n,) bool array
-        Directions in which unknown forces leave most open, one for each force; the others are what forces cannot make alone.
+        Directions in which unknown forces contribute most of the expected error, one for each force.
     is_open : (n,) bool array
-        Directions that are left open by more than the noise of the sensors, so that the spectrum of the forces reaches them too:
-        a force that varies between samples moves the sensors in more than one direction.
+        Directions in which the expected error exceeds the noise of the sensors, so that the spectrum of the forces counts in them
+        too: a force that varies between samples moves the sensors in more than one direction. Forced ones may be among them.
     """
 
     whitened: FloatArray
@@ -47,13 +49,14 @@ def mean_square(whitened: FloatArray) -> float:
 
 
 def foretold_part(whitened: FloatArray) -> float:
-    """Sum over lags of the squared correlations of innovations (n_times, n) with earlier ones, per direction (divided by n).
+    """Sum of the squared correlations of innovations (n_times, n) with earlier ones over lags and pairs of directions, over n.
 
-    Lags run to 50 samples, or a quarter of a short record. It is about the part of their variance that a linear prediction from
-    earlier ones would remove; chance alone makes it n n_lags / n_times. Hosking (1980), J. Am. Stat. Assoc. 75, 602-608.
+    Lags run to 50 samples, or a quarter of the record if that is less. Where it is small it is about the part of their variance
+    that a linear prediction from earlier ones would remove; it may exceed 1. Chance alone makes it n n_lags / n_times. Hosking
+    (1980), J. Am. Stat. Assoc. 75, 602-608.
     """
-    size = np.sqrt(np.mean(whitened**2, axis=0))
-    scaled = whitened / np.where(size > 0, size, 1.0)
+    rms = np.sqrt(np.mean(whitened**2, axis=0))
+    scaled = whitened / np.where(rms > 0, rms, 1.0)
     count, n = scaled.shape
     lags = range(1, min(_LAGS, count // 4) + 1)
     return float(sum(((scaled[:-lag].T @ scaled[lag:] / count) ** 2).sum() for lag in lags) / n)
@@ -61,22 +64,19 @@ def foretold_part(whitened: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class InnovationVerdict:
-    """The answer of a record to the model and the forces of its filter.
+    """A verdict by the innovations of a record on the model of its filter and the spectrum of its forces.
 
     Attributes
     ----------
     is_contradicted : bool
-        Whether the model, or the noise of the sensors, must be wrong: innovations that no force can make are too large or
-        foretell each other, or, where the sensors leave none of these, those of any direction.
+        True where innovations that no force can make alone are too large or correlated in time, so that the model or the noise of
+        the sensors is wrong; and where every direction is forced and those of the forces are.
     words : str
-        A sentence on what is wrong; "" where nothing is.
-    is_spectrum : bool
-        True where the model agrees, and only the spectrum of the unknown forces is another one.
+        A sentence on what is wrong or may be, also where `is_contradicted` is False; "" where nothing is.
     """
 
     is_contradicted: bool
     words: str
-    is_spectrum: bool = False
 
 
 def judge_innovations(
@@ -84,28 +84,31 @@ def judge_innovations(
 ) -> InnovationVerdict:
     """Verdict on the innovations of a record, compared with those of `replicates`, records simulated by plausible models.
 
-    Mehra and Peschon (1971), Automatica 7, 637-640 (innovations as a test); Rubin (1984), Annals of Statistics 12, 1151-1172
-    (replicates within the uncertainty). Where the record does not state the noise of its sensors (`has_stated_noise` false),
-    what no force can make contradicts the model only if it is clearly correlated in time: the rest may be noise.
+    There are two replicates or more, of as many samples and of the same directions. Open directions without a force of their own
+    contradict the model only if they are too large or clearly correlated in time; where the record does not state the noise of
+    its sensors (`has_stated_noise` false), only clear correlation does: the rest may be noise. Mehra and Peschon (1971),
+    Automatica 7, 637-640 (innovations as a test); Rubin (1984), Annals of Statistics 12, 1151-1172 (replicates within the
+    uncertainty).
     """
-    forced, reached = record.is_forced, record.is_forced | record.is_open
+    forced, open_alone = record.is_forced, record.is_open & ~record.is_forced
 
-    def parts(chosen: npt.NDArray[np.bool_]) -> tuple[FloatArray, list[FloatArray]]:
+    def columns(chosen: npt.NDArray[np.bool_]) -> tuple[FloatArray, list[FloatArray]]:
         return record.whitened[:, chosen], [item.whitened[:, chosen] for item in replicates]
 
-    clear = _correlated(*parts(~forced), _CLEAR)
-    of_noise = _larger(*parts(~forced)) or _correlated(*parts(~reached)) or clear
-    of_forces = _larger(*parts(forced)) or _correlated(*parts(forced)) or _correlated(*parts(reached & ~forced))
-    if of_noise and not clear and not has_stated_noise:
+    # each is "" where nothing is found; the first finding is told
+    clear = _correlated(*columns(~forced), _CLEARLY_FORETOLD)
+    unforced = _larger(*columns(~forced)) or _correlated(*columns(~forced & ~open_alone)) or clear
+    of_forces = _larger(*columns(forced)) or _correlated(*columns(forced)) or _correlated(*columns(open_alone))
+    if unforced and not clear and not has_stated_noise:
         return InnovationVerdict(
             False,
-            f"{of_noise}, in what no choice of these forces explains: the record states no noise, and 1 % of what each sensor"
+            f"{unforced}, in what no choice of these forces explains: the record states no noise, and 1 % of what each sensor"
             " reads was taken; state it, for either it is another one, or the model is wrong, and bands may miss the truth",
         )
-    if of_noise:
+    if unforced:
         return InnovationVerdict(
             True,
-            f"the model does not explain the record: {of_noise}, in what no choice of these forces explains; the model is wrong,"
+            f"the model does not explain the record: {unforced}, in what no choice of these forces explains; the model is wrong,"
             " a force acts where none is named, or the sensors have more noise than stated, and bands may miss the truth",
         )
     if of_forces and forced.all():
@@ -114,7 +117,7 @@ def judge_innovations(
             f"the model does not explain the record: {of_forces}; the model is wrong, or the unknown forces have another spectrum"
             " than that of their correlation time, and these sensors cannot tell which: use more sensors than unknown forces",
         )
-    if of_forces and (record.is_open & ~forced).any():
+    if of_forces and open_alone.any():
         return InnovationVerdict(
             False,
             f"the model is wrong, or the unknown forces have another spectrum than the one that is taken here: {of_forces}; forces"
@@ -126,7 +129,6 @@ def judge_innovations(
             False,
             f"the unknown forces have another spectrum than the one that is taken here: {of_forces}; what the sensors say"
             " beyond the forces agrees with the model, but bands of forces may be too wide or too narrow",
-            True,
         )
     return InnovationVerdict(False, "")
 
@@ -134,7 +136,7 @@ def judge_innovations(
 def _larger(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
     """Words on whitened innovations (n_times, n) that are significantly larger than those of replicates; "" where they are not.
 
-    They must also be more than 20 % larger; "" too if n is 0.
+    Their root mean square must also exceed the geometric mean of those of replicates by more than 20 %; "" too if n is 0.
     """
     if not whitened.size:
         return ""
@@ -159,7 +161,7 @@ def _correlated(whitened: FloatArray, replicates: Sequence[FloatArray], least: f
 
 
 def _is_beyond(value: float, usual: Sequence[float]) -> bool:
-    """True if a positive value exceeds all of `usual`, and their mean in logarithms by more than three standard deviations."""
+    """True if a positive value exceeds all of `usual`, and its logarithm the mean of theirs by more than three deviations."""
     if not value > max(usual):
         return False
     logs = np.log(usual)
