@@ -15,8 +15,8 @@ from structid.dynamics.receptance import DENSE_UP_TO
 from structid.fem import Structure
 from structid.fem.matrices.assembly import structure_matrix_kinds
 from structid.forward.contraction import DenseSlopes, dense_slopes
-from structid.forward.last_evaluation import LastEvaluation
 from structid.forward.sensitive import SensitiveElements, sensitive_elements, weight_slope
+from structid.inversion.last_evaluation import LastEvaluation
 from structid.unknowns import Parameters
 
 #: Derivative of the weights of some elements, (n_elements, n_params).

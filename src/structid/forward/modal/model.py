@@ -12,9 +12,9 @@ from structid.core.dof import Dof
 from structid.dynamics.normal_modes import modes
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
-from structid.forward.last_evaluation import LastEvaluation
 from structid.forward.modal.matrix_slopes import MatrixSlopes
 from structid.forward.modal.output import ModelState
+from structid.inversion.last_evaluation import LastEvaluation
 from structid.unknowns import Parameters
 
 #: Degrees of freedom up to which all modes of the model are found, and dense matrices made.

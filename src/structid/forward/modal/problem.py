@@ -15,12 +15,12 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
-from structid.forward.last_evaluation import LastEvaluation
 from structid.forward.modal.dynamic import dynamic_rows
 from structid.forward.modal.measured import FewSensorsError, MeasuredModes, ModalForm, ModalSettings
 from structid.forward.modal.model import DENSE_UP_TO, ModalModel
 from structid.forward.modal.paired import output_changes, output_rows, pairing
 from structid.forward.record_problem import RecordFacts, RecordProblem, linearization_with_priors
+from structid.inversion.last_evaluation import LastEvaluation
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import DataRows, NoiseLaw, RowNoise, Schedule
 from structid.modal import ModalRecord

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.inversion.last_evaluation import LastEvaluation
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import DataRows, FreeUnknowns, Problem
 from structid.inversion.search.least_squares import minimize
@@ -99,12 +100,11 @@ class EliminatedProblem(Problem):
 
     def normal_at(self, changes: FloatArray) -> NormalEquations:
         """`normal` after changes (n_params,) of the unknowns; asked again for the same ones, it is not made again."""
-        return self._last_normal(changes.tobytes())
+        return self._last.at(changes, self.normal)
 
     @cached_property
-    def _last_normal(self) -> Callable[[bytes], NormalEquations]:
-        normal = self.normal  # without the problem, which would hold itself
-        return lru_cache(maxsize=1)(lambda changes: normal(np.frombuffer(changes)))
+    def _last(self) -> LastEvaluation[NormalEquations]:
+        return LastEvaluation()
 
 
 def minimize_eliminated(problem: EliminatedProblem, method: LevenbergMarquardt) -> tuple[FloatArray, bool] | None:
