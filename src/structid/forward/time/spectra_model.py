@@ -14,7 +14,7 @@ from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.channels import read as readings_of
 from structid.forward.frf.response import Response, ResponseCache, response
-from structid.forward.last_evaluation import LastEvaluation
+from structid.inversion.last_evaluation import LastEvaluation
 from structid.records import FrfRecord
 from structid.records.record import FrfKind
 from structid.records.transforms.finite_spectra import FiniteSpectra
@@ -241,10 +241,10 @@ class SpectraModel:
     @cached_property
     def start_modes(self) -> Modes:
         """Modes of the structure at the start: all of a small one, the lowest of a large one."""
-        return modes(*self._start_matrices)
+        return modes(*self.start_matrices)
 
-    @property
-    def _start_matrices(self) -> tuple[sparse.csc_array, sparse.csc_array]:
+    @cached_property
+    def start_matrices(self) -> tuple[sparse.csc_array, sparse.csc_array]:
         """Mass and stiffness of the structure at the start, (n_dofs, n_dofs)."""
         values = self.parameters.values(self.parameters.start)
         return self.structure.matrix("mass", values), self.structure.matrix("stiffness", values)
@@ -254,7 +254,7 @@ class SpectraModel:
 
         For a large structure they may be only the first of them.
         """
-        return frequencies_between(self.start_modes, *self._start_matrices, lowest, highest)
+        return frequencies_between(self.start_modes, *self.start_matrices, lowest, highest)
 
     @cached_property
     def transient(self) -> Transient:
@@ -386,7 +386,7 @@ def _forces(model: SpectraModel) -> FloatArray:
     n_dofs = known.n_dofs
     if model.order is None:
         return np.zeros((n_dofs, 0))
-    mass = model.structure.matrix("mass", model.parameters.values(model.parameters.start))
+    mass, _ = model.start_matrices
     found = model.start_modes
     near = found.frequency <= _REACH * model.spectra.frequency[-1]
     forces = np.zeros((n_dofs, int(near.sum())))
