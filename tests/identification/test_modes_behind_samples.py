@@ -16,6 +16,7 @@ from structid import (
     Unknown,
     parameters,
 )
+from structid.identification.setups.setup import prepared_warnings
 
 #: Hz, of four equal masses of 2 kg on springs of 1000 N/m, held at one end: in closed form.
 NATURAL = np.sqrt(1000.0 / 2.0) * 2 * np.sin(np.pi * (2 * np.arange(1, 5) - 1) / 18) / (2 * np.pi)
@@ -37,7 +38,8 @@ def warnings_at(rate, hold, structure=None, load=("4X", "force")):
     structure = chain_of(np.full(4, 1000.0)) if structure is None else structure
     unknown = parameters(structure, [Unknown("stiffness", "k")])
     setup = TimeSetup(structure, unknown, record, TimeFit(hold=hold))
-    return [words for words in setup.prepared(IdentifyOptions()).warnings if "half the sampling rate" in words]
+    warnings = prepared_warnings([setup], [setup.prepared(IdentifyOptions())])
+    return [words for words in warnings if "half the sampling rate" in words]
 
 
 @pytest.mark.parametrize("count", [1, 3])

@@ -22,7 +22,6 @@ from structid.forward.frf.continuation import LEVELS, smoothed_records
 from structid.identification.fits.modal_fit import damping_ratios, paired_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
-from structid.identification.setups.time import TimeSetup
 from structid.records import FrfRecord
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
@@ -86,8 +85,8 @@ def views(
     for setup, problem, own in zip(setups, problems, theta, strict=True):
         if isinstance(problem, FrfProblem):
             found.append(View(problem))
-        elif isinstance(setup, TimeSetup):
-            found.append(View(setup.shown_problem(options, problem.channels)))
+        elif (shown := setup.shown_problem(options, problem.channels)) is not None:
+            found.append(View(shown))
         elif isinstance(problem, ModalProblem):
             found.append(modal_view(problem, own))
     return tuple(found)

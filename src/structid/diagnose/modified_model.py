@@ -416,9 +416,10 @@ def _prepared(
         and tuple(setup.channel_unknowns) == tuple(earlier_setup.channel_unknowns)
         and vars(setup)["settings"] is vars(earlier_setup)["settings"]
     ):
-        return replace(earlier_problem, structure=setup.structure, parameters=setup.parameters)
-    prepared: RecordProblem = setup.prepared(options).problem
-    return prepared
+        kept = earlier_problem.with_structure(setup.structure, setup.parameters)
+    else:
+        kept = None
+    return kept or setup.prepared(options).problem
 
 
 def _on_lines(problem: FrfProblem, frequency: FloatArray) -> FrfProblem:

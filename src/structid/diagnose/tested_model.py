@@ -103,11 +103,11 @@ class RecordDraft:
         A name such as ``load 3X`` stands for a load; a minus at the end of a new name reverses the sign.
         """
         record = self.get("record")
-        if self.setup.kind == "modes":
+        if not isinstance(record, FrfRecord | TimeRecord):
             self.set("record", replace(record, channels=renamed(record.channels, (), names)[0]))
             return
         self.set("record", rename_channels(record, names))
-        if self.setup.kind == "histories":
+        if isinstance(record, TimeRecord):
             shown = self.get("shown")
             self.set("shown", None if shown is None else _renamed_where_there(shown, names))
 

@@ -138,7 +138,7 @@ def _finer_problem(
         setup.modelled_by(
             replace(setup.structure, subdivide=count if setup.structure.divisible else 1),
             setup.parameters,
-            getattr(setup, "channel_unknowns", ()),
+            setup.channel_unknowns,
         )
         for setup in setups
     ]

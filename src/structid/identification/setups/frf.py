@@ -54,8 +54,6 @@ class Setup(RecordSetup[FrfProblem]):
         Standard deviation of the common gain of sensors over loads, a part; by default that of the options' tolerances.
     """
 
-    kind = "frfs"
-
     structure: Structure
     parameters: Parameters
     record: FrfRecord

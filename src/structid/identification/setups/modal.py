@@ -56,8 +56,6 @@ class ModalSetup(RecordSetup[ModalProblem]):
         Gains of sensors; one at least keeps its own, as shapes have no scale.
     """
 
-    kind = "modes"
-
     structure: Structure
     parameters: Parameters
     record: ModalRecord

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABCMeta, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Literal, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -58,8 +58,6 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
         Errors of its sensors and loads that are identified too.
     """
 
-    #: Kind of its record.
-    kind: ClassVar[Literal["frfs", "histories", "modes"]]
     structure: Structure
     parameters: Parameters
     record: FrfRecord | TimeRecord | ModalRecord
@@ -71,6 +69,10 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
     @abstractmethod
     def prepared(self, options: IdentifyOptions) -> Prepared[P]:
         """The problem of the lines that `options` choose."""
+
+    def problem_warnings(self, problem: P) -> tuple[str, ...]:
+        """Warnings that take work with the model of a problem; `prepared` leaves them out, since most never ask for them."""
+        return ()
 
     @abstractmethod
     def modelled_by(
@@ -152,5 +154,9 @@ def prepared_warnings(setups: Sequence[AnySetup], prepared: Sequence[Prepared[An
     """Warnings about structures, each once, then about each record, with its title before it if there are several."""
     left_aside = [words for setup in setups for words in setup.structure.left_aside]
     of_structures = dict.fromkeys([*left_aside, *(words for ready in prepared for words in ready.of_structure)])
-    pairs = zip(prefixes(setups), prepared, strict=True)
-    return [*of_structures, *(prefix + words for prefix, ready in pairs for words in ready.warnings)]
+    of_records = [
+        prefix + words
+        for prefix, setup, ready in zip(prefixes(setups), setups, prepared, strict=True)
+        for words in (*ready.warnings, *setup.problem_warnings(ready.problem))
+    ]
+    return [*of_structures, *of_records]

@@ -139,8 +139,6 @@ class TimeSetup(RecordSetup[RecordProblem]):
         Standard deviation of the common gain of sensors over loads, a part; by default that of the options' tolerances.
     """
 
-    kind = "histories"
-
     structure: Structure
     parameters: Parameters
     record: TimeRecord
@@ -172,7 +170,11 @@ class TimeSetup(RecordSetup[RecordProblem]):
         averaged = replace(
             self.shown_problem(options, None).record, coherence=None
         )  # leakage, which the fit has none of
-        return Prepared(problem, (*record_warnings(averaged), *_modes_behind_the_samples(problem)))
+        return Prepared(problem, record_warnings(averaged))
+
+    def problem_warnings(self, problem: RecordProblem) -> tuple[str, ...]:
+        """Warning about modes behind the samples, where inputs run straight between these."""
+        return _modes_behind_the_samples(problem)
 
     def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
         """Unknown errors of sensors and loads; None if none is declared.

@@ -13,7 +13,6 @@ from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
-from structid.identification.setups.time import TimeSetup
 from structid.report.figures.responses import channel_unit
 from structid.workbench.work.scene import packed
 
@@ -76,8 +75,7 @@ def initial_responses(setup: AnySetup, problem: RecordProblem, options: Identify
 
     ``channels`` is empty if the record has no FRFs or the responses are not finite.
     """
-    if isinstance(setup, TimeSetup):
-        problem = setup.shown_problem(options, problem.channels)
+    problem = setup.shown_problem(options, problem.channels) or problem
     if not isinstance(problem, FrfProblem):
         return {"channels": []}
     values, record = problem.predicted(problem.theta_start), problem.record
