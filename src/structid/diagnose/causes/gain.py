@@ -37,8 +37,7 @@ class SensorGain(Candidate):
         """Candidate gains, as logarithms, of each sensor in records of several: errors of calibration and mistaken units."""
         for _, channel in channels(records, 1):
             if channel.n_alike > 1:
-                units = np.log([factor for factor, _, _ in mistaken_motions(channel.dof.is_rotation)])
-                logs = np.concatenate([FACTORS, -FACTORS, units, -units])
+                logs = _log_gains(mistaken_motions(channel.dof.is_rotation))
                 yield cls(where=(channel.dof.place,), record=channel.record, strengths=logs)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
@@ -52,9 +51,7 @@ class SensorGain(Candidate):
 
     def mistaken_unit(self, gain: float | None) -> str:
         """The unit, in words, that a sensor with the factor `gain` was read in by mistake; "" where none fits within 5 %."""
-        if gain is None or gain <= 0:
-            return ""
-        return mistaken_unit(math.log(gain), mistaken_motions(parse_dof(self.where[0]).is_rotation), _UNIT)
+        return _unit_of_motion(self.where[0], gain)
 
     def named_kind(self, value: float | None) -> str:
         return "unit" if self.mistaken_unit(value) else self.kind
@@ -82,11 +79,10 @@ class LoadGain(Candidate):
         for receptances, channel in channels(records, 2):
             is_motion = receptances.problem.record.is_per_motion
             table = mistaken_motions(channel.dof.is_rotation) if is_motion else MISTAKEN_FORCES
-            units = np.log([factor for factor, _, _ in table])
             yield cls(
                 where=(channel.dof.place,),
                 record=channel.record,
-                strengths=np.concatenate([FACTORS, -FACTORS, units, -units]),
+                strengths=_log_gains(table),
                 is_motion=is_motion,
                 is_alone=channel.n_alike == 1,
             )
@@ -104,11 +100,9 @@ class LoadGain(Candidate):
 
         For a force it is the inverse of `gain` that is compared with factors of units.
         """
-        if gain is None or gain <= 0:
-            return ""
         if self.is_motion:
-            return mistaken_unit(math.log(gain), mistaken_motions(parse_dof(self.where[0]).is_rotation), _UNIT)
-        return mistaken_unit(-math.log(gain), MISTAKEN_FORCES, _UNIT)
+            return _unit_of_motion(self.where[0], gain)
+        return "" if gain is None or gain <= 0 else mistaken_unit(-math.log(gain), MISTAKEN_FORCES, _UNIT)
 
     def named_kind(self, value: float | None) -> str:
         return "unit" if self.mistaken_unit(value) else self.kind
@@ -118,6 +112,19 @@ class LoadGain(Candidate):
             return gain_sentence(f"the force at {self.where[0]}", self.mistaken_unit(value), value)
         sentence = gain_sentence(f"the motion of support {self.where[0]}", self.mistaken_unit(value), value)
         return sentence + (", or all sensors are off the other way round" if self.is_alone else "")
+
+
+def _log_gains(units: Sequence[tuple[float, str, str]]) -> FloatArray:
+    """Logarithms of gains to look at, (n_gains,): errors of calibration and the factors of mistaken `units`, either way."""
+    factors = np.log([factor for factor, _, _ in units])
+    return np.concatenate([FACTORS, -FACTORS, factors, -factors])
+
+
+def _unit_of_motion(place: str, gain: float | None) -> str:
+    """The unit, in words, that the motion at `place` was read in by mistake; "" where none has the factor `gain`."""
+    if gain is None or gain <= 0:
+        return ""
+    return mistaken_unit(math.log(gain), mistaken_motions(parse_dof(place).is_rotation), _UNIT)
 
 
 def gain_sentence(channel: str, unit: str, gain: float | None) -> str:
