@@ -27,9 +27,7 @@ from structid.inversion.fixed_values import FIXED
 from structid.inversion.search.minimum import residual_at, squared
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import StageProgress
-from structid.study.run.run import SearchFailedError, is_matrix_free, refine_mesh, run_prepared
-from structid.study.run.solver.rounds import relinearize_solver
-from structid.study.run.start import prepare_study
+from structid.study.run.run import SearchFailedError, is_matrix_free, refine_mesh, relinearized_study, run_prepared
 from structid.study.schema.study import Study, load_study
 from structid.unknowns.named_unknowns import begun_at
 
@@ -148,9 +146,7 @@ def compare(
     fixed = _fixed_in_both(_problems_with_free_values(first), _problems_with_free_values(second), names)
     both = _joint_estimate(joint, fixed)
     comparison = compare_jointly(both, names, **settings)
-    cost = squared(residual_at(joint, both.theta))
-    if fixed is not None:
-        cost = squared(fixed.refit(both.names, both.theta, cost).at.residual)
+    cost = _cost_within_tolerances(joint, fixed, both)
     common = (
         0 if fixed is None else sum(name.startswith(FIXED) and not name.endswith(LATER) for name in fixed.problem.names)
     )
@@ -170,11 +166,14 @@ def _least_cost(state: State) -> float:
     answer = state.result.identification
     if answer.target is None:
         raise InputError("states fitted in time cannot be joined; compare their results folders, or use fit 'spectra'")
-    cost = squared(residual_at(answer.target, answer.estimate.theta))
     fixed = fixed_values(answer.freed) if answer.freed else None
-    if fixed is None:
-        return cost
-    return squared(fixed.refit(answer.estimate.names, answer.estimate.theta, cost).at.residual)
+    return _cost_within_tolerances(answer.target, fixed, answer.estimate)
+
+
+def _cost_within_tolerances(problem: Problem, fixed: FixedValues | None, estimate: Estimate) -> float:
+    """Sum of squares of `problem` at its estimate, priors included, with the values `fixed` free within their tolerances."""
+    cost = squared(residual_at(problem, estimate.theta))
+    return cost if fixed is None else squared(fixed.refit(estimate.names, estimate.theta, cost).at.residual)
 
 
 def _unchanged_test(
@@ -241,7 +240,7 @@ def _run_study(study: Study, progress: StageProgress | None) -> State:
     InputError
         If the search is matrix-free.
     """
-    ready = relinearize_solver(prepare_study(study), progress)
+    ready = relinearized_study(study, progress)
     if is_matrix_free(ready):
         raise InputError(
             f"{study.path}: [method] search is 'matrix_free', which gives no covariance matrix to compare by; group the"
