@@ -14,6 +14,7 @@ from structid.core.dof import Dof, parse_dof
 from structid.core.errors import InputError
 from structid.dynamics.factorization import factorizer
 from structid.fem import Base, Structure
+from structid.fem.elements.element import dof_code
 from structid.prediction.poles import (
     PoleSum,
     Sides,
@@ -59,7 +60,16 @@ def input_words(inputs: Sequence[Input]) -> tuple[str, ...]:
 def movable_supports(structure: Structure) -> list[Dof]:
     """Supports (positive directions) that elements are attached to, so that their motion moves the structure."""
     codes = set(structure.numbering.codes.tolist())
-    return [dof for dof in dict.fromkeys(each.unsigned for each in structure.fixed) if 6 * dof.node + dof.axis in codes]
+    return [
+        dof
+        for dof in dict.fromkeys(each.unsigned for each in structure.fixed)
+        if dof_code(dof.node, dof.direction) in codes
+    ]
+
+
+def is_support(structure: Structure, dof: Dof) -> bool:
+    """True if the structure is held at the degree of freedom, in either sense."""
+    return dof.unsigned in {each.unsigned for each in structure.fixed}
 
 
 def support_base(structure: Structure, dof: Dof, together: bool = True) -> Base:

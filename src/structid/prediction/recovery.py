@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol, TypeAlias
@@ -29,7 +29,9 @@ _TEXT = re.compile(
 _PAIR = re.compile(r"(\w+)\s*=\s*([^\s=\]]+)")
 _FORCES = ("N", "V", "VY", "VZ", "T", "M", "MY", "MZ")
 _SURFACES = {"top": 0.5, "middle": 0.0, "bottom": -0.5}
-_STRESSES = ("stress_xx", "stress_yy", "stress_xy", "von_mises")
+#: Components of stress, which are linear in the loads, and what is not.
+_LINEAR_STRESSES = ("stress_xx", "stress_yy", "stress_xy")
+_STRESSES = (*_LINEAR_STRESSES, "von_mises")
 #: Matrices that make up the force at the end of an element, by the derivative of motion that they multiply.
 _MATRICES = ("stiffness", "damping", "mass")
 #: von Mises stress squared is s' A s of the stresses xx, yy and xy.
@@ -520,6 +522,25 @@ def _end_of(element: ElementSet, row: int, node: int, text: str) -> int:
     if node not in ends:
         raise InputError(f"{text}: the element runs from node {ends[0]} to {ends[1]}, got {node}")
     return ends.index(node)
+
+
+def linear_element_outputs(structure: Structure) -> Iterator[str]:
+    """Yield names of element outputs that are linear in the loads, such as ``M[deck:3@12]`` or ``stress_xx[plate:17@top]``.
+
+    Forces and strains at nodes of bars and beams, stresses at top and bottom of plates and shells. In brackets: element set,
+    element (counted from 1), and node or surface.
+    """
+    outer = [surface for surface, height in _SURFACES.items() if height]
+    for element in structure.elements:
+        if isinstance(element, ThinSet):
+            for row in range(1, len(element.nodes) + 1):
+                yield from (f"{what}[{element.name}:{row}@{surface}]" for surface in outer for what in _LINEAR_STRESSES)
+            continue
+        forces = element.section_directions(structure.nodes)
+        names = (*forces, *(("strain",) if "N" in forces else ()))  # without an axial force the axis has no strain
+        for row, nodes in enumerate(element.nodes.tolist() if names else (), 1):
+            for what in names:
+                yield from (f"{what}[{element.name}:{row}@{node}]" for node in nodes)
 
 
 def _offered(element: ElementSet) -> str:

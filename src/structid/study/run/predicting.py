@@ -23,7 +23,7 @@ from structid.fem import Base, Structure
 from structid.files import csv_text
 from structid.prediction.changes import Change, changed_model
 from structid.prediction.identified_model import IdentifiedModel
-from structid.prediction.linear_response import Input, support_base
+from structid.prediction.linear_response import Input, is_support, support_base
 from structid.prediction.loads import coloured_noise, half_sine, read_density, sine
 from structid.prediction.options import PredictOptions
 from structid.prediction.predict import PredictedChange, Prediction, predict_changes, predict_together
@@ -125,7 +125,13 @@ def predict_study(
     InputError
         If the folder, its study, a place or a change cannot be used, or the data do not determine the model.
     """
-    source = stored_study(folder, study)
+    return predict_stored(stored_study(folder, study), folder, options, changes)
+
+
+def predict_stored(
+    source: Study, folder: Path, options: PredictOptions, changes: Sequence[Change] = ()
+) -> StudyPrediction:
+    """Predictions from a results folder whose study has been read; see `predict_study`."""
     model = stored_model(folder, source)
     structure, parameters = changed_model(model.structure, model.parameters, changes)
     damper = None
@@ -268,8 +274,7 @@ def _input(structure: Structure, dof: Dof, together: bool) -> Input:
 
     With `together` all supports of that direction move.
     """
-    is_support = dof.unsigned in {each.unsigned for each in structure.fixed}
-    return support_base(structure, dof, together) if is_support else dof
+    return support_base(structure, dof, together) if is_support(structure, dof) else dof
 
 
 def _history(structure: Structure, outputs: tuple[Output, ...], options: PredictOptions) -> tuple[History, str]:
@@ -310,14 +315,13 @@ def _recorded_loads(
     record = read_record(path, ReadOptions())
     if not isinstance(record, TimeRecord):
         raise InputError(f"{path}: holds FRFs; `history` takes loads over time", "history")
-    supports = {each.unsigned for each in structure.fixed}
     inputs: list[Input] = []
     loads: list[FloatArray] = []
     for dof, quantity, column in zip(record.channels, record.quantities, record.values.T, strict=True):
         if quantity == "force":
             inputs.append(dof)
             loads.append(column)
-        elif dof.unsigned in supports:
+        elif is_support(structure, dof):
             if quantity == "velocity":
                 raise InputError(
                     f"{path}: {dof} is a velocity; a support moves by its acceleration or displacement", "history"
@@ -346,8 +350,7 @@ def _spectrum(
 
     The spectral density of the noise is interpolated linearly and 0 outside its table; `InputError` if it is 0 at all lines.
     """
-    path, loaded = _noise_parts(structure, options)
-    frequency, density = read_density(path, isinstance(loaded, Base))
+    path, (frequency, density), loaded = _noise_parts(structure, options)
     kind = "transmissibility" if isinstance(loaded, Base) else options.kind
     within = np.interp(lines, frequency, density, left=0.0, right=0.0)
     if not within.any():
@@ -365,18 +368,19 @@ def _noise_history(
 
     `duration` is in s, `sampling_rate` in Hz; the seed of the options fixes the sample.
     """
-    path, loaded = _noise_parts(structure, options)
+    _, density, loaded = _noise_parts(structure, options)
     rng = np.random.default_rng(options.seed)
-    noise = coloured_noise(*read_density(path, isinstance(loaded, Base)), duration, sampling_rate, rng)
+    noise = coloured_noise(*density, duration, sampling_rate, rng)
     return History(outputs, (loaded,), noise[:, None], sampling_rate, options.motion, options.relative)
 
 
-def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, Input]:
-    """Absolute path of the noise table that the options name as ``table@place``, and the input that the noise drives."""
+def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, tuple[FloatArray, FloatArray], Input]:
+    """Path of the noise table that the options name as ``table@place``, its frequencies and densities, and the driven input."""
     text, at, name = options.noise.rpartition("@")
     if not at or not text:
         raise InputError(f"`noise` must be a table and a place, as wind.csv@12Y, got {options.noise!r}", "noise")
-    return absolute_paths(Path(text)), _inputs(structure, [name], options)[0]
+    path, loaded = absolute_paths(Path(text)), _inputs(structure, [name], options)[0]
+    return path, read_density(path, isinstance(loaded, Base)), loaded
 
 
 def _sizes_at(name: str, text: str, parts: tuple[str, str]) -> tuple[tuple[float, float], Dof]:

@@ -1,8 +1,8 @@
-"""Uses of an identified model by the page: responses anywhere, before and after changes, and files for other programs."""
+"""Predictions before and after changes, and exports, that the page of the workbench asks of an identified model."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -13,26 +13,27 @@ from structid.core.constraints import split_commas
 from structid.core.dof import parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Entry
-from structid.fem import Base, Structure
+from structid.fem import Base
 from structid.fem.elements.element import dof_of_code
-from structid.fem.elements.plate import ThinSet
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
 from structid.prediction.changes import AddMass, AddSupport, AddTunedMassDamper, Change, Remove, Scale
-from structid.prediction.linear_response import movable_supports
+from structid.prediction.linear_response import is_support, movable_supports
 from structid.prediction.options import ExportOptions, PredictOptions
 from structid.prediction.predict import Prediction
 from structid.prediction.quantities import Frf
+from structid.prediction.recovery import linear_element_outputs
 from structid.study.results.stored_model import stored_model, stored_study
-from structid.study.run.exports.offers import list_offers
+from structid.study.run.exports.offers import Offer, list_offers
 from structid.study.run.exports.write import ExportFiles, write_exports
-from structid.study.run.predicting import parts_of, predict_study, prediction_summary
+from structid.study.run.predicting import parts_of, predict_stored, prediction_summary
 from structid.workbench.work.scene import packed
 
-#: Names that are offered for choice at most, and models within the uncertainty behind a band of the page.
-_MOST_NAMES, _DRAWS, _LINES, _MODES = 1500, 200, 400, 8
+#: Names of one sort that are offered for choice, at most.
+_MOST_NAMES = 1500
+#: Sampled models behind a 95 % band, lines of a predicted FRF, and modes.
+_DRAWS, _LINES, _MODES = 200, 400, 8
+#: Texts of the measured FRFs in estimate.h5.
 _MEASURED = ("outputs", "inputs", "kind")
-#: Sides and components of stresses of plates and shells that are linear in the load.
-_SIDES, _CELL_STRESSES = ("top", "bottom"), ("stress_xx", "stress_yy", "stress_xy")
 #: Kind of the change that seeks frequency and damping of a tuned mass damper itself.
 _TUNE = "tune"
 
@@ -60,7 +61,7 @@ def use_facts(folder: Path) -> dict[str, Entry]:
         "dofs": [str(dof_of_code(code)) for code in moving[:_MOST_NAMES]],
         "nodes": list(structure.nodes)[:_MOST_NAMES],
         "supports": [dof.place for dof in movable_supports(structure) if not dof.is_rotation][:_MOST_NAMES],
-        "element_outputs": list(islice(_element_outputs(structure), _MOST_NAMES)),
+        "element_outputs": list(islice(linear_element_outputs(structure), _MOST_NAMES)),
         "outputs": outputs,
         "inputs": inputs,
         "kind": kind[0] if kind else "accelerance",
@@ -69,7 +70,7 @@ def use_facts(folder: Path) -> dict[str, Entry]:
         "sets": [element.name for element in structure.elements],
         "offers": [
             {
-                "kind": offer.flag.removeprefix("--").replace("-", "_"),
+                "kind": _export_kind(offer),
                 "content": offer.content,
                 "suffixes": offer.suffixes,
                 "obstacle": offer.obstacle,
@@ -79,23 +80,17 @@ def use_facts(folder: Path) -> dict[str, Entry]:
     }
 
 
-def _element_outputs(structure: Structure) -> Iterator[str]:
-    """Yield names of forces, strains and stresses in elements, such as ``M[deck:3@12]`` or ``stress_xx[plate:17@top]``.
-
-    In brackets: element set, element (counted from 1), and node or, for plates and shells, side.
-    """
-    for element in structure.elements:
-        forces = element.section_directions(structure.nodes)
-        read = (*forces, *(("strain",) if "N" in forces else ()))  # a beam on a line strains off its axis alone
-        for row, nodes in enumerate(element.nodes.tolist(), 1):
-            if isinstance(element, ThinSet):
-                yield from (f"{what}[{element.name}:{row}@{side}]" for side in _SIDES for what in _CELL_STRESSES)
-                continue
-            for what in read:
-                yield from (f"{what}[{element.name}:{row}@{node}]" for node in nodes)
+def _export_kind(offer: Offer) -> str:
+    """The field of `ExportFiles` that a kind of export fills, from the flag of the command."""
+    return offer.flag.removeprefix("--").replace("-", "_")
 
 
-#: Keys of a change by its kind, and what makes it.
+def _band(options: Mapping[str, Any]) -> tuple[float, float] | None:
+    """The frequency range ``band`` of the page's options, in Hz; None where it is left out."""
+    return None if options.get("band") is None else (float(options["band"][0]), float(options["band"][1]))
+
+
+#: What makes a change, and its keys in the order of its arguments, by the kind of the change.
 _CHANGES: dict[str, tuple[Callable[..., Change], tuple[str, ...]]] = {
     "mass": (AddMass, ("node", "mass")),
     "scale": (Scale, ("label", "factor")),
@@ -109,24 +104,29 @@ def read_changes(stated: Sequence[Mapping[str, Any]]) -> list[Change]:
     """Changes of a structure from mappings, each with a ``kind`` and the values of that kind.
 
     Kinds: ``mass`` (node, mass), ``scale`` (label, factor), ``support`` (dof), ``damper`` (dof, mass, frequency, damping_ratio)
-    and ``remove`` (name); in kg, Hz and as ratios.
+    and ``remove`` (name). Masses are in kg, frequencies in Hz.
 
     Raises
     ------
     InputError
-        If a kind is unknown, or a value is missing.
+        If a kind is unknown, a value is missing, or a node is no number.
     """
     changes: list[Change] = []
     for table in stated:
         if table.get("kind") not in _CHANGES:
             raise InputError(f"a change must be one of {', '.join(_CHANGES)}, got {table.get('kind')!r}")
         make, keys = _CHANGES[table["kind"]]
-        missing = [key for key in keys if table.get(key) in (None, "")]
-        if missing:
-            raise InputError(f"{table['kind']}: `{missing[0]}` must be given, got nothing")
+        _require(table, keys)
         values = [_node(table[key]) if key == "node" else table[key] for key in keys]
         changes.append(make(*values))
     return changes
+
+
+def _require(change: Mapping[str, Any], keys: Sequence[str]) -> None:
+    """Raise `InputError` for the first of `keys` that a change leaves out."""
+    missing = [key for key in keys if change.get(key) in (None, "")]
+    if missing:
+        raise InputError(f"{change['kind']}: `{missing[0]}` must be given, got nothing")
 
 
 def _node(stated: Any) -> int:
@@ -138,36 +138,38 @@ def _node(stated: Any) -> int:
 
 
 def predict_use(folder: Path, options: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]) -> dict[str, Entry]:
-    """Predicted modes, and the FRF from one load to one sensor with its 95 % band, before and after changes.
+    """Predicted modes, and the FRF from one load to one sensor with its 95 % interval, before and after changes.
 
-    The answer holds ``changes``, ``bands``, ``modes`` and, if a sensor is chosen, ``frf`` with packed frequency (Hz) and
-    curves.
+    The answer holds ``changes``, ``bands`` and ``modes`` of `prediction_summary` and, if an FRF was predicted, ``frf``: packed
+    frequency (Hz), ``unit``, ``kind``, the supports that ``moved``, and curves before and after.
 
     Parameters
     ----------
     folder : Path
         Results of an identification.
     options : mapping
-        ``sensor`` and ``load`` (names of degrees of freedom, "" for none), ``band`` ([low, high] in Hz or None), and ``kind``,
-        the kind of FRF, "accelerance" by default; for a load at a support the transmissibility is predicted instead.
+        ``sensor`` (a degree of freedom or an element output) and ``load`` (a degree of freedom), "" for none; ``band`` ([low,
+        high] in Hz or None); and ``kind``, the kind of FRF, "accelerance" by default; where a load is at a support, the
+        transmissibility is predicted instead.
     changes : sequence of mapping
         See `read_changes`. One may have the kind ``tune``: a tuned mass damper with a ``mass`` (kg) and a ``dof``, whose
         frequency and damping are optimized.
     """
     tuned = [table for table in changes if table.get("kind") == _TUNE]
-    load, supports = str(options.get("load") or ""), {dof.unsigned for dof in stored_study(folder).structure.fixed}
-    is_support = any(dof.unsigned in supports for dof in parse_dofs(split_commas(load)))
+    source, load = stored_study(folder), str(options.get("load") or "")
+    moves_support = any(is_support(source.structure, dof) for dof in parse_dofs(split_commas(load)))
     asked = PredictOptions(
         sensors=str(options.get("sensor") or ""),
         loads=load,
-        kind="transmissibility" if is_support else options.get("kind") or "accelerance",
-        band=None if options.get("band") is None else (float(options["band"][0]), float(options["band"][1])),
+        kind="transmissibility" if moves_support else options.get("kind") or "accelerance",
+        band=_band(options),
         lines=_LINES,
         modes=_MODES,
         draws=_DRAWS,
         tune_damper=_damper_text(tuned),
     )
-    predicted = predict_study(folder, asked, read_changes([table for table in changes if table not in tuned]))
+    others = read_changes([table for table in changes if table.get("kind") != _TUNE])
+    predicted = predict_stored(source, folder, asked, others)
     summary = prediction_summary(predicted)
     answer: dict[str, Entry] = {key: summary[key] for key in ("changes", "bands", "modes")}
     if predicted.frf is not None:
@@ -195,9 +197,7 @@ def _damper_text(tuned: Sequence[Mapping[str, Any]]) -> str:
         return ""
     if len(tuned) > 1:
         raise InputError("one damper is tuned at a time; give frequency and damping of the others")
-    for key in ("dof", "mass"):
-        if tuned[0].get(key) in (None, ""):
-            raise InputError(f"{_TUNE}: `{key}` must be given, got nothing")
+    _require(tuned[0], ("dof", "mass"))
     return f"{tuned[0]['mass']}@{tuned[0]['dof']}"
 
 
@@ -210,7 +210,7 @@ def _curves(part: Prediction) -> dict[str, Entry]:
 def export_use(
     folder: Path, kind: str, suffix: str, options: Mapping[str, Any], out: Path
 ) -> tuple[list[str], list[Path]]:
-    """Write one kind of export file of an identified model into `out`; returns messages to print and the paths written.
+    """Write one kind of export file of an identified model into `out`; returns messages for the user and the paths that then exist.
 
     Existing files are replaced. `folder` holds the results, `kind` and `suffix` are as in ``offers`` of `use_facts`; `options`
     may hold ``sensor``, ``load``, ``band`` ([low, high] in Hz) and ``modes`` (their number, 10 by default).
@@ -221,10 +221,7 @@ def export_use(
         If the kind or its format is unknown, or the model has no such content.
     """
     study = stored_study(folder)
-    offers = {
-        offer.flag.removeprefix("--").replace("-", "_"): offer
-        for offer in list_offers(stored_model(folder, study), study)
-    }
+    offers = {_export_kind(offer): offer for offer in list_offers(stored_model(folder, study), study)}
     if kind not in offers or suffix not in offers[kind].suffixes:
         raise InputError(f"{kind} as {suffix} is no file of these results; choose one that is offered")
     out.mkdir(exist_ok=True)
@@ -232,7 +229,7 @@ def export_use(
     asked = ExportOptions(
         sensors=str(options.get("sensor") or ""),
         loads=str(options.get("load") or ""),
-        band=None if options.get("band") is None else (float(options["band"][0]), float(options["band"][1])),
+        band=_band(options),
         modes=int(options.get("modes") or 10),
     )
     return write_exports(folder, files, asked, force=True), [path for path in files.paths if path.exists()]
