@@ -225,8 +225,7 @@ def changed_model(
         raise InputError(
             f"nothing of the changed structure can move ({told}), so that it has no modes; hold or take out less of it"
         )
-    mass = structure.matrix("mass", parameters.values(parameters.start))
-    if structure.has_modes and not mass.count_nonzero():
+    if structure.has_modes and not structure.matrix("mass", parameters.values(parameters.start)).count_nonzero():
         raise InputError(f"the changed structure has no mass ({told}), so that it has no modes; take out less of it")
     return structure, parameters
 

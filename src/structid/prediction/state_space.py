@@ -217,8 +217,9 @@ def state_space(
         other = _Equations.from_reduced(
             reduce_structure(structure, model.parameters.values(physical), basis, sides), MOTION_DERIVATIVES[motion]
         )
-        cut = other.cut(made.n_states, high, other.balance(high), frequency, other.frf(frequency))
-        draws.append(cut.padded(made.n_states, high).sampled(sampling_rate))
+        if made.n_states < other.n_states:
+            other = other.cut(made.n_states, high, other.balance(high), frequency, other.frf(frequency))
+        draws.append(other.padded(made.n_states, high).sampled(sampling_rate))
     parts = made.sampled(sampling_rate)
     return StateSpace(*parts, sensors, loads, motion, (low, high), largest, sampling_rate, tuple(draws))
 

@@ -225,7 +225,7 @@ def _gathered(labels: IntArray, distance: FloatArray, poles: ComplexArray, numbe
         if not len(members):
             continue
         taken[members] = True
-        middle = poles[members[distance[np.ix_(members, members)].sum(axis=1).argmin()]]
+        middle = poles[members[_total_distances(members, distance).argmin()]]
         away = np.median(distance[:, members], axis=1)
         like = (away < _ONE_MODE) & (np.abs(poles - middle) < _ONE_POLE * abs(middle))
         candidates = np.flatnonzero(like & ~taken & ~np.isin(number, number[members]))
@@ -233,6 +233,11 @@ def _gathered(labels: IntArray, distance: FloatArray, poles: ComplexArray, numbe
         nearest = candidates[np.unique(number[candidates], return_index=True)[1]]
         labels[nearest], taken[nearest] = label, True
     return np.unique(labels, return_inverse=True)[1] + 1
+
+
+def _total_distances(members: IntArray, distance: FloatArray) -> FloatArray:
+    """Sums of the distances of each of the poles `members` to all of them, (n_members,); the central pole has the least."""
+    return np.asarray(distance[np.ix_(members, members)].sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +258,7 @@ def _cluster(members: IntArray, pool: _Pool, distance: FloatArray) -> Cluster:
     `distance` (n_poles, n_poles) is that between the poles of the pool.
     """
     s, number = pool.poles[members], pool.number[members]
-    total = distance[np.ix_(members, members)].sum(axis=1)
+    total = _total_distances(members, distance)
     omega, chosen = np.abs(s), int(total.argmin())
     return Cluster(
         number,
