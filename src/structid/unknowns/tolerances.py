@@ -116,7 +116,7 @@ def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tole
         if len(indices) <= _MOST_ALONE and (values != values[0]).any():
             numbers = indices - item.values.start + 1
             found += [
-                replace(whole, label=f"{item.label[:-1]}:{number}]", indices=locked([index], int))
+                replace(whole, label=f"{item.term.property}[{item.element}:{number}]", indices=locked([index], int))
                 for number, index in zip(numbers, indices, strict=True)
             ]
     return tuple(found)

@@ -499,7 +499,8 @@ def property_values(
     `element` is the name of the set, for errors. Raises `InputError` for text, a wrong number of values, values that are not
     finite, negative ones unless `signed`, and zeros if `positive`.
     """
-    if np.asarray(values).dtype.kind in "USO" and any(isinstance(item, str | bytes) for item in np.ravel(values)):
+    stated = np.asarray(values)
+    if stated.dtype.kind in "USO" and any(isinstance(item, str | bytes) for item in stated.ravel()):
         raise InputError(f"`{name}` of {element!r} must be one number or {n_elements}, got text: {values!r}")
     try:
         array = np.broadcast_to(np.asarray(values, dtype=np.float64), (n_elements,))

@@ -64,6 +64,11 @@ class Key:
         return schema
 
 
+def deferred(declare: Callable[[], Table], short: Kind | None = None) -> Table:
+    """A table whose module loads when its keys are asked for; `short` is its short form, which is known before."""
+    return Table(DeferredKeys(lambda: declare().keys), short=short)
+
+
 @dataclass(frozen=True, eq=False)
 class DeferredKeys(Mapping[str, Key]):
     """Keys of a table whose module loads when they are asked for: a study without that table needs none of it.

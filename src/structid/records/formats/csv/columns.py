@@ -154,7 +154,7 @@ def _time_column(table: Table, options: ReadOptions) -> int | None:
 
 def _first_date(table: Table, j: int) -> datetime | None:
     """Date or clock time in the first cell of column `j`; None if the cell is a number or no date."""
-    return as_date(table.column(j)[0]) if np.isnan(table.values[0, j]) else None
+    return as_date(table.cell(0, j)) if np.isnan(table.values[0, j]) else None
 
 
 def _is_day(table: Table, j: int) -> bool:
@@ -164,8 +164,7 @@ def _is_day(table: Table, j: int) -> bool:
     """
     if _first_date(table, j) is None:
         return False
-    texts = table.column(j)
-    dates = [as_date(texts[i]) for i in (0, len(texts) // 2, -1)]
+    dates = [as_date(table.cell(i, j)) for i in (0, len(table.texts) // 2, -1)]
     return all(date is not None and date.year > 1 and date.time() == datetime.min.time() for date in dates)
 
 

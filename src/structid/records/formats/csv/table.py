@@ -67,6 +67,10 @@ class Table(NamedTuple):
         """True if the first column is an axis of frequencies."""
         return self.to_hertz is not None
 
+    def cell(self, i: int, j: int) -> str:
+        """The cell in row `i` of the numbers and column `j` as it is written."""
+        return self.texts[i][j].strip()
+
     def column(self, j: int) -> list[str]:
         """The cells of column `j` as they are written."""
         cells = self.texts.column(j) if isinstance(self.texts, Rows) else [row[j] for row in self.texts]

@@ -192,9 +192,9 @@ def _read_source(study: Study, path: Path, values: Sequence[ElementValues]) -> _
     }  # fmt: skip
     group_of = {
         str(entry.table["name"]): None if entry.table.get("group") is None else str(entry.table["group"])
-        for kind, element_type in ELEMENT_TYPES.items()
+        for kind in ELEMENT_TYPES
         for entry in section.sections(kind)
-        if not element_type.follows and not {"nodes", "first"} & set(entry.table) and "name" in entry.table
+        if not ELEMENT_TYPES[kind].follows and not {"nodes", "first"} & set(entry.table) and "name" in entry.table
     }
     mesh = read_mesh(path, length_unit, force_unit)
     return _Source(path.name, text, mesh, group_of, {(item.element, item.name): item for item in values}, scales)

@@ -45,7 +45,7 @@ from structid.study.schema.kinds import (
 from structid.study.schema.records.sensors import read_sensors
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.tables import DeferredKeys, Given, Key, Table, kind_of_argument, own_table, table_of
+from structid.study.schema.tables import Given, Key, Table, deferred, kind_of_argument, own_table, table_of
 from structid.unknowns.tolerances import EXACT, Tolerances
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ AUTO = "auto"
 _NUMBER_OF_PIECES = limit_kind(WHOLE, Limits(least=1, most=MOST_PIECES))
 _PIECES = replace(either(_NUMBER_OF_PIECES, choice(AUTO)), words=f'{_NUMBER_OF_PIECES.words}, or "{AUTO}"')
 _POSITIONS = Table(labels=POSITION)
-_SUPPORT = Key(Table(DeferredKeys(lambda: model.SUPPORT.keys)), "Nodes that are held at zero", listed=True)
+_SUPPORT = Key(deferred(lambda: model.SUPPORT), "Nodes that are held at zero", listed=True)
 _NODES = Key(_POSITIONS, "One line a node: its label, and one to three coordinates in m")
 
 
@@ -124,13 +124,13 @@ def structure_table() -> Table:
         ),
         "component": Key(_COMPONENT, "Element sets that are reduced to their interface and a few modes", listed=True),
         "measured_component": Key(
-            Table(DeferredKeys(lambda: model.MEASURED.keys)),
+            deferred(lambda: model.MEASURED),
             "Parts that have no model but measured FRFs at their interface: machines, mounts, soil",
             listed=True,
         ),
         "nodes": _NODES,
         "mesh": Key(
-            Table(DeferredKeys(lambda: model.MESH.keys), short=TEXT),
+            deferred(lambda: model.MESH, TEXT),
             "A mesh from a file, or its path where it is in m",
         ),
         "points": Key(
@@ -138,13 +138,11 @@ def structure_table() -> Table:
         ),
         "support": _SUPPORT,
         "matrices": Key(
-            Table(DeferredKeys(lambda: model.NUMBERING.keys)),
+            deferred(lambda: model.NUMBERING),
             "What the rows of matrix files stand for, and their units",
         ),
-        "matrix_group": Key(
-            Table(DeferredKeys(lambda: model.GROUP.keys)), "A group of matrices of another code", listed=True
-        ),
-        "solver": Key(Table(DeferredKeys(lambda: model.SOLVER.keys)), "A finite element solver, run by structid"),
+        "matrix_group": Key(deferred(lambda: model.GROUP), "A group of matrices of another code", listed=True),
+        "solver": Key(deferred(lambda: model.SOLVER), "A finite element solver, run by structid"),
     }
     return Table(own) | _element_tables() | _TIES
 
@@ -169,7 +167,7 @@ def _element_key(name: str) -> Key:
     def first_line() -> str:
         return (inspect.getdoc(ELEMENT_TYPES[name]) or "").partition("\n")[0]
 
-    return Key(Table(DeferredKeys(lambda: element_table(ELEMENT_TYPES[name]).keys)), first_line, listed=True)
+    return Key(deferred(lambda: element_table(ELEMENT_TYPES[name])), first_line, listed=True)
 
 
 def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:

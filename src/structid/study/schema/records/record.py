@@ -22,7 +22,7 @@ from structid.study.schema.kinds import CHANNEL_NAMES, PART, TEXT, TEXTS, as_lis
 from structid.study.schema.records.sensors import SENSORS, used_names
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.tables import DeferredKeys, Key, Table, kind_of_argument, table_of
+from structid.study.schema.tables import Key, Table, deferred, kind_of_argument, table_of
 from structid.study.schema.unknowns import CHANNEL_ERROR
 from structid.unknowns.tolerances import Tolerances
 
@@ -141,11 +141,9 @@ def record_table(changes: Table) -> Table:
             default=Tolerances().calibration,
         ),
         "noise": Key(table_of(NoiseSource), "Noise that the file does not state"),
-        "frf": Key(
-            Table(DeferredKeys(lambda: record_kinds.FRF.keys)), "How time histories become frequency response functions"
-        ),
-        "time": Key(Table(DeferredKeys(lambda: record_kinds.TIME.keys)), "How time histories are fitted themselves"),
-        "modes": Key(Table(DeferredKeys(lambda: record_kinds.MODES.keys)), "How measured modes are fitted"),
+        "frf": Key(deferred(lambda: record_kinds.FRF), "How time histories become frequency response functions"),
+        "time": Key(deferred(lambda: record_kinds.TIME), "How time histories are fitted themselves"),
+        "modes": Key(deferred(lambda: record_kinds.MODES), "How measured modes are fitted"),
         "channel_error": Key(CHANNEL_ERROR, "Errors of sensors and load cells that are unknown", listed=True),
         "structure": Key(changes, "How the structure differed then"),
     }
