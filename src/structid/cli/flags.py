@@ -11,7 +11,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import MISSING, fields, is_dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeVar, get_type_hints
 
@@ -49,7 +48,6 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
         if isinstance(p.annotation, type) and is_dataclass(p.annotation)
     }
     groups = {name: list(_flags(kind)) for name, kind in options.items()}
-    spellings = flag_spellings(function)
 
     def run(**given: object) -> None:
         """Call the function, with its dataclasses of options made from the flags; paths become absolute."""
@@ -59,7 +57,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
         reads_records = any("csv_skip_rows" in {flag.name for flag in flags} for flags in groups.values())
         with (
-            reported(partial(name_flags, flags=spellings)),
+            reported(lambda message: name_flags(message, flag_spellings(function))),
             isolated(),
             commands_told(_tell_command),
             options_given_as_flags() if reads_records else nullcontext(),
