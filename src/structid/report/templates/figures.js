@@ -30,7 +30,7 @@ const CONFIG = {
 const N_FRAMES = 24,
   LIBRARIES = {},
   redrawn = []; // functions that draw figures of equal scales anew in the present width
-const hasEqualScales = (panel) => Boolean(panel.layout.yaxis?.scaleanchor);
+const hasEqualScales = ({layout}) => Boolean(layout?.yaxis?.scaleanchor);
 
 // Draw in `plot` by the part of the library that can. The library writes the domains of equal scales into its layout and begins
 // with them when it resizes: such a drawing would shrink each time, so it gets a layout of its own and is drawn anew instead.
@@ -242,7 +242,7 @@ async function start() {
 const redraw = () => redrawn.forEach((draw) => draw());
 const fitted = () => {
   document.querySelectorAll(".plot").forEach((plot) => {
-    if (plot.clientWidth && !plot.layout?.yaxis?.scaleanchor) {
+    if (plot.clientWidth && !hasEqualScales(plot)) {
       plot.library?.Plots.resize(plot);
     }
   });

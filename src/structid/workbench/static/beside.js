@@ -1,6 +1,6 @@
 // Measured modes beside those of the open study's model: frequencies side by side, and the MAC of every pair.
 import {post} from "./api.js";
-import {field, fill, h, marked, number, options, percent, table} from "./dom.js";
+import {field, fill, h, number, options, percent, table, warningList} from "./dom.js";
 
 const FOUND = "found";
 
@@ -88,13 +88,7 @@ function pairs(told) {
       [1, 2, 3, 4],
       told.pair.map((one) => (one === null ? "doubtful" : null)),
     ),
-    told.warnings.length
-      ? h(
-          "ul",
-          {class: "warnings"},
-          told.warnings.map((words) => h("li", {}, marked(words))),
-        )
-      : null,
+    told.warnings.length ? warningList(told.warnings) : null,
     h("h3", {}, "MAC of every pair"),
     map(told),
     h(

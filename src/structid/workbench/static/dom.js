@@ -33,6 +33,17 @@ export function fill(place, ...children) {
 // Words with what stands between back quotes as code.
 export const marked = (words) => words.split("`").map((part, k) => (k % 2 ? h("code", {}, part) : part));
 
+// Warnings as a list.
+export const warningList = (lines) =>
+  h(
+    "ul",
+    {class: "warnings"},
+    lines.map((words) => h("li", {}, marked(words))),
+  );
+
+// Why something was refused, in a box that wraps.
+export const refusal = (words) => h("p", {class: "state bad", style: {"white-space": "normal"}}, marked(words));
+
 // A button that writes into the folder that `name` holds, and one that replaces what is there, shown where that is refused.
 export function writing(app, words, name, write, given = {}) {
   const act = (button, replace) =>

@@ -1,6 +1,6 @@
 // Modes of several set-ups with common reference sensors, merged to shapes at all sensors.
 import {post} from "./api.js";
-import {checkbox, field, fill, h, marked, number, table, writing} from "./dom.js";
+import {checkbox, field, fill, h, number, table, warningList, writing} from "./dom.js";
 
 // A card that merges records, or files of modes; `saved` hears the answer and the folder.
 export function mergeCard(app, given, band, saved) {
@@ -84,12 +84,6 @@ function merged(found) {
     {},
     h("p", {}, `${found.frequency.length} modes that all set-ups have, at ${found.channels.length} sensors.`),
     table(["mode", "Hz", "std", "damping ratio", ...(each ? ["of each set-up, Hz"] : [])], rows, [1, 2, 3]),
-    found.warnings.length
-      ? h(
-          "ul",
-          {class: "warnings"},
-          found.warnings.map((words) => h("li", {}, marked(words))),
-        )
-      : null,
+    found.warnings.length ? warningList(found.warnings) : null,
   );
 }

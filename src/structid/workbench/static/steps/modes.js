@@ -2,7 +2,20 @@
 import {post, view} from "../api.js";
 import {besideCard} from "../beside.js";
 import {chart, colours} from "../charts.js";
-import {bandIn, field, fill, h, marked, number, numberIn, options, table, unpacked, writing} from "../dom.js";
+import {
+  bandIn,
+  field,
+  fill,
+  h,
+  marked,
+  number,
+  numberIn,
+  options,
+  table,
+  unpacked,
+  warningList,
+  writing,
+} from "../dom.js";
 import {mergeCard} from "../merge.js";
 import {besideStudy, givenOptions, readingFields, recordEdits, records} from "../recorded.js";
 
@@ -156,16 +169,7 @@ function picture(box, app, one, now, keep) {
     ),
     list,
     found.warnings.length
-      ? h(
-          "section",
-          {class: "card doubt"},
-          h("h2", {}, "Warnings"),
-          h(
-            "ul",
-            {class: "warnings"},
-            found.warnings.map((words) => h("li", {}, marked(words))),
-          ),
-        )
+      ? h("section", {class: "card doubt"}, h("h2", {}, "Warnings"), warningList(found.warnings))
       : null,
   );
   const pick = (frequency, damping, moves = null) => {

@@ -1,7 +1,7 @@
 // Records: time histories by least and greatest of stretches, responses with coherence, and the band by dragging.
 import {get, post} from "../api.js";
 import {chart, colours} from "../charts.js";
-import {bandIn, checkbox, field, fill, h, marked, options, table, toml, typed, unpacked, withUnit} from "../dom.js";
+import {bandIn, checkbox, field, fill, h, options, refusal, table, toml, typed, unpacked, withUnit} from "../dom.js";
 import {fileOf, givenOptions, recordName, recordPath, records} from "../recorded.js";
 import {forgetTyped} from "../typed.js";
 import {facts, use} from "./start.js";
@@ -77,7 +77,7 @@ export async function show(box, app) {
     } catch (error) {
       fill(
         what,
-        h("p", {class: "state bad", style: {"white-space": "normal"}}, marked(error.message)),
+        refusal(error.message),
         h("p", {class: "note"}, "On the start page, say what the file does not say about itself."),
       );
     }
@@ -434,11 +434,7 @@ async function lines(box, app) {
   try {
     told = await post("responses", {study: app.study, outputs: [], number: app.record});
   } catch (error) {
-    fill(
-      box,
-      h("h2", {}, "Responses"),
-      h("p", {class: "state bad", style: {"white-space": "normal"}}, marked(error.message)),
-    );
+    fill(box, h("h2", {}, "Responses"), refusal(error.message));
     return;
   }
   const mode = h(

@@ -15,6 +15,7 @@ import {
   quantity,
   table,
   unpacked,
+  warningList,
   withUnit,
 } from "../dom.js";
 import {resultPaths, resultsName} from "../recorded.js";
@@ -157,13 +158,6 @@ function verdict(found, folder, files) {
   );
 }
 
-const warningList = (lines) =>
-  h(
-    "ul",
-    {class: "warnings"},
-    lines.map((words) => h("li", {}, marked(words))),
-  );
-
 // The change of model or record that explains the misfit, with its study to open.
 function cause(found, folder, files) {
   const [first, next] = found.causes || [];
@@ -191,11 +185,12 @@ function changeWords({words, where, is_second: isSecond}) {
 
 // A link to the study of a change, where it was written.
 function opened(one, folder, files) {
-  const path = `${folder}/${one.study}`;
-  return one.study && files.some((file) => file.path === path)
-    ? h("a", {class: "button", href: `#structure/${encodeURIComponent(path)}`}, `Open ${one.study.split("/").at(-1)}`)
-    : null;
+  const href = `#structure/${encodeURIComponent(`${folder}/${one.study}`)}`;
+  return isWritten(one, folder, files) ? h("a", {class: "button", href}, `Open ${one.study.split("/").at(-1)}`) : null;
 }
+
+const isWritten = (one, folder, files) =>
+  Boolean(one.study) && files.some((file) => file.path === `${folder}/${one.study}`);
 
 // The fit of the worst and of the best channel, and of others by choice: measured, initial and fitted magnitude.
 async function fits(folder) {
@@ -263,10 +258,9 @@ function fitOf(found, x, first, label, id) {
 
 // What may be wrong with the model, each as a study that can be opened and run.
 function changes(found, folder, files) {
-  const there = new Set(files.map((one) => one.path)),
-    isWritten = (one) => one.study && there.has(`${folder}/${one.study}`),
-    causes = (found.causes || []).filter(isWritten),
-    others = (found.suggestions || []).filter(isWritten);
+  const written = (one) => isWritten(one, folder, files),
+    causes = (found.causes || []).filter(written),
+    others = (found.suggestions || []).filter(written);
   return [
     changeList("Possible causes, each as a study", causes, folder, files, "suggested"),
     changeList(

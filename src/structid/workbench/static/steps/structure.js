@@ -11,9 +11,11 @@ import {
   options,
   percent,
   quantity,
+  refusal,
   table,
   toml,
   unitText,
+  warningList,
 } from "../dom.js";
 import {recordPath, recordPicker, records} from "../recorded.js";
 import {Scene, sceneStage} from "../scene.js";
@@ -198,7 +200,7 @@ function sensorPanel(place, state, told, choose) {
   fill(
     place,
     h("h2", {}, told.has_record ? "Sensors and loads of the record" : "Planned sensors and loads"),
-    state.failed ? h("p", {class: "state bad", style: {"white-space": "normal"}}, marked(state.failed)) : null,
+    state.failed ? refusal(state.failed) : null,
     listed.length > 400
       ? h("p", {}, `${listed.length} channels`)
       : listed.length
@@ -591,14 +593,7 @@ async function showCheck(place, app, mark) {
       ),
       found.records.map((words) => h("p", {}, unitText(words))),
       found.warnings.length
-        ? [
-            h("h3", {}, "Warnings"),
-            h(
-              "ul",
-              {class: "warnings"},
-              found.warnings.map((words) => h("li", {}, marked(words))),
-            ),
-          ]
+        ? [h("h3", {}, "Warnings"), warningList(found.warnings)]
         : h("p", {class: "muted"}, "No warning."),
       coarse(app, found.warnings),
       unaveraged(app, found.warnings),
@@ -668,7 +663,7 @@ async function showCheck(place, app, mark) {
     fill(
       place,
       h("h2", {}, "What check says"),
-      h("p", {class: "state bad", style: {"white-space": "normal"}}, marked(error.message)),
+      refusal(error.message),
       h("a", {href: `#text/${encodeURIComponent(study)}`}, "Open the study file"),
     );
   }

@@ -1,6 +1,6 @@
 // What is sought: properties of element sets, priors and bounds, with the accuracy that is predicted beside each.
 import {get} from "../api.js";
-import {field, fill, h, marked, options, percent, quantity, table, toml, typed, unitText} from "../dom.js";
+import {field, fill, h, options, percent, quantity, refusal, table, toml, typed, unitText} from "../dom.js";
 import {refuseTyped} from "../typed.js";
 
 export async function show(box, app) {
@@ -350,11 +350,7 @@ async function predict(place, app, list) {
     );
   } catch (error) {
     besides(list, app, null);
-    fill(
-      place,
-      h("h2", {}, "Predicted accuracy"),
-      h("p", {class: "state bad", style: {"white-space": "normal"}}, marked(error.message)),
-    );
+    fill(place, h("h2", {}, "Predicted accuracy"), refusal(error.message));
   }
 }
 
