@@ -329,8 +329,8 @@ def _within_uncertainty(
         if len(replicates) < _REPLICATES:
             replicates.append(smoother.with_replicate(of_other, rng))
     replicates += [smoother.with_replicate(fit, rng) for _ in range(_REPLICATES - len(replicates))]
-    usual = [item.filtered(fit.steady).innovations for item in replicates]
-    verdict = judge_innovations(fit.innovations, usual, smoother.channels.has_stated_noise)
+    usual = [smoother.innovations(item.filtered(fit.steady)) for item in replicates]
+    verdict = judge_innovations(smoother.innovations(fit), usual, smoother.channels.has_stated_noise)
     return nominal, np.sqrt(nominal.variance + spread), verdict
 
 
@@ -575,14 +575,12 @@ class _Filtered:
     Attributes
     ----------
     steady : _SteadyFilter
-    before : (n_times, n_states) float array
-        Mean before the reading of each sample.
+    from_rest : (n_times, n_states) float array
+        Mean before the reading of each sample if the first one were 0.
     start : (n_states,) float array
         Mean that the whole record gives the first state before its reading.
     read : (n_times, n_used) float array
         Readings without what known forces make in them at once, in standard deviations of their noise.
-    innovations : Innovations
-        Readings less those expected from the samples before.
     start_covariance : (n_states, n_states) float array
         What the record leaves open of the first state, beyond the steady covariance before a reading.
     log_likelihood : float
@@ -590,12 +588,16 @@ class _Filtered:
     """
 
     steady: _SteadyFilter
-    before: FloatArray
+    from_rest: FloatArray
     start: FloatArray
     read: FloatArray
-    innovations: Innovations
     start_covariance: FloatArray
     log_likelihood: float
+
+    def before(self) -> FloatArray:
+        """Mean before the reading of each sample, (n_times, n_states)."""
+        at_rest = np.zeros_like(self.from_rest[1:])
+        return self.from_rest + stepped(self.steady.step, at_rest, self.start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -661,7 +663,7 @@ class _Smoother:
 
         The gain is the factor by which the error of a later state corrects the state one sample before.
         """
-        steady, system, before = fit.steady, fit.steady.system, fit.before
+        steady, system, before = fit.steady, fit.steady.system, fit.before()
         back = np.linalg.solve(steady.predicted, system.transition @ steady.updated).T
         after = before @ steady.keep.T + fit.read @ steady.gain.T
         drive = (after[:-1] - before[1:] @ back.T)[::-1]
@@ -677,7 +679,7 @@ class _Smoother:
         """
         size, above = self._first_std(reduced), _decades_above(reduced)
         search = minimize_scalar(
-            lambda decades: -self._log_likelihood(reduced, float(size * 10**decades)),
+            lambda decades: -self.fit(reduced, float(size * 10**decades)).log_likelihood,
             bounds=(-_BELOW, above),
             method="bounded",
             options={"xatol": _SURE},
@@ -704,7 +706,7 @@ class _Smoother:
             return float((of_time(log_time)._first_std(reduced) if std is None else std) * 10**decades)
 
         def likelihood(log_time: float, decades: float) -> float:
-            return of_time(log_time)._log_likelihood(reduced, size(log_time, decades))
+            return of_time(log_time).fit(reduced, size(log_time, decades)).log_likelihood
 
         def unlikely(point: FloatArray) -> float:
             log_time, decades = float(point[0]), float(point[1])
@@ -735,7 +737,7 @@ class _Smoother:
             shorter = log_time + step * np.log(_SHORTER)
             # with the same density beyond the correlation time
             smaller = largest * _SHORTER ** (step / 2) if std is None else std
-            if shorter > shortest and of_time(shorter)._log_likelihood(reduced, smaller) >= most - _LESS_LIKELY:
+            if shorter > shortest and of_time(shorter).fit(reduced, smaller).log_likelihood >= most - _LESS_LIKELY:
                 return of_time(shorter), float(smaller), True
         return of_time(log_time), largest, True
 
@@ -766,7 +768,7 @@ class _Smoother:
             )
             smoother, size = of_point(point)
             try:
-                return -smoother._log_likelihood(reduced, size) if is_within else float("inf")
+                return -smoother.fit(reduced, size).log_likelihood if is_within else float("inf")
             except NoAnswerError:  # of forces so near to a sine that the filter never settles
                 return float("inf")
 
@@ -777,7 +779,7 @@ class _Smoother:
         simplex = start + np.vstack([np.zeros(3), np.diag([-0.7, 0.02, 0.3])])
         options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": _MOST_TRIALS}
         search = minimize(unlikely, start, method="Nelder-Mead", options=options)
-        gain = -float(search.fun) - self._log_likelihood(reduced, std)
+        gain = -float(search.fun) - self.fit(reduced, std).log_likelihood
         return of_point(search.x) if gain > 0.5 * np.log(count) else None
 
     def _first_std(self, reduced: ReducedMatrices) -> float:
@@ -817,10 +819,6 @@ class _Smoother:
         """Readings of the used sensors in standard deviations of their noise, (n_times, n_used)."""
         return self.channels.measured / np.sqrt(self.channels.variance)
 
-    def _log_likelihood(self, reduced: ReducedMatrices, std: float) -> float:
-        """Log-likelihood of the record, less a constant, where unknown forces have the standard deviation `std`, N."""
-        return self.fit(reduced, std).log_likelihood
-
     def _steady_filter(self, system: _StateSpace) -> _SteadyFilter:
         """What filters under the equations `system` have in common for all readings under the known forces of the record.
 
@@ -858,8 +856,7 @@ class _Smoother:
         A record begins in motion: its initial state has the stationary covariance. That is the covariance of the steady filter
         and an independent part, on which all innovations depend linearly: de Jong (1991), Annals of Statistics 19, 1073-1083.
         """
-        system, step, sizes = steady.system, steady.step, steady.sizes
-        rest = np.zeros(len(step))
+        system, step, rest = steady.system, steady.step, np.zeros(len(steady.step))
         read = self._measured - self.channels.known @ system.direct.T
         drive = read[:-1] @ (system.transition @ steady.gain).T + steady.entered
         from_rest = stepped(step, drive, rest)
@@ -869,20 +866,22 @@ class _Smoother:
         posterior = np.eye(root.shape[1]) + root.T @ steady.information @ root
         start = np.linalg.solve(posterior, np.column_stack([score, root.T]))
         likelihood = 0.5 * (score @ start[:, 0] - (error**2).sum() - np.linalg.slogdet(posterior)[1])
-        first, at_rest = root @ start[:, 0], np.zeros_like(from_rest[1:])
-        before = from_rest + stepped(step, at_rest, first)
         return _Filtered(
             steady,
-            before,
-            first,
+            from_rest,
+            root @ start[:, 0],
             read,
-            Innovations(
-                (read - before @ system.reading.T) @ steady.whiten,
-                np.arange(len(sizes)) >= len(sizes) - self.n_forces,
-                sizes > 1 + _OPEN**2,
-            ),
             _symmetric(root @ start[:, 1:]),
-            float(likelihood - 0.5 * len(read) * np.log(sizes).sum()),
+            float(likelihood - 0.5 * len(read) * np.log(steady.sizes).sum()),
+        )
+
+    def innovations(self, fit: _Filtered) -> Innovations:
+        """Readings less those that the filter expects from the samples before."""
+        steady, n = fit.steady, len(fit.steady.sizes)
+        return Innovations(
+            (fit.read - fit.before() @ steady.system.reading.T) @ steady.whiten,
+            np.arange(n) >= n - self.n_forces,
+            steady.sizes > 1 + _OPEN**2,
         )
 
     def _first_covariance(self, steady: _SteadyFilter) -> FloatArray:
