@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 
 import numpy as np
 from scipy import linalg, signal, sparse
@@ -264,7 +264,8 @@ def sense(
     rate = record.sampling_rate
     basis = reduction_basis(structure, [model.values], sides_at(model.values), rate / len(record.values), rate / 2)
     stated_time = 1.0 if unknown is None else unknown.correlation_time
-    smoother = _Smoother(channels, len(forces), stated_time or 1 / rate, is_filtered, rate, read)
+    driving = _between_samples(channels.known, is_filtered)
+    smoother = _Smoother(channels, driving, len(forces), stated_time or 1 / rate, is_filtered, rate, read)
     reduced = reduce_structure(structure, model.values, basis, sides_at(model.values))
     if reduced.is_rigid.any() and 0 not in channels.derivatives:
         raise NoAnswerError(
@@ -607,6 +608,8 @@ class _Smoother:
     Attributes
     ----------
     channels : _Channels
+    driving : (n_times, n_known) float array
+        The known forces between samples, see `_between_samples`.
     n_forces : int
         Unknown forces, the last inputs.
     correlation_time : float
@@ -622,6 +625,7 @@ class _Smoother:
     """
 
     channels: _Channels
+    driving: FloatArray
     n_forces: int
     correlation_time: float
     is_filtered: bool
@@ -795,25 +799,6 @@ class _Smoother:
             )
         return float(np.sqrt(max(float(self._measured.var(axis=0) @ made), 1.0) / float(made @ made)))
 
-    @cached_property
-    def _driving(self) -> FloatArray:
-        """Samples (n_times, n_known) of the known forces, corrected for straight lines between them.
-
-        Straight lines weaken what was sampled behind a filter by sinc(f / rate)^2, by 3 % at a tenth of the rate, so that the
-        samples are made stronger by as much; what the lines add above half the rate hardly moves the modes below it. Forces of
-        records that went through no filter stay as they are.
-        """
-        known = self.channels.known
-        if not self.is_filtered or not known.shape[1]:
-            return known
-        both = np.fft.rfft(np.concatenate([known, known[::-1]]), axis=0)
-        weakened = np.sinc(np.linspace(0, 0.5, len(both))) ** 2
-        return np.asarray(np.fft.irfft(both / weakened[:, None], 2 * len(known), axis=0)[: len(known)])
-
-    def _entered(self, system: _StateSpace) -> FloatArray:
-        """Effect (n_times - 1, n_states) of the known forces on the states from sample to sample."""
-        return np.asarray(np.hstack([self._driving[:-1], self._driving[1:]]) @ system.entry.T)
-
     @property
     def _measured(self) -> FloatArray:
         """Readings of the used sensors in standard deviations of their noise, (n_times, n_used)."""
@@ -836,7 +821,7 @@ class _Smoother:
         pushed = _BEFORE * (constant + rising) * np.sqrt(np.mean(self.channels.known**2, axis=0))
         return _SteadyFilter(
             system,
-            self._entered(system),
+            np.asarray(np.hstack([self.driving[:-1], self.driving[1:]]) @ system.entry.T),
             gain,
             predicted,
             predicted - gain @ innovation @ gain.T,
@@ -965,6 +950,20 @@ class _Smoother:
             wanted,
             wanted_direct,
         )
+
+
+def _between_samples(known: FloatArray, is_filtered: bool) -> FloatArray:
+    """Samples `known` (n_times, n_known) of forces, corrected for straight lines between them.
+
+    Straight lines weaken what was sampled behind a filter by sinc(f / rate)^2, by 3 % at a tenth of the rate, so that the
+    samples are made stronger by as much; what the lines add above half the rate hardly moves the modes below it. Forces of
+    records that went through no filter (`is_filtered` false) stay as they are.
+    """
+    if not is_filtered or not known.shape[1]:
+        return known
+    both = np.fft.rfft(np.concatenate([known, known[::-1]]), axis=0)
+    weakened = np.sinc(np.linspace(0, 0.5, len(both))) ** 2
+    return np.asarray(np.fft.irfft(both / weakened[:, None], 2 * len(known), axis=0)[: len(known)])
 
 
 def _decades_above(reduced: ReducedMatrices) -> float:
