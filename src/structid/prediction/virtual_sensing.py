@@ -526,7 +526,7 @@ class _StateSpace:
 
 @dataclass(frozen=True, eq=False)
 class _SteadyFilter:
-    """What a Kalman filter with steady gains has in common for all readings under the same known forces.
+    """A Kalman filter with steady gains, as far as all readings under the same known forces share it.
 
     Attributes
     ----------
@@ -805,7 +805,7 @@ class _Smoother:
         return self.channels.measured / np.sqrt(self.channels.variance)
 
     def _steady_filter(self, system: _StateSpace) -> _SteadyFilter:
-        """What filters under the equations `system` have in common for all readings under the known forces of the record.
+        """Prepare the part of a filter under the equations `system` that all readings under the known forces share.
 
         Known forces count as noise of ten times their size before it, since nobody knows what they did then.
         """
