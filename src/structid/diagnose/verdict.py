@@ -272,6 +272,11 @@ def is_untested(identification: Identification) -> bool:
     return identification.target is not None and is_fitting and is_without_freedom
 
 
+def leaves_noise_alone(identification: Identification) -> bool:
+    """True where the residual is noise of the stated size or smaller, and nothing speaks against the search."""
+    return is_sound(identification) or _is_quiet(identification)
+
+
 def is_sound(identification: Identification) -> bool:
     """True if nothing speaks against model, record and search."""
     return _is_unforced(identification) and fits_noise(identification)
@@ -452,11 +457,7 @@ def _judged(
         return _several(identification.alternatives)
     if is_untested(identification) and not causes:
         return _untested(identification)
-    if (
-        estimate.spread.disagreement is not None
-        and not causes
-        and (is_sound(identification) or _is_quiet(identification))
-    ):
+    if estimate.spread.disagreement is not None and not causes and leaves_noise_alone(identification):
         said = estimate.spread.disagreement.words
         words = (
             f"Approximate: the misfit is no larger than the noise was stated, but {said}; {_INTERVALS['model_error']}."
@@ -469,9 +470,7 @@ def _judged(
             " unknown, with a prior where it is known a little."
         )
         return Judgement("approximate", words, told)
-    by_priors = (
-        _by_priors(identification) if (is_sound(identification) or _is_quiet(identification)) and not causes else []
-    )
+    by_priors = _by_priors(identification) if leaves_noise_alone(identification) and not causes else []
     rank, n_free = estimate.identifiability.rank, estimate.identifiability.n_free
     if by_priors:
         words = (

@@ -41,12 +41,15 @@ class MeshPieces:
         The value that moves so far.
     obstacle : str
         Why no more pieces were tried, or none; "" where these are enough.
+    excess : float
+        Increase of chi-square by pieces half as long, all parameters following linearly; NaN where not known.
     """
 
     count: int
     moved: float = float("nan")
     name: str = ""
     obstacle: str = ""
+    excess: float = float("nan")
 
     @property
     def is_enough(self) -> bool:
@@ -63,8 +66,9 @@ class MeshPieces:
         """A sentence where the mesh is known to move a value beyond `MOVED`, in a study that says how many pieces; else ""."""
         if not self.moved >= MOVED:
             return ""
+        interval = "which its interval does not include" if self.moved < 1 else "so do not rely on its interval"
         return (
-            f"{MESH_MOVES} {self.name} by {self.moved:.2g} standard deviations, which its interval does not include:"
+            f"{MESH_MOVES} {self.name} by {self.moved:.2g} standard deviations, {interval}:"
             f" write {SUBDIVIDE_AUTO}, or {self.needed} for {self.count}"
         )
 
@@ -115,16 +119,18 @@ def judge_pieces(
     at = problem.linearize(theta)
     change = np.zeros(len(at.residual))
     change[: finer.n_data] = moved_rows - at.residual[: finer.n_data]  # priors know no mesh
-    shift = _shift(at.jacobian, change) * problem.slope(theta)
+    step = _shift(at.jacobian, change)
+    shift = step * problem.slope(theta)
     deviation = _deviation(identification)
     is_known = np.isfinite(shift) & (deviation > 0)
     deviations = np.divide(np.abs(shift), deviation, out=np.zeros(len(shift)), where=is_known)
     worst = int(np.argmax(deviations))
     moved, name = float(deviations[worst]), problem.names[worst]
     is_finest = moved >= MOVED and count >= _MOST_PIECES
-    return MeshPieces(
-        count, moved, name, "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
-    )
+    obstacle = "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
+    refitted = at.residual + change + at.jacobian @ np.nan_to_num(step)
+    excess = float(refitted @ refitted - at.residual @ at.residual)
+    return MeshPieces(count, moved, name, obstacle, excess)
 
 
 def _finer_problem(

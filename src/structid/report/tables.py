@@ -45,15 +45,23 @@ def printed(table: Table) -> rich.table.Table:
 
 
 def provenance_table(provenance: Mapping[str, object] | None) -> Table:
-    """Table of provenance with a row for each version, input file and setting; without rows for None."""
+    """Table of provenance: a row for each version, input file and setting, one for all settings that were not given.
+
+    Without provenance it has no rows.
+    """
     rows: list[tuple[str, str]] = []
     for name, value in (provenance or {}).items():
+        label = str(name).replace("_", " ")
         if isinstance(value, Mapping):
-            rows.extend((f"{name.replace('_', ' ')}: {key}", _text(inner)) for key, inner in value.items())
+            rows.extend((f"{label}: {key}", _text(inner)) for key, inner in value.items() if inner is not None)
+            if absent := [str(key).replace("_", " ") for key, inner in value.items() if inner is None]:
+                rows.append((f"{label}: not given", ", ".join(absent)))
         else:
-            rows.append((str(name).replace("_", " "), _text(value)))
+            rows.append((label, _text(value)))
     return Table(("Origin", "Value"), tuple(rows))
 
 
 def _text(value: object) -> str:
+    if value is None or value == "":
+        return "none"
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, sort_keys=True, default=str)

@@ -21,7 +21,6 @@ from structid.records import FrfRecord
 from structid.study.results.folder import STUDY_PATH
 from structid.study.results.hdf5 import ESTIMATE_FORMAT
 from structid.study.results.result import UPDATED
-from structid.study.schema.model.structure import AUTO
 from structid.study.schema.study import Study, cut_study, load_study
 
 _ARRAYS = ("names", "values", "covariance_basis", "covariance_noise", "covariance_model_error")
@@ -65,7 +64,7 @@ def stored_study(folder: Path, study: Path | None = None) -> Study:
             f"{path}: its model comes from a solver, and a results folder does not hold the one at the answer; its deck with the"
             f" identified numbers is in {folder / UPDATED}, and predictions are made in Python from the identification itself"
         )
-    if found.root.inner("structure").table.get("subdivide") != AUTO:
+    if not found.leaves_pieces_open:
         return found
     count = _read_group(folder / "estimate.h5", "", ("subdivide",)).get("subdivide")
     if count is None:

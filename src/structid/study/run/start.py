@@ -22,7 +22,6 @@ from structid.identification.mesh_pieces import SUBDIVIDE_AUTO, MeshPieces
 from structid.identification.setups.setup import AnySetup, Prepared, prefixes, prepared_warnings, titles
 from structid.records import FrfRecord, TimeRecord
 from structid.study.run.before import checked_mesh
-from structid.study.schema.model.structure import AUTO
 from structid.study.schema.records.record import faults, load_histories, load_record, read_files
 from structid.study.schema.records.setups import SetupSource
 from structid.study.schema.section import Section
@@ -106,13 +105,15 @@ def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPi
 def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces | None]:
     """The study, its set-ups with their records read, and the number of pieces of its beams; None where the study states it.
 
-    Where the study leaves the number open, beams are cut so that all modes in the band are right to a tenth of their
-    half-bandwidths; a fit then shows whether these pieces are enough.
+    With `subdivide = "auto"` beams are cut so that all modes in the band are right to a tenth of their half-bandwidths;
+    where the study says nothing they begin as drawn. A fit then shows whether these pieces are enough.
     """
     cache = ResponseCache()
     setups = tuple(load_setup(source, cache) for source in study.setups)
-    if study.root.inner("structure").table.get("subdivide") != AUTO:
+    if not study.leaves_pieces_open:
         return study, setups, None
+    if "subdivide" not in study.root.inner("structure").table:
+        return study, setups, MeshPieces(1)
     judged = [checked_mesh(setup, setup.prepared(study.options).problem) for setup in setups]
     mesh = MeshPieces(max((one.needed for one in judged if isinstance(one, MeshErrors)), default=1) or 1)
     return *with_pieces(study, setups, mesh.count), mesh

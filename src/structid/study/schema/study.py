@@ -13,7 +13,7 @@ from structid.fem import MeasuredComponent, Structure
 from structid.identification.options import IdentifyOptions
 from structid.inversion.search.work import ALONE, Work
 from structid.study.schema.method import read_method
-from structid.study.schema.model.structure import read_tolerances
+from structid.study.schema.model.structure import AUTO, read_tolerances
 from structid.study.schema.records.record import RecordSource
 from structid.study.schema.records.setups import SetupSource, read_setups
 from structid.study.schema.root import InputFiles, read_root, root_of, title_of
@@ -73,6 +73,13 @@ class Study(Shown):
     def record(self) -> RecordSource:
         """Record of the first set-up."""
         return self.setups[0].record
+
+    @property
+    def leaves_pieces_open(self) -> bool:
+        """True if the mesh error decides the pieces of beams: `subdivide` is "auto", or absent where beams can be cut."""
+        stated = self.root.inner("structure").table.get("subdivide")
+        can_be_cut = self.solved is None and any(source.structure.divisible for source in self.setups)
+        return stated == AUTO or (stated is None and can_be_cut)
 
     @property
     def path(self) -> Path:

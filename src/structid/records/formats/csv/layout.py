@@ -42,7 +42,7 @@ class CsvLayout:
     parts : tuple of str
         What the columns of each frequency response are, in their order, where their headers do not say it, as in
         ``re,im`` or ``magnitude,phase``: of ``re``, ``im``, ``magnitude``, ``phase``, ``coherence``, ``std``. The
-        responses then are those of `outputs` and `inputs` of `ReadOptions`, output after output.
+        responses then are those of `outputs` and `inputs`, output after output.
 
     Raises
     ------

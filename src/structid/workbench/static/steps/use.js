@@ -349,12 +349,12 @@ function response(told, state, facts, fits) {
   };
   setTimeout(draw); // it has no width before it is on the page
   const words = isSeen
-    ? "measured in the record"
+    ? "Measured in the record"
     : seen
-      ? `measured as ${facts.kind}; predict that kind to see both`
+      ? `Measured as ${facts.kind}; predict that kind to see both`
       : state.sensor.includes("[")
-        ? "read from the element, which no sensor of the record measures"
-        : "no sensor of the record is there";
+        ? "Read from the element, which no sensor of the record measures"
+        : "No sensor of the record is there";
   return [
     h(
       "h3",
