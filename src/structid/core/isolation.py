@@ -64,7 +64,7 @@ def paths_as_called(text: str) -> str:
 
 
 def import_paths(entries: list[str], folder: Path) -> list[str]:
-    """Entries of an import path made absolute from `folder`, each once.
+    """`entries` of an import path made absolute from `folder`, each once.
 
     `folder` itself is left out, unless structid lies there.
     """
@@ -74,7 +74,7 @@ def import_paths(entries: list[str], folder: Path) -> list[str]:
 
 
 def child_environment(changes: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Environment variables of a child process: those of this one with `changes`, and Python's safe path on.
+    """Environment variables of a child process: those of this one with `changes` (None for none), and Python's safe path on.
 
     The working directory is taken out of ``PYTHONPATH``.
     """

@@ -202,7 +202,7 @@ class Receptances:
         return tuple(held), follow.T @ columns, columns[:, ends, np.arange(len(ends))]
 
     def _stiffness_columns(self, structure: Structure, columns: IntArray) -> ComplexArray:
-        """Columns at some positions of the dynamic stiffness Z of `structure`, (n_lines, n_dofs, n_columns)."""
+        """Columns, by their indices `columns`, of the dynamic stiffness Z of `structure`, (n_lines, n_dofs, n_columns)."""
         inertia, viscous, elastic, structural = (
             structure.matrix(kind, self.values)[:, columns].toarray()
             for kind in ("mass", "damping", "stiffness", "structural_damping")
@@ -259,7 +259,7 @@ class Receptances:
         return bool(self._can_move[place[is_known]].any())
 
     def _rows_of_codes(self, codes: IntArray) -> tuple[IntArray, np.ndarray]:
-        """Rows (n_codes,) of degrees of freedom in `_follow`, and a mask (n_codes,) of those that the model has.
+        """Rows (n_codes,) in `_follow` of the degrees of freedom `codes`, and a mask (n_codes,) of those that the model has.
 
         Rows of the others mean nothing.
         """

@@ -146,8 +146,9 @@ class SpaceBeam(ElementSet):
 def _local_axes(name: str, x: FloatArray, orientation: FloatArray | None) -> FloatArray:
     """Local axes as rows, (n_elements, 3, 3), from unit vectors `x` (n_elements, 3) along the beams.
 
-    Local y is the part of `orientation` (3,) across the beam; by default (None) of global Y, or of global X for beams along
-    Y. Raises `InputError`, which names the set, if `orientation` runs along a beam.
+    Local y is the part of `orientation` (3,) across the beam; by default (None) of global Y, or of global X for beams
+    along Y. Raises `InputError`, which names the set, if `orientation` runs along a beam. `name` is that of the element
+    set.
     """
     if orientation is not None:
         guide = np.broadcast_to(orientation, x.shape)
