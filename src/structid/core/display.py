@@ -88,7 +88,7 @@ def join_words(items: Sequence[object], most: int = 6) -> str:
 
 
 def as_sentence(words: str) -> str:
-    """The clause `words` as a sentence: first letter in capitals if the first word is of letters only, and a full stop at its end."""
+    """The clause `words` as a sentence: a capital if the first word has letters only, and a full stop at its end."""
     first = words.split(" ", 1)[0]
     start = words[0].upper() + words[1:] if first.isalpha() else words
     return start if start.endswith((".", "?", "!")) else f"{start}."

@@ -383,7 +383,7 @@ def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
 
 
 def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues omega^2, ascending, and mass-normalized shapes (n_dofs, n_heavy) of dense `mass` and `stiffness` (n_dofs, n_dofs).
+    """Eigenvalues omega^2, ascending, and mass-normalized shapes (n_dofs, n_heavy) of `mass`, `stiffness` (n_dofs, n_dofs).
 
     Massless are degrees of freedom, or combinations of them, without mass. Massless motions are condensed statically;
     n_heavy is the number of motions with mass.

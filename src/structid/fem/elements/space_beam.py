@@ -42,7 +42,10 @@ from structid.fem.elements.element import (
 
 
 def _checked_direction(name: str, orientation: ArrayLike) -> FloatArray:
-    """The `orientation` of a set as a locked vector (3,); `InputError` unless it is finite and not zero."""
+    """The `orientation` of a set as a locked vector (3,); `InputError` unless it is finite and not zero.
+
+    `name` is that of the set, for the message.
+    """
     vector = locked(orientation, np.float64)
     require_shape("orientation", vector, (3,))
     if not (np.isfinite(vector).all() and vector.any()):

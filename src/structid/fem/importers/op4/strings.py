@@ -148,7 +148,7 @@ def entries(row: IntArray, column: IntArray, length: IntArray) -> tuple[IntArray
 def assemble_strings(
     shape: tuple[int, int], row: IntArray, column: IntArray, length: IntArray, numbers: AnyArray, is_complex: bool
 ) -> sparse.csc_array:
-    """The sparse matrix of `shape` from strings: first `row`, `column` and `length` (number of entries) of each, (n_strings,), from 0.
+    """The sparse matrix of `shape` from strings: first `row` and `column` (from 0) and `length` of each, (n_strings,).
 
     `numbers` are the values of all entries in order; real and imaginary parts alternate if `is_complex`.
     """
