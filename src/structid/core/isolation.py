@@ -119,7 +119,7 @@ def python_arguments(*words: str) -> list[str]:
 
 
 def kill_child(process: subprocess.Popen[bytes]) -> None:
-    """Kill a child of `start_child` with a group of its own, and all that it started; it is not waited for."""
+    """Kill the child `process` of `start_child` with a group of its own, and all that it started; it is not waited for."""
     if hasattr(os, "killpg"):
         with suppress(ProcessLookupError, PermissionError):  # it has ended, or its children take another user
             os.killpg(process.pid, signal.SIGKILL)

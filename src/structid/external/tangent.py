@@ -224,9 +224,9 @@ def _outer_stiffness(
 ) -> float:
     """Stiffness of the directions outside the centre's shapes that minimizes the second-order changes of K.
 
-    `coordinates` and `free` hold C and D of each run (see `tangent`). The result is limited to a range about the
-    highest eigenvalue, and is its upper end if nothing moves outside. The `n_modes` lowest modes count; `differences`
-    are the pairs of runs with a parameter below and above its `centre`.
+    `differences` hold the two runs of each parameter, of which the `n_modes` lowest modes count; `coordinates` and
+    `free` hold C and D of each run (see `tangent`). The result is limited to a range about the highest eigenvalue, and
+    is its upper end if nothing moves outside.
     """
     eigenvalues = [
         (2 * np.pi * run.frequency[:n_modes]) ** 2 for pair_of_runs in differences for run in pair_of_runs.runs

@@ -251,8 +251,9 @@ def _applied_regularization(
 ) -> AppliedRegularization:
     """Record of a regularization as it was used: name, rule and strengths of its rows.
 
-    `rest` (n_rows,) is the residual of its rows at strength 1, from which a sparsity counts the free parameters. `converged`
-    says whether the strength settled, `determined` how many combinations the data determine.
+    `rest` (n_rows,) is the residual of its rows at strength 1, from which a sparsity counts the free parameters.
+    `converged` says whether the strength settled, `determined` how many combinations the data determine. `strength` is
+    one number or (n_rows,).
     """
     strengths = locked(np.array(np.broadcast_to(strength, rest.shape)))
     n_free = int((np.abs(rest) > _SMOOTHING).sum()) if term.is_sparse else None

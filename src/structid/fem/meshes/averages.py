@@ -115,8 +115,8 @@ def solved_constraints(
 ) -> list[Constraint] | None:
     """Equations, each a sum of `rows` that is 0, solved for `dependents` (node, direction): one constraint for each.
 
-    None if there are not as many equations as dependents, or these are not determined. `name` begins the names of the
-    constraints. A row maps (node, direction) to its factor.
+    A row maps (node, direction) to its factor; every constraint is called `name`. None if there are not as many
+    equations as dependents, or these are not determined.
     """
     others = list(dict.fromkeys(key for row in rows for key in row if key not in set(dependents)))
     table = np.array([[row.get(key, 0.0) for key in (*dependents, *others)] for row in rows])

@@ -86,7 +86,7 @@ class WeakForm:
     def covariance(self, values: FloatArray) -> FloatArray:
         """Noise covariance of the equation rows, (n_rows, n_rows), at physical parameters `values`.
 
-        A row is one window and degree of freedom; the window varies slowest.
+        A row is one window and degree of freedom; the window varies slowest. `values` is (n_params,).
         """
         matrices = self._matrices(values)
         total = np.kron(self.grams[self.base, self.base], self.force_spread)
@@ -118,6 +118,8 @@ class WeakForm:
 
     def rows(self, values: FloatArray) -> WhitenedRows:
         """Weak-form equations weighted by their covariance at `values`, with instruments freed of shared noise.
+
+        `values` (n_params,) are physical parameters.
 
         Raises
         ------

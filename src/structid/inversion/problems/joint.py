@@ -144,14 +144,20 @@ class JointProblem(Problem):
         )
 
     def _stacked(self, parts: Sequence[FloatArray]) -> FloatArray:
-        """Data rows of all `parts`, one array for each problem, then the prior rows that no earlier problem states."""
+        """Data rows of all `parts`, one array for each problem, then the prior rows that no earlier problem states.
+
+        Each of `parts` is (n_residuals, ...), and so is the result.
+        """
         data = [part[: problem.n_data] for part, problem in zip(parts, self.problems, strict=True)]
         priors = [part[rows] for part, rows in zip(parts, self._first_priors, strict=True)]
         return np.concatenate([*data, *priors])
 
 
 def _widened(jacobian: FloatArray, index: IntArray, n_params: int) -> FloatArray:
-    """`jacobian` by the parameters at `index` as one by all `n_params`."""
+    """`jacobian` (n_rows, n_own) by the parameters at `index` (n_own,) as one by all `n_params`, (n_rows, n_params).
+
+    Columns of other parameters are 0.
+    """
     wide = np.zeros((len(jacobian), n_params))
     wide[:, index] = jacobian
     return wide

@@ -105,7 +105,7 @@ def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, flo
 def _shortened(data: BandLines, chart: Chart, x: FloatArray, step: FloatArray) -> FloatArray:
     """Step (size,) shortened to at most 1 in every coordinate, with frequencies and damping ratios inside `_limits`.
 
-    `x` are the coordinates at which `step` begins.
+    `x` are the coordinates at which `step` begins. `x` is (size,).
     """
     step = step / max(1.0, float(np.abs(step).max()))
     m = chart.centre.n_modes
@@ -153,7 +153,7 @@ def hessian(data: BandLines, chart: Chart, x: FloatArray) -> FloatArray:
 
 
 def _inverse(curvature: FloatArray) -> FloatArray | None:
-    """Inverse of a symmetric matrix; None if it is not positive definite within numerical accuracy."""
+    """Inverse of the symmetric matrix `curvature`; None if it is not positive definite within numerical accuracy."""
     if not np.isfinite(curvature).all():
         return None
     values, vectors = np.linalg.eigh(curvature)
