@@ -175,7 +175,10 @@ def element_sets(group: ParameterGroup) -> tuple[tuple[str, ...], ...]:
 
 
 def _varies(numbers: np.ndarray, first: IntArray) -> np.ndarray:
-    """True for each parameter (n_params,) whose entries, which begin at `first`, have different `numbers`."""
+    """True for each parameter (n_params,) whose entries, which begin at `first`, have different `numbers`.
+
+    `numbers` is (n_entries,), `first` (n_params,).
+    """
     if not len(first):
         return np.zeros(0, dtype=bool)
     return np.asarray(np.maximum.reduceat(numbers, first) > np.minimum.reduceat(numbers, first))
@@ -188,7 +191,7 @@ def label_of(unknown: Unknown) -> str:
 
 
 def _select_entries(table: Sequence[Entry], positions: IntArray) -> tuple[Entry, ...]:
-    """`table` at `positions`."""
+    """Entries of `table` at `positions` (n,), in their order; a table of one entry has it everywhere."""
     if len(table) == 1:
         return (table[0],) * len(positions)
     return tuple([table[i] for i in positions.tolist()])

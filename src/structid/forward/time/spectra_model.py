@@ -328,7 +328,10 @@ class SpectraModel:
         return own, self.spectra.output_powers * sensors, self.spectra.input_powers * loads
 
     def _found(self, physical: FloatArray) -> Evaluation:
-        """Predicted spectra at the parameters `physical`, (n_own + n_errors,), transients fitted by least squares; computed afresh."""
+        """Predicted spectra at the parameters `physical` (n_own + n_errors,), with transients fitted by least squares.
+
+        Nothing is kept from earlier calls.
+        """
         spectra = self.spectra
         own, read, stated = self._split(physical)
         x, y, h = self._state(own, read, stated)

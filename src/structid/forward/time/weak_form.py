@@ -242,8 +242,9 @@ def _filters(
 ) -> dict[int, sparse.csr_array]:
     """Sampled derivatives of the test functions times the time step, sparse (n_windows, n_times), by order of derivative.
 
-    `length` and `step` are in s; `windows` is the number of test functions, by default eight to a length. Raises `InputError`
-    if the length or number does not fit the record.
+    `length` and `step` are in s; `windows` is the number of test functions, by default eight to a length. Raises
+    `InputError` if the length or number does not fit the record. `n_dofs` counts the degrees of freedom with an
+    equation, for the default; `orders` are the orders of derivatives wanted.
     """
     span, shortest = (n_times - 1) * step, _FEWEST_SAMPLES * step
     if not shortest <= length * (1 + 1e-9) or length > span * (1 + 1e-9):
@@ -271,7 +272,7 @@ def modulating_function(place: FloatArray, order: int) -> FloatArray:
     """Derivative of given `order` of the test function cos(pi x)^16, |x| < 1/2, at `place` x in window lengths.
 
     Its first 15 derivatives vanish at both ends, so that sums over samples integrate it as exactly as the samples show
-    the motion.
+    the motion. `place` may have any shape, which the result has too.
     """
     total = np.zeros_like(place)
     for k in range(_POWER + 1):

@@ -176,9 +176,10 @@ def _first_prior_rows(
 ) -> tuple[IntArray, ...]:
     """Indices among the prior rows of each problem of those that no earlier problem states: one int array a problem.
 
-    `priors` are residual and derivative of the prior rows of each problem, `columns` the joint indices of its parameters, and
-    `names` the joint names. A prior on one parameter that differs from an earlier one is dropped with `first_counts`, else it
-    raises `InputError`.
+    `priors` are residual and derivative of the prior rows of each problem, `columns` the joint indices of its
+    parameters, and `names` the joint names. A prior on one parameter that differs from an earlier one is dropped with
+    `first_counts`, else it raises `InputError`. A residual is (n_rows,), its derivative (n_rows, n_own_params), an
+    array of `columns` (n_own_params,).
     """
     known: dict[tuple[int, ...], list[tuple[FloatArray, float]]] = {}
     found = []
@@ -264,7 +265,7 @@ class JointUnknowns:
         return _first(self, [part.slope(own) for part, own in zip(self.parts, self.split(theta), strict=True)])
 
     def sizes(self, physical: FloatArray) -> FloatArray:
-        """Size with which each standard deviation is compared, (n_params,): the largest of all problems."""
+        """Size with which each standard deviation is compared, (n_params,), at `physical` (n_params,): the largest of all problems."""
         sizes = np.zeros(len(self.names))
         for part, index in zip(self.parts, self.columns, strict=True):
             sizes[index] = np.maximum(sizes[index], part.sizes(physical[index]))
@@ -395,7 +396,7 @@ class JointNoise:
 
 
 def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
-    """Non-negative integer labels of all parts in one array, raised so that different parts share none.
+    """Non-negative integer labels of all `parts` (n,) in one array, raised so that different parts share none.
 
     Each part is raised by a multiple of `step`.
     """

@@ -186,7 +186,10 @@ def starts(data: BandLines, places: Sequence[float]) -> list[BandModes]:
 
 
 def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
-    """Shapes (n_channels, n_modes) by principal directions of the lines nearest each place (Hz), kept distinct if possible."""
+    """Shapes (n_channels, n_modes) by principal directions of the lines nearest each place (Hz), kept distinct if possible.
+
+    The result has one column for each place.
+    """
     shapes: list[FloatArray] = []
     width = max(5, len(data.frequency) // (4 * len(places)))
     for f in places:

@@ -180,7 +180,7 @@ def _pursued(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) 
     """Poles with those `candidates` (rad/s) added, strongest first, that lower Schwarz's criterion.
 
     All poles are refined by maximum likelihood each time, and those that no longer stand out are left out. At most four
-    candidates in a row are tried without gain.
+    candidates in a row are tried without gain. `poles` and `candidates` are in rad/s, (n,) each.
     """
     price = schwarz(data, poles)
     while True:
@@ -254,6 +254,7 @@ def _standing_out(
     """The chosen poles, their clusters and the free decay, without modes that do not stand out of the noise.
 
     `picked` are pairs (order number, pole index); modes left out are named in `notes`. All are kept if none stands out.
+    `chosen_clusters` are those of the poles, in their order.
     """
     s = poles_of(sweep, picked)
     keep = stands_out(data, s)
@@ -406,7 +407,8 @@ def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOption
 def left_out_clusters(clusters: Sequence[Cluster], frequency: FloatArray, damping_ratio: FloatArray) -> list[LeftOut]:
     """Clusters with a probability of 0.3 or more that were not taken for a mode, as `LeftOut` with the reason.
 
-    `frequency` (Hz) and `damping_ratio` are of the modes taken; clusters near one of these are passed over.
+    `frequency` (Hz) and `damping_ratio` are of the modes taken; clusters near one of these are passed over. Both are
+    (n_modes,).
     """
     width = np.maximum(np.abs(damping_ratio), _SAME) * frequency
     listed = []
