@@ -265,7 +265,10 @@ class JointUnknowns:
         return _first(self, [part.slope(own) for part, own in zip(self.parts, self.split(theta), strict=True)])
 
     def sizes(self, physical: FloatArray) -> FloatArray:
-        """Size with which each standard deviation is compared, (n_params,), at `physical` (n_params,): the largest of all problems."""
+        """Size with which each standard deviation is compared, (n_params,): the largest of all problems.
+
+        `physical` (n_params,) are the parameters.
+        """
         sizes = np.zeros(len(self.names))
         for part, index in zip(self.parts, self.columns, strict=True):
             sizes[index] = np.maximum(sizes[index], part.sizes(physical[index]))

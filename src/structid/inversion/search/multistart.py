@@ -337,7 +337,7 @@ def _ended(
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> list[tuple[Minimum, int]]:
-    """Minima with their iterations, after the stopped searches near the best were completed.
+    """`minima` with their numbers of iterations, after the stopped searches near the best were completed.
 
     A search that was stopped early is continued if its sum of squares is at most 1.01 times the smallest.
     """
@@ -366,7 +366,8 @@ def _after(first: Minimum, last: Minimum) -> Minimum:
 def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatArray, search: Search) -> bool:
     """True if the best answer is doubtful enough for more searches: far from the start, or pushed beyond a bound.
 
-    False without `doubt_starts` or for a matrix-free method. See `Search`.
+    False without `doubt_starts` or for a matrix-free method. See `Search`. `start` (n_params,) are the free variables
+    at the start.
     """
     if not search.doubt_starts or method.is_matrix_free:
         return False
@@ -415,7 +416,8 @@ def staged(
     """Minimum of `problem` after the searches of its easier `stages`, and the number of iterations of all of them.
 
     If the problem has a larger sum of squares at the end of the stages than at `theta`, its search starts from `theta`.
-    `prefix` begins the names of stages in progress messages.
+    `prefix` begins the names of stages in progress messages. `theta` (n_params,) are free variables; `progress` is
+    called with the name of a stage, its iteration and the sum of squares, None for no reports.
     """
     start, iterations = theta, 0
     courses: list[StageCourse] = []

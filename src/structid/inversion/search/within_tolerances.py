@@ -68,8 +68,8 @@ class FixedValues:
     ) -> FitWithinTolerances:
         """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta` of `names`.
 
-        `chi_square` is the sum of squares at `theta`. Above four times the number of data, steps are damped more, and the refit
-        ends there if it stays above.
+        `chi_square` is the sum of squares at `theta`. Above four times the number of data, steps are damped more, and
+        the refit ends there if it stays above. `theta` is (n_params,).
         """
         start, far = self._whole(names, theta), _FAR * self.problem.n_data
         if not self.is_matrix_free and chi_square > far:
@@ -93,8 +93,8 @@ class FixedValues:
     ) -> FixedColumns:
         """Derivatives (n_data, n_fixed) of the residual by the logarithm of each fixed value, with names and tolerances.
 
-        Taken at the free variables `theta` of the parameters `names`, fixed values as in the model. `within` is a fit with
-        fixed values free within their tolerances, if one was made.
+        Taken at the free variables `theta` of the parameters `names`, fixed values as in the model. `within` is a fit
+        with fixed values free within their tolerances, if one was made. `theta` is (n_params,).
         """
         whole, index = self._whole(names, theta), self._index(self.names)
         if self.is_matrix_free:
@@ -112,7 +112,10 @@ class FixedValues:
         return FitWithinTolerances(self.problem, theta, linearization, asked, theta[self._index(names)])
 
     def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
-        """Free variables of all unknowns, from those of the parameters `names`, with every fixed value as in the model."""
+        """Free variables of all unknowns, (n_unknowns,), from `theta` (n_params,), those of the parameters `names`.
+
+        Every fixed value is as in the model.
+        """
         whole = np.array(self.problem.theta_start, dtype=np.float64)
         whole[self._index(names)], whole[self._index(self.names)] = theta, 0.0
         return whole
