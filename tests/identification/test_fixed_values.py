@@ -493,7 +493,9 @@ def test_a_second_order_effect_is_that_of_tolerances_and_not_of_other_errors():
     moved = chain(*([v * factor.get(f"{name}{i}]", 1.0) for i, v in enumerate(held, 1)] for name, held in parts))
     gain = factor["calibration[record 1]"]
     weaker = replace(record, values=record.values / gain, variance=record.variance / gain**2)
-    followed = sid.identify(moved, sid.parameters(moved, SOUGHT), weaker, sid.IdentifyOptions(tolerances=EXACT)).estimate
+    followed = sid.identify(
+        moved, sid.parameters(moved, SOUGHT), weaker, sid.IdentifyOptions(tolerances=EXACT)
+    ).estimate
     first = fixed.slope @ (fixed.asked / way * fixed.tolerance)
     left = estimate.values * np.log(estimate.values / followed.values) + first
     assert (np.abs(fixed.second_order - left) < estimate.std_noise).all()
