@@ -265,10 +265,11 @@ class FixedColumns:
         logarithm of each fixed value, and `slope` (n_params,) the derivative of each physical parameter by its free variable.
         """
         within = self.within
-        asked, free, second_order = np.zeros(len(self.names)), theta, np.zeros(len(theta))
+        asked = np.zeros(len(self.names)) if within is None else within.asked
+        free = theta if within is None else within.parameters
+        remainder: FloatArray = np.zeros(len(theta))
         if within is not None:
-            asked, free = within.asked, within.parameters
-            second_order = (theta - within.followed + changes @ (within.likely * self.tolerance)) * slope
+            remainder = theta - within.followed + changes @ (within.likely * self.tolerance)
         return FixedValueInfluence(
-            self.names, self.kinds, self.tolerance, changes * slope[:, None], asked, free, second_order
+            self.names, self.kinds, self.tolerance, changes * slope[:, None], asked, free, remainder * slope
         )
