@@ -272,21 +272,23 @@ def sense(
             "the structure is unsupported, so that velocities and accelerations do not determine its position; measure a"
             " displacement too"
         )
-    std, is_trusted = (0.0 if unknown is None else unknown.std), True
+    stated_std = 0.0 if unknown is None else unknown.std
     if stated_time is None:
-        smoother, std, is_trusted = smoother.with_likeliest_time(reduced, std)
-    elif std is None:
-        std, is_trusted = smoother.likeliest_std(reduced)
+        chosen = smoother.with_likeliest_time(reduced, stated_std)
+    elif stated_std is None:
+        chosen = smoother.with_likeliest_std(reduced)
+    else:
+        chosen = _ChosenForces(smoother, stated_std)
     drawn = model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ()
     others = [reduce_structure(structure, v, basis, sides_at(v)) for v in map(model.parameters.values, drawn)]
-    nominal, deviation, verdict = _within_uncertainty(smoother, std, reduced, others, seed)
+    nominal, deviation, verdict = _within_uncertainty(chosen, reduced, others, seed)
     # with as many forces as sensors a frequency would explain the resonance of a wrong model
     is_free = unknown is not None and unknown.correlation_time is None and unknown.std is None
     if verdict.words and is_free and len(channels.sensors) > len(forces):
-        likelier = smoother.with_likeliest_frequency(reduced, std, nominal.mean[:, -len(forces) :])
-        retried = likelier and _within_uncertainty(*likelier, reduced, others, seed)
+        likelier = chosen.with_likeliest_frequency(reduced, nominal.mean[:, -len(forces) :])
+        retried = likelier and _within_uncertainty(likelier, reduced, others, seed)
         if likelier and retried and not retried[2].words:
-            (smoother, std), (nominal, deviation, verdict), is_trusted = likelier, retried, True
+            chosen, (nominal, deviation, verdict) = likelier, retried
     n_out, n_left = len(wanted), len(channels.left)
     out, seen, force = slice(0, n_out), slice(n_out, n_out + n_left), slice(n_out + n_left, None)
     error = (channels.left_values - nominal.mean[:, seen]) ** 2 / (deviation[:, seen] ** 2 + channels.left_variance)
@@ -299,27 +301,28 @@ def sense(
         forces,
         nominal.mean[:, force],
         deviation[:, force],
-        std if forces else float("nan"),
-        smoother.correlation_time if forces else float("nan"),
+        chosen.std if forces else float("nan"),
+        chosen.smoother.correlation_time if forces else float("nan"),
         tuple(zip(channels.left, np.sqrt(error.mean(axis=0)).tolist(), strict=True)),
         (
-            *(() if is_trusted else (_DOUBTED,)),
+            *(() if chosen.is_trusted else (_DOUBTED,)),
             *((verdict.words,) if verdict.words and not verdict.is_contradicted else ()),
-            *_unseen_words(forces, nominal.covariance[force, force], std),
+            *_unseen_words(forces, nominal.covariance[force, force], chosen.std),
         ),
         verdict.words if verdict.is_contradicted else "",
-        smoother.frequency if forces else float("nan"),
+        chosen.smoother.frequency if forces else float("nan"),
     )
 
 
 def _within_uncertainty(
-    smoother: _Smoother, std: float, reduced: ReducedMatrices, others: Sequence[ReducedMatrices], seed: int
+    chosen: _ChosenForces, reduced: ReducedMatrices, others: Sequence[ReducedMatrices], seed: int
 ) -> tuple[_Smoothed, FloatArray, InnovationVerdict]:
     """Smoothed outputs of a model, their deviation (n_times, n) with that of `others` within its uncertainty, and the verdict.
 
-    Outputs are, in order, the wanted ones, left-out sensors and unknown forces. Unknown forces have the standard deviation
-    `std`, N; `seed` is that of the 20 simulated records with which the innovations are compared.
+    Outputs are, in order, the wanted ones, left-out sensors and unknown forces, whose spectrum is that of `chosen`; `seed` is that
+    of the 20 simulated records with which the innovations are compared.
     """
+    smoother, std = chosen.smoother, chosen.std
     fit, rng = smoother.fit(reduced, std), np.random.default_rng([seed, 1])
     nominal = smoother.run(fit)
     spread = np.zeros_like(nominal.mean)
@@ -602,6 +605,62 @@ class _Filtered:
 
 
 @dataclass(frozen=True, eq=False)
+class _ChosenForces:
+    """The spectrum that unknown forces are taken to have, stated or estimated.
+
+    Attributes
+    ----------
+    smoother : _Smoother
+        With their correlation time and frequency.
+    std : float
+        Standard deviation of each, N.
+    is_trusted : bool
+        False where the likeliest size runs into its upper limit, and the size of the motion decides instead.
+    greatest : float
+        Logarithm of the greatest likelihood of the record that the search met, less a constant; it may exceed that of the
+        chosen forces. NaN where nothing was sought.
+    """
+
+    smoother: _Smoother
+    std: float
+    is_trusted: bool = True
+    greatest: float = float("nan")
+
+    def with_likeliest_frequency(self, reduced: ReducedMatrices, forces: FloatArray) -> _ChosenForces | None:
+        """Forces of a spectrum about the likeliest frequency; None where the frequency is not worth a parameter.
+
+        The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without a frequency. Both
+        searches have a correlation time and a size; the frequency is one parameter more, which must raise the greatest
+        likelihood by enough: Schwarz (1978), Annals of Statistics 6, 461-464. None also for fewer than 16 samples.
+        """
+        count, rate = len(forces), self.smoother.rate
+        if count < _FEWEST:
+            return None
+        lines, power = signal.welch(forces, rate, nperseg=max(count // _SEGMENTS, _FEWEST), axis=0)
+        peak = float(lines[1:][np.argmax(power[1:].sum(axis=1))])
+        first = float(forces.std())
+
+        def of_point(point: FloatArray) -> tuple[_Smoother, float]:
+            time, frequency, size = np.exp(point).tolist()
+            return replace(self.smoother, correlation_time=time, frequency=frequency), size
+
+        def unlikely(point: FloatArray) -> float:
+            is_within = _SHORTEST / rate <= np.exp(point[0]) <= _LONGEST * count / rate and np.exp(point[1]) < rate / 2
+            smoother, size = of_point(point)
+            return -smoother.log_likelihood(reduced, size) if is_within else float("inf")
+
+        starts = [np.log([time, peak, first]) for time in (1 / peak, np.sqrt(count / rate / peak), count / rate / 2)]
+        start = min(starts, key=unlikely)
+        simplex = start + np.vstack([np.zeros(3), np.diag([-0.7, 0.02, 0.3])])
+        options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": _MOST_TRIALS}
+        search = minimize(unlikely, start, method="Nelder-Mead", options=options)
+        likeliest = -float(search.fun)
+        smoother, size = of_point(search.x)
+        is_worth = likeliest - self.greatest > 0.5 * np.log(count)
+        return _ChosenForces(smoother, size, True, likeliest) if is_worth else None
+
+
+@dataclass(frozen=True, eq=False)
 class _Smoother:
     """A filter and smoother of modal states for one record.
 
@@ -636,6 +695,16 @@ class _Smoother:
     def fit(self, reduced: ReducedMatrices, std: float) -> _Filtered:
         """The record, filtered under the equations of a model; `std` is the deviation of the unknown forces, N."""
         return self.filtered(self._steady_filter(self._system(reduced, std)))
+
+    def log_likelihood(self, reduced: ReducedMatrices, std: float) -> float:
+        """Logarithm of the likelihood of the record, less a constant; -inf where the filter has no steady gains.
+
+        `std` is the deviation of the unknown forces, N.
+        """
+        try:
+            return self.fit(reduced, std).log_likelihood
+        except NoAnswerError:
+            return -np.inf
 
     def with_replicate(self, fit: _Filtered, rng: np.random.Generator) -> _Smoother:
         """Copy of this smoother whose measured channels are random: a record that the model of `fit` could have given.
@@ -674,8 +743,8 @@ class _Smoother:
         smoothed = stepped(back, drive, after[-1])[::-1]
         return smoothed @ system.wanted.T + self.channels.known @ system.wanted_direct.T, back
 
-    def likeliest_std(self, reduced: ReducedMatrices) -> tuple[float, bool]:
-        """Standard deviation, N, of the unknown forces under which the record is likeliest, and True if it can be trusted.
+    def with_likeliest_std(self, reduced: ReducedMatrices) -> _ChosenForces:
+        """Forces of the correlation time of this smoother and the standard deviation under which the record is likeliest.
 
         A model whose resonances are off by a part of their width makes far larger forces likelier than those that move the
         sensors as much as they do. Where the search runs into its upper limit, the size of the motion decides instead, and the
@@ -683,22 +752,22 @@ class _Smoother:
         """
         size, above = self._first_std(reduced), _decades_above(reduced)
         search = minimize_scalar(
-            lambda decades: -self.fit(reduced, float(size * 10**decades)).log_likelihood,
+            lambda decades: -self.log_likelihood(reduced, float(size * 10**decades)),
             bounds=(-_BELOW, above),
             method="bounded",
             options={"xatol": _SURE},
         )
         if search.x > above - 3 * _SURE:
-            return size, False
-        return float(size * 10**search.x), True
+            return _ChosenForces(self, size, False, -float(search.fun))
+        return _ChosenForces(self, float(size * 10**search.x), True, -float(search.fun))
 
-    def with_likeliest_time(self, reduced: ReducedMatrices, std: float | None) -> tuple[_Smoother, float, bool]:
-        """Smoother with an estimated correlation time, the forces' standard deviation, N, and True if it can be trusted.
+    def with_likeliest_time(self, reduced: ReducedMatrices, std: float | None) -> _ChosenForces:
+        """Forces of an estimated correlation time and standard deviation.
 
         From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is
         at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with the square root of
         the time, so that the spectral density at high frequencies stays; a stated `std`, N, is kept. For the trust see
-        `likeliest_std`.
+        `with_likeliest_std`.
         """
         shortest, longest = np.log(_SHORTEST / self.rate), np.log(len(self.channels.measured) / self.rate / 4)
         above = _decades_above(reduced)
@@ -710,7 +779,7 @@ class _Smoother:
             return float((of_time(log_time)._first_std(reduced) if std is None else std) * 10**decades)
 
         def likelihood(log_time: float, decades: float) -> float:
-            return of_time(log_time).fit(reduced, size(log_time, decades)).log_likelihood
+            return of_time(log_time).log_likelihood(reduced, size(log_time, decades))
 
         def unlikely(point: FloatArray) -> float:
             log_time, decades = float(point[0]), float(point[1])
@@ -720,71 +789,32 @@ class _Smoother:
         times = np.linspace(shortest, longest, _TIMES).tolist()
         by_motion = [likelihood(time, 0.0) for time in times]
         first = times[int(np.argmax(by_motion))]
+        if max(by_motion) == -np.inf:
+            of_time(first).fit(reduced, size(first, 0.0))  # raises, with the reason
         if std is None:
             simplex = np.array(
                 [[first, 0.0], [first + (times[0] - times[1]) * (1 if first > shortest else -1), 0.0], [first, -0.3]]
             )
             options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": 60}
-            found = minimize(unlikely, simplex[0], method="Nelder-Mead", options=options)
-            log_time, decades = found.x.tolist()
+            search = minimize(unlikely, simplex[0], method="Nelder-Mead", options=options)
+            log_time, decades = search.x.tolist()
             if decades > above - 3 * _SURE:
-                return of_time(first), size(first, 0.0), False
+                return _ChosenForces(of_time(first), size(first, 0.0), False, -float(search.fun))
             largest = size(log_time, decades)
         else:
             beside = max(first + times[0] - times[1], shortest), min(first + times[1] - times[0], longest)
-            found = minimize_scalar(
+            search = minimize_scalar(
                 lambda log_time: -likelihood(log_time, 0.0), bounds=beside, method="bounded", options={"xatol": _SURE}
             )
-            log_time, largest = float(found.x), std
-        most = -float(found.fun)
+            log_time, largest = float(search.x), std
+        most = -float(search.fun)
         for step in range(_STEPS, 0, -1):
             shorter = log_time + step * np.log(_SHORTER)
             # with the same density beyond the correlation time
             smaller = largest * _SHORTER ** (step / 2) if std is None else std
-            if shorter > shortest and of_time(shorter).fit(reduced, smaller).log_likelihood >= most - _LESS_LIKELY:
-                return of_time(shorter), float(smaller), True
-        return of_time(log_time), largest, True
-
-    def with_likeliest_frequency(
-        self, reduced: ReducedMatrices, std: float, forces: FloatArray
-    ) -> tuple[_Smoother, float] | None:
-        """Smoother with forces about the likeliest frequency, and their standard deviation, N; None where none is likelier.
-
-        `std`, N, is that of the forces without a frequency. The search starts at the largest line of the `forces` (n_times,
-        n_forces) that were sensed without one. A frequency is one parameter more, which must be worth it: Schwarz (1978),
-        Annals of Statistics 6, 461-464. None also for fewer than 16 samples.
-        """
-        count = len(forces)
-        if count < _FEWEST:
-            return None
-        lines, power = signal.welch(forces, self.rate, nperseg=max(count // _SEGMENTS, _FEWEST), axis=0)
-        peak = float(lines[1:][np.argmax(power[1:].sum(axis=1))])
-        first = float(forces.std())
-
-        def of_point(point: FloatArray) -> tuple[_Smoother, float]:
-            time, frequency, size = np.exp(point).tolist()
-            return replace(self, correlation_time=time, frequency=frequency), size
-
-        def unlikely(point: FloatArray) -> float:
-            is_within = (
-                _SHORTEST / self.rate <= np.exp(point[0]) <= _LONGEST * count / self.rate
-                and np.exp(point[1]) < self.rate / 2
-            )
-            smoother, size = of_point(point)
-            try:
-                return -smoother.fit(reduced, size).log_likelihood if is_within else float("inf")
-            except NoAnswerError:  # of forces so near to a sine that the filter never settles
-                return float("inf")
-
-        starts = [
-            np.log([time, peak, first]) for time in (1 / peak, np.sqrt(count / self.rate / peak), count / self.rate / 2)
-        ]
-        start = min(starts, key=unlikely)
-        simplex = start + np.vstack([np.zeros(3), np.diag([-0.7, 0.02, 0.3])])
-        options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": _MOST_TRIALS}
-        search = minimize(unlikely, start, method="Nelder-Mead", options=options)
-        gain = -float(search.fun) - self.fit(reduced, std).log_likelihood
-        return of_point(search.x) if gain > 0.5 * np.log(count) else None
+            if shorter > shortest and of_time(shorter).log_likelihood(reduced, smaller) >= most - _LESS_LIKELY:
+                return _ChosenForces(of_time(shorter), float(smaller), True, most)
+        return _ChosenForces(of_time(log_time), largest, True, most)
 
     def _first_std(self, reduced: ReducedMatrices) -> float:
         """First guess of the standard deviation of the unknown forces, N, from the size of the measured motion.
@@ -815,6 +845,11 @@ class _Smoother:
         keep = np.eye(len(predicted)) - gain @ system.reading
         step = system.transition @ keep
         sizes, directions = np.linalg.eigh(innovation)
+        if not sizes[0] > 0:
+            raise NoAnswerError(
+                "the forces move the sensors by so much more than the noise that is stated that the filter loses its digits; state"
+                " the noise that the sensors really have"
+            )
         whiten = directions / np.sqrt(sizes)
         seen = whiten.T @ system.reading
         constant, rising = np.hsplit(system.entry, 2)
