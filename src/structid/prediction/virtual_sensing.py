@@ -197,7 +197,8 @@ def sense(
         Where motion is wanted, or internal forces and stresses of elements, see `parse_output`.
     motion : {"displacement", "velocity", "acceleration"}
     unknown : UnknownForces, optional
-        Forces that were not measured.
+        Forces that were not measured. Where there are more of them than sensors, as under traffic that may stand anywhere,
+        modes above the sampling rate are left out, with their flexibility.
     leave_out : sequence of Dof or str
         Sensors that are not used, but compared with what is sensed there.
     n_draws : int
@@ -215,9 +216,9 @@ def sense(
     Raises
     ------
     InputError
-        If an output or a force is not part of the structure or named twice, an output is a von Mises stress, there are more
-        unknown forces than sensors, `leave_out` names no sensor of the record, the record holds strains or other quantities that
-        are neither motions nor forces, or a sensor has no noise and reads a constant.
+        If an output or a force is not part of the structure or named twice, an output is a von Mises stress, `leave_out` names
+        no sensor of the record, the record holds strains or other quantities that are neither motions nor forces, or a sensor
+        has no noise and reads a constant.
     NoAnswerError
         If the record cannot tell the motion: nothing holds the structure and accelerations alone are measured, or no sensor sees
         one of the modes.
@@ -243,10 +244,6 @@ def sense(
     forces = () if unknown is None else parse_dofs(unknown.dofs)
     if forces:
         distinct_channels("unknown", tuple(dof.unsigned for dof in forces))
-    if len(forces) > len(channels.sensors):
-        raise InputError(
-            f"{len(forces)} unknown forces cannot be told by {len(channels.sensors)} sensors; name fewer, or use more sensors"
-        )
     if not forces and not channels.loads:
         raise InputError(
             "the record holds no force and none is named as unknown, so that nothing would move the model; name where forces act"
@@ -262,7 +259,10 @@ def sense(
         return Sides(sparse.csc_array(sparse.hstack([sensors, read.rows(values)])), loads)
 
     rate = record.sampling_rate
-    basis = reduction_basis(structure, [model.values], sides_at(model.values), rate / len(record.values), rate / 2)
+    is_distributed = len(forces) > len(channels.sensors)
+    nothing = sparse.csc_array((structure.n_dofs, 0))
+    carried = Sides(nothing, nothing) if is_distributed else sides_at(model.values)
+    basis = reduction_basis(structure, [model.values], carried, rate / len(record.values), rate / 2)
     stated_time = 1.0 if unknown is None else unknown.correlation_time
     driving = _between_samples(channels.known, is_filtered)
     smoother = _Smoother(channels, driving, len(forces), stated_time or 1 / rate, is_filtered, rate, read)
@@ -307,7 +307,11 @@ def sense(
         (
             *(() if chosen.is_trusted else (_DOUBTED,)),
             *((verdict.words,) if verdict.words and not verdict.is_contradicted else ()),
-            *_unseen_words(forces, nominal.covariance[force, force], chosen.std),
+            *(
+                (_distributed_words(len(forces), len(channels.sensors)),)
+                if is_distributed
+                else _unseen_words(forces, nominal.covariance[force, force], chosen.std)
+            ),
         ),
         verdict.words if verdict.is_contradicted else "",
         chosen.smoother.frequency if forces else float("nan"),
@@ -342,6 +346,14 @@ _DOUBTED = (
     "the size of the unknown forces is estimated from the motion: the likelihood prefers far larger forces, since the model"
     " misses the record by more than the noise of its sensors; state that noise, or the size of the forces"
 )
+
+
+def _distributed_words(n_forces: int, n_sensors: int) -> str:
+    """A sentence on more unknown forces than sensors."""
+    return (
+        f"{n_forces} unknown forces act and {n_sensors} sensors measure: the record tells what they do to the motion, hardly each"
+        " of them; a wrong model and forces of another spectrum look the same"
+    )
 
 
 def _unseen_words(forces: Sequence[Dof], covariance: FloatArray, std: float) -> tuple[str, ...]:
@@ -516,6 +528,7 @@ class _StateSpace:
     """z' = transition z + entry (f_k, f_{k+1}) + noise; asked = wanted z + wanted_direct f.
 
     Sensors read reading z + direct f, in standard deviations of their noise; the last rows of `wanted` are the unknown forces.
+    `unmoved` is the covariance of what is asked that moves no mode, so that no reading tells it: (n_asked, n_asked).
     """
 
     transition: FloatArray
@@ -525,6 +538,7 @@ class _StateSpace:
     direct: FloatArray
     wanted: FloatArray
     wanted_direct: FloatArray
+    unmoved: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -726,10 +740,11 @@ class _Smoother:
         covariance = _symmetric(linalg.solve_discrete_lyapunov(back, updated - back @ predicted @ back.T))
         wanted = rows @ covariance @ rows.T
         variance = np.tile(np.maximum(np.diag(wanted), 0.0), (len(mean), 1))
+        unmoved = steady.system.unmoved
         at_end = _variance_beside_end(rows, back, updated - covariance, variance)[::-1]
         onwards = _sum_of_powers(back, steady.keep - back @ steady.step, steady.step)
         at_start = _variance_of_start(rows, onwards, back, fit, variance)
-        return _Smoothed(mean, variance + at_end + at_start, wanted)
+        return _Smoothed(mean, variance + at_end + at_start + np.diag(unmoved), wanted + unmoved)
 
     def smoothed_mean(self, fit: _Filtered) -> tuple[FloatArray, FloatArray]:
         """Smoothed outputs (n_times, n), in the order of `run`, and the smoother gain (n_states, n_states).
@@ -933,11 +948,13 @@ class _Smoother:
         States are in scaled units. `std` is the standard deviation of the unknown forces, N; the inputs of `reduced` are the
         known forces, then the unknown ones.
         """
-        n, n_forces, n_known = len(reduced.omega), self.n_forces, reduced.inputs.shape[1] - self.n_forces
+        n, n_known = len(reduced.omega), reduced.inputs.shape[1] - self.n_forces
+        known = reduced.inputs[:, :n_known]
+        unknown, parts_of_forces = _combined_forces(reduced.inputs[:, n_known:])
+        n_forces = unknown.shape[1]
         force = _ForceModel.of(self.correlation_time, self.frequency, self.rate if self.is_filtered else None)
         n_each = len(force.output)
         step, size = 1 / self.rate, 2 * n + n_forces * n_each
-        known, unknown = reduced.inputs[:, :n_known], reduced.inputs[:, n_known:]
         elastic = reduced.omega[~reduced.is_rigid & (reduced.omega > 0)]
         reference = max(float(elastic.min(initial=np.inf)) if len(elastic) else 0.0, float(-force.dynamics[0, 0]))
         speed = max(float(np.abs(unknown).max(initial=0.0)) * std / reference, _SPEED)
@@ -962,9 +979,12 @@ class _Smoother:
             parts = _output_matrices(group, np.full(len(group), order), acceleration, known)
             asked, asked_direct = asked + parts[0], asked_direct + parts[1]
         left = slice(n_sensors, n_sensors + n_left)
-        forces = np.hstack([np.zeros((n_forces, 2 * n)), pushing])
+        forces = np.hstack([np.zeros((self.n_forces, 2 * n)), parts_of_forces @ pushing])
         wanted = np.vstack([asked, rows[left], forces]) * units
-        wanted_direct = np.vstack([asked_direct, direct[left], np.zeros((n_forces, n_known))])
+        wanted_direct = np.vstack([asked_direct, direct[left], np.zeros((self.n_forces, n_known))])
+        unmoved = np.zeros((len(wanted), len(wanted)))
+        among_forces = slice(len(wanted) - self.n_forces, None)
+        unmoved[among_forces, among_forces] = std**2 * (np.eye(self.n_forces) - parts_of_forces @ parts_of_forces.T)
         dynamics = dynamics * units / units[:, None]
         random = np.diag(
             np.full(size, _STRAY * reference) + np.concatenate([np.zeros(2 * n), np.tile(force.noise, n_forces)])
@@ -984,6 +1004,7 @@ class _Smoother:
             direct[:n_sensors] / deviation,
             wanted,
             wanted_direct,
+            unmoved,
         )
 
 
@@ -999,6 +1020,18 @@ def _between_samples(known: FloatArray, is_filtered: bool) -> FloatArray:
     both = np.fft.rfft(np.concatenate([known, known[::-1]]), axis=0)
     weakened = np.sinc(np.linspace(0, 0.5, len(both))) ** 2
     return np.asarray(np.fft.irfft(both / weakened[:, None], 2 * len(known), axis=0)[: len(known)])
+
+
+def _combined_forces(inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """As few independent forces of one spectrum as do to the modes what `inputs` (n_modes, n_forces) of that spectrum do.
+
+    Returns the modal forces of each combination, (n_modes, n_combined), and the part of each in the forces,
+    (n_forces, n_combined). Combinations of more forces than modes that move no mode are left out.
+    """
+    if inputs.shape[1] <= inputs.shape[0]:
+        return inputs, np.eye(inputs.shape[1])
+    modal, sizes, parts = np.linalg.svd(inputs, full_matrices=False)
+    return modal * sizes, parts.T
 
 
 def _decades_above(reduced: ReducedMatrices) -> float:
