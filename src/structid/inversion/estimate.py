@@ -647,7 +647,8 @@ def estimate(
             refit_best()
         columns = fixed.sensitivities_at(problem.names, best.theta, refits.get(best))
         # without a Jacobian, the draws tell first how many degrees of freedom the residual has
-        columns = replace(columns, refit=refit_best) if chosen.is_matrix_free else columns
+        if chosen.is_matrix_free:
+            columns = replace(columns, refit=lambda: fixed.followed(refit_best(), best.theta))
     uncertainty = chosen.uncertainty(problem, best, misfit_probability, search.seed, columns)
     within = refits.get(best)
     theta, residual = best.theta, best.linearization.residual

@@ -307,8 +307,7 @@ def _make_field_group(
     """The group of a field: one parameter, a factor, for each shape function of its coarse grid that an element sees.
 
     `indices` (n_entries,) are places among the property values, `item` (n_entries,) the property of each in `items`.
-    Raises `InputError` if `each`, `tied_to` or `factor = false` are set too. `label` is the declaration's name in
-    messages.
+    Raises `InputError` if `each`, `tied_to` or `factor = false` are set too. Names of parameters begin with `label`.
     """
     assert unknown.field is not None
     if unknown.each or unknown.tied_to is not None or unknown.factor is False:

@@ -14,7 +14,7 @@ from structid.inversion.averaging import few_averages
 from structid.inversion.covariance import fit_covariance
 from structid.inversion.estimate import Estimate, require_level
 from structid.inversion.problem import Problem
-from structid.inversion.problems.wrapped import FixedVariable
+from structid.inversion.problems.wrapped import FixedVariables
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.minimum import StoredValues
@@ -358,7 +358,7 @@ class _Side:
         along the tangent.
         """
         others = np.delete(theta, self.index)
-        others_free = FixedVariable(self.problem, self.index, at)
+        others_free = FixedVariables(self.problem, np.array([self.index]), np.array([at]))
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 begin = others + self._tangent(theta) * (at - theta[self.index])
