@@ -97,7 +97,7 @@ def _name(kind: int) -> str:
 
 
 def _choose_functions(path: Path, functions: list[Dataset58], options: ReadOptions) -> list[Dataset58]:
-    """Those of `functions` that the option `columns` chooses by number or name such as ``12Z+``, in its order; all without it."""
+    """Functions that the option `columns` chooses from `functions` by number or name such as ``12Z+``, in its order; else all."""
     if not options.columns:
         return functions
     names = [f"{f.response[0]}{_DIRECTIONS.get(f.response[1], ' direction 0')}" for f in functions]
