@@ -31,7 +31,7 @@ from structid.inversion.regularization.strengths import (
     sparse_strengths,
 )
 from structid.inversion.search.multistart import named
-from structid.inversion.search.work import StageProgress, Work
+from structid.inversion.search.work import StageProgress, TaskExecutor
 from structid.unknowns import Coupling, Regularization, penalty, term_name
 
 #: Where the magnitude of a logarithm is rounded off: changes below 0.1 % count as none.
@@ -103,7 +103,7 @@ def regularized(
     options: IdentifyOptions,
     method: Method,
     progress: StageProgress | None,
-    work: Work,
+    work: TaskExecutor,
 ) -> Regularized:
     """Problems with regularizations and scatters added, at strengths that are given or chosen by the data.
 
@@ -118,7 +118,7 @@ def regularized(
     method : Method
         Search of every fit.
     progress : callable, optional
-    work : Work
+    work : TaskExecutor
         Runs the fits.
 
     Raises
@@ -159,7 +159,7 @@ def _by_draws(
     options: IdentifyOptions,
     method: Method,
     progress: StageProgress | None,
-    work: Work,
+    work: TaskExecutor,
 ) -> Regularized:
     """Regularized problems for a matrix-free search, with strengths settled by posterior draws; see `settled_strengths`.
 
@@ -200,7 +200,7 @@ def _by_local_models(
     options: IdentifyOptions,
     method: Method,
     progress: StageProgress | None,
-    work: Work,
+    work: TaskExecutor,
 ) -> Regularized:
     """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`."""
     begun = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
@@ -224,7 +224,11 @@ def _by_local_models(
 
 
 def _staged(
-    problems: Sequence[RecordProblem], method: Method, theta: FloatArray, progress: StageProgress | None, work: Work
+    problems: Sequence[RecordProblem],
+    method: Method,
+    theta: FloatArray,
+    progress: StageProgress | None,
+    work: TaskExecutor,
 ) -> FloatArray:
     """Free variables (n_params,) after the first stage sequence of the joint problem, started at `theta`."""
     for name, stage in next(iter(joint_schedules(problems)), ()):
@@ -263,7 +267,7 @@ class _Search:
     problems: tuple[RecordProblem, ...]
     terms: tuple[Regularization, ...]
     method: Method
-    work: Work
+    work: TaskExecutor
 
     @cached_property
     def scatters(self) -> tuple[ScatterProblem, ...]:
