@@ -7,20 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from structid import inversion
 from structid.core.arrays import FloatArray, IntArray
 from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
 from structid.inversion.search.least_squares import Method, minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
-from structid.inversion.search.matrix_free import MatrixFree
 from structid.inversion.search.minimum import Progress
 
 #: Fixed values are near: a few steps settle them.
 _REFIT = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
 #: Of a fit far beyond its noise: Gauss-Newton steps are too long there, and what tolerances explain of it is a small part.
 _FAR_REFIT = LevenbergMarquardt(max_iterations=7, gain_tolerance=1e-5, initial_damping=1e-3)
-_MATRIX_FREE_REFIT = MatrixFree(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
 
 
 #: Sum of squares, in parts of the number of data, from which on a fit is far beyond its noise.
@@ -77,7 +76,8 @@ class FixedValues:
             if minimum.costs[-1] > far:
                 return self._fit(minimum.theta, minimum.linearization, names)
             start = minimum.theta
-        method: Method = _MATRIX_FREE_REFIT if self.is_matrix_free else _REFIT
+        few_steps = {name: vars(_REFIT)[name] for name in ("max_iterations", "gain_tolerance", "initial_damping")}
+        method: Method = inversion.MatrixFree(**few_steps) if self.is_matrix_free else _REFIT
         minimum = minimize(self.problem, method, start, progress)
         return self._fit(minimum.theta, minimum.linearization, names)
 
