@@ -30,7 +30,7 @@ from structid.forward import FrfProblem, RecordProblem
 from structid.forward.modal import compares_modes
 from structid.inversion import JointProblem, Problem
 from structid.inversion.search.minimum import Progress
-from structid.inversion.search.work import Item, Shared, Task, Work
+from structid.inversion.search.work import Item, Shared, Task, TaskExecutor
 
 Result = TypeVar("Result")
 
@@ -178,7 +178,7 @@ UNLIMITED = SearchBudget(np.inf, np.inf, 0.0, 0.0)
 
 def map_within_budget(
     budget: SearchBudget,
-    work: Work,
+    work: TaskExecutor,
     name: str,
     task: Task[Shared, Item, Result],
     shared: Shared,

@@ -44,7 +44,7 @@ from structid.identification.identified import Identification
 from structid.identification.warning_words import ran_away_words
 from structid.inversion import Status
 from structid.inversion.fixed_values import limit_of
-from structid.inversion.search.work import ALONE, Work
+from structid.inversion.search.work import SERIAL, TaskExecutor
 
 if TYPE_CHECKING:
     from structid.identification.fits.modal_fit import ModalFit
@@ -404,7 +404,7 @@ def judged(
     )
 
 
-def data_disagreements(identification: Identification, work: Work = ALONE) -> tuple[Disagreement, ...]:
+def data_disagreements(identification: Identification, work: TaskExecutor = SERIAL) -> tuple[Disagreement, ...]:
     """Pairs of parts of the data of an identification whose fits do not agree; empty for a search without a Jacobian."""
     if identification.target is None:
         return ()

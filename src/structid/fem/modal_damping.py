@@ -11,7 +11,7 @@ from scipy import linalg, sparse
 
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError, SingularModelError
-from structid.fem.elements.element import Term
+from structid.fem.elements.element import PropertyMatrices
 from structid.fem.matrices.blocks import Blocks
 from structid.fem.matrices.contribution import Contribution, Factor
 
@@ -23,7 +23,7 @@ _MOST_DOFS, _MOST_SLOPES = 1200, 1_000_000_000
 _NOTHING = 1e-13
 
 
-def damping_term(damping_ratio: float) -> Term:
+def damping_term(damping_ratio: float) -> PropertyMatrices:
     """The damping ratio as a property.
 
     Raises
@@ -33,7 +33,7 @@ def damping_term(damping_ratio: float) -> Term:
     """
     if not 0 <= damping_ratio < 1:
         raise InputError(f"`damping_ratio` must be at least 0 and less than 1, as 0.01 for 1 %, got {damping_ratio:g}")
-    return Term("damping_ratio", "damping_ratio", "1", locked([damping_ratio]))
+    return PropertyMatrices("damping_ratio", "damping_ratio", "1", locked([damping_ratio]))
 
 
 @dataclass(frozen=True, eq=False)

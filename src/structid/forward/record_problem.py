@@ -14,7 +14,7 @@ from scipy import sparse
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, locked
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.forward.channel_errors import ChannelErrors, Measured
+from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import ContinuationPath, DataRows, Problem, Schedule
 from structid.unknowns import Parameters
@@ -144,7 +144,7 @@ class RecordProblem(Problem):
         return RecordFacts(np.full(n_lines, np.nan), np.zeros(n_lines))
 
     @property
-    def measured_responses(self) -> Measured | None:
+    def measured_responses(self) -> ChannelsOfRecord | None:
         """Sensors, loads and lines of measured responses; None where the record has no responses."""
         return None
 

@@ -31,7 +31,7 @@ from structid.inversion.regularization.strengths import (
     sparse_strengths,
 )
 from structid.inversion.search.multistart import named
-from structid.inversion.search.work import StageProgress, Work
+from structid.inversion.search.work import StageProgress, TaskExecutor
 from structid.unknowns import Coupling, Regularization, penalty, term_name
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def regularized(
     options: IdentifyOptions,
     method: Method,
     progress: StageProgress | None,
-    work: Work,
+    work: TaskExecutor,
 ) -> Regularized:
     """Problems with regularizations and scatters added, at strengths that are given or chosen by the data.
 
@@ -121,7 +121,7 @@ def regularized(
     method : Method
         Search of every fit.
     progress : callable, optional
-    work : Work
+    work : TaskExecutor
         Runs the fits.
 
     Raises
@@ -162,7 +162,7 @@ def _by_draws(
     options: IdentifyOptions,
     method: Method,
     progress: StageProgress | None,
-    work: Work,
+    work: TaskExecutor,
 ) -> Regularized:
     """Regularized problems for a matrix-free search, with strengths settled by posterior draws; see `settled_strengths`.
 
@@ -205,7 +205,7 @@ def _by_local_models(
     options: IdentifyOptions,
     method: Method,
     progress: StageProgress | None,
-    work: Work,
+    work: TaskExecutor,
 ) -> Regularized:
     """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`."""
     begun = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
@@ -229,7 +229,11 @@ def _by_local_models(
 
 
 def _staged(
-    problems: Sequence[RecordProblem], method: Method, theta: FloatArray, progress: StageProgress | None, work: Work
+    problems: Sequence[RecordProblem],
+    method: Method,
+    theta: FloatArray,
+    progress: StageProgress | None,
+    work: TaskExecutor,
 ) -> FloatArray:
     """Free variables (n_params,) after the first stage sequence of the joint problem, started at `theta`."""
     for name, stage in next(iter(joint_schedules(problems)), ()):
@@ -270,7 +274,7 @@ class _Search:
     problems: tuple[RecordProblem, ...]
     terms: tuple[Regularization, ...]
     method: Method
-    work: Work
+    work: TaskExecutor
 
     @cached_property
     def scatters(self) -> tuple[ScatterProblem, ...]:

@@ -32,7 +32,7 @@ from structid.identification.varying import Varied, varied, widened_estimate
 from structid.inversion import Estimate, Method, Problem, Search, Status
 from structid.inversion.estimate import estimate
 from structid.inversion.search.least_squares import dense_search_fits
-from structid.inversion.search.work import StageProgress, Work
+from structid.inversion.search.work import StageProgress, TaskExecutor
 
 _MOST_TRIED = 3
 #: More searches where an answer is doubted; of modes, one that moved a parameter by more than this factor. Of a frame with
@@ -79,7 +79,7 @@ def search_parameters(
     problems: tuple[RecordProblem, ...],
     options: IdentifyOptions,
     progress: StageProgress | None,
-    work: Work,
+    work: TaskExecutor,
 ) -> SearchOutcome:
     """Best estimate over the problems of all records, by the method that set-ups and options ask for.
 
@@ -161,7 +161,7 @@ def _search_starts(
 
 
 def _without_priors(
-    problems: Sequence[RecordProblem], best: Estimate, method: Method, search: Search, work: Work
+    problems: Sequence[RecordProblem], best: Estimate, method: Method, search: Search, work: TaskExecutor
 ) -> Estimate | None:
     """Estimate from the data alone, searched from wide starts about `best`; None if no parameter has a prior."""
     if not any(problem.parameters.has_priors for problem in problems):

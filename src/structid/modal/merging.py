@@ -29,7 +29,7 @@ _GROUPINGS = 10  # times the modes of all set-ups are grouped at most
 
 
 @dataclass(frozen=True, eq=False)
-class Merging:
+class MergedModes:
     """Merged modes, and how far the set-ups agree.
 
     Attributes
@@ -73,7 +73,7 @@ def merged_setups(
     references: Sequence[Dof | str] | None = None,
     frequency_guard: float = 0.05,
     names: Sequence[str] | None = None,
-) -> Merging:
+) -> MergedModes:
     """Modes of several set-ups merged by their shared sensors, with shapes at all sensors.
 
     Modes of all set-ups are grouped. Each set-up in turn is paired with the groups so that the total worth of its pairs is as
@@ -99,7 +99,7 @@ def merged_setups(
 
     Returns
     -------
-    Merging
+    MergedModes
         The covariance of frequencies and damping ratios follows from those of the set-ups and the scatter between them, a
         random effect; a warning names modes whose set-ups disagree (probability below 1 % for all modes together). The
         first warning says which modes are in one set-up only, and why; others, where deviations are missing.
@@ -284,8 +284,8 @@ def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Seq
     return ", ".join(reasons) or "its match is paired with another mode"
 
 
-def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> Merging:
-    """`Merging` of the modes matched by `members`: weighted means of frequencies and damping ratios, and merged shapes.
+def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> MergedModes:
+    """`MergedModes` of the modes matched by `members`: weighted means of frequencies and damping ratios, and merged shapes.
 
     `members` (n_setups, n_modes) are mode numbers in each set-up, -1 where missing. `notes` are the warnings so far; further
     ones are appended to this list in place.
@@ -308,7 +308,7 @@ def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) 
         mean[:n_modes], mean[n_modes:], shapes, channels, covariance, std, warnings=tuple(notes),
         source=f"{n_setups} set-ups merged after identification: {setups[0].source}",
     )  # fmt: skip
-    return Merging(
+    return MergedModes(
         modes, members[:, order], frequency[:, order], damping[:, order], np.nanstd(frequency[:, order], axis=0, ddof=1),
         np.sqrt(np.concatenate([scatter[:n_modes][order], scatter[n_modes:][order]])),
         chi_square[order], probability[order],

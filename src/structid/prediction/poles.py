@@ -133,7 +133,7 @@ def reduction_basis(
             n_modes = min(2 * n_modes, structure.n_dofs - 2)
             shapes = modes(mass, stiffness, n_modes=n_modes)
         columns.append(shapes.mode_shapes[:, shapes.frequency <= _ABOVE * highest])
-        if number == 0:
+        if number == 0 and both.shape[1]:
             for shift in (lowest, highest):
                 shifted = sparse.csc_array(stiffness - (2 * np.pi * shift) ** 2 * mass)
                 columns.append(_solve(shifted, both.toarray()))

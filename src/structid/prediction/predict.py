@@ -32,7 +32,7 @@ from structid.prediction.recovery import is_von_mises
 from structid.unknowns import Parameters
 
 #: A quantity by the identified model, and by each of the random models, (n_draws, ...).
-_Drawn: TypeAlias = tuple[NumberArray, NumberArray]
+_ValueAndDraws: TypeAlias = tuple[NumberArray, NumberArray]
 LEVEL = 0.95
 #: Standard deviations off at which motions are put into a basis, and how many independent errors are.
 _OFF, _MOST_POINTS = 2.0, 12
@@ -236,7 +236,7 @@ def _draw_all(
     quantities: Sequence[Quantity],
     n_draws: int,
     seed: int,
-) -> list[_Drawn]:
+) -> list[_ValueAndDraws]:
     """Base of each quantity by the identified model, and by each of the random models, (n_draws, ...), as pairs.
 
     `structure` and `parameters` may be those after a change. `InputError` for fewer than 50 draws.
@@ -244,7 +244,7 @@ def _draw_all(
     if n_draws < _FEWEST:
         raise InputError(f"`n_draws` must be at least {_FEWEST} for a 95 % band, got {n_draws}")
     physical = model.draw_parameters(n_draws, np.random.default_rng(seed))
-    computed: dict[int, _Drawn] = {}
+    computed: dict[int, _ValueAndDraws] = {}
     for quantity in quantities:
         base = _base_of(quantity)
         if id(base) not in computed:
@@ -259,7 +259,7 @@ def _base_of(quantity: Quantity) -> Quantity:
     return quantity.base if isinstance(quantity, DerivedQuantity) else quantity
 
 
-def _derive(quantity: Quantity, drawn: _Drawn) -> _Drawn:
+def _derive(quantity: Quantity, drawn: _ValueAndDraws) -> _ValueAndDraws:
     """Quantity from its base, by the identified model and by the random models; `drawn` as it is if not derived."""
     if not isinstance(quantity, DerivedQuantity):
         return drawn
@@ -267,7 +267,7 @@ def _derive(quantity: Quantity, drawn: _Drawn) -> _Drawn:
     return quantity.derived(nominal), np.stack([quantity.derived(each) for each in draws])
 
 
-def _difference(quantity: Quantity, before: _Drawn, after: _Drawn) -> _Drawn:
+def _difference(quantity: Quantity, before: _ValueAndDraws, after: _ValueAndDraws) -> _ValueAndDraws:
     """Derived quantity after less before, by the identified and by each random model; of complex values that of magnitudes."""
     pairs = zip(_derive(quantity, before), _derive(quantity, after), strict=True)
     nominal, draws = (np.abs(b) - np.abs(a) if np.iscomplexobj(a) else b - a for a, b in pairs)
@@ -295,7 +295,7 @@ def parameter_points(model: IdentifiedModel) -> list[FloatArray]:
 
 
 def _predict_all(
-    quantities: Sequence[Quantity], drawn: Sequence[_Drawn], words: str, error: ModelError | None, seed: int
+    quantities: Sequence[Quantity], drawn: Sequence[_ValueAndDraws], words: str, error: ModelError | None, seed: int
 ) -> list[Prediction]:
     """Predictions of `quantities` from their bases `drawn` by the identified and the random models, with the model `error`.
 

@@ -30,7 +30,7 @@ from structid.cli.base import (
 )
 
 if TYPE_CHECKING:
-    from structid.diagnose.refits import Fitted
+    from structid.diagnose.refits import FittedModel
     from structid.study.results.result import StudyResult
     from structid.study.run.checkpoint import Checkpoint
     from structid.study.run.long_run import LongRun
@@ -134,7 +134,7 @@ def identify(
     owner = fingerprint(read)
     is_answered = False
 
-    def write(answer: StudyResult, fits: Sequence[Fitted]) -> str:
+    def write(answer: StudyResult, fits: Sequence[FittedModel]) -> str:
         """Write results and suggested studies into the results folder, and return the name of the file to read first."""
         with staged_folder(folder) as staged:
             page = _write(answer, staged, report, png)

@@ -15,9 +15,9 @@ from structid.fem.elements.element import (
     ElementSet,
     Ends,
     Matrices,
+    NodeCoordinates,
     Nodes,
     OtherEnds,
-    Positions,
     Values,
     declarations,
     declared,
@@ -52,7 +52,7 @@ class Connector(ElementSet):
         object.__setattr__(self, "nodes", locked(np.array([[d.node for d in self.first], ends]).T, np.int64))
         super().__post_init__()
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices d d' with d = +1 at the first end and -1 at the second, times the signs of their degrees of freedom.
 
         They are the same for all properties, (n_elements, 2, 2), or (n_elements, 1, 1) to the ground. The arguments have no

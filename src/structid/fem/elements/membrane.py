@@ -12,8 +12,8 @@ from structid.fem.elements.element import (
     PER_VELOCITY,
     ElementMatrixTerm,
     Matrices,
+    NodeCoordinates,
     Nodes,
-    Positions,
     Values,
     declared,
     element,
@@ -86,7 +86,7 @@ class Membrane(CellSet):
         default=False,
     )
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices of the mass and of the tension, by property.
 
         `positions` of nodes in m; `used_codes` are not needed.

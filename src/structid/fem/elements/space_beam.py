@@ -26,10 +26,10 @@ from structid.fem.elements.element import (
     ElementMatrixTerm,
     ElementSet,
     Matrices,
+    NodeCoordinates,
     Nodes,
     OptionalSignedValues,
     OptionalValues,
-    Positions,
     Values,
     Vector,
     declared,
@@ -97,7 +97,7 @@ class SpaceBeam(ElementSet):
 
     axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
 
-    def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
+    def section_directions(self, positions: NodeCoordinates) -> Mapping[str, FloatArray]:
         """Unit vectors of N, shear forces VY and VZ, torque T and moments MY and MZ on the motions X Y Z RX RY RZ of a node.
 
         They are (n_elements, 6) by the name of the force, in local axes; `positions` of nodes in m.
@@ -107,7 +107,7 @@ class SpaceBeam(ElementSet):
         wide[:, :3, :3] = wide[:, 3:, 3:] = axes
         return {name: wide[:, row] for row, name in enumerate(("N", "VY", "VZ", "T", "MY", "MZ"))}
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices by property: mass, axial, torsional and bending stiffness, polar inertia, and where stated others.
 
         `positions` of nodes in m, which must be in space, else `InputError`; `used_codes` are not needed.

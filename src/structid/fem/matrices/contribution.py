@@ -12,7 +12,7 @@ from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import DIRECTIONS
-from structid.fem.elements.element import ElementMatrixTerm, Term, shear_ratio
+from structid.fem.elements.element import ElementMatrixTerm, PropertyMatrices, shear_ratio
 from structid.fem.matrices.blocks import ElementMatrices
 from structid.fem.node_positions import LengthDependence
 
@@ -33,7 +33,7 @@ class Property:
     """One property of one element set, and where its values stand among all values of the structure."""
 
     element: str
-    term: Term
+    term: PropertyMatrices
     values: slice
 
     @property

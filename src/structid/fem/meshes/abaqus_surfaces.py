@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.fem.elements.cells.isoparametric import CELLS, CellShape
-from structid.fem.meshes.abaqus_assembly import Assembly, Scope
+from structid.fem.meshes.abaqus_assembly import Assembly, PartData
 from structid.fem.meshes.abaqus_keywords import KeywordBlock
 
 #: Corners of the faces S1, S2, ... of solids, counted from 0.
@@ -63,7 +63,7 @@ class Surfaces:
     def __init__(self, assembly: Assembly, kind_of: Callable[[str], tuple[str, int]]) -> None:
         self._assembly, self._kind_of = assembly, kind_of
 
-    def read(self, scope: Scope, name: str) -> Surface:
+    def read(self, scope: PartData, name: str) -> Surface:
         """The surface that a scope calls `name`, ``INSTANCE.NAME`` in an assembly.
 
         Raises
@@ -89,7 +89,7 @@ class Surfaces:
                 faces.append(self._face(owner, label, row[1].upper()))
         return Surface(faces, list(dict.fromkeys(node for face, _ in faces for node in face)))
 
-    def _block(self, scope: Scope, name: str) -> tuple[Scope, KeywordBlock]:
+    def _block(self, scope: PartData, name: str) -> tuple[PartData, KeywordBlock]:
         """The scope and *SURFACE block called `name`, looked for in `scope` first, then in the assembly and its instances.
 
         Raises `ValueError` if there is none.
@@ -104,7 +104,7 @@ class Surfaces:
                     return holder, block
         raise ValueError(f"there is no surface {name!r}")
 
-    def _members(self, scope: Scope, word: str) -> Iterable[tuple[Scope, int]]:
+    def _members(self, scope: PartData, word: str) -> Iterable[tuple[PartData, int]]:
         """Elements that `word` names, a set or a label, as pairs of the scope that the label belongs to and the label.
 
         Raises `ValueError` if there is no such set.
@@ -125,7 +125,7 @@ class Surfaces:
             raise ValueError(f"there is no element set {word!r}")
         return [(holder, label) for label in sorted(holder.cell_sets[key])]
 
-    def _face(self, scope: Scope, label: int, side: str) -> tuple[tuple[int, ...], bool]:
+    def _face(self, scope: PartData, label: int, side: str) -> tuple[tuple[int, ...], bool]:
         """Labels in the mesh of the nodes of a face, corners before middles, and True if the element is a shell.
 
         `side` is S1, S2, ... of a solid, or a side of a shell such as SPOS. Raises `ValueError` if there is no such element

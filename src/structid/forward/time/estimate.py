@@ -150,7 +150,8 @@ class FixedRows:
         solution = together.solution()
         if solution is None:
             return None
-        return FitWithinTolerances(together, solution, together.linearize(solution), solution[n:], solution[:n])
+        asked, values = solution[n:], solution[:n]
+        return FitWithinTolerances(together, solution, together.linearize(solution), asked, values, asked, values)
 
 
 def fixed_rows(

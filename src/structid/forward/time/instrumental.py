@@ -33,8 +33,8 @@ from structid.forward.time.model import TimeModel
 from structid.forward.time.options import TimeOptions
 from structid.forward.time.output_error import declared_variance, time_model
 from structid.inversion import Estimate
-from structid.inversion.search.minimum import Keeper
-from structid.inversion.search.work import ALONE, Work
+from structid.inversion.search.minimum import SearchStateStore
+from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.records import TimeRecord
 from structid.records.record import MOTION_DERIVATIVES
 from structid.unknowns import Parameters
@@ -68,10 +68,10 @@ class InstrumentalSteps:
 
     Parameters
     ----------
-    keeper : Keeper, optional
+    keeper : SearchStateStore, optional
     """
 
-    def __init__(self, keeper: Keeper | None) -> None:
+    def __init__(self, keeper: SearchStateStore | None) -> None:
         """Steps read back from the checkpoint of `keeper`, or none."""
         self.keeper, self.count = keeper, 0
         state: Mapping[str, Any] | None = None if keeper is None else keeper.state
@@ -252,7 +252,7 @@ def _noise(structure: Structure, record: TimeRecord) -> dict[str, FloatArray]:
 
 
 def identified_by_instruments(
-    structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions, work: Work = ALONE
+    structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions, work: TaskExecutor = SERIAL
 ) -> Estimate:
     """Estimate by refined instrumental variables, from few samples first and then from more and more.
 

@@ -26,7 +26,7 @@ _HIDES = 2.0
 
 
 @dataclass(frozen=True)
-class Missed:
+class MissedValues:
     """Values of a record that the answer misses.
 
     Attributes
@@ -60,7 +60,7 @@ class Missed:
 
 def missed_parts(
     names: Sequence[str], problems: Sequence[RecordProblem], estimate: Estimate, freed: Sequence[RecordProblem] = ()
-) -> tuple[Missed, ...]:
+) -> tuple[MissedValues, ...]:
     """Records, or kinds of values of modes, that the fit misses beyond their errors, the worst first.
 
     A part is missed if its sum of squares per value exceeds a limit (4 for modes, 1.25 for lines) and is improbable at 0.001
@@ -97,7 +97,7 @@ def missed_parts(
     for what, rows, least in parts:
         square, n = float(rows @ rows), len(rows)
         if square > least * n and float(special.gammaincc(n / 2, square / 2)) * len(parts) < _RISK:
-            missed.append(Missed(what, n, estimate.goodness.n_data - n, square / n))
+            missed.append(MissedValues(what, n, estimate.goodness.n_data - n, square / n))
     return tuple(sorted(missed, key=lambda one: -one.chi_square_per_value))
 
 

@@ -17,7 +17,7 @@ from structid.inversion.estimate import Estimate, Status, require_level
 from structid.inversion.problem import Problem
 from structid.inversion.problems.wrapped import ShiftedResidual
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
-from structid.inversion.search.work import ALONE, Tools, Work
+from structid.inversion.search.work import SERIAL, TaskContext, TaskExecutor
 
 BootstrapKind = Literal["noise", "blocks"]
 Record = TypeVar("Record")
@@ -126,7 +126,7 @@ def bootstrap(
     kind: BootstrapKind | None = None,
     n_replicates: int = 200,
     rng: np.random.Generator | None = None,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
 ) -> Bootstrap:
     """Bootstrap replicates of an estimate: refits of `problem` to data simulated from the fit.
 
@@ -146,7 +146,7 @@ def bootstrap(
     n_replicates : int
     rng : numpy Generator, optional
         Seed 0 by default. The answer does not depend on where the refits run.
-    work : Work
+    work : TaskExecutor
         Where they run: in this process by default; `structid.study.run.long_run` has others.
 
     Returns
@@ -184,7 +184,7 @@ def bootstrap(
 
 
 def bootstrap_ends(
-    problem: Problem, estimate: Estimate, level: float, seed: int, work: Work
+    problem: Problem, estimate: Estimate, level: float, seed: int, work: TaskExecutor
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Interval ends (n_params, 2) in physical units from 400 bootstrap replicates, and warnings as a tuple of sentences.
 
@@ -195,7 +195,7 @@ def bootstrap_ends(
 
 
 def _refitted(
-    shared: tuple[Problem, FloatArray, FloatArray, str], rng: np.random.Generator, tools: Tools
+    shared: tuple[Problem, FloatArray, FloatArray, str], rng: np.random.Generator, tools: TaskContext
 ) -> FloatArray | str:
     """Physical values (n_params,) of one bootstrap replicate, or a sentence on why its refit failed.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.inversion.search.minimum import Stored
+from structid.inversion.search.minimum import StoredValues
 
 #: Logarithm of a density and its gradient; minus infinity where there is none.
 LogDensity = Callable[[FloatArray], tuple[float, FloatArray]]
@@ -107,7 +107,7 @@ class ChainState:
     acceptance: float
 
 
-def restored(kept: Stored) -> ChainState:
+def restored(kept: StoredValues) -> ChainState:
     """The state of which `dataclasses.asdict` was kept."""
     return ChainState(**{**kept, "at": Place(**kept["at"]), "step": StepSize(**kept["step"])})
 

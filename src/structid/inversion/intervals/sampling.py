@@ -17,8 +17,8 @@ from structid.inversion.estimate import Estimate, require_level
 from structid.inversion.intervals.intervals import WITH_EXTRA
 from structid.inversion.intervals.nuts import begun, continued, restored
 from structid.inversion.problem import Problem
-from structid.inversion.search.minimum import Stored
-from structid.inversion.search.work import ALONE, Tools, Work
+from structid.inversion.search.minimum import StoredValues
+from structid.inversion.search.work import SERIAL, TaskContext, TaskExecutor
 
 SamplerKind = Literal["nuts", "emcee"]
 FlatIn = Literal["physical", "free"]
@@ -119,7 +119,7 @@ def sample(
     sampler: SamplerKind = "nuts",
     flat_in: FlatIn = "physical",
     rng: np.random.Generator | None = None,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
 ) -> Samples:
     """Posterior draws of the parameters by Markov chains started around the estimate.
 
@@ -143,7 +143,7 @@ def sample(
         infinity such a posterior cannot be normalized, and the chains show it.
     rng : numpy Generator, optional
         Seed 0 by default. Each chain has random numbers of its own: the answer does not depend on where they run.
-    work : Work
+    work : TaskExecutor
         Where the chains run, and whether they are kept every 50 draws; emcee runs here, and is not kept.
 
     Returns
@@ -187,7 +187,7 @@ def sample(
 
 
 def sampled_ends(
-    problem: Problem, estimate: Estimate, level: float, seed: int, work: Work
+    problem: Problem, estimate: Estimate, level: float, seed: int, work: TaskExecutor
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Interval ends (n_params, 2) in physical units from posterior draws, and warnings as a tuple of sentences.
 
@@ -280,13 +280,13 @@ def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
 
 
 def _by_nuts(
-    target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator, work: Work
+    target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator, work: TaskExecutor
 ) -> _Drawn:
     """Posterior draws by the no-U-turn sampler: independent chains, run in parallel in pieces of 50 draws.
 
     Each of the `n_chains` chains has `n_warmup` draws that are dropped and `n_draws` that are kept.
     """
-    states: list[Stored] = [{"chain": None, "random": child.bit_generator.state} for child in rng.spawn(n_chains)]
+    states: list[StoredValues] = [{"chain": None, "random": child.bit_generator.state} for child in rng.spawn(n_chains)]
     kept: list[list[FloatArray]] = [[] for _ in states]
     total = n_warmup + n_draws
     for first in range(0, max(total, 1), _AT_ONCE):
@@ -302,7 +302,7 @@ def _by_nuts(
     )
 
 
-def _chain_piece(shared: tuple[_Target, int, int], item: Stored, tools: Tools) -> Stored:
+def _chain_piece(shared: tuple[_Target, int, int], item: StoredValues, tools: TaskContext) -> StoredValues:
     """Next 50 draws of one Markov chain, as a parallel task, with the stored state after them.
 
     `shared` holds the target density, the length of the warm-up and the number of kept draws. `item` and the result have the
@@ -321,7 +321,7 @@ def _chain_piece(shared: tuple[_Target, int, int], item: Stored, tools: Tools) -
     return {"chain": asdict(state), "random": rng.bit_generator.state, "draws": draws}
 
 
-def _generator(state: Stored) -> np.random.Generator:
+def _generator(state: StoredValues) -> np.random.Generator:
     """Random generator in the stored state `state` of its bit generator."""
     made = np.random.Generator(getattr(np.random, str(state["bit_generator"]))())
     made.bit_generator.state = state

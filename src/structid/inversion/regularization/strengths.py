@@ -297,7 +297,7 @@ Strengths = tuple[FloatArray | float, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class SettledFit:
     """Strengths at which a nonlinear problem and their choice agree.
 
     Attributes
@@ -327,7 +327,7 @@ def settled(
     theta: FloatArray,
     strengths: Strengths,
     max_rounds: int = 40,
-) -> Settled:
+) -> SettledFit:
     """Fit with penalty strengths chosen from the data, by alternate fits and choices until the strengths settle.
 
     They settle when none changes by more than 0.1 %. A single strength changes at most by a factor of ten in a round, one for
@@ -356,8 +356,8 @@ def settled(
         theta = refit(strengths, theta)
         model = linearized(theta)
         if all(np.abs(ratio).max(initial=0.0) < _CHANGED for ratio in ratios):
-            return Settled(theta, strengths, model, True, count)
-    return Settled(theta, strengths, model, False, max_rounds)
+            return SettledFit(theta, strengths, model, True, count)
+    return SettledFit(theta, strengths, model, False, max_rounds)
 
 
 def _near(new: FloatArray | float, old: FloatArray | float) -> FloatArray | float:

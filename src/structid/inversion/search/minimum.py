@@ -15,12 +15,12 @@ from structid.inversion.problem import Problem
 
 Progress = Callable[[int, float], None]
 #: Numbers, texts, arrays, and lists or mappings of them by name: what goes to and from checkpoints and other processes.
-Stored: TypeAlias = Mapping[str, Any]
+StoredValues: TypeAlias = Mapping[str, Any]
 #: All that a search needs to go on with the same digits, free variables as ``theta``.
-State: TypeAlias = Stored
+State: TypeAlias = StoredValues
 
 
-class Keeper(Protocol):
+class SearchStateStore(Protocol):
     """Store in which a search leaves its state after each iteration, and finds one to resume from."""
 
     @property

@@ -16,13 +16,13 @@ from structid.inversion.diagnostics.bounds import at_bounds
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import ContinuationPath, Problem, Schedule
 from structid.inversion.search.least_squares import LEFT, Method, sizes_at
-from structid.inversion.search.minimum import Minimum, Progress, StageCourse, Stored, residual_at, squared
+from structid.inversion.search.minimum import Minimum, Progress, StageCourse, StoredValues, residual_at, squared
 from structid.inversion.search.work import (
-    ALONE,
+    SERIAL,
     Minimizer,
     StageProgress,
-    Tools,
-    Work,
+    TaskContext,
+    TaskExecutor,
     restored_minimum,
     stored_minimum,
 )
@@ -43,7 +43,7 @@ _MISSES, _MISSES_AT_LEAST, _NEAR_BEST = 4.0, 30.0, 1.01
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class DistinctMinimum:
     """One minimum of the sum of squares, and how many searches ended there.
 
     Attributes
@@ -130,7 +130,7 @@ def searched_minima(
     search: Search,
     fits: Callable[[Minimum], bool],
     progress: StageProgress | None = None,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
 ) -> SearchedMinima:
     """Minima found by all searches, with the iterations of each.
 
@@ -151,7 +151,7 @@ def searched_minima(
     fits : callable
         True where the data allow a minimum.
     progress : callable, optional
-    work : Work
+    work : TaskExecutor
     """
     start = np.array(problem.theta_start if search.start is None else search.start)
     chosen: Sequence[ContinuationPath] = paths or ((),)
@@ -245,7 +245,7 @@ def _wide_minima(
     search: Search,
     grouped: _GroupedMinima,
     progress: StageProgress | None,
-    work: Work,
+    work: TaskExecutor,
 ) -> tuple[list[tuple[Minimum, int]], bool]:
     """All minima of searches from distant random starts and along the weakest directions, and True if they are complete.
 
@@ -282,8 +282,8 @@ def _wide_minima(
 
 
 def _search_widely(
-    shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: Tools
-) -> Stored:
+    shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: TaskContext
+) -> StoredValues:
     """One search from a wide start, as a task; it may come to where the data cannot be held against the model."""
     try:
         return _search(shared, item, tools)
@@ -323,7 +323,11 @@ def _is_determined(problem: Problem, theta: FloatArray, at: Linearization) -> bo
 
 
 def _ended(
-    problem: Problem, method: Method, minima: list[tuple[Minimum, int]], progress: StageProgress | None, work: Work
+    problem: Problem,
+    method: Method,
+    minima: list[tuple[Minimum, int]],
+    progress: StageProgress | None,
+    work: TaskExecutor,
 ) -> list[tuple[Minimum, int]]:
     """Minima with their iterations, after the stopped searches near the best were completed.
 
@@ -366,8 +370,8 @@ def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatAr
 
 
 def _search(
-    shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: Tools
-) -> Stored:
+    shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: TaskContext
+) -> StoredValues:
     """Minimum of one search as stored arrays with its iterations, as a parallel task; ``failed`` holds the error instead.
 
     `shared` is the problem, the method and the continuation paths; `item` is the number of the search (from 0), the index of
@@ -384,7 +388,7 @@ def _search(
     return {**stored_minimum(minimum), "iterations": iterations}
 
 
-def _found(problem: Problem, method: Method, task: Stored) -> tuple[Minimum, int]:
+def _found(problem: Problem, method: Method, task: StoredValues) -> tuple[Minimum, int]:
     """Minimum of a stored task and its number of iterations; `SingularModelError` if the task failed."""
     if "failed" in task:
         raise SingularModelError(task["failed"])
@@ -398,7 +402,7 @@ def staged(
     theta: FloatArray,
     progress: StageProgress | None,
     prefix: str = "",
-    minimize: Minimizer = ALONE.minimize,
+    minimize: Minimizer = SERIAL.minimize,
 ) -> tuple[Minimum, int]:
     """Minimum of `problem` after the searches of its easier `stages`, and the number of iterations of all of them.
 
@@ -428,7 +432,7 @@ def distinct_answers(
     fits: Callable[[Minimum], bool],
     least_cost: Callable[[Minimum], float],
     probability: float,
-) -> tuple[Answer, ...]:
+) -> tuple[DistinctMinimum, ...]:
     """Distinct converged minima, best first, and for each if it fits the data within noise.
 
     Minima at most three posterior standard deviations apart are one answer.
@@ -457,7 +461,7 @@ def distinct_answers(
         most = float(special.chdtri(max(len(first.theta), 1), probability))
         fit = fits(first) and (first is best or least_cost(first) - least_cost(best) <= most)
         values, theta = locked(problem.physical(first.theta)), locked(first.theta)
-        answers.append(Answer(values, theta, float(first.costs[-1]), len(group), _distance(best, first), fit))
+        answers.append(DistinctMinimum(values, theta, float(first.costs[-1]), len(group), _distance(best, first), fit))
     return tuple(answers)
 
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from structid import inversion
 from structid.core.arrays import FloatArray, IntArray
-from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns
+from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns, likely_move
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
+from structid.inversion.problems.wrapped import FixedVariables
 from structid.inversion.search.least_squares import Method, minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.minimum import Progress
@@ -76,10 +77,19 @@ class FixedValues:
             if minimum.costs[-1] > far:
                 return self._fit(minimum.theta, minimum.linearization, names)
             start = minimum.theta
-        few_steps = {name: vars(_REFIT)[name] for name in ("max_iterations", "gain_tolerance", "initial_damping")}
-        method: Method = inversion.MatrixFree(**few_steps) if self.is_matrix_free else _REFIT
-        minimum = minimize(self.problem, method, start, progress)
+        minimum = minimize(self.problem, self._method, start, progress)
         return self._fit(minimum.theta, minimum.linearization, names)
+
+    def followed(self, within: FitWithinTolerances, theta: FloatArray) -> FitWithinTolerances:
+        """Copy of `within` with `likely` by `likely_move`, and `followed` fitted from the free variables `theta` (n_params,).
+
+        It is `within` itself where `likely` is `asked`.
+        """
+        likely = likely_move(within.asked)
+        if np.array_equal(likely, within.asked):
+            return within
+        rest = FixedVariables(self.problem, self._index(self.names), likely * self.std)
+        return replace(within, likely=likely, followed=minimize(rest, self._method, theta).theta)
 
     def fit_at(self, theta: FloatArray, names: tuple[str, ...]) -> FitWithinTolerances:
         """Fit within tolerances at the free variables `theta` of all unknowns, without a search.
@@ -94,8 +104,9 @@ class FixedValues:
         """Derivatives (n_data, n_fixed) of the residual by the logarithm of each fixed value, with names and tolerances.
 
         Taken at the free variables `theta` of the parameters `names`, fixed values as in the model. `within` is a fit with
-        fixed values free within their tolerances, if one was made.
+        fixed values free within their tolerances, if one was made; it is stored with its `followed` fitted.
         """
+        within = None if within is None else self.followed(within, theta)
         whole, index = self._whole(names, theta), self._index(self.names)
         if self.is_matrix_free:
             linearized, units = self.problem.linearize_operator(whole), np.arange(len(whole))
@@ -109,7 +120,15 @@ class FixedValues:
         self, theta: FloatArray, linearization: Linearization | OperatorLinearization, names: tuple[str, ...]
     ) -> FitWithinTolerances:
         asked = theta[self._index(self.names)] / self.std
-        return FitWithinTolerances(self.problem, theta, linearization, asked, theta[self._index(names)])
+        parameters = theta[self._index(names)]
+        return FitWithinTolerances(self.problem, theta, linearization, asked, parameters, asked, parameters)
+
+    @property
+    def _method(self) -> Method:
+        """Method of refits: a few steps settle values that are near."""
+        if not self.is_matrix_free:
+            return _REFIT
+        return inversion.MatrixFree(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
 
     def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
         """Free variables of all unknowns, from those of the parameters `names`, with every fixed value as in the model."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from structid.core.errors import FileError, InputError
-from structid.core.json_types import Entry, json_text
+from structid.core.json_types import StoredEntry, json_text
 from structid.files import atomic_write, damage_told, require_readable
 from structid.modal.formats.calculix import read_modes_calculix
 from structid.modal.formats.csv import modes_csv, read_modes_csv
@@ -128,7 +128,7 @@ def _require_suffix(path: Path, suffix: str, known: tuple[str, ...]) -> None:
         raise FileError(f"{path}: the suffix {suffix!r} is of no format for modes; use one of {' '.join(known)}")
 
 
-def modal_fields(modes: ModalRecord) -> dict[str, Entry]:
+def modal_fields(modes: ModalRecord) -> dict[str, StoredEntry]:
     """Fields of `modes` for JSON; matrices as lists of rows, a row of `mode_shapes` for each of `channels`."""
     std = np.full(2 * modes.n_modes, np.nan) if modes.covariance is None else np.sqrt(np.diag(modes.covariance))
     shapes = modes.mode_shapes

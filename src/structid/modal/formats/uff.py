@@ -25,7 +25,7 @@ from structid.core.arrays import NumberArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError, InputError
 from structid.core.units import FORCES, LENGTHS
-from structid.files.uff import Block, UniversalNodes, read_blocks, read_nodes, read_unit_factors
+from structid.files.uff import UffDataset, UniversalNodes, read_blocks, read_nodes, read_unit_factors
 from structid.files.uff.fields import integers, read_reals
 from structid.modal.formats.options import ModeFileOptions
 from structid.modal.modal_record import ModalRecord, Scaling, unit_largest
@@ -216,7 +216,7 @@ def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalR
     )  # fmt: skip
 
 
-def _read_datasets(path: Path, blocks: Sequence[Block], notes: list[str]) -> list[_Mode]:
+def _read_datasets(path: Path, blocks: Sequence[UffDataset], notes: list[str]) -> list[_Mode]:
     """All modes of the file in order of frequency; `FileError` if there is none.
 
     A note is appended to `notes` for datasets that hold other data.
@@ -283,7 +283,7 @@ def _require_vibrations(modes: list[_Mode]) -> None:
             raise FileError(f"{second.where} repeats the mode before it; keep one of the two")
 
 
-def _units(path: Path, blocks: Sequence[Block], options: ModeFileOptions) -> tuple[float, float, bool]:
+def _units(path: Path, blocks: Sequence[UffDataset], options: ModeFileOptions) -> tuple[float, float, bool]:
     """Units of length (m) and force (N) of a universal file, and True if the file or options state the unit of length.
 
     `InputError` if an option contradicts the file; 1.0 where neither states a unit.

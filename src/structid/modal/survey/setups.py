@@ -13,7 +13,7 @@ from structid.core.display import file_names
 from structid.core.errors import NoModesError
 from structid.modal.full_field import at_all_channels
 from structid.modal.identification import modal_identification
-from structid.modal.merging import Merging, merged_setups
+from structid.modal.merging import MergedModes, merged_setups
 from structid.modal.method import ModalIdentification
 from structid.modal.modal_record import ModalRecord, joined
 from structid.modal.survey.options import ModesOptions
@@ -82,7 +82,7 @@ def modes_of_setups(
     )
 
 
-def recovered_modes(result: ModesResult, merging: Merging, number: int) -> ModalRecord | None:
+def recovered_modes(result: ModesResult, merging: MergedModes, number: int) -> ModalRecord | None:
     """Modes that set-up `number` (from 0) lacks in `merging` but its record shows near the merged frequency; None if none.
 
     `result` is that of the set-up. Only modes within its frequency limits are looked for, and only in time records and FRFs.

@@ -44,6 +44,9 @@ _LEVEL = re.compile(
     re.IGNORECASE,
 )
 
+#: The last word of a name, by which loggers call a statistic of each interval.
+_STATISTIC = re.compile(r"[\s_](avg|max|min|std)$", re.IGNORECASE)
+
 
 def name_and_unit(text: str) -> tuple[str, str]:
     """Name in a header and the unit in brackets after it, which is "" without brackets."""
@@ -223,3 +226,9 @@ def level_word(text: str) -> str:
     """The word by which a header or a unit says that a column holds levels, means or densities, such as ``dB``; "" for none."""
     match = _LEVEL.search(text[:_LONGEST_HEAD])
     return match[0].strip("/ ") if match else ""
+
+
+def statistic_word(name: str) -> str:
+    """The word at the end of a header that says that each row is a statistic of an interval, such as ``Avg``; "" for none."""
+    match = _STATISTIC.search(name_and_unit(name)[0][-_LONGEST_HEAD:])
+    return match[1] if match else ""

@@ -67,7 +67,7 @@ class Shading:
 
 
 @dataclass(frozen=True)
-class Look:
+class ElementStyle:
     """Appearance of a drawn element: its colour, whether it is shaded, and whether its change is in doubt."""
 
     colour: str = palette.KNOWN
@@ -75,16 +75,16 @@ class Look:
     is_doubtful: bool = False
 
 
-def look(shading: Shading | None, element: str, index: int) -> Look:
+def look(shading: Shading | None, element: str, index: int) -> ElementStyle:
     """Colour and style of one element, the row `index` of the element set `element`; grey if `shading` has no value for it.
 
     An identified change within its 95 % interval has the colour of 0; one that is not identified is marked as doubtful.
     """
     change = shading.changes.get((element, index)) if shading else None
     if shading is None or change is None:
-        return Look()
+        return ElementStyle()
     ratio = change.ratio if change.is_significant or not change.identified else 0.0
-    return Look(shading.scale.colour(ratio), True, not change.identified)
+    return ElementStyle(shading.scale.colour(ratio), True, not change.identified)
 
 
 def shading(title: str, changes: Changes, limit: float) -> Shading:

@@ -18,7 +18,7 @@ from structid.fem.measuring_points import AimedSensor
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import used_lines
-from structid.inversion.search.work import ALONE, Work
+from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.planning.options import resolve_options
 from structid.planning.plan import plan
 from structid.planning.planned import Plan, PlanOptions
@@ -95,7 +95,7 @@ class PlanStudy:
         return self.root.source.text
 
 
-def load_plan(path: str | Path, work: Work = ALONE, **changes: Any) -> PlanStudy:
+def load_plan(path: str | Path, work: TaskExecutor = SERIAL, **changes: Any) -> PlanStudy:
     """The plan in the study file at `path`, with its structure, parameters, options and notes.
 
     `changes` are fields of `PlanOptions` that replace those of the file; `work` is the executor of a solver's runs. Neither

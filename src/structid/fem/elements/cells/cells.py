@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.constraints import Limits
 from structid.core.errors import InputError
-from structid.fem.elements.element import ElementMatrixTerm, ElementSet, Kind, Positions, Store, element, node_codes
+from structid.fem.elements.element import (
+    ElementMatrixTerm,
+    ElementSet,
+    Kind,
+    NodeCoordinates,
+    Store,
+    element,
+    node_codes,
+)
 
 Poisson: TypeAlias = Annotated[float, "float", Limits(above=-1, below=0.5)]
 #: How strains are interpolated; see `elastic_stiffness`.
@@ -82,7 +90,7 @@ class CellSet(ElementSet):
         return ElementMatrixTerm(node_codes(self.nodes, axes), total, power)
 
 
-def cell_positions(name: str, nodes: IntArray, positions: Positions, dimensions: int) -> FloatArray:
+def cell_positions(name: str, nodes: IntArray, positions: NodeCoordinates, dimensions: int) -> FloatArray:
     """Positions in m of the cells' nodes along the first axes, (n_cells, n_nodes, dimensions); zeros where a row has ended.
 
     Raises `InputError`, which names the set, if nodes have fewer than `dimensions` coordinates, or more and a cell is not

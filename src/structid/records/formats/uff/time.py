@@ -22,7 +22,7 @@ from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import positions
 from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
-from structid.records.formats.uff.functions import Function
+from structid.records.formats.uff.functions import Dataset58
 from structid.records.formats.uff.scales import SI_UNITS, channel_scale, dof_of
 from structid.records.record import Quantity, TimeRecord
 
@@ -32,7 +32,7 @@ _SIX_DIGITS = 1e-5
 
 def read_times(
     path: Path,
-    times: Sequence[Function],
+    times: Sequence[Dataset58],
     factors: UnitFactors | None,
     nodes: UniversalNodes | None,
     options: ReadOptions,
@@ -45,7 +45,7 @@ def read_times(
     ----------
     path : Path
         File, for messages and for the record's source.
-    times : sequence of Function
+    times : sequence of Dataset58
         Time responses.
     factors : UnitFactors, optional
         Unit factors of dataset 164.
@@ -89,8 +89,8 @@ def read_times(
 
 
 def _choose_functions(
-    path: Path, times: Sequence[Function], options: ReadOptions
-) -> tuple[Sequence[Function], tuple[Dof, ...], bool]:
+    path: Path, times: Sequence[Dataset58], options: ReadOptions
+) -> tuple[Sequence[Dataset58], tuple[Dof, ...], bool]:
     """Functions to read, their channels, and True if `options.channels` renames the functions that `columns` chose.
 
     Without `columns`, `channels` chooses among the file's channels, in its order, each with all of its quantities.
@@ -117,10 +117,10 @@ def _choose_functions(
 
 
 def _require_distinct(
-    path: Path, times: Sequence[Function], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]
+    path: Path, times: Sequence[Dataset58], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]
 ) -> None:
     """Raise `FileError` if two functions have the same channel and quantity."""
-    seen: dict[tuple[Dof, Quantity], Function] = {}
+    seen: dict[tuple[Dof, Quantity], Dataset58] = {}
     for function, dof, quantity in zip(times, channels, quantities, strict=True):
         other = seen.setdefault((dof, quantity), function)
         if other is not function:
@@ -130,7 +130,7 @@ def _require_distinct(
             )
 
 
-def _unit_words(times: Sequence[Function], options: ReadOptions) -> str:
+def _unit_words(times: Sequence[Dataset58], options: ReadOptions) -> str:
     """Note on the units of the channels, by the option `units` or by labels that are not SI; "" if all labels are SI."""
     labels = dict.fromkeys(function.ordinate.label for function in times)
     if options.units:
@@ -164,7 +164,7 @@ def _clock(axis: FloatArray) -> str:
 
 def _quantities_and_factors(
     path: Path,
-    times: Sequence[Function],
+    times: Sequence[Dataset58],
     channels: tuple[Dof, ...],
     factors: UnitFactors | None,
     options: ReadOptions,
@@ -190,7 +190,7 @@ def _quantities_and_factors(
 
 
 def _even_samples(
-    path: Path, function: Function, time: FloatArray, to_seconds: float, values: FloatArray, options: ReadOptions
+    path: Path, function: Dataset58, time: FloatArray, to_seconds: float, values: FloatArray, options: ReadOptions
 ) -> tuple[float, float, FloatArray, str]:
     """Sampling rate in Hz, first time in s, evenly spaced samples (n_times, n_channels), and a note on the clock.
 

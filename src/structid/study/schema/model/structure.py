@@ -49,7 +49,7 @@ from structid.study.schema.tables import Given, Key, Table, deferred, kind_of_ar
 from structid.unknowns.tolerances import EXACT, Tolerances
 
 if TYPE_CHECKING:
-    from structid.external.solved import Solved
+    from structid.external.solved import SolvedModel
     from structid.fem import MatrixGroup, MeasuredComponent
     from structid.fem.meshes import Mesh
 
@@ -378,7 +378,7 @@ def _read_nodes(
     section: Section,
     groups: list[tuple[Section, MatrixGroup]],
     mesh: Mesh | None = None,
-    solved: Solved | None = None,
+    solved: SolvedModel | None = None,
 ) -> Positions:
     """Positions in m by node label, from the mesh, from ``[structure.nodes]``, or else from the solver or the matrix groups.
 
