@@ -213,7 +213,10 @@ class TaskWithEffort:
     task: Callable
 
     def __call__(self, shared: object, item: object, tools: object) -> dict:
-        """A dict with the ``result`` of the task and its ``effort`` in s; the meter of the process is left as it was."""
+        """A dict with the ``result`` of the task and its ``effort`` in s; the meter of the process is left as it was.
+
+        `shared`, `item` and `tools` are those of the task, see `Task`.
+        """
         before, METER.reading = METER.reading, 0.0  # the digits of a sum do not depend on what came before
         try:
             return {"result": self.task(shared, item, tools), "effort": METER.reading}

@@ -447,7 +447,9 @@ def _judged(
 ) -> Judgement:
     """The verdict by misfit, noise, priors, bounds, causes and doubted fixed values; the first rule that applies decides.
 
-    Arguments are those of `judged`; `doubts` are the fixed values that are doubted. Faults of records are not looked at.
+    Arguments are those of `judged`; `doubts` are the fixed values that are doubted. Faults of records are not looked
+    at. `n_tried` counts the changes that were fitted; `find_disagreements` fits parts of the data, and is called only
+    where the verdict depends on it.
     """
     estimate = identification.estimate
     if identification.alternatives is not None:

@@ -166,7 +166,8 @@ def _by_draws(
 ) -> Regularized:
     """Regularized problems for a matrix-free search, with strengths settled by posterior draws; see `settled_strengths`.
 
-    Without strengths to be chosen nothing is fitted.
+    Without strengths to be chosen nothing is fitted. `progress` is called with the name of the stage, its iteration and
+    the sum of squares; None for no reports.
     """
     from structid.inversion.regularization.drawn_strengths import balanced_strengths, settled_strengths
 
@@ -207,7 +208,10 @@ def _by_local_models(
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> Regularized:
-    """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`."""
+    """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`.
+
+    `progress` is called with the name of the stage, its iteration and the sum of squares; None for no reports.
+    """
     begun = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
     search = _Search(begun, tuple(options.regularization), method, work)
     theta = np.array(search.problem.theta_start)
@@ -235,7 +239,10 @@ def _staged(
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> FloatArray:
-    """Free variables (n_params,) after the first stage sequence of the joint problem, started at `theta`."""
+    """Free variables (n_params,) after the first stage sequence of the joint problem, started at `theta`.
+
+    `theta` is (n_params,); None for `progress` reports nothing.
+    """
     for name, stage in next(iter(joint_schedules(problems)), ()):
         theta = work.minimize(stage, method.for_stages(), theta, named(progress, name)).theta
     return theta
@@ -258,8 +265,9 @@ def _applied_regularization(
 ) -> AppliedRegularization:
     """Record of a regularization as it was used: name, rule and strengths of its rows.
 
-    `rest` (n_rows,) is the residual of its rows at strength 1, from which a sparsity counts the free parameters. `converged`
-    says whether the strength settled, `determined` how many combinations the data determine.
+    `rest` (n_rows,) is the residual of its rows at strength 1, from which a sparsity counts the free parameters.
+    `converged` says whether the strength settled, `determined` how many combinations the data determine. `strength` is
+    one number or (n_rows,).
     """
     strengths = locked(np.array(np.broadcast_to(strength, rest.shape)))
     n_free = int((np.abs(rest) > _SMOOTHING).sum()) if term.is_sparse else None

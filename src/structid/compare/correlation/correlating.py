@@ -130,7 +130,7 @@ def _compare_responses(
 
 
 def values_at(names: tuple[str, ...], start: FloatArray, values: Mapping[str, float]) -> FloatArray:
-    """Start values (n,), replaced by the values of the same names in `values`.
+    """Values (n,) of the parameters `names`: their `start` (n,), replaced by the entry of `values` where it has the name.
 
     Raises
     ------

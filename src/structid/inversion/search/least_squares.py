@@ -259,7 +259,7 @@ def _state(damping: Damping, history: Sequence[FloatArray], costs: Sequence[floa
 
 
 def sizes_at(problem: Problem, theta: FloatArray) -> FloatArray:
-    """`Point.size` at free variables."""
+    """`Point.size` of each free variable, (n_params,), at the free variables `theta` (n_params,)."""
     slope = np.maximum(np.abs(problem.slope(theta)), 1e-100)  # 0 where a bounded parameter is at its bound
     size: FloatArray = problem.unknowns.sizes(problem.physical(theta)) / slope
     return size

@@ -68,8 +68,8 @@ class FixedValues:
     ) -> FitWithinTolerances:
         """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta` of `names`.
 
-        `chi_square` is the sum of squares at `theta`. Above four times the number of data, steps are damped more, and the refit
-        ends there if it stays above.
+        `chi_square` is the sum of squares at `theta`. Above four times the number of data, steps are damped more, and
+        the refit ends there if it stays above. `theta` is (n_params,).
         """
         start, far = self._whole(names, theta), _FAR * self.problem.n_data
         if not self.is_matrix_free and chi_square > far:
@@ -103,8 +103,8 @@ class FixedValues:
     ) -> FixedColumns:
         """Derivatives (n_data, n_fixed) of the residual by the logarithm of each fixed value, with names and tolerances.
 
-        Taken at the free variables `theta` of the parameters `names`, fixed values as in the model. `within` is a fit with
-        fixed values free within their tolerances, if one was made; it is stored with its `followed` fitted.
+        Taken at the free variables `theta` (n_params,) of the parameters `names`, fixed values as in the model. `within`
+        is a fit with fixed values free within their tolerances, if one was made; it is stored with its `followed` fitted.
         """
         within = None if within is None else self.followed(within, theta)
         whole, index = self._whole(names, theta), self._index(self.names)
@@ -131,7 +131,10 @@ class FixedValues:
         return inversion.MatrixFree(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
 
     def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
-        """Free variables of all unknowns, from those of the parameters `names`, with every fixed value as in the model."""
+        """Free variables of all unknowns, (n_unknowns,), from `theta` (n_params,), those of the parameters `names`.
+
+        Every fixed value is as in the model.
+        """
         whole = np.array(self.problem.theta_start, dtype=np.float64)
         whole[self._index(names)], whole[self._index(self.names)] = theta, 0.0
         return whole

@@ -126,6 +126,8 @@ def run_prepared(
 ) -> StudyResult:
     """Identify a study whose records are already read; see `run_study`.
 
+    `progress` is called with the name of the stage, its iteration and the sum of squares; None for no reports.
+
     Raises
     ------
     SearchFailedError
