@@ -20,6 +20,8 @@ from structid.inversion.search.minimum import Progress
 _REFIT = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
 #: Of a fit far beyond its noise: Gauss-Newton steps are too long there, and what tolerances explain of it is a small part.
 _FAR_REFIT = LevenbergMarquardt(max_iterations=7, gain_tolerance=1e-5, initial_damping=1e-3)
+#: Of a refit that goes on from one to a part of the data.
+_LAST_REFIT = LevenbergMarquardt(max_iterations=4, gain_tolerance=1e-4, initial_damping=1e-3)
 _MATRIX_FREE_REFIT = MatrixFree(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
 
 
@@ -64,13 +66,22 @@ class FixedValues:
         return replace(self, problem=self.sample or self.problem, sample=None)
 
     def refit(
-        self, names: tuple[str, ...], theta: FloatArray, chi_square: float, progress: Progress | None = None
+        self,
+        names: tuple[str, ...],
+        theta: FloatArray,
+        chi_square: float,
+        progress: Progress | None = None,
+        start: FloatArray | None = None,
     ) -> FitWithinTolerances:
         """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta` of `names`.
 
         `chi_square` is the sum of squares at `theta`. Above four times the number of data, steps are damped more, and the refit
-        ends there if it stays above.
+        ends there if it stays above. `start` is the end of a refit to a part of the data, free variables of all unknowns with
+        fixed values among them: from there only a few steps are taken.
         """
+        if start is not None:
+            minimum = minimize(self.problem, _LAST_REFIT, start, progress)
+            return self._fit(minimum.theta, minimum.linearization, names)
         start, far = self._whole(names, theta), _FAR * self.problem.n_data
         if not self.is_matrix_free and chi_square > far:
             minimum = minimize(self.problem, _FAR_REFIT, start, progress)
