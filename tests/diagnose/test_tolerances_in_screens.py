@@ -15,7 +15,7 @@ from structid.diagnose.score_test import Point
 from structid.diagnose.search_budget import UNLIMITED
 from structid.diagnose.set_screening import LinearizedFit, _screen_change, linearize_fit, screen_changes, screen_sets
 from structid.diagnose.tolerance_directions import damped_basis, tolerance_directions
-from structid.inversion.search.work import ALONE, PLAIN_TOOLS
+from structid.inversion.search.work import PLAIN_CONTEXT, SERIAL
 from structid.study.run.diagnosis import diagnose_study
 from structid.study.run.run import run_prepared
 from structid.study.run.start import prepare_study
@@ -115,8 +115,8 @@ def test_a_fixed_value_is_screened_by_its_column_as_by_its_changed_model(tmp_pat
         ("axial_stiffness[left]", "axial_stiffness[girder]"),
     ):
         change = (FixedValue(where=names), 1.0)
-        [left] = screen_changes(linearized, [change], ALONE, "steps", UNLIMITED)
-        assert left == pytest.approx(_screen_change(linearized, change, PLAIN_TOOLS)["left"], rel=1e-6)
+        [left] = screen_changes(linearized, [change], SERIAL, "steps", UNLIMITED)
+        assert left == pytest.approx(_screen_change(linearized, change, PLAIN_CONTEXT)["left"], rel=1e-6)
         assert left < linearized.misfit
 
 
@@ -129,7 +129,7 @@ def test_a_fixed_value_two_tolerances_off_is_less_of_a_candidate_and_hides_none(
         point = base.modified.point_at(base.modified.shown_problems, base.theta)
         rows = sorted(point.screened(candidates(point.records)), key=lambda row: row.left)
         first, gains[text] = rows[0].candidate, point.left - rows[0].left
-        sets[text] = [one.candidate.where for one in screen_sets(base, ALONE, "sets") if one.candidate.kind == "held"]
+        sets[text] = [one.candidate.where for one in screen_sets(base, SERIAL, "sets") if one.candidate.kind == "held"]
     assert gains[TOLERANT] < 0.7 * gains[STUDY]
     assert ("bending_stiffness[right]",) in sets[STUDY]
     assert not sets[TOLERANT]

@@ -13,7 +13,7 @@ from structid.core.errors import InputError
 from structid.diagnose.causes import LoadPosition, SensorPolarity, SensorPosition
 from structid.diagnose.causes.delay import SensorDelay
 from structid.diagnose.causes.offset import MassOffset
-from structid.diagnose.refits import Fitted
+from structid.diagnose.refits import FittedModel
 from structid.diagnose.score_test import Screened
 from structid.diagnose.screening import Shortlist
 from structid.diagnose.thresholds import (
@@ -24,7 +24,7 @@ from structid.diagnose.thresholds import (
 from structid.fem import Structure
 
 
-def derived_candidates(base: Fitted, shortlist: Shortlist) -> list[Screened]:
+def derived_candidates(base: FittedModel, shortlist: Shortlist) -> list[Screened]:
     """Further changes worth a fit, without a linear look, that follow from the most promising screened ones.
 
     In this order: sensors that are late together, other offsets of masses, sensors of opposite sense and at other nodes where
@@ -66,7 +66,7 @@ def _turned(rows: Sequence[Screened], lost: Sequence[Screened]) -> list[Screened
     ]
 
 
-def _misplaced(base: Fitted, left_out: Sequence[Screened]) -> list[Screened]:
+def _misplaced(base: FittedModel, left_out: Sequence[Screened]) -> list[Screened]:
     """Candidate positions, at up to four of the nearest nodes, of all loads and of the sensors of `left_out`.
 
     `left_out` are screened changes that leave out a sensor. Motions of driven supports have no candidates.

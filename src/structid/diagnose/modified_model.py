@@ -13,7 +13,7 @@ from structid.core.arrays import FloatArray, evenly_spaced_indices
 from structid.core.errors import StructidError
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.places import MOST_DOFS, has_places
-from structid.diagnose.frf_views import View, views
+from structid.diagnose.frf_views import FrfView, views
 from structid.diagnose.model_edits import Edits
 from structid.diagnose.receptances import MOST_LINES
 from structid.diagnose.score_test import Point, point_at
@@ -91,7 +91,7 @@ class ModifiedModel:
     model : TestedModel
     problems : tuple of RecordProblem
         With starts as the set-ups have them.
-    views : tuple of View
+    views : tuple of FrfView
         Every record as FRFs.
     changes : tuple of Change
         What was changed, in order.
@@ -101,7 +101,7 @@ class ModifiedModel:
 
     model: TestedModel
     problems: tuple[RecordProblem, ...]
-    views: tuple[View, ...]
+    views: tuple[FrfView, ...]
     changes: tuple[Change, ...] = ()
     fit_limits: FitLimits = NO_LIMITS
 
@@ -155,7 +155,9 @@ class ModifiedModel:
         return ChangedModels()
 
     def _changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
-        """The model with one more change, made anew; its data have the weights of this model's, its starts are the set-ups'.
+        """The model with the change `candidate` of size `strength` besides, made anew.
+
+        Its data have the weights of this model's, its start values are those of the set-ups.
 
         Raises
         ------
@@ -467,8 +469,8 @@ def _on_lines(problem: FrfProblem, frequency: FloatArray) -> FrfProblem:
 
 
 def _same_view(
-    problem: RecordProblem, setup: AnySetup, earlier_setup: AnySetup, earlier_view: View, options: IdentifyOptions
-) -> View:
+    problem: RecordProblem, setup: AnySetup, earlier_setup: AnySetup, earlier_view: FrfView, options: IdentifyOptions
+) -> FrfView:
     """FRF view of a changed problem; data and quick-fit lines of the earlier view are reused where the record is the same.
 
     `setup` is that of the changed problem, `earlier_setup` and `earlier_view` those before the change.
@@ -476,10 +478,12 @@ def _same_view(
     if isinstance(problem, FrfProblem):
         known = earlier_view.problem.record
         if _is_same(problem.record, known):
-            return View(replace(problem, record=known), earlier_view.smooth, earlier_view.near)
+            return FrfView(replace(problem, record=known), earlier_view.smooth, earlier_view.near)
         if len(problem.frequency) == len(earlier_view.problem.frequency):  # the lines may have other frequencies
-            return View(problem, chosen=problem.frequency[np.isin(earlier_view.problem.frequency, earlier_view.near)])
-        return View(problem, chosen=earlier_view.near)
+            return FrfView(
+                problem, chosen=problem.frequency[np.isin(earlier_view.problem.frequency, earlier_view.near)]
+            )
+        return FrfView(problem, chosen=earlier_view.near)
     if setup.record is earlier_setup.record:
         return earlier_view.of(problem)
     return views([setup], [problem], [problem.theta_start], options)[0]

@@ -29,7 +29,7 @@ from structid.diagnose.thresholds import (
 from structid.forward import FrfProblem, ModalProblem, RecordProblem
 from structid.inversion import JointProblem, Problem
 from structid.inversion.search.minimum import Progress
-from structid.inversion.search.work import Item, Shared, Task, Work
+from structid.inversion.search.work import Item, Shared, Task, TaskExecutor
 
 Result = TypeVar("Result")
 
@@ -177,7 +177,7 @@ UNLIMITED = SearchBudget(np.inf, np.inf, 0.0, 0.0)
 
 def map_within_budget(
     budget: SearchBudget,
-    work: Work,
+    work: TaskExecutor,
     name: str,
     task: Task[Shared, Item, Result],
     shared: Shared,
@@ -212,7 +212,10 @@ class TaskWithEffort:
     task: Callable
 
     def __call__(self, shared: object, item: object, tools: object) -> dict:
-        """A dict with the ``result`` of the task and its ``effort`` in s; the meter of the process is left as it was."""
+        """A dict with the ``result`` of the task and its ``effort`` in s; the meter of the process is left as it was.
+
+        `shared`, `item` and `tools` are those of the task, see `Task`.
+        """
         before, METER.reading = METER.reading, 0.0  # the digits of a sum do not depend on what came before
         try:
             return {"result": self.task(shared, item, tools), "effort": METER.reading}

@@ -13,13 +13,13 @@ from structid.core.errors import StructidError
 from structid.diagnose.causes import CoarseMesh, ExponentialWindow, FixedValue, ShearFlexibility, set_candidates
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.clock import Clock
-from structid.diagnose.refits import Fitted, Sized
+from structid.diagnose.refits import CandidateOfStrength, FittedModel
 from structid.diagnose.score_test import Screened
 from structid.diagnose.search_budget import METER, UNLIMITED, SearchBudget, iteration_effort, map_within_budget
 from structid.diagnose.thresholds import FIRST_OF_SET_KIND, LEAST_DROP
 from structid.diagnose.tolerance_directions import fixed_columns, tolerance_directions
 from structid.inversion.linearization import triangle_of
-from structid.inversion.search.work import Tools, Work
+from structid.inversion.search.work import TaskContext, TaskExecutor
 
 
 class LinearizedFit(NamedTuple):
@@ -27,7 +27,7 @@ class LinearizedFit(NamedTuple):
 
     Attributes
     ----------
-    fitted : Fitted
+    fitted : FittedModel
     residual : (n_rows,) float array
         Whitened data rows, then priors.
     directions : (n_data, n_directions) float array
@@ -39,7 +39,7 @@ class LinearizedFit(NamedTuple):
         as many as it has columns, or as there are data and priors where these are fewer.
     """
 
-    fitted: Fitted
+    fitted: FittedModel
     residual: FloatArray
     directions: FloatArray
     names: tuple[str, ...]
@@ -51,7 +51,7 @@ class LinearizedFit(NamedTuple):
         return self._misfit_with(np.zeros((len(self.triangle), 0)))
 
     def misfit_with_freed(self, names: Sequence[str]) -> float:
-        """The misfit after one linear step that also multiplies these fixed values by one common factor, without a prior."""
+        """Weighted sum of squares after a linear step that also multiplies the fixed values `names` by one factor without prior."""
         first = self.triangle.shape[1] - len(self.names) - 1
         chosen = [first + self.names.index(name) for name in names]
         return self._misfit_with(self.triangle[:, chosen].sum(axis=1, keepdims=True))
@@ -84,7 +84,7 @@ def misfit_after_step(augmented: FloatArray, n_params: int, n_directions: int) -
     return float(rest @ rest)
 
 
-def linearize_fit(fitted: Fitted) -> LinearizedFit:
+def linearize_fit(fitted: FittedModel) -> LinearizedFit:
     """A fit on fewer lines, linearized once for all changes that are compared with it; in large models fixed values are exact."""
     modified, target = fitted.modified, fitted.modified.coarse_target
     METER.add(iteration_effort(target))
@@ -96,7 +96,7 @@ def linearize_fit(fitted: Fitted) -> LinearizedFit:
     return LinearizedFit(fitted, at.residual, directions[: target.n_data], names, triangle)
 
 
-def screen_sets(base: Fitted, work: Work, name: str, budget: SearchBudget = UNLIMITED) -> list[Screened]:
+def screen_sets(base: FittedModel, work: TaskExecutor, name: str, budget: SearchBudget = UNLIMITED) -> list[Screened]:
     """Changes of sets, records and mesh that lower the misfit by one linear step, each with its best strength, unsorted.
 
     The drop must be 2 % at least, except for mesh, shear, window and clock, which are kept whenever their model exists. Of each
@@ -124,7 +124,7 @@ def screen_sets(base: Fitted, work: Work, name: str, budget: SearchBudget = UNLI
 
 
 def screen_changes(
-    linearized: LinearizedFit, sized: Sequence[Sized], work: Work, name: str, budget: SearchBudget
+    linearized: LinearizedFit, sized: Sequence[CandidateOfStrength], work: TaskExecutor, name: str, budget: SearchBudget
 ) -> list[float]:
     """The misfit of each changed model after a linear step, in the order of `sized` (candidate, strength).
 
@@ -144,7 +144,7 @@ def _has_columns(linearized: LinearizedFit, candidate: Candidate) -> bool:
     return isinstance(candidate, FixedValue) and set(candidate.where) <= set(linearized.names)
 
 
-def _screen_change(linearized: LinearizedFit, change: Sized, tools: Tools) -> dict[str, float]:
+def _screen_change(linearized: LinearizedFit, change: CandidateOfStrength, tools: TaskContext) -> dict[str, float]:
     """The misfit under ``left`` after one linear step of the changed model; infinite if it fails or changes too little.
 
     `change` is the candidate and its strength. A change without a parameter that changes the residual by d lowers the misfit W

@@ -25,7 +25,7 @@ from structid.identification.joint_problem import joint_problem
 from structid.inversion import LevenbergMarquardt, Problem, Search
 from structid.inversion.estimate import estimate
 from structid.inversion.search.within_tolerances import FixedValues
-from structid.inversion.search.work import ALONE, Tools, Work
+from structid.inversion.search.work import SERIAL, TaskContext, TaskExecutor
 
 _METHOD = LevenbergMarquardt(max_iterations=30, gain_tolerance=1e-6)
 
@@ -72,7 +72,7 @@ class _Fit(TypedDict, total=False):
 def disagreements(
     problems: Sequence[RecordProblem],
     theta: FloatArray,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
     freed: Sequence[RecordProblem] = (),
 ) -> tuple[Disagreement, ...]:
     """Pairs of parts of the data whose fits give different values, compared beyond chance and by more than 3 %.
@@ -85,7 +85,7 @@ def disagreements(
     problems : sequence of RecordProblem
     theta : (n_params,) float array
         Free variables of all parameters together, from which each part is fitted.
-    work : Work
+    work : TaskExecutor
         Runs the fits of the parts.
     freed : sequence of RecordProblem
         The problems with the fixed values of their models among the unknowns: errors of these change all parts alike, and do
@@ -135,7 +135,7 @@ class _Parts(NamedTuple):
     held: tuple[FixedValues | None, ...]
 
 
-def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: Tools) -> _Fit:
+def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: TaskContext) -> _Fit:
     """The fit of one part: ``values``, ``std`` and ``changes`` by fixed values; an empty dict where it cannot be fitted.
 
     `values` and `std` are (n_params,), `changes` (n_params, n_fixed). `item` is the number of the part and the free variables

@@ -45,7 +45,7 @@ from structid.identification.identified import Identification
 from structid.identification.warning_words import ran_away_words
 from structid.inversion import Status
 from structid.inversion.fixed_values import limit_of
-from structid.inversion.search.work import ALONE, Work
+from structid.inversion.search.work import SERIAL, TaskExecutor
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined", "untested"]
 
@@ -402,7 +402,7 @@ def judged(
     )
 
 
-def data_disagreements(identification: Identification, work: Work = ALONE) -> tuple[Disagreement, ...]:
+def data_disagreements(identification: Identification, work: TaskExecutor = SERIAL) -> tuple[Disagreement, ...]:
     """Pairs of parts of the data of an identification whose fits do not agree; empty for a search without a Jacobian."""
     if identification.target is None:
         return ()
@@ -445,7 +445,9 @@ def _judged(
 ) -> Judgement:
     """The verdict by misfit, noise, priors, bounds, causes and doubted fixed values; the first rule that applies decides.
 
-    Arguments are those of `judged`; `doubts` are the fixed values that are doubted. Faults of records are not looked at.
+    Arguments are those of `judged`; `doubts` are the fixed values that are doubted. Faults of records are not looked
+    at. `n_tried` counts the changes that were fitted; `find_disagreements` fits parts of the data, and is called only
+    where the verdict depends on it.
     """
     estimate = identification.estimate
     if identification.alternatives is not None:

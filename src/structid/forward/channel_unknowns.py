@@ -12,7 +12,7 @@ import numpy as np
 from structid.core.arrays import locked
 from structid.core.dof import Dof, parse_dof
 from structid.core.errors import InputError
-from structid.forward.channel_errors import ChannelErrors, Measured
+from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord
 from structid.unknowns.priors import Prior, priors_of
 from structid.unknowns.transforms import Transform, Transforms
 
@@ -91,7 +91,7 @@ def _members(chosen: Sequence[tuple[int, ...]], n_channels: int) -> np.ndarray:
     return locked(made)
 
 
-def channel_errors(record: Measured, unknowns: Iterable[ChannelUnknown]) -> ChannelErrors:
+def channel_errors(record: ChannelsOfRecord, unknowns: Iterable[ChannelUnknown]) -> ChannelErrors:
     """The named channel errors that `unknowns` declare on the channels of FRFs or of finite spectra.
 
     Raises
@@ -140,7 +140,7 @@ def channel_errors(record: Measured, unknowns: Iterable[ChannelUnknown]) -> Chan
     return made
 
 
-def _groups(record: Measured, unknown: ChannelUnknown) -> list[_Group]:
+def _groups(record: ChannelsOfRecord, unknown: ChannelUnknown) -> list[_Group]:
     """Parameters that the declaration `unknown` makes on the channels of `record`: one for each channel, or one for all.
 
     Raises `InputError` if the property is unknown, no channel is named, or an option does not fit the property.
@@ -231,7 +231,10 @@ def _limits(group: _Group) -> tuple[float, float]:
 
 
 def _require_ranges(groups: list[_Group], errors: ChannelErrors) -> None:
-    """Raise `InputError` if a start lies outside its bounds, or a prior is unsound or does not fit the bounds."""
+    """Raise `InputError` if a start lies outside its bounds, or a prior is unsound or does not fit the bounds.
+
+    `groups` and the parameters of `errors` are in the same order.
+    """
     rows = zip(groups, errors.names, errors.start, errors.transforms.lower, errors.transforms.upper, strict=True)
     for group, name, value, low, high in rows:
         prior = group.unknown.prior

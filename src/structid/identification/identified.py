@@ -14,7 +14,7 @@ from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.alternatives import Alternatives
-from structid.identification.fits.missed import Missed
+from structid.identification.fits.missed import MissedValues
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.ratios import Ratios
 from structid.identification.fits.record_fit import RecordFit
@@ -110,7 +110,7 @@ class Identification(Shown, IdentificationPlots):
         Indices of parameters that ended far from their starts for no reason; see `warning_words.ran_away`.
     truncations : tuple of Truncation
         Changes at the answer by the reduction of components, as each record sees them.
-    missed : tuple of Missed
+    missed : tuple of MissedValues
         Records, or kinds of values of modes, that the answer misses beyond their errors, the worst first.
     freed : tuple of RecordProblem
         The problems with the fixed values of their models among the unknowns, within tolerances; () where these are exact.
@@ -134,7 +134,7 @@ class Identification(Shown, IdentificationPlots):
     modal_fits: tuple[ModalFit, ...] = ()
     ran_away: tuple[int, ...] = ()
     truncations: tuple[Truncation, ...] = ()
-    missed: tuple[Missed, ...] = ()
+    missed: tuple[MissedValues, ...] = ()
     freed: tuple[RecordProblem, ...] = ()
     setups: tuple[AnySetup, ...] = ()
     options: IdentifyOptions | None = None

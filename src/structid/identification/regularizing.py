@@ -31,7 +31,7 @@ from structid.inversion.regularization.strengths import (
     sparse_strengths,
 )
 from structid.inversion.search.multistart import named
-from structid.inversion.search.work import StageProgress, Work
+from structid.inversion.search.work import StageProgress, TaskExecutor
 from structid.unknowns import Coupling, Regularization, penalty, term_name
 
 #: Where the magnitude of a logarithm is rounded off: changes below 0.1 % count as none.
@@ -103,7 +103,7 @@ def regularized(
     options: IdentifyOptions,
     method: Method,
     progress: StageProgress | None,
-    work: Work,
+    work: TaskExecutor,
 ) -> Regularized:
     """Problems with regularizations and scatters added, at strengths that are given or chosen by the data.
 
@@ -118,7 +118,7 @@ def regularized(
     method : Method
         Search of every fit.
     progress : callable, optional
-    work : Work
+    work : TaskExecutor
         Runs the fits.
 
     Raises
@@ -159,11 +159,12 @@ def _by_draws(
     options: IdentifyOptions,
     method: Method,
     progress: StageProgress | None,
-    work: Work,
+    work: TaskExecutor,
 ) -> Regularized:
     """Regularized problems for a matrix-free search, with strengths settled by posterior draws; see `settled_strengths`.
 
-    Without strengths to be chosen nothing is fitted.
+    Without strengths to be chosen nothing is fitted. `progress` is called with the name of the stage, its iteration and
+    the sum of squares; None for no reports.
     """
     terms, unit = options.regularization, unit_penalties(problems, options.regularization)
 
@@ -200,9 +201,12 @@ def _by_local_models(
     options: IdentifyOptions,
     method: Method,
     progress: StageProgress | None,
-    work: Work,
+    work: TaskExecutor,
 ) -> Regularized:
-    """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`."""
+    """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`.
+
+    `progress` is called with the name of the stage, its iteration and the sum of squares; None for no reports.
+    """
     begun = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
     search = _Search(begun, tuple(options.regularization), method, work)
     theta = np.array(search.problem.theta_start)
@@ -224,9 +228,16 @@ def _by_local_models(
 
 
 def _staged(
-    problems: Sequence[RecordProblem], method: Method, theta: FloatArray, progress: StageProgress | None, work: Work
+    problems: Sequence[RecordProblem],
+    method: Method,
+    theta: FloatArray,
+    progress: StageProgress | None,
+    work: TaskExecutor,
 ) -> FloatArray:
-    """Free variables (n_params,) after the first stage sequence of the joint problem, started at `theta`."""
+    """Free variables (n_params,) after the first stage sequence of the joint problem, started at `theta`.
+
+    `theta` is (n_params,); None for `progress` reports nothing.
+    """
     for name, stage in next(iter(joint_schedules(problems)), ()):
         theta = work.minimize(stage, method.for_stages(), theta, named(progress, name)).theta
     return theta
@@ -247,8 +258,9 @@ def _applied_regularization(
 ) -> AppliedRegularization:
     """Record of a regularization as it was used: name, rule and strengths of its rows.
 
-    `rest` (n_rows,) is the residual of its rows at strength 1, from which a sparsity counts the free parameters. `converged`
-    says whether the strength settled, `determined` how many combinations the data determine.
+    `rest` (n_rows,) is the residual of its rows at strength 1, from which a sparsity counts the free parameters.
+    `converged` says whether the strength settled, `determined` how many combinations the data determine. `strength` is
+    one number or (n_rows,).
     """
     strengths = locked(np.array(np.broadcast_to(strength, rest.shape)))
     n_free = int((np.abs(rest) > _SMOOTHING).sum()) if term.is_sparse else None
@@ -263,7 +275,7 @@ class _Search:
     problems: tuple[RecordProblem, ...]
     terms: tuple[Regularization, ...]
     method: Method
-    work: Work
+    work: TaskExecutor
 
     @cached_property
     def scatters(self) -> tuple[ScatterProblem, ...]:

@@ -30,7 +30,7 @@ from structid.identification.varying import Varied, varied, widened_estimate
 from structid.inversion import Estimate, MatrixFree, Method, Problem, Search, Status
 from structid.inversion.estimate import estimate
 from structid.inversion.search.matrix_free import dense_search_fits
-from structid.inversion.search.work import StageProgress, Work
+from structid.inversion.search.work import StageProgress, TaskExecutor
 
 _MOST_TRIED = 3
 #: More searches where an answer is doubted; of modes, one that moved a parameter by more than this factor. Of a frame with
@@ -77,11 +77,12 @@ def search_parameters(
     problems: tuple[RecordProblem, ...],
     options: IdentifyOptions,
     progress: StageProgress | None,
-    work: Work,
+    work: TaskExecutor,
 ) -> SearchOutcome:
     """Best estimate over the problems of all records, by the method that set-ups and options ask for.
 
-    Regularizations, polarities of channels and weights are settled on the way.
+    Regularizations, polarities of channels and weights are settled on the way. `progress` is called with the name of
+    the stage, its iteration and the sum of squares; None for no reports.
 
     Raises
     ------
@@ -159,7 +160,7 @@ def _search_starts(
 
 
 def _without_priors(
-    problems: Sequence[RecordProblem], best: Estimate, method: Method, search: Search, work: Work
+    problems: Sequence[RecordProblem], best: Estimate, method: Method, search: Search, work: TaskExecutor
 ) -> Estimate | None:
     """Estimate from the data alone, searched from wide starts about `best`; None if no parameter has a prior."""
     if not any(problem.parameters.has_priors for problem in problems):

@@ -46,9 +46,9 @@ class FixedValueInfluence:
     theta : (n_params,) float array
         Free variables of the parameters there; those of the answer where noise explains the residual.
     second_order : (n_params,) float array
-        What `slope` leaves of the way between the two fits, physical units: large where fixed values move resonances by as much as
-        these are wide. It goes with the square of that way, and is that of a way as long as tolerances make it: where other errors
-        of the model ask for more, they do not count as tolerances.
+        Change of the parameters that `slope` leaves out where the fixed values move as far as the data ask, physical units: large
+        where they move resonances by as much as these are wide. Where the data ask for more than tolerances make likely, as
+        other errors of the model do, it is that of a move in the same proportions as long as tolerances make it.
 
     References
     ----------
@@ -129,6 +129,14 @@ def limit_of(count: int, probability: float = 1e-3) -> float:
     return float(special.ndtri(1 - probability / (2 * max(count, 1))))
 
 
+def likely_move(asked: FloatArray) -> FloatArray:
+    """Changes `asked` (n_fixed,) of fixed values, in tolerances, shortened to a mean square of 1 where it is larger.
+
+    1 is what errors as large as the tolerances have; their proportions stay.
+    """
+    return asked / np.sqrt(max(float(asked @ asked) / max(len(asked), 1), 1.0))
+
+
 def _size(parts: list[float]) -> str:
     """Range of rising `parts` in per cent, such as ``1 to 2 %``; one number where the first and the last agree."""
     return " to ".join(dict.fromkeys(f"{100 * part:.3g}" for part in (parts[0], parts[-1]))) + " %"
@@ -148,6 +156,10 @@ class FitWithinTolerances:
         Logarithm of each fixed value over what the model has, in tolerances.
     parameters : (n_params,) float array
         Free variables of the parameters alone.
+    likely : (n_fixed,) float array
+        `asked`, shortened by `likely_move` where `FixedValues.followed` was called.
+    followed : (n_params,) float array
+        Free variables of the parameters that fit best where the fixed values are at `likely`; `parameters` if that is `asked`.
     """
 
     problem: Problem
@@ -155,6 +167,8 @@ class FitWithinTolerances:
     at: Linearization | OperatorLinearization
     asked: FloatArray
     parameters: FloatArray
+    likely: FloatArray
+    followed: FloatArray
 
     @property
     def chi_square(self) -> float:
@@ -222,7 +236,7 @@ class FixedColumns:
             kinds=tuple(self.kinds[i] for i in index),
             tolerance=self.tolerance[index],
             columns=self.columns[:, index],
-            within=None if within is None else replace(within, asked=within.asked[index]),
+            within=None if within is None else replace(within, asked=within.asked[index], likely=within.likely[index]),
             refit=None,
         )
 
@@ -253,8 +267,9 @@ class FixedColumns:
         within = self.within
         asked = np.zeros(len(self.names)) if within is None else within.asked
         free = theta if within is None else within.parameters
-        likely = min(1.0, len(asked) / max(float(asked @ asked), 1.0))
-        second_order = likely * (theta - free + changes @ (asked * self.tolerance)) * slope
+        remainder: FloatArray = np.zeros(len(theta))
+        if within is not None:
+            remainder = theta - within.followed + changes @ (within.likely * self.tolerance)
         return FixedValueInfluence(
-            self.names, self.kinds, self.tolerance, changes * slope[:, None], asked, free, second_order
+            self.names, self.kinds, self.tolerance, changes * slope[:, None], asked, free, remainder * slope
         )

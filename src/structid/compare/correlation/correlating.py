@@ -15,10 +15,10 @@ from structid.compare.correlation.options import DEFAULT, CorrelateOptions
 from structid.compare.correlation.responses import ResponsesCorrelation, correlated_responses
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError, SingularModelError
-from structid.core.json_types import Entry
+from structid.core.json_types import StoredEntry
 from structid.core.provenance import Provenance
 from structid.identification.fits.modal_fit import ModalFit
-from structid.identification.fits.record_fit import Own
+from structid.identification.fits.record_fit import FittedUnknowns
 from structid.identification.identified import Identification
 from structid.identification.setups.setup import AnySetup, titles
 from structid.modal import ModalRecord
@@ -127,14 +127,14 @@ def _compare_responses(
     """
     problem = setup.prepared(study.options).problem
     values = values_at(problem.names, problem.unknowns.start, values_of_study)
-    fit = setup.response_fit(name, problem, Own(problem.theta_start, values, values), study.options)
+    fit = setup.response_fit(name, problem, FittedUnknowns(problem.theta_start, values, values), study.options)
     if fit is None:
         raise InputError("the record has neither modes nor responses to hold against the model")
     return correlated_responses(fit.evaluation, fit.evaluation_predicted, name)
 
 
 def values_at(names: tuple[str, ...], start: FloatArray, values: Mapping[str, float]) -> FloatArray:
-    """Start values (n,), replaced by the values of the same names in `values`.
+    """Values (n,) of the parameters `names`: their `start` (n,), replaced by the entry of `values` where it has the name.
 
     Raises
     ------
@@ -176,7 +176,7 @@ def _fitted_modes(fit: ModalFit, physical: FloatArray) -> ModesCorrelation:
     return correlated_modes(problem.structure, values, fit.measured, DEFAULT, problem.settings, fit.name)
 
 
-def correlation_summary(correlation: StudyCorrelation) -> dict[str, Entry]:
+def correlation_summary(correlation: StudyCorrelation) -> dict[str, StoredEntry]:
     """Content of correlation.json; numbers that are not finite are kept here, and modes count from 1."""
     return {
         "title": correlation.study.title,
@@ -189,7 +189,7 @@ def correlation_summary(correlation: StudyCorrelation) -> dict[str, Entry]:
     }
 
 
-def _modes_summary(part: ModesCorrelation) -> dict[str, Entry]:
+def _modes_summary(part: ModesCorrelation) -> dict[str, StoredEntry]:
     """Content of correlation.json for one record of modes; modes count from 1, and a mode without a pair has None."""
     pairing, expanded = part.pairing, part.expanded
     number = pairing.number
@@ -260,7 +260,7 @@ def expansion_sizes(part: ModesCorrelation) -> list[tuple[float, float]]:
     return list(zip(residual.tolist(), median.tolist(), strict=True))
 
 
-def _responses_summary(part: ResponsesCorrelation) -> dict[str, Entry]:
+def _responses_summary(part: ResponsesCorrelation) -> dict[str, StoredEntry]:
     record = part.record
     pairs = [
         {"output": str(output), "input": str(load), "frac": part.frac[o, i]}

@@ -123,8 +123,8 @@ class ModesCorrelation:
     def shown(self) -> IntArray:
         """Indices of the model modes to show beside the measured ones, ascending.
 
-        These are all with a pair, and those that move a sensor and lie between 0.6 times the lowest and 1.4 times the highest
-        measured frequency.
+        These are all with a pair, and those that move a sensor and lie between 0.6 times the lowest and 1.4 times the
+        highest measured frequency. The result is (n_shown,), counted from 0.
         """
         f, g = self.measured.frequency, self.model.frequency
         near = (g >= _SHOWN[0] * f[0]) & (g <= _SHOWN[1] * f[-1]) & _moving(self.pairing)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.diagnose.checks.refined_mesh import Refined, n_split, obstacle, refined, split_power
+from structid.diagnose.checks.refined_mesh import RefinedStructure, n_split, obstacle, refined, split_power
 from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.identification.fits.model_modes import structure_modes
@@ -220,7 +220,7 @@ def _paired(
     values: FloatArray,
     modes: Modes,
     mode_numbers: IntArray,
-    refined: Refined,
+    refined: RefinedStructure,
     refined_modes: Modes,
 ) -> IntArray:
     """Number, from 0, of the refined model's mode that matches each of the modes `mode_numbers` by MAC; -1 without a match.

@@ -19,7 +19,7 @@ _NUMBER = re.compile(r"-?\d+")
 
 
 @dataclass(eq=False)
-class Scope:
+class PartData:
     """Data read so far of a flat file, a part, an instance or the assembly itself.
 
     Attributes
@@ -140,9 +140,9 @@ class Scope:
         wanted = set(labels)
         return {int(n) for table in self.elements.values() for label in wanted & set(table) for n in table[label]}
 
-    def instance(self, name: str) -> Scope:
+    def instance(self, name: str) -> PartData:
         """A copy of a part."""
-        return Scope(
+        return PartData(
             name,
             dict(self.nodes),
             {kind: dict(table) for kind, table in self.elements.items()},
@@ -238,9 +238,9 @@ class Assembly:
 
     Attributes
     ----------
-    scopes : list of Scope
+    scopes : list of PartData
         The instances in order; one alone for a flat file.
-    own : Scope, optional
+    own : PartData, optional
         The assembly itself: reference points, elements between instances and sets of its own.
     node_sets, cell_sets : dict of str to dict of str to set of int
         Sets of the assembly: labels by instance, by name in capitals.
@@ -250,8 +250,8 @@ class Assembly:
         Name of the part of a single instance, under which its sets go.
     """
 
-    scopes: list[Scope]
-    own: Scope | None = None
+    scopes: list[PartData]
+    own: PartData | None = None
     node_sets: dict[str, dict[str, set[int]]] = field(default_factory=dict)
     cell_sets: dict[str, dict[str, set[int]]] = field(default_factory=dict)
     shifts: dict[str, int] = field(default_factory=dict)
@@ -274,22 +274,22 @@ class Assembly:
             for labels_used, new in zip(used, pair, strict=True):
                 labels_used.update(label + shift for label in new)
 
-    def scope(self, name: str) -> Scope:
+    def scope(self, name: str) -> PartData:
         """The instance called `name`, in upper or lower case; raises `ValueError` if there is none."""
         for scope in self.scopes:
             if scope.name.upper() == name.upper():
                 return scope
         raise ValueError(f"there is no instance {name!r}")
 
-    def shift(self, scope: Scope) -> int:
+    def shift(self, scope: PartData) -> int:
         return self.shifts[scope.name.upper()]
 
-    def node(self, scope: Scope, word: str) -> int:
+    def node(self, scope: PartData, word: str) -> int:
         """The label in the mesh of the node that `word` names in a scope: ``12``, or ``INSTANCE.12`` in an assembly."""
         owner, dot, label = word.strip('"').rpartition(".")
         return int(label) + self.shift(self.scope(owner) if dot else scope)
 
-    def nodes(self, scope: Scope, word: str) -> list[int]:
+    def nodes(self, scope: PartData, word: str) -> list[int]:
         """Labels in the mesh, sorted, of the node or node set called `word` in a scope: ``12``, ``TOP``, ``PART-1.TOP``.
 
         Raises
@@ -355,5 +355,5 @@ class Assembly:
         return {holder.name.upper(): set(sets[name])}
 
 
-def _labels(scope: Scope) -> tuple[set[int], set[int]]:
+def _labels(scope: PartData) -> tuple[set[int], set[int]]:
     return set(scope.nodes), {label for table in scope.elements.values() for label in table}

@@ -170,7 +170,10 @@ class ModalProblem(RecordProblem):
         return schedules
 
     def keeping_order(self, theta: FloatArray) -> ModalProblem:
-        """Problem with modes paired in order, if no shape is known and they are in order at `theta`; else itself."""
+        """Problem with modes paired in order, if no shape is known and they are in order at `theta`; else itself.
+
+        `theta` (n_params,) are the free variables.
+        """
         if self.data.has_shapes or self.settings.form != "output":
             return self
         state = self.model.state(self.physical(theta))
@@ -194,7 +197,7 @@ class ModalProblem(RecordProblem):
         """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
 
         def found(theta: FloatArray) -> Linearization:
-            """Linearization at `theta`, computed afresh."""
+            """Linearization at `theta` (n_params,), computed afresh."""
             physical = self.physical(theta)
             if self.settings.form == "dynamic":
                 data, change, eliminated = *dynamic_rows(self.data, self.model, physical), 0
@@ -239,7 +242,7 @@ def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float
     """Number of values, number of determined parameters, and share of the misfit, for each kind of value (such as shapes).
 
     The second is the trace of (J'J)^-1 J_k'J_k with J_k the rows of the kind; with priors these add up to the number of
-    parameters. Empty if the data do not determine all.
+    parameters. Empty if the data do not determine all. `theta` (n_params,) are free variables.
     """
     at = problem.linearize(theta)
     information = at.jacobian.T @ at.jacobian

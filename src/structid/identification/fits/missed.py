@@ -26,7 +26,7 @@ _HIDES = 2.0
 
 
 @dataclass(frozen=True)
-class Missed:
+class MissedValues:
     """Values of a record that the answer misses.
 
     Attributes
@@ -60,7 +60,7 @@ class Missed:
 
 def missed_parts(
     names: Sequence[str], problems: Sequence[RecordProblem], estimate: Estimate, freed: Sequence[RecordProblem] = ()
-) -> tuple[Missed, ...]:
+) -> tuple[MissedValues, ...]:
     """Records, or kinds of values of modes, that the fit misses beyond their errors, the worst first.
 
     A part is missed if its sum of squares per value exceeds a limit (4 for modes, 1.25 for lines) and is improbable at 0.001
@@ -97,15 +97,15 @@ def missed_parts(
     for what, rows, least in parts:
         square, n = float(rows @ rows), len(rows)
         if square > least * n and float(special.gammaincc(n / 2, square / 2)) * len(parts) < _RISK:
-            missed.append(Missed(what, n, estimate.goodness.n_data - n, square / n))
+            missed.append(MissedValues(what, n, estimate.goodness.n_data - n, square / n))
     return tuple(sorted(missed, key=lambda one: -one.chi_square_per_value))
 
 
 def _parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[tuple[str, FloatArray, float]]:
     """Parts of a record to be tested: name, residual rows, and the chi-square per value above which the part is missed.
 
-    A record of modes has a part for each kind of value, any other record is one part. `name` is the record, "" for a single
-    one.
+    A record of modes has a part for each kind of value, any other record is one part. `name` is the record, "" for a
+    single one. `residual` (n_residuals,) is whitened; rows of a part are (n,).
     """
     if isinstance(problem, ModalProblem):
         kinds = row_kinds(problem)

@@ -13,7 +13,7 @@ from structid.forward.modal.output import ModelState
 from structid.forward.modal.paired import pairing
 from structid.forward.modal.problem import shape_residual
 from structid.identification.fits.model_modes import structure_modes
-from structid.identification.fits.record_fit import Own
+from structid.identification.fits.record_fit import FittedUnknowns
 from structid.modal import ModalRecord
 from structid.similarity import subspace_angles
 from structid.similarity.pairing import likenesses
@@ -158,7 +158,7 @@ class ModalFit:
         )
 
 
-def modal_fit(name: str, problem: ModalProblem, own: Own, n_modes: int) -> ModalFit:
+def modal_fit(name: str, problem: ModalProblem, own: FittedUnknowns, n_modes: int) -> ModalFit:
     """Initial and fitted model beside one record of measured modes, with the `n_modes` lowest modes of each.
 
     `name` is that of the record; `own` holds the free variables and values of the problem's parameters.

@@ -13,7 +13,7 @@ from structid.core.arrays import FloatArray
 from structid.inversion.fixed_values import FixedColumns
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
-from structid.inversion.search.minimum import Keeper, Minimum, Progress, State
+from structid.inversion.search.minimum import Minimum, Progress, SearchStateStore, State
 from structid.inversion.uncertainty import Uncertainty
 
 _LEAST_DAMPING, _MOST_DAMPING = 1e-20, 1e40
@@ -32,7 +32,7 @@ class End(NamedTuple):
     message: str
 
 
-class Trial(NamedTuple):
+class IterationResult(NamedTuple):
     """Result of one iteration.
 
     `step` is made where `gain`, the decrease in parts of what the linear model promises, is large enough; where there
@@ -142,7 +142,7 @@ class Method(Protocol[P]):
         """A `Point`: the problem linearized at free variables."""
         ...
 
-    def tried(self, problem: Problem, point: P, damping: Damping) -> Trial:
+    def tried(self, problem: Problem, point: P, damping: Damping) -> IterationResult:
         """The next step from a point."""
         ...
 
@@ -183,7 +183,7 @@ def minimize(
     method: Method[P],
     theta: FloatArray | None = None,
     progress: Progress | None = None,
-    keeper: Keeper | None = None,
+    keeper: SearchStateStore | None = None,
 ) -> Minimum:
     """Nearest minimum of the sum of squared residuals, from `theta` by `method`.
 
@@ -195,7 +195,7 @@ def minimize(
         Start; the problem's own by default.
     progress : callable, optional
         Called with the iteration and the sum of squares.
-    keeper : Keeper, optional
+    keeper : SearchStateStore, optional
         Takes the state of the search after each iteration; where it has one already, the search goes on from there.
     """
     begun = None if keeper is None else keeper.state
@@ -257,7 +257,7 @@ def _state(damping: Damping, history: Sequence[FloatArray], costs: Sequence[floa
 
 
 def sizes_at(problem: Problem, theta: FloatArray) -> FloatArray:
-    """`Point.size` at free variables."""
+    """`Point.size` of each free variable, (n_params,), at the free variables `theta` (n_params,)."""
     slope = np.maximum(np.abs(problem.slope(theta)), 1e-100)  # 0 where a bounded parameter is at its bound
     size: FloatArray = problem.unknowns.sizes(problem.physical(theta)) / slope
     return size

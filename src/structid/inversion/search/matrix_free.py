@@ -16,7 +16,7 @@ from structid.inversion.linearization import OperatorLinearization
 from structid.inversion.posterior_draws import drawn_uncertainty
 from structid.inversion.problem import Problem
 from structid.inversion.search.conjugate_gradients import conjugate_gradients, preconditioner
-from structid.inversion.search.least_squares import Damping, Point, Trial, damped_end, shortened, sizes_at
+from structid.inversion.search.least_squares import Damping, IterationResult, Point, damped_end, shortened, sizes_at
 from structid.inversion.search.minimum import Minimum, residual_at, squared
 from structid.inversion.uncertainty import Uncertainty
 
@@ -81,7 +81,7 @@ class MatrixFree:
         at = problem.linearize_operator(theta)
         return Point(theta, at, np.sqrt(at.squares), sizes_at(problem, theta))
 
-    def tried(self, problem: Problem, point: Point[OperatorLinearization], damping: Damping) -> Trial:
+    def tried(self, problem: Problem, point: Point[OperatorLinearization], damping: Damping) -> IterationResult:
         """Trial with the damped step from `point` by conjugate gradients and its gain ratio, or with the reason to end."""
         at, weight = point.at, damping.factor * damping.scale**2
         gradient = at.transposed(at.residual)
@@ -96,10 +96,10 @@ class MatrixFree:
         promised = -float(linear @ linear + 2 * step @ gradient)
         end = damped_end(point, damping, step, promised, self.step_tolerance, self.gain_tolerance)
         if end is not None:
-            return Trial(None, end=end)
+            return IterationResult(None, end=end)
         step = shortened(step, damping.limit)
         cost = squared(residual_at(problem, point.theta + step))
-        return Trial(step, (point.cost - cost) / promised if promised > 0 else -1.0, count)
+        return IterationResult(step, (point.cost - cost) / promised if promised > 0 else -1.0, count)
 
     def for_stages(self) -> MatrixFree:
         return replace(self, max_iterations=20, gain_tolerance=1e-3, inner_tolerance=1e-3)

@@ -138,7 +138,7 @@ def write(path: Path, record: FrfRecord | TimeRecord) -> None:
 
 
 def _store(file: h5py.File, name: str, field: Field) -> None:
-    """Store one field of a record, an array or texts, in an open HDF5 file."""
+    """Store `field` of a record, an array or texts, under `name` in an open HDF5 file."""
     import h5py
 
     if isinstance(field, np.ndarray):

@@ -90,7 +90,7 @@ class ModeCheck:
 
 
 @dataclass(frozen=True, eq=False)
-class Predicted:
+class PredictedIdentification:
     """Prediction of an identification before it is made, from a linearization at the initial values.
 
     Attributes
@@ -149,7 +149,7 @@ class Predicted:
 
 
 @dataclass(frozen=True, eq=False)
-class CheckResult(Predicted):
+class CheckResult(PredictedIdentification):
     """Result of `check_study`: the prediction, and the checks of records, channels and modes behind it.
 
     Attributes
@@ -256,7 +256,7 @@ def _with_strengths(ready: PreparedStudy, terms: Sequence[Regularization], stren
     return joint_problem(coupled(ready.problems, [row.scaled(s) for row, s in zip(rows, strengths, strict=True)]))
 
 
-def _predict_by_jacobian(ready: PreparedStudy) -> Predicted:
+def _predict_by_jacobian(ready: PreparedStudy) -> PredictedIdentification:
     """Predicted covariance, identifiability and warnings from the Jacobian at the initial values.
 
     The covariance is the bound of Cramér and Rao plus the influence of tolerances of fixed values.
@@ -282,7 +282,7 @@ def _predict_by_jacobian(ready: PreparedStudy) -> Predicted:
     not_included = [term_name(term) for term in ready.study.options.regularization if term not in terms]
     warnings += _direction_warnings(identified_directions)
     warnings += [f"predicted without the {' and '.join(not_included)} that `identify` will use"] if not_included else []
-    return Predicted(
+    return PredictedIdentification(
         problem,
         _start(problem, ready),
         covariance,
@@ -294,7 +294,7 @@ def _predict_by_jacobian(ready: PreparedStudy) -> Predicted:
     )
 
 
-def _predict_by_draws(ready: PreparedStudy) -> Predicted:
+def _predict_by_draws(ready: PreparedStudy) -> PredictedIdentification:
     """Predicted covariance for very many parameters, from posterior draws at the initial values.
 
     Every regularization is included at its given strength, or at a usual one where the data would choose it.
@@ -321,7 +321,9 @@ def _predict_by_draws(ready: PreparedStudy) -> Predicted:
         covariance = of_data.with_changes(influence.changes)
         assumption = tolerances_clause(influence, ready.problems, ready.study.options.tolerances)
     rank = Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ())
-    return Predicted(problem, _start(problem, ready), covariance, rank, tuple(words), of_data, assumption, influence)
+    return PredictedIdentification(
+        problem, _start(problem, ready), covariance, rank, tuple(words), of_data, assumption, influence
+    )
 
 
 def _start(problem: Problem, ready: PreparedStudy) -> FloatArray:

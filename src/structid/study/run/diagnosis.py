@@ -11,7 +11,7 @@ from structid.diagnose.search_budget import UNLIMITED, SearchBudget
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import Diagnosis, Judgement, is_sound
 from structid.identification.fits.model_modes import structure_modes
-from structid.inversion.search.work import ALONE, Work
+from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.study.results.result import StudyResult
 from structid.study.results.suggestions import with_suggestions
 from structid.study.run.before import leaking_windows
@@ -20,7 +20,7 @@ from structid.study.run.workers import threads_for
 from structid.study.schema.records.record import read_histories
 
 if TYPE_CHECKING:
-    from structid.diagnose.refits import Fitted
+    from structid.diagnose.refits import FittedModel
 
 #: Modes of a model that windows may blur.
 _MOST_MODES = 12
@@ -30,10 +30,10 @@ def diagnose_study(
     ready: PreparedStudy,
     result: StudyResult,
     explain: bool | None = None,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
     budget: SearchBudget = UNLIMITED,
     before_search: Callable[[StudyResult], None] | None = None,
-) -> tuple[StudyResult, tuple[Fitted, ...]]:
+) -> tuple[StudyResult, tuple[FittedModel, ...]]:
     """The result with its diagnosis, and the refits behind its causes, in the order of the causes.
 
     Parameters
@@ -44,7 +44,7 @@ def diagnose_study(
         Result of the identification.
     explain : bool, optional
         True to search for causes, False not to; by default they are searched for where the answer is not sound.
-    work : Work
+    work : TaskExecutor
         The way in which candidates are computed and refitted: in this process, or on workers with a checkpoint.
     budget : SearchBudget
         Limits of the search for causes, counted from its beginning; unlimited by default.

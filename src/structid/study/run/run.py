@@ -12,7 +12,7 @@ from structid.identification.identify import identify_together
 from structid.identification.joint_problem import indices_of
 from structid.identification.mesh_pieces import SUBDIVIDE_AUTO, MeshPieces, judge_pieces
 from structid.identification.search import chosen_method
-from structid.inversion.search.work import ALONE, StageProgress, Work
+from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run import solver
 from structid.study.run.before import mesh_warnings
@@ -30,7 +30,7 @@ class SearchFailedError(NoAnswerError):
 _MOST_CUTS, _MOST_JUDGED = 3, 300
 
 
-def run_study(study: Study, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
+def run_study(study: Study, progress: StageProgress | None = None, work: TaskExecutor = SERIAL) -> StudyResult:
     """The result of a study: parameters with their uncertainty, and how the model fits its records.
 
     Parameters
@@ -39,7 +39,7 @@ def run_study(study: Study, progress: StageProgress | None = None, work: Work = 
         The study to run.
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
-    work : Work
+    work : TaskExecutor
         The way in which searches and their repeats run, and if they are kept; see `structid.study.run.long_run`.
 
     Returns
@@ -59,14 +59,16 @@ def run_study(study: Study, progress: StageProgress | None = None, work: Work = 
     return confirm_result(ready, run_prepared(ready, progress, work), progress, work)[1]
 
 
-def relinearized_study(study: Study, progress: StageProgress | None = None, work: Work = ALONE) -> PreparedStudy:
+def relinearized_study(
+    study: Study, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
+) -> PreparedStudy:
     """The study with records and models prepared for the search; the model of a solver is linearized about the answer."""
     ready = prepare_study(study)
     return ready if study.solved is None else solver.relinearize_solver(ready, progress, work)
 
 
 def confirm_result(
-    ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: Work = ALONE
+    ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
 ) -> tuple[PreparedStudy, StudyResult]:
     """The study and its result after two checks: finer meshes, and a run of the solver at the answer.
 
@@ -79,7 +81,7 @@ def confirm_result(
 
 
 def refine_mesh(
-    ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: Work = ALONE
+    ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
 ) -> tuple[PreparedStudy, StudyResult]:
     """The study and its result with beams cut into more pieces, until finer pieces hardly change the values.
 
@@ -119,8 +121,12 @@ def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult
     return replace(result, identification=replace(found, warnings=(warning, *found.warnings))) if warning else result
 
 
-def run_prepared(ready: PreparedStudy, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
+def run_prepared(
+    ready: PreparedStudy, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
+) -> StudyResult:
     """Identify a study whose records are already read; see `run_study`.
+
+    `progress` is called with the name of the stage, its iteration and the sum of squares; None for no reports.
 
     Raises
     ------

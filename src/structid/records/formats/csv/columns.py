@@ -343,7 +343,7 @@ def time_header(record: TimeRecord) -> tuple[list[str], list[FloatArray]]:
     return ["time_s", *names], [record.time, *record.values.T]
 
 
-class _Head(NamedTuple):
+class _ColumnHeader(NamedTuple):
     """Content of a column's header, or the user's words in its place."""
 
     output: str
@@ -360,7 +360,7 @@ class _Column(NamedTuple):
     factor: float
 
 
-def _read_headers(table: Table, options: ReadOptions) -> list[_Head]:
+def _read_headers(table: Table, options: ReadOptions) -> list[_ColumnHeader]:
     """Output, input, unit and part (``re``, ``im``, ``magnitude``, ...) of each column after the frequencies, in order.
 
     They come from the headers, or from the options `outputs`, `inputs` and `parts`, with parts varying fastest. Raises
@@ -386,7 +386,7 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_Head]:
                 "outputs",
             )
         combinations = product(options.outputs, options.inputs, layout.parts)
-        assumed = [_Head(a, b, units[j], part) for j, (a, b, part) in enumerate(combinations, start=1)]
+        assumed = [_ColumnHeader(a, b, units[j], part) for j, (a, b, part) in enumerate(combinations, start=1)]
         _require_headers_agree(table, assumed)
         return assumed
     heads = []
@@ -403,7 +403,7 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_Head]:
         if part == "phase":
             near = [text for text in (match["unit"], match["round"]) if text and text.strip().lower() in _PHASE_UNITS]
             unit = _phase_unit(table, j, match["own"] or next(iter(near), None))
-        heads.append(_Head(_without_estimator(match["output"], match["input"]), match["input"], unit, part))
+        heads.append(_ColumnHeader(_without_estimator(match["output"], match["input"]), match["input"], unit, part))
     return _output_first(heads, options)
 
 
@@ -441,7 +441,7 @@ def _phase_unit(table: Table, j: int, in_name: str | None) -> str:
     return units[0] if units else ""
 
 
-def _output_first(heads: list[_Head], options: ReadOptions) -> list[_Head]:
+def _output_first(heads: list[_ColumnHeader], options: ReadOptions) -> list[_ColumnHeader]:
     """Column heads with output and input exchanged where the table names the load first; else `heads` as they are.
 
     They are exchanged only if the options `outputs` and `inputs`, or their numbers, fit the exchanged order alone.
@@ -459,7 +459,7 @@ def _output_first(heads: list[_Head], options: ReadOptions) -> list[_Head]:
     return [head._replace(output=head.input, input=head.output) for head in heads] if is_turned else heads
 
 
-def _require_headers_agree(table: Table, assumed: Sequence[_Head]) -> None:
+def _require_headers_agree(table: Table, assumed: Sequence[_ColumnHeader]) -> None:
     """Raise an error if a header states another part, sensor or load than the position of its column implies.
 
     `assumed` are the heads by position, one for each column after the frequencies.
@@ -508,7 +508,7 @@ def _names_by_user(table: Table, option: str, names: list[str], by_user: tuple[s
 
 
 def _parse_column(
-    table: Table, j: int, head: _Head, outputs: dict[str, str], inputs: dict[str, str], options: ReadOptions
+    table: Table, j: int, head: _ColumnHeader, outputs: dict[str, str], inputs: dict[str, str], options: ReadOptions
 ) -> _Column:
     """Degrees of freedom, unit, part and factor to SI of column `j`; the unit is None for phases and coherences.
 
@@ -534,7 +534,9 @@ def _parse_column(
     return _Column(output, load, unit, head.part, unit.factor)
 
 
-def _require_meanings(table: Table, heads: Sequence[_Head], outputs: dict[str, str], inputs: dict[str, str]) -> None:
+def _require_meanings(
+    table: Table, heads: Sequence[_ColumnHeader], outputs: dict[str, str], inputs: dict[str, str]
+) -> None:
     """Raise `FileError` if a sensor or load name is neither a degree of freedom nor explained by the user.
 
     `outputs` and `inputs` map the table's names to the user's degrees of freedom.
@@ -680,7 +682,7 @@ def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:
 
 
 def _require_same_unit_of_both_parts(table: Table, columns: list[_Column]) -> None:
-    """Raise `FileError` if real and imaginary parts of a pair are in different units."""
+    """Raise `FileError` if real and imaginary parts of a pair among `columns` are in different units."""
     units: dict[tuple[Dof, Dof], FrfUnit | None] = {}
     for j, column in enumerate(columns, start=1):
         if column.part not in ("re", "im"):
@@ -712,7 +714,7 @@ def _require_complete(
     """Raise `FileError` unless each part has a value on each line for each pair of output and input.
 
     `parts` maps ``re``, ``std``, ... to (n_frequencies, n_outputs, n_inputs) arrays, NaN where no column was read;
-    `needed` are the parts that must be there.
+    `needed` are the parts that must be there. `outputs` and `inputs` are the channels of the axes.
     """
     for part in (*needed, *(name for name in parts if name not in needed)):
         for a, output in enumerate(outputs):
@@ -727,7 +729,8 @@ def _require_complete(
 def _require_sound(table: Table, columns: list[_Column]) -> None:
     """Raise `FileError` for frequencies that do not increase, or coherences, magnitudes or deviations out of range.
 
-    Coherences must be from 0 to 1, magnitudes and standard deviations at least 0.
+    Coherences must be from 0 to 1, magnitudes and standard deviations at least 0. `columns` are those after the
+    frequencies.
     """
     falls = np.diff(table.values[:, 0]) <= 0
     if falls.any():
