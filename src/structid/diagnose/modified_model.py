@@ -137,7 +137,9 @@ class ModifiedModel:
         return ChangedModels()
 
     def _changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
-        """The model with one more change, made anew; its data have the weights of this model's, its starts are the set-ups'.
+        """The model with the change `candidate` of size `strength` besides, made anew.
+
+        Its data have the weights of this model's, its start values are those of the set-ups.
 
         Raises
         ------

@@ -50,7 +50,7 @@ class LinearizedFit(NamedTuple):
         return self._misfit_with(np.zeros((len(self.triangle), 0)))
 
     def misfit_with_freed(self, names: Sequence[str]) -> float:
-        """The misfit after one linear step that also multiplies these fixed values by one common factor, without a prior."""
+        """Weighted sum of squares after a linear step that also multiplies the fixed values `names` by one factor without prior."""
         first = self.triangle.shape[1] - len(self.names) - 1
         chosen = [first + self.names.index(name) for name in names]
         return self._misfit_with(self.triangle[:, chosen].sum(axis=1, keepdims=True))

@@ -106,7 +106,7 @@ class ParameterValues:
     scale: FloatArray | None = None
 
     def free_std(self, std: FloatArray) -> FloatArray:
-        """Standard deviations (n_params,) of the free variables from those in physical units; NaN where a slope is 0."""
+        """Standard deviations (n_params,) of the free variables from `std` in physical units; NaN where a slope is 0."""
         if self.slope is None:
             return std
         return np.divide(std, np.abs(self.slope), out=np.full(len(std), np.nan), where=self.slope != 0)

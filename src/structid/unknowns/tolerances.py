@@ -134,7 +134,7 @@ def _own_tolerance(tolerance: float | Mapping[str, float] | None, name: str) -> 
 def relative_sensitivities(values: FloatArray, properties: tuple[FixedProperty, ...]) -> FloatArray:
     """Derivatives of all property `values` (n_values,) by a relative change of each property, (n_values, n_properties).
 
-    A column has the values of its property and zeros elsewhere.
+    A column has the values of its property and zeros elsewhere. `properties` are the fixed ones.
     """
     columns = np.zeros((len(values), len(properties)))
     for number, item in enumerate(properties):

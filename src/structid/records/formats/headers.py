@@ -44,9 +44,12 @@ _LEVEL = re.compile(
     re.IGNORECASE,
 )
 
+#: The last word of a name, by which loggers call a statistic of each interval.
+_STATISTIC = re.compile(r"[\s_](avg|max|min|std)$", re.IGNORECASE)
+
 
 def name_and_unit(text: str) -> tuple[str, str]:
-    """Name in a header and the unit in brackets after it, which is "" without brackets."""
+    """Name in the header `text` and the unit in brackets after it, which is "" without brackets."""
     text = text.strip()
     match = _HEAD.match(text) if len(text) <= _LONGEST_HEAD else None
     return (match["name"], match["unit"].strip()) if match else (text, "")
@@ -199,8 +202,9 @@ def units_in_name(name: str, parse: Callable[[str], T]) -> list[tuple[str, T, bo
 def other_unit_in_name(name: str, parse: Callable[[str], Unit | FrfUnit], kind: str, factor: float) -> str:
     """Text of a unit in a header that differs from the unit a channel is read in; "" if there is none.
 
-    `kind` is the quantity (or kind of FRF) that the channel is read as, and `factor` that to SI. A unit without brackets
-    counts only if it is a unit of this kind.
+    `kind` is the quantity (or kind of FRF) that the channel is read as, and `factor` that to SI. A unit without
+    brackets counts only if it is a unit of this kind. `name` is the header, `parse` turns the text of a unit into the
+    unit, and raises `InputError` for others.
     """
     for text, stated, is_bracketed in units_in_name(name, parse):
         is_same = stated[0] == kind
@@ -223,3 +227,9 @@ def level_word(text: str) -> str:
     """The word by which a header or a unit says that a column holds levels, means or densities, such as ``dB``; "" for none."""
     match = _LEVEL.search(text[:_LONGEST_HEAD])
     return match[0].strip("/ ") if match else ""
+
+
+def statistic_word(name: str) -> str:
+    """The word at the end of a header that says that each row is a statistic of an interval, such as ``Avg``; "" for none."""
+    match = _STATISTIC.search(name_and_unit(name)[0][-_LONGEST_HEAD:])
+    return match[1] if match else ""

@@ -233,7 +233,7 @@ def _is_whole(row: Sequence[str]) -> bool:
 def _numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> FloatArray:
     """Cells as numbers, (n_rows, n_columns); with `gaps`, empty cells after the first column and dates become NaN.
 
-    Raises `FileError` for any other cell that is no number.
+    Raises `FileError` for any other cell that is no number. `names` are those of the columns.
     """
     rows, count = grid.rows, len(names)
     dated = {j for j, cell in enumerate(rows[0][:count]) if as_date(cell) is not None} if gaps else set()
@@ -249,6 +249,8 @@ def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool
     """
     lines, sign = rows.lines, rows.separator
     if comma:
+        if any("." in cell for line in lines for cell in _undated(line, sign, dated)):
+            return None
         lines = [line.replace(",", ".") for line in lines]
     if sign != " ":
         if _ends_empty(lines[0], sign, count):
@@ -271,6 +273,14 @@ def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool
     return values
 
 
+def _undated(line: str, sign: str, dated: set[int]) -> list[str]:
+    """The line in one piece; without its cells of indices `dated` where there are any. `sign` is the separator."""
+    if not dated:
+        return [line]
+    cells = line.split() if sign == " " else line.split(sign)
+    return [cell for j, cell in enumerate(cells) if j not in dated]
+
+
 def _ends_empty(line: str, sign: str, count: int) -> bool:
     """True if a line has `count` separators `sign`, one for each column, and ends with a separator."""
     return line.rstrip().endswith(sign) and line.rstrip().count(sign) == count
@@ -288,6 +298,7 @@ def _parse_cells(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int]
     """Cells parsed row by row, (n_rows, n_columns); `FileError` with line and column for the first that is no number.
 
     `dated` are the indices of columns of dates, which become NaN; `gaps` allows empty cells after the first column.
+    `names` are those of the columns.
     """
     rows, count = grid.rows, len(names)
     values = np.empty((len(rows), count))
@@ -297,6 +308,8 @@ def _parse_cells(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int]
                 f"{path}: line {grid.first_line + i} has {len(row)} cells, but {_where(grid)} {count}; complete or remove the"
                 " line"
             )
+        if grid.decimal_comma:
+            _require_no_points(path, grid.first_line + i, row[:count], names, dated)
         cells = [cell.replace(",", ".") for cell in row[:count]] if grid.decimal_comma else row[:count]
         if gaps and (dated or not all(cells)):
             first = 0 if count > 1 else count
@@ -316,6 +329,19 @@ def _parse_cells(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int]
             f"{path}: line {grid.first_line + i}, column {j + 1} ({names[j]}) is NaN or infinite; repair or remove the line"
         )
     return values
+
+
+def _require_no_points(path: Path, line: int, row: Sequence[str], names: tuple[str, ...], dated: set[int]) -> None:
+    """Raise `FileError` for a number with a point in a row of a table with decimal commas.
+
+    `line` is that of the row, from 1, and `dated` are the indices of columns of dates.
+    """
+    for j, cell in enumerate(row):
+        if j not in dated and "." in cell and is_number(cell):
+            raise FileError(
+                f"{path}: line {line}, column {j + 1} ({names[j]}) is {cell.strip()}, where other numbers have decimal commas: its"
+                " point may be that of thousands or of decimals; export all numbers alike, without thousands apart"
+            )
 
 
 def _where(grid: Grid) -> str:

@@ -1,0 +1,86 @@
+"""Tables whose numbers could be taken for others without a word: refused, or read as the logger meant them."""
+
+import numpy as np
+import pytest
+
+from structid.core.errors import FileError, InputError
+from structid.core.units import STANDARD_GRAVITY
+from structid.records import CsvLayout, ReadOptions, read_record
+
+RATE = 100.0
+VALUES = np.random.default_rng(3).normal(size=(400, 2)).round(4)
+TWO = {"channels": "1X,2X", "units": "g"}
+
+
+def read(tmp_path, text, **options):
+    path = tmp_path / "trap.csv"
+    path.write_text(text)
+    return read_record(path, ReadOptions(**options))
+
+
+def rows(separator=",", *first):
+    """Lines of `VALUES`, each behind the cells that the functions `first` make of the number of the line."""
+    return "".join(
+        separator.join([*(make(i) for make in first), *(f"{x:.4f}" for x in row)]) + "\n"
+        for i, row in enumerate(VALUES)
+    )
+
+
+@pytest.mark.parametrize("column", [lambda i: f"{i / RATE:.3f}", lambda i: str(10_000 * i), str])
+def test_times_and_counts_without_a_header_are_no_channel(tmp_path, column):
+    text = rows("\t", column)
+    with pytest.raises(InputError, match=r"line 1, column 1 .* rises in even steps of .*`time_column = 1`"):
+        read(tmp_path, text, sampling_rate=5 * RATE, channels="1X,2X,3X", units="g")
+    record = read(tmp_path, text, sampling_rate=RATE, columns="2,3", **TWO)
+    np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
+
+
+def test_a_header_that_counts_the_columns_is_no_sample(tmp_path):
+    text = "0,1\n" + rows()
+    with pytest.raises(
+        FileError, match=r"line 1 counts 0, 1, as numbers of columns do.*`header_rows = 1`.*`header_rows = 0`"
+    ):
+        read(tmp_path, text, sampling_rate=RATE, **TWO)
+    for header_rows, count in ((1, 400), (0, 401)):
+        layout = CsvLayout(header_rows=header_rows)
+        assert len(read(tmp_path, text, sampling_rate=RATE, csv=layout, **TWO).values) == count
+
+
+@pytest.mark.parametrize("dated", [False, True])
+def test_a_point_among_decimal_commas_is_refused_in_every_line(tmp_path, dated):
+    """The layout is recognised from a sample of the lines, which line 303 is not in."""
+    date = "27.11.2026 12:00:{:05.2f}" if dated else "{:.2f}"
+    lines = [date.format(i / RATE % 60) + ";" + ";".join(f"{x:.4f}" for x in row) for i, row in enumerate(VALUES)]
+    lines = [line if dated else line.replace(".", ",") for line in lines]
+    lines = [date + ";" + rest.replace(".", ",") for date, _, rest in (line.partition(";") for line in lines)]
+    text = "Zeit [s];1X [g];2X [g]\n".replace(" [s]", "" if dated else " [s]")
+    np.testing.assert_allclose(read(tmp_path, text + "\n".join(lines) + "\n").values, VALUES * STANDARD_GRAVITY)
+    lines[301] = lines[301].rpartition(";")[0] + ";1.234"
+    with pytest.raises(FileError, match=r"line 303, column 3 .* is 1\.234, where other numbers have decimal commas"):
+        read(tmp_path, text + "\n".join(lines) + "\n")
+
+
+def toa5(statistics="Smp", name="A"):
+    head = [
+        '"TOA5","CR6","CR6","1","CR6.Std.10","CPU:a.CR6","1","Fast"',
+        f'"TIMESTAMP","RECORD","{name}","B"',
+        '"TS","RN","g","g"',
+        f'"","","{statistics}","Smp"',
+    ]
+    stamp = lambda i: f'"2026-06-25 10:00:{i / RATE:05.2f}"'  # noqa: E731
+    return "\n".join(head) + "\n" + rows(",", stamp, str)
+
+
+def test_toa5_tables_have_three_lines_of_header(tmp_path):
+    record = read(tmp_path, toa5(), columns="A,B", channels="1X,2X")
+    assert record.sampling_rate == pytest.approx(RATE)
+    assert "names in line 2, units in line 3" in record.source
+    np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
+
+
+@pytest.mark.parametrize("text", [toa5("Avg"), toa5("Max"), toa5(name="A_Std")])
+def test_statistics_of_intervals_are_no_samples(tmp_path, text):
+    with pytest.raises(
+        FileError, match=r"line 2, column 3 .*'(Avg|Max|Std)' stands for a level, a statistic or a density"
+    ):
+        read(tmp_path, text, columns="3,4", channels="1X,2X")
