@@ -138,8 +138,8 @@ class _Parts(NamedTuple):
 def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: TaskContext) -> _Fit:
     """The fit of one part: ``values``, ``std`` and ``changes`` by fixed values; an empty dict where it cannot be fitted.
 
-    `values` and `std` are (n_params,), `changes` (n_params, n_fixed). `item` is the number of the part and the free variables
-    at which its fit starts.
+    `values` and `std` are (n_params,), `changes` (n_params, n_fixed). `item` is the number of the part and the free
+    variables at which its fit starts. Free variables are (n_params,).
     """
     number, start = item
     search = Search(restarts=0, start=start)

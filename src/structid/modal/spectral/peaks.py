@@ -178,7 +178,7 @@ def automatic_peaks(spectrum: Spectrum, level: int = 0) -> IntArray:
 def peaks_by_hand(spectrum: Spectrum, frequencies: Sequence[float]) -> IntArray:
     """Line index of the highest peak of the first singular value near each of `frequencies` (Hz), lowest first.
 
-    Near is within two lines or 2 %, whichever is more.
+    Near is within two lines or 2 %, whichever is more. The result is (n_peaks,), increasing.
 
     Raises
     ------

@@ -233,7 +233,7 @@ def _predicted_band(folder: Path, study: Study) -> tuple[float | None, float | N
 def _lines(band: tuple[float | None, float | None], options: PredictOptions) -> FloatArray:
     """Equally spaced frequencies (Hz) of FRFs and spectra, as many as the options say, from end to end of `band`.
 
-    `InputError` if an end of the band is None.
+    `InputError` if an end of the band is None. The result is (n_frequencies,).
     """
     low, high = band
     if low is None or high is None:
@@ -375,7 +375,10 @@ def _noise_history(
 
 
 def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, tuple[FloatArray, FloatArray], Input]:
-    """Path of the noise table that the options name as ``table@place``, its frequencies and densities, and the driven input."""
+    """Path of the noise table that the options name as ``table@place``, its frequencies and densities, and the driven input.
+
+    Frequencies (Hz) and densities are (n_frequencies,) each.
+    """
     text, at, name = options.noise.rpartition("@")
     if not at or not text:
         raise InputError(f"`noise` must be a table and a place, as wind.csv@12Y, got {options.noise!r}", "noise")
