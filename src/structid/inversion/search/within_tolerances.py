@@ -72,7 +72,7 @@ class FixedValues:
         `chi_square` is the sum of squares at `theta`. Above four times the number of data, steps are damped more, and
         the refit ends there if it stays above. `theta` is (n_params,).
         """
-        start, far = self._whole(names, theta), _FAR * self.problem.n_data
+        start, far = self._all_free_variables(names, theta), _FAR * self.problem.n_data
         if not self.is_matrix_free and chi_square > far:
             minimum = minimize(self.problem, _FAR_REFIT, start, progress)
             if minimum.costs[-1] > far:
@@ -110,7 +110,7 @@ class FixedValues:
         is a fit with fixed values free within their tolerances, if one was made; it is stored with its `followed` fitted.
         """
         within = None if within is None else self.followed(within, theta)
-        whole, index = self._whole(names, theta), self._index(self.names)
+        whole, index = self._all_free_variables(names, theta), self._index(self.names)
         if self.is_matrix_free:
             linearized, units = self.problem.linearize_operator(whole), np.arange(len(whole))
             columns = np.column_stack([linearized.forward((units == i).astype(np.float64)) for i in index])
@@ -126,7 +126,7 @@ class FixedValues:
         parameters = theta[self._index(names)]
         return FitWithinTolerances(self.problem, theta, linearization, asked, parameters, asked, parameters)
 
-    def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
+    def _all_free_variables(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
         """Free variables of all unknowns, (n_unknowns,), from `theta` (n_params,), those of the parameters `names`.
 
         Every fixed value is as in the model.

@@ -233,7 +233,7 @@ def stored_spectrum(record: SpectrumRecord | CorrelationRecord) -> tuple[ScaledM
     InputError
         If the spectra of a channel are 0.
     """
-    frequency, matrix = _lines(record)
+    frequency, matrix = _stored_lines(record)
     power = np.sqrt((np.abs(matrix) ** 2).sum(axis=0))
     of_channel, of_reference = np.sqrt(power.max(axis=1)), np.sqrt(power.max(axis=0))
     if not (of_channel > 0).all():
@@ -247,7 +247,7 @@ def stored_spectrum(record: SpectrumRecord | CorrelationRecord) -> tuple[ScaledM
     return data, Spectrum(frequency, values, vectors, averages, 0, matrix)
 
 
-def _lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArray, ComplexArray]:
+def _stored_lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArray, ComplexArray]:
     """Frequencies (Hz) and spectral matrices (n_lines, n_channels, n_references) of stored spectra or correlation functions."""
     if isinstance(record, SpectrumRecord):
         return record.frequency, record.values

@@ -164,7 +164,7 @@ def predict_stored(
         names = split_commas(options.loads) or stored_loads(folder, is_needed=loaded is None)
         if linear and names:
             inputs = _inputs(model.structure, names, options)
-            quantity = Frf(linear, inputs, _lines(band, options), kind_under(inputs, options.kind))
+            quantity = Frf(linear, inputs, _frequency_lines(band, options), kind_under(inputs, options.kind))
             [frf] = of(quantity)
         elif not linear and loaded is None:
             raise InputError(
@@ -176,7 +176,7 @@ def predict_stored(
         history, maxima = of(pushed, Maxima(pushed))
         words.append(sentence)
     if options.noise and options.duration is not None:
-        density = _spectrum(model.structure, outputs, _lines(band, options), options)
+        density = _spectrum(model.structure, outputs, _frequency_lines(band, options), options)
         if any(is_von_mises(output) for output in outputs):
             spectrum, mean = of(density, RootMeanSquare(density))
         else:
@@ -230,7 +230,7 @@ def _predicted_band(folder: Path, study: Study) -> tuple[float | None, float | N
     return lowest if low is None else low, highest if high is None else high
 
 
-def _lines(band: tuple[float | None, float | None], options: PredictOptions) -> FloatArray:
+def _frequency_lines(band: tuple[float | None, float | None], options: PredictOptions) -> FloatArray:
     """Equally spaced frequencies (Hz) of FRFs and spectra, as many as the options say, from end to end of `band`.
 
     `InputError` if an end of the band is None. The result is (n_frequencies,).
