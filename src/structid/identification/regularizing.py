@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -18,7 +19,6 @@ from structid.identification.joint_problem import indices_of, joint_problem, joi
 from structid.identification.options import IdentifyOptions
 from structid.identification.varying import FoundScatter, found_scatter, free_scatters, with_scatters
 from structid.inversion import Estimate, JointProblem, Linearization, Method, Problem
-from structid.inversion.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
 from structid.inversion.regularization.strengths import (
     LocalModel,
     Strengths,
@@ -33,6 +33,9 @@ from structid.inversion.regularization.strengths import (
 from structid.inversion.search.multistart import named
 from structid.inversion.search.work import StageProgress, TaskExecutor
 from structid.unknowns import Coupling, Regularization, penalty, term_name
+
+if TYPE_CHECKING:
+    from structid.inversion.regularization.drawn_strengths import Differences
 
 #: Where the magnitude of a logarithm is rounded off: changes below 0.1 % count as none.
 _SMOOTHING = 1e-3
@@ -166,6 +169,8 @@ def _regularize_by_draws(
     Without strengths to be chosen nothing is fitted. `progress` is called with the name of the stage, its iteration and
     the sum of squares; None for no reports.
     """
+    from structid.inversion.regularization.drawn_strengths import balanced_strengths, settled_strengths
+
     terms, unit = options.regularization, unit_penalties(problems, options.regularization)
 
     def regularized_problems(strengths: Sequence[float]) -> tuple[RecordProblem, ...]:
@@ -247,6 +252,8 @@ def _run_first_stages(
 
 def _differences(coupling: Coupling, n_params: int) -> Differences:
     """The rows of `coupling` among all parameters, of which its own are the first."""
+    from structid.inversion.regularization.drawn_strengths import Differences
+
     wide = coupling.among(n_params, 0)
     return Differences(sparse.csr_array(wide.matrix), wide.residual, lambda physical: wide.sparse_rows(physical)[1])
 

@@ -119,7 +119,9 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
         next_sensors=_next_sensors(ground, installed or chosen),
         enough=None if lines is None or options.target is None else _smallest_sufficient(ground, chosen, loads, lines),
         identifiability=identifiability(ground.rows(sensors, loads), unknown.start, unknown.names),
-        assumption=tolerance_words(ground.candidates.held_kinds, ground.candidates.tolerance.tolist()),
+        assumption=tolerance_words(
+            ground.candidates.held_names, ground.candidates.held_kinds, ground.candidates.tolerance.tolist()
+        ),
     )
 
 
@@ -407,6 +409,11 @@ class Candidates:
     def tolerance(self) -> FloatArray:
         """Tolerances of the fixed values and, where it has one, of the gain, (n_held,)."""
         return np.array([item.tolerance for item in self.held] + [self.calibration] * (self.calibration > 0))
+
+    @property
+    def held_names(self) -> tuple[str, ...]:
+        """Name of each value that has an entry in `tolerance`."""
+        return (*(item.label for item in self.held), *(("calibration",) if self.calibration > 0 else ()))
 
     @property
     def held_kinds(self) -> tuple[str, ...]:

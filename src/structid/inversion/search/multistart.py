@@ -226,7 +226,7 @@ class _GroupedMinima:
         if not minimum.converged:
             return False
         for other, is_fitting in self.distinct:
-            if _distance(other, minimum) <= _SAME:
+            if are_same(other, minimum):
                 return is_fitting
         self.distinct.append((minimum, self.fits(minimum)))
         return self.distinct[-1][1]
@@ -460,7 +460,7 @@ def distinct_answers(
     """
     groups: list[list[Minimum]] = []
     for minimum in sorted((m for m in minima if m.converged), key=cost_rank):
-        own = next((g for g in groups if _distance(g[0], minimum) <= _SAME), None)
+        own = next((g for g in groups if are_same(g[0], minimum)), None)
         if own is None:
             groups.append([minimum])
         else:
@@ -492,11 +492,16 @@ def ends_at_other(problem: Problem, minimum: Minimum, end: FloatArray, other: Mi
     end, other_end : (n_params,) float arrays
         Free variables of their refits.
     """
-    if _distance(other, minimum) <= _SAME:
+    if are_same(other, minimum):
         return False
     size = sizes_at(problem, minimum.theta)
     begun, apart = ((end - point) / np.where(size > 0, size, 1.0) for point in (minimum.theta, other_end))
     return bool(np.linalg.norm(apart) < np.linalg.norm(begun))
+
+
+def are_same(first: Minimum, second: Minimum) -> bool:
+    """True if two minima are one answer: within three posterior standard deviations of each other."""
+    return _distance(first, second) <= _SAME
 
 
 def _distance(first: Minimum, second: Minimum) -> float:
