@@ -104,7 +104,7 @@ def fail(message: str, code: int) -> None:
 
 
 def say(text: object, err: bool = False, is_exact: bool = False) -> None:
-    """Print a line on stdout, or on stderr if `err`; control characters are shown as numbers.
+    """Print `text` as a line on stdout, or on stderr if `err`; control characters are shown as numbers.
 
     Paths are shortened to how the user typed them, unless `is_exact`.
     """

@@ -37,7 +37,7 @@ _IN_STUDY = re.compile(r"[^`]*\.toml\b[^`]*\bline \d+")
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Function for typer: each parameter that is a dataclass of options becomes one flag for each field.
+    """Function for typer made of `function`: each parameter that is a dataclass of options becomes one flag for each field.
 
     Errors of the user's input end it with one message on stderr and an exit code, see `reported`.
     """
@@ -79,7 +79,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def flag_spellings(function: Callable[..., None]) -> dict[str, str]:
-    """Flag of each option of a command, such as ``--sampling-rate``, by the option's name in Python."""
+    """Flag of each option of the command `function`, such as ``--sampling-rate``, by the option's name in Python."""
     spellings: dict[str, str] = {}
     for parameter in inspect.signature(function, eval_str=True).parameters.values():
         kind = parameter.annotation

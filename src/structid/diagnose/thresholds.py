@@ -110,6 +110,8 @@ FIRST_OF_POINT = 6
 FINELY_SCREENED = 16
 #: Candidates of each kind that go on besides.
 FIRST_OF_KIND = 2
+#: Changes of sets and records of each kind, the most promising ones by a linear step, that go on.
+FIRST_OF_SET_KIND = 4
 #: Candidates at most that are fitted near.
 SHORTLIST = 38
 #: Of those that promise most at the fit so many are fitted to the end, however a fit with 10 % of model error sees them.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -38,7 +38,6 @@ from structid.diagnose.thresholds import (
     WHOLE,
 )
 from structid.identification.alternatives import Alternatives
-from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identified import Identification
@@ -46,6 +45,9 @@ from structid.identification.warning_words import ran_away_words
 from structid.inversion import Status
 from structid.inversion.fixed_values import limit_of
 from structid.inversion.search.work import SERIAL, TaskExecutor
+
+if TYPE_CHECKING:
+    from structid.identification.fits.modal_fit import ModalFit
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined", "untested"]
 
@@ -445,7 +447,9 @@ def _judged(
 ) -> Judgement:
     """The verdict by misfit, noise, priors, bounds, causes and doubted fixed values; the first rule that applies decides.
 
-    Arguments are those of `judged`; `doubts` are the fixed values that are doubted. Faults of records are not looked at.
+    Arguments are those of `judged`; `doubts` are the fixed values that are doubted. Faults of records are not looked
+    at. `n_tried` counts the changes that were fitted; `find_disagreements` fits parts of the data, and is called only
+    where the verdict depends on it.
     """
     estimate = identification.estimate
     if identification.alternatives is not None:
@@ -742,7 +746,7 @@ def _off_modes(fit: ModalFit) -> list[tuple[float, str]]:
     damping = np.maximum(np.nan_to_num(fit.measured.damping_ratio[data.measured]), LEAST_DAMPING)
     off = pairs.frequency - data.frequency
     distance = np.abs(off) / (damping * data.frequency)
-    is_off = (distance > HALF_BANDWIDTHS_OFF) & (np.abs(off) > FAR_OFF * data.frequency_std)
+    is_off = (distance > HALF_BANDWIDTHS_OFF) & fit.is_far_off
     return [_missed(data.frequency[i], pairs.frequency[i], distance[i]) for i in np.flatnonzero(is_off)]
 
 

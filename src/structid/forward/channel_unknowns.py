@@ -231,7 +231,10 @@ def _limits(group: _Group) -> tuple[float, float]:
 
 
 def _require_ranges(groups: list[_Group], errors: ChannelErrors) -> None:
-    """Raise `InputError` if a start lies outside its bounds, or a prior is unsound or does not fit the bounds."""
+    """Raise `InputError` if a start lies outside its bounds, or a prior is unsound or does not fit the bounds.
+
+    `groups` and the parameters of `errors` are in the same order.
+    """
     rows = zip(groups, errors.names, errors.start, errors.transforms.lower, errors.transforms.upper, strict=True)
     for group, name, value, low, high in rows:
         prior = group.unknown.prior

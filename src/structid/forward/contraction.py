@@ -141,7 +141,7 @@ def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: i
 def _pairs(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
     """Element index, parameter index and derivative of every element weight that depends on a parameter.
 
-    Three arrays of equal length, in parts that fit into memory.
+    Three arrays of equal length, in parts that fit into memory. The arrays are (n_pairs,).
     """
     element = np.repeat(np.arange(part.slope.shape[0]), np.diff(part.slope.indptr))
     local = part.blocks.dofs.shape[1] ** 2 if isinstance(part.blocks, Blocks) else 1
@@ -347,7 +347,7 @@ def _weighed_entries(
     """Entries of all element matrices of the contributions `members`: row, column, index of the element weight, value.
 
     Columns are raised by `n_dofs` times the index of the matrix in `matrix_kinds`; weights are numbered through all
-    contributions.
+    contributions. All four are (n_entries,).
     """
     known = {id(item.blocks): item.blocks.entries() for item in members}
     none: IntArray = np.zeros(0, dtype=np.int64)
@@ -366,8 +366,8 @@ def _joined(
 ) -> Iterator[tuple[IntArray, IntArray, IntArray, FloatArray]]:
     """Entries of the derivatives of matrices by parameters, in parts: key, column, index of the element weight, and value.
 
-    The key is parameter index times n_dofs plus row. `entries` are row, column, weight index and value of the element matrices;
-    `design` (n_weights, n_params) is the derivative of the weights.
+    The key is parameter index times n_dofs plus row. `entries` are row, column, weight index and value of the element
+    matrices; `design` (n_weights, n_params) is the derivative of the weights. Every array is (n_entries,).
     """
     row, column, element, value = entries
     counts = np.diff(design.indptr)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -18,7 +19,6 @@ from structid.identification.joint_problem import indices_of, joint_problem, joi
 from structid.identification.options import IdentifyOptions
 from structid.identification.varying import FoundScatter, found_scatter, free_scatters, with_scatters
 from structid.inversion import Estimate, JointProblem, Linearization, Method, Problem
-from structid.inversion.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
 from structid.inversion.regularization.strengths import (
     LocalModel,
     Strengths,
@@ -33,6 +33,9 @@ from structid.inversion.regularization.strengths import (
 from structid.inversion.search.multistart import named
 from structid.inversion.search.work import StageProgress, TaskExecutor
 from structid.unknowns import Coupling, Regularization, penalty, term_name
+
+if TYPE_CHECKING:
+    from structid.inversion.regularization.drawn_strengths import Differences
 
 #: Where the magnitude of a logarithm is rounded off: changes below 0.1 % count as none.
 _SMOOTHING = 1e-3
@@ -163,8 +166,11 @@ def _by_draws(
 ) -> Regularized:
     """Regularized problems for a matrix-free search, with strengths settled by posterior draws; see `settled_strengths`.
 
-    Without strengths to be chosen nothing is fitted.
+    Without strengths to be chosen nothing is fitted. `progress` is called with the name of the stage, its iteration and
+    the sum of squares; None for no reports.
     """
+    from structid.inversion.regularization.drawn_strengths import balanced_strengths, settled_strengths
+
     terms, unit = options.regularization, unit_penalties(problems, options.regularization)
 
     def regularized_problems(strengths: Sequence[float]) -> tuple[RecordProblem, ...]:
@@ -202,7 +208,10 @@ def _by_local_models(
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> Regularized:
-    """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`."""
+    """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`.
+
+    `progress` is called with the name of the stage, its iteration and the sum of squares; None for no reports.
+    """
     begun = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
     search = _Search(begun, tuple(options.regularization), method, work)
     theta = np.array(search.problem.theta_start)
@@ -230,7 +239,10 @@ def _staged(
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> FloatArray:
-    """Free variables (n_params,) after the first stage sequence of the joint problem, started at `theta`."""
+    """Free variables (n_params,) after the first stage sequence of the joint problem, started at `theta`.
+
+    `theta` is (n_params,); None for `progress` reports nothing.
+    """
     for name, stage in next(iter(joint_schedules(problems)), ()):
         theta = work.minimize(stage, method.for_stages(), theta, named(progress, name)).theta
     return theta
@@ -238,6 +250,8 @@ def _staged(
 
 def _differences(coupling: Coupling, n_params: int) -> Differences:
     """The rows of `coupling` among all parameters, of which its own are the first."""
+    from structid.inversion.regularization.drawn_strengths import Differences
+
     wide = coupling.among(n_params, 0)
     return Differences(sparse.csr_array(wide.matrix), wide.residual, lambda physical: wide.sparse_rows(physical)[1])
 
@@ -251,8 +265,9 @@ def _applied_regularization(
 ) -> AppliedRegularization:
     """Record of a regularization as it was used: name, rule and strengths of its rows.
 
-    `rest` (n_rows,) is the residual of its rows at strength 1, from which a sparsity counts the free parameters. `converged`
-    says whether the strength settled, `determined` how many combinations the data determine.
+    `rest` (n_rows,) is the residual of its rows at strength 1, from which a sparsity counts the free parameters.
+    `converged` says whether the strength settled, `determined` how many combinations the data determine. `strength` is
+    one number or (n_rows,).
     """
     strengths = locked(np.array(np.broadcast_to(strength, rest.shape)))
     n_free = int((np.abs(rest) > _SMOOTHING).sum()) if term.is_sparse else None

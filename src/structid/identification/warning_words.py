@@ -127,7 +127,7 @@ def ran_away(estimate: Estimate, problems: Sequence[RecordProblem]) -> tuple[int
 
 
 def ran_away_words(estimate: Estimate, index: int) -> str:
-    """A clause that says which parameter ran away, from where and to where."""
+    """A clause that says which parameter (at `index`) ran away, from where and to where."""
     unit = "" if estimate.units[index] == "1" else f" {estimate.units[index]}"
     moved = f"from {estimate.initial[index]:.3g} to {estimate.values[index]:.3g}{unit}"
     return f"{estimate.names[index]} ran away ({moved}): not an answer"

@@ -102,7 +102,10 @@ class Frf:
         frequency: Sequence[float] | FloatArray,
         kind: FrfKind = "accelerance",
     ) -> None:
-        """Read the names of sensors and loads, and require an increasing axis of frequencies above 0 Hz."""
+        """Read the names of sensors and loads, and require an increasing axis of frequencies above 0 Hz.
+
+        `outputs` and `inputs` are names such as "12Y+" or objects; `frequency` is (n_frequencies,) in Hz.
+        """
         lines = np.asarray(frequency, dtype=np.float64)
         require_shape("frequency", lines, (None,))
         if not (lines > 0).all():
@@ -280,7 +283,10 @@ class History:
         motion: str = "acceleration",
         relative: bool = False,
     ) -> None:
-        """Read the names of sensors and loads; require finite loads, a positive sampling rate and a known motion."""
+        """Read the names of sensors and loads; require finite loads, a positive sampling rate and a known motion.
+
+        `loads` is (n_times, n_inputs); `sampling_rate` is in Hz.
+        """
         sensors, driven = (
             distinct_channels("outputs", parse_outputs(outputs)),
             distinct_channels("inputs", parse_inputs(inputs)),
@@ -342,8 +348,8 @@ class History:
 def support_acceleration(displacement: FloatArray, sampling_rate: float) -> FloatArray:
     """Acceleration (n_times, n), m/s^2, of supports that move from rest with `displacement` (n_times, n), m.
 
-    It is that of the cubic spline through the samples, which is linear between them, as `History` takes it. The record must
-    begin at 0, where the structure is at rest.
+    It is that of the cubic spline through the samples, which is linear between them, as `History` takes it. The record
+    must begin at 0, where the structure is at rest. `sampling_rate` is in Hz.
 
     Raises
     ------
@@ -535,7 +541,7 @@ class Extremes(DerivedQuantity):
         return self.spectrum
 
     def derived(self, values: NumberArray) -> NumberArray:
-        """Mean or quantile of the largest magnitude, (n_outputs,), from spectral densities (n_frequencies, n_outputs)."""
+        """Mean or quantile of the largest magnitude, (n_outputs,), from spectral densities `values` (n_frequencies, n_outputs)."""
         w = 2 * np.pi * self.spectrum.frf.frequency
         moments = [np.trapezoid(w[:, None] ** k * values.real, w / (2 * np.pi), axis=0) for k in range(3)]
         return np.array([self._maximum(*each) for each in zip(*(m.tolist() for m in moments), strict=True)])
@@ -613,7 +619,10 @@ class NaturalModes:
         mass = structure.matrix("mass", parameters.values(points[0]))
 
         def evaluate(physical: FloatArray) -> FloatArray:
-            """Frequency and damping ratio of the modes that are most like the identified ones, (n_modes, 2)."""
+            """Frequency (Hz) and damping ratio (n_modes, 2) of the modes most like the identified ones.
+
+            `physical` (n_params,) are the parameters.
+            """
             found = structure_modes(structure, parameters.values(physical), n_modes + _MORE_MODES)
             alike = np.abs(first.T @ (mass @ found.mode_shapes))
             order = alike.argmax(axis=1)

@@ -505,9 +505,10 @@ class _ForceModel:
 
     @classmethod
     def of(cls, correlation_time: float, frequency: float, filtered_rate: float | None) -> _ForceModel:
-        """Model of a force with a correlation time, s, about a frequency, Hz (0 for none).
+        """Model of a force with this `correlation_time`, s, about a `frequency`, Hz (0 for none).
 
-        It is the force as a record filtered for the sampling rate `filtered_rate`, Hz, holds it; None means without filter.
+        It is the force as a record filtered for the sampling rate `filtered_rate`, Hz, holds it; None means without
+        filter.
         """
         inner, entry, output, direct = _aliasing_filter(filtered_rate)
         n_own = 2 if frequency else 1

@@ -209,14 +209,14 @@ class _Digits:
 
 
 def _whole(value: float) -> str:
-    """Text of a number without a printed partner: whole numbers below 1e5 with all digits, others with four digits."""
+    """Text of `value` without a printed partner: whole numbers below 1e5 with all digits, others with four digits."""
     if np.isfinite(value) and value == round(value) and abs(value) < 1e5:
         return f"{value:.0f}".replace("-", MINUS)
     return number(value)
 
 
 def _signed(value: float) -> str:
-    """Text of a difference with its sign and two significant digits; a dash if it is not finite."""
+    """Text of the difference `value` with its sign and two significant digits; a dash if it is not finite."""
     if not np.isfinite(value):
         return NOTHING
     if value == 0:

@@ -76,7 +76,7 @@ class AlignedFrf:
 
 
 def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
-    """Cosine of the phase angle between two complex arrays (n_lines, ...), averaged over the lines, (...).
+    """Cosine of the phase angle between `measured` and `model` (n_lines, ...), averaged over the lines, (...).
 
     NaN in either array leaves that line out; NaN where no line is left.
     """
@@ -88,7 +88,7 @@ def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
 
 
 def median(values: FloatArray, axis: int) -> FloatArray:
-    """Median along an axis, which is dropped, NaN values left out; NaN where all are NaN."""
+    """Median of `values` (any shape) along `axis`, which is dropped; NaN values are left out, NaN where all are NaN."""
     moved = np.moveaxis(values, axis, 0)
     flat = moved.reshape(len(moved), -1)
     found: FloatArray = np.full(flat.shape[1], np.nan)

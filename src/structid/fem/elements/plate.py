@@ -86,7 +86,7 @@ class Plate(ThinSet):
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices of density (mass) and Young's modulus (bending stiffness), by property.
 
-        `positions` of nodes in m; `used_codes` are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
         """
         corners = cell_positions(self.name, self.nodes, positions, 2)
         bending = partial(bending_stiffness, elasticity=plane_elasticity(self.poisson, strain=False))

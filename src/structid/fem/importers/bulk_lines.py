@@ -230,7 +230,7 @@ def _widen_line(line: bytes, whole: bool) -> list[bytes]:
 
 
 def _fit_field(value: bytes) -> bytes:
-    """A field in at most 24 characters; a longer number is rounded to the digits of a float."""
+    """The field `value` in at most 24 characters; a longer number is rounded to the digits of a float, other text is cut."""
     if len(value) <= _WIDE:
         return value
     try:

@@ -158,7 +158,7 @@ def _node_counts(block: KeywordBlock) -> Mapping[str, int]:
 
 
 def _kind(name: str) -> tuple[str, int]:
-    """Cell type and number of nodes of an Abaqus element type; the type itself and 0 if structid does not know it."""
+    """Cell type and number of nodes of the Abaqus element type `name`; the type itself and 0 if structid does not know it."""
     for pattern, kind, count in _KINDS:
         if re.fullmatch(rf"{pattern}[A-Z]*5?", name.upper()):
             return kind, count

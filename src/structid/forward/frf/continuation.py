@@ -46,10 +46,11 @@ def level_frequencies(omega: FloatArray, level: float) -> FloatArray:
 
 
 def smoothed_records(record: FrfRecord, levels: Sequence[float] = LEVELS) -> tuple[tuple[float, FrfRecord], ...]:
-    """Pairs of a level a and the FRFs at s = omega (a + i), computed from the measured ones.
+    """Pairs of a level a and the FRFs at s = omega (a + i), computed from `record`, for each of `levels`.
 
-    Lines are evenly spaced in the logarithm by a, at least 60 and at most 250 over the band. A level is left out where fewer
-    than eight of its lines are good to 25 % (see `right_half_plane`); no pairs with fewer than eight lines above 0 Hz.
+    Lines are evenly spaced in the logarithm by a, at least 60 and at most 250 over the band. A level is left out where
+    fewer than eight of its lines are good to 25 % (see `right_half_plane`); no pairs with fewer than eight lines above
+    0 Hz.
     """
     omega = record.omega[record.omega > 0]
     if len(omega) < _USABLE_LINES:

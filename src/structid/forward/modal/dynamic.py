@@ -106,7 +106,8 @@ def _expanded(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Factors Q and R of D Z^-1 S, and the dynamic stiffness Z = K - omega^2 M.
 
-    `weight` (n_dofs,) is the diagonal of D, `sensors` (n_dofs, n_channels) is S, and `omega` is in rad/s.
+    `weight` (n_dofs,) is the diagonal of D, `sensors` (n_dofs, n_channels) is S, and `omega` is in rad/s. `stiffness` K
+    and `mass` M are (n_dofs, n_dofs), Q (n_dofs, n_channels) and R (n_channels, n_channels).
     """
     dynamic = stiffness - omega**2 * mass
     orthogonal, triangle = np.linalg.qr(weight[:, None] * np.linalg.solve(dynamic, sensors))

@@ -123,12 +123,13 @@ class _Slopes(NamedTuple):
 
 
 def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes: bool = True) -> GroupFit:
-    """Model counterparts of a measured group of modes, from the model's modes at indices `chosen`, with slopes if wanted.
+    """Model counterparts of a measured group of modes, from the model's modes at indices `chosen` (m,), m measured modes.
 
-    With Phi the mass-normalized shapes and B = S' Phi, the shape residual is Psi - B A with A from least squares, and the
-    frequencies are the diagonal of A^-1 Lambda A. Both stay if the shapes Phi turn among themselves, so derivatives need no
-    difference of eigenvalues in the group: d Lambda = Phi' (dK - (lambda_k + lambda_l) / 2 dM) Phi and, outside, S' d phi_k =
-    -Y_k' (dK - lambda_k dM) phi_k with Y_k = (K - lambda_k M)^+ S.
+    With Phi the mass-normalized shapes and B = S' Phi, the shape residual is Psi - B A with A from least squares, and
+    the frequencies are the diagonal of A^-1 Lambda A. Both stay if the shapes Phi turn among themselves, so derivatives
+    need no difference of eigenvalues in the group: d Lambda = Phi' (dK - (lambda_k + lambda_l) / 2 dM) Phi and,
+    outside, S' d phi_k = -Y_k' (dK - lambda_k dM) phi_k with Y_k = (K - lambda_k M)^+ S. Derivatives by the parameters
+    are computed `with_slopes`, else they have no columns.
 
     References
     ----------

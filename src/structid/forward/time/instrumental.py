@@ -83,7 +83,10 @@ class InstrumentalSteps:
                 self.steps.append(Step(int(outcome), np.asarray(solution), np.asarray(deviation), None))
 
     def taken(self, fit: RowsAt, values: FloatArray) -> Step:
-        """Next iteration of `fit` from the parameters `values`; read from the checkpoint if it is there, else made and kept."""
+        """Next iteration of `fit` from the parameters `values`; read from the checkpoint if it is there, else made and kept.
+
+        `values` is (n_params,).
+        """
         self.count += 1
         if self.count <= len(self.steps):
             return self.steps[self.count - 1]
@@ -94,7 +97,10 @@ class InstrumentalSteps:
         return step
 
     def _state(self) -> dict[str, Any]:
-        """Steps as arrays for a checkpoint: outcomes, solutions and deviations, (n_steps, n_params)."""
+        """Steps as arrays for a checkpoint: outcomes, solutions and deviations, (n_steps, n_params).
+
+        They stand under ``outcomes``, ``solutions`` and ``deviations``; ``theta`` is the last solution.
+        """
         solutions = np.array([step.solution for step in self.steps])
         deviations = np.array([step.deviation for step in self.steps])
         outcomes = [step.outcome for step in self.steps]
@@ -301,7 +307,7 @@ class _End:
     def fits(self, known_noise: bool, probability: float) -> bool:
         """True if the probability of a larger chi-square is at least `probability`; also if the noise is not known.
 
-        False where motion cannot be simulated.
+        False where motion cannot be simulated. `known_noise` says that the deviations of the noise are known.
         """
         if self.rows is None or not known_noise:
             return self.rows is not None
@@ -327,8 +333,8 @@ def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tupl
 def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, steps: InstrumentalSteps) -> _End:
     """End of the instrumental fit that starts with `size` samples, which double until all are used.
 
-    Each stage starts at the values of the one before; the last takes at most `most` iterations, the others three. `steps` keeps
-    the iterations.
+    Each stage starts at the values of the one before; the last takes at most `most` iterations, the others three.
+    `steps` keeps the iterations. `values` (n_params,) are the parameters at the start.
     """
     history = [values]
     while size < fit.motion.n_times:
@@ -343,8 +349,9 @@ def _iterated(
 ) -> _End:
     """End of at most `most` instrumental iterations from the parameters `values`.
 
-    It converges when no parameter moves by more than 0.01 standard deviations. Each solution is appended to `history`; steps
-    that reverse the one before are halved. `steps` keeps the iterations.
+    It converges when no parameter moves by more than 0.01 standard deviations. Each solution is appended to `history`;
+    steps that reverse the one before are halved. `steps` keeps the iterations. `values` and the entries of `history`
+    are (n_params,).
     """
     converged, last, before = False, None, values
     for _ in range(most):

@@ -111,7 +111,8 @@ def _tried(
 ) -> Iterator[tuple[_PathEnd, int]]:
     """Result of the search from each starting point in turn, with its iterations; a further round is made when needed.
 
-    `shared` is the problem, the numbers of samples of the stages, and the options.
+    `shared` is the problem, the numbers of samples of the stages, and the options. `rounds` give the starting points of
+    each round.
     """
     count = 0
     for starts in rounds:
@@ -165,6 +166,7 @@ def _followed(
 
     With `strict`, it ends at the first stage that misses the noise. In all stages but the last, parameters have a prior
     at where the stage begins, with half of each value as deviation. `sizes` are the numbers of samples of the stages.
+    `theta` is (n_params,).
 
     Returns
     -------
@@ -271,7 +273,8 @@ def _confirmed(
 ) -> tuple[FloatArray, int]:
     """Free variables of the better of `theta` and an answer near it by posterior linearization, and the iterations.
 
-    The other answer counts if its sum of squares is less by more than 1. `sizes` are the numbers of samples of the stages.
+    The other answer counts if its sum of squares is less by more than 1. `sizes` are the numbers of samples of the
+    stages. `theta` is (n_params,), and so is the result.
     """
     first = _first_far(problem, sizes)
     short, task = problem.first(sizes[first]), (theta, _NEAR_SPREAD, options.seed + _MOST_FAR)

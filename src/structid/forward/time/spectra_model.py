@@ -128,7 +128,7 @@ class MassLine:
     def values(self, own: FloatArray) -> FloatArray:
         """Acceleration per unit force far above all modes, (n_outputs, n_inputs), at parameters `own` of the structure.
 
-        Under driven supports it is the acceleration per unit acceleration of the support.
+        Under driven supports it is the acceleration per unit acceleration of the support. `own` is (n_params,).
         """
         x, _ = self._fields(own)
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
@@ -319,7 +319,7 @@ class SpectraModel:
     def _split(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
         """Parameters of the structure alone, factors of sensors and factors of load cells, from all `physical` parameters.
 
-        Shapes (n_own,), (n_frequencies, n_outputs) and (n_frequencies, n_inputs).
+        Shapes (n_own,), (n_frequencies, n_outputs) and (n_frequencies, n_inputs). `physical` is (n_own + n_errors,).
         """
         own, rest = np.split(physical, [self.parameters.n_params])
         if self.errors is None:
@@ -328,7 +328,10 @@ class SpectraModel:
         return own, self.spectra.output_powers * sensors, self.spectra.input_powers * loads
 
     def _found(self, physical: FloatArray) -> Evaluation:
-        """Predicted spectra at `physical` parameters, transients fitted by least squares; computed afresh."""
+        """Predicted spectra at the parameters `physical` (n_own + n_errors,), with transients fitted by least squares.
+
+        Nothing is kept from earlier calls.
+        """
         spectra = self.spectra
         own, read, stated = self._split(physical)
         x, y, h = self._state(own, read, stated)
@@ -357,7 +360,8 @@ class SpectraModel:
     def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
         """Derivative of the motions by the channel errors, (n_frequencies, n_outputs, n_errors).
 
-        The transient is read with the error of the sensor alone. `at` is the evaluation at `physical`.
+        The transient is read with the error of the sensor alone. `at` is the evaluation at `physical`. `physical` is
+        (n_own + n_errors,).
         """
         if self.errors is None:
             return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)

@@ -73,7 +73,7 @@ def agreement(problem: Problem, linearization: Linearization) -> Agreement | Non
 
 
 def _left(jacobian: FloatArray, residual: FloatArray) -> tuple[float, int]:
-    """Residual sum of squares of a linear least-squares fit to `residual`, and the rank of its Jacobian.
+    """Residual sum of squares of a linear least-squares fit of `jacobian` (n_rows, n_params) to `residual`, and its rank.
 
     The Jacobian is (n_rows, n_params).
     """

@@ -146,8 +146,8 @@ def _by_proportions(condition: FloatArray, proportions: FloatArray) -> list[set[
 def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_scale: float) -> CollinearGroup:
     """Collinear group of the parameters with indices `members`, with its standard deviations and a sentence.
 
-    All other parameters count as unknown too. `correlation` is the matrix of all parameters, `of` holds their names, Jacobian
-    and singular directions, and `noise_scale` multiplies the noise.
+    All other parameters count as unknown too. `correlation` is the matrix of all parameters, `of` holds their names,
+    Jacobian and singular directions, and `noise_scale` multiplies the noise. `correlation` is (n_params, n_params).
     """
     others = [i for i in range(len(of.names)) if i not in members]
     triangle = np.asarray(np.linalg.qr(of.jacobian[:, others + members], mode="r"))
@@ -174,7 +174,7 @@ def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_s
 
 
 def percent_text(value: float) -> str:
-    """A relative standard deviation in per cent, two digits.
+    """The relative standard deviation `value` in per cent, two digits.
 
     Examples
     --------

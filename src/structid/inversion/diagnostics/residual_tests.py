@@ -209,7 +209,8 @@ def misfit_probability(problem: Problem, chi_square: float, freedom: float) -> f
 def _series_test(name: str, values: FloatArray) -> SeriesTest:
     """Tests of one residual series (n,) in order of lines: lag-1 correlation, periodogram and runs.
 
-    Results are NaN (and 0 runs) if it has fewer than 20 values or is constant.
+    Results are NaN (and 0 runs) if it has fewer than 20 values or is constant. `name` is that of the series in the
+    result.
     """
     n, nan = len(values), float("nan")
     if n < _FEWEST_ROWS or np.ptp(values) == 0:

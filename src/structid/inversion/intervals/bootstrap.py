@@ -68,7 +68,10 @@ class Bootstrap:
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance of the replicates about their mean; NaN where they are not reliable."""
+        """Covariance of the replicates about their mean; NaN where they are not reliable.
+
+        The result is (n_params, n_params), in physical units.
+        """
         n_params = len(self.names)
         if not self.is_reliable:
             return np.full((n_params, n_params), np.nan)
@@ -88,9 +91,9 @@ class Bootstrap:
     def interval(self, level: float = 0.95) -> FloatArray:
         """Bias-corrected percentile interval, (n_params, 2): NaN where the replicates are not reliable.
 
-        With z0 the normal quantile of the part of replicates below the original, the ends are the quantiles of
-        Phi(2 z0 -+ t) (Efron 1981), where t is Student's quantile instead of the normal one (Hesterberg 2015); the
-        same in any transformation of the parameter.
+        With z0 the normal quantile of the part of replicates below the original, the ends are the quantiles of Phi(2 z0
+        -+ t) (Efron 1981), where t is Student's quantile instead of the normal one (Hesterberg 2015); the same in any
+        transformation of the parameter. `level` is the probability of the interval.
         """
         require_level(level)
         if not self.is_reliable:
@@ -279,7 +282,8 @@ def _gathered(
 ) -> Bootstrap:
     """`Bootstrap` of the replicates in `results`: physical values (n_params,), or a sentence for one that failed.
 
-    `original` is the estimate from the data themselves, `degrees_of_freedom` (n_params,) those of the intervals.
+    `original` is the estimate from the data themselves, `degrees_of_freedom` (n_params,) those of the intervals. `kind`
+    is "noise" or "blocks".
     """
     values = [result for result in results if not isinstance(result, str)]
     failures = [f"replicate {i + 1}: {result}" for i, result in enumerate(results) if isinstance(result, str)]

@@ -160,8 +160,8 @@ def _phase(
 ) -> ChainState:
     """Chain state before the first draw of a phase; the log density is evaluated once.
 
-    `x` (n_params,) is the place in the coordinates of the phase, `factor` takes these to the parameters, `size` is the first
-    step size, `phase` 0 to 2, and `spent` the number of gradients so far.
+    `x` (n_params,) is the place in the coordinates of the phase, `factor` takes these to the parameters, `size` is the
+    first step size, `phase` 0 to 2, and `spent` the number of gradients so far. `factor` is (n_params, n_params).
     """
     value, gradient = _turned(log_density, factor, phase)(x)
     step = StepSize(float(np.log(size)), float(np.log(size)), 0.0, float(np.log(10 * size)))
@@ -183,7 +183,10 @@ def _next_phase(log_density: LogDensity, state: ChainState) -> ChainState:
 
 
 def _turned(log_density: LogDensity, factor: FloatArray, phase: int) -> LogDensity:
-    """Log density and gradient as a function of coordinates y with x = `factor` y; `log_density` itself in phase 0."""
+    """Log density and gradient as a function of coordinates y with x = `factor` y; `log_density` itself in phase 0.
+
+    `factor` is (n_params, n_params).
+    """
     if phase == 0:
         return log_density
 
@@ -195,7 +198,7 @@ def _turned(log_density: LogDensity, factor: FloatArray, phase: int) -> LogDensi
 
 
 def _shrunk_covariance(draws: FloatArray) -> FloatArray:
-    """Sample covariance drawn to the unit matrix by the weight of five draws."""
+    """Sample covariance (n_params, n_params) of `draws` (n_draws, n_params), drawn to the unit matrix by five draws' weight."""
     n, dimension = draws.shape
     covariance = np.cov(draws, rowvar=False).reshape(dimension, dimension)
     return (n * covariance + 5 * np.eye(dimension)) / (n + 5)

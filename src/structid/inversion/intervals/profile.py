@@ -189,7 +189,8 @@ def profiles(
 ) -> tuple[Profile, ...]:
     """Profile likelihoods of several `parameters`, in their order; each is a parallel task of `work`.
 
-    `parameters` are names or indices, all by default; the other arguments are those of `profile`.
+    `parameters` are names or indices, all by default; the other arguments are those of `profile`. At most `max_points`
+    points are computed on either side of the estimate.
 
     Raises
     ------
@@ -381,7 +382,10 @@ class _Side:
         return float(residual @ residual)
 
     def _tangent(self, theta: FloatArray) -> FloatArray:
-        """Derivative of the other free variables by this one along the constrained minima, (n_params - 1,), at `theta`."""
+        """Derivative of the other free variables by this one along the constrained minima, (n_params - 1,), at `theta`.
+
+        `theta` (n_params,) are free variables.
+        """
         jacobian = self.problem.linearize(theta).jacobian
         column = jacobian[:, self.index]
         return -np.linalg.lstsq(np.delete(jacobian, self.index, axis=1), column, rcond=None)[0]

@@ -144,14 +144,20 @@ class JointProblem(Problem):
         )
 
     def _stacked(self, parts: Sequence[FloatArray]) -> FloatArray:
-        """Data rows of all `parts`, one array for each problem, then the prior rows that no earlier problem states."""
+        """Data rows of all `parts`, one array for each problem, then the prior rows that no earlier problem states.
+
+        Each of `parts` is (n_residuals, ...), and so is the result.
+        """
         data = [part[: problem.n_data] for part, problem in zip(parts, self.problems, strict=True)]
         priors = [part[rows] for part, rows in zip(parts, self._first_priors, strict=True)]
         return np.concatenate([*data, *priors])
 
 
 def _widened(jacobian: FloatArray, index: IntArray, n_params: int) -> FloatArray:
-    """`jacobian` by the parameters at `index` as one by all `n_params`."""
+    """`jacobian` (n_rows, n_own) by the parameters at `index` (n_own,) as one by all `n_params`, (n_rows, n_params).
+
+    Columns of other parameters are 0.
+    """
     wide = np.zeros((len(jacobian), n_params))
     wide[:, index] = jacobian
     return wide
@@ -170,9 +176,10 @@ def _first_prior_rows(
 ) -> tuple[IntArray, ...]:
     """Indices among the prior rows of each problem of those that no earlier problem states: one int array a problem.
 
-    `priors` are residual and derivative of the prior rows of each problem, `columns` the joint indices of its parameters, and
-    `names` the joint names. A prior on one parameter that differs from an earlier one is dropped with `first_counts`, else it
-    raises `InputError`.
+    `priors` are residual and derivative of the prior rows of each problem, `columns` the joint indices of its
+    parameters, and `names` the joint names. A prior on one parameter that differs from an earlier one is dropped with
+    `first_counts`, else it raises `InputError`. A residual is (n_rows,), its derivative (n_rows, n_own_params), an
+    array of `columns` (n_own_params,).
     """
     known: dict[tuple[int, ...], list[tuple[FloatArray, float]]] = {}
     found = []
@@ -258,7 +265,10 @@ class JointUnknowns:
         return _first(self, [part.slope(own) for part, own in zip(self.parts, self.split(theta), strict=True)])
 
     def sizes(self, physical: FloatArray) -> FloatArray:
-        """Size with which each standard deviation is compared, (n_params,): the largest of all problems."""
+        """Size with which each standard deviation is compared, (n_params,): the largest of all problems.
+
+        `physical` (n_params,) are the parameters.
+        """
         sizes = np.zeros(len(self.names))
         for part, index in zip(self.parts, self.columns, strict=True):
             sizes[index] = np.maximum(sizes[index], part.sizes(physical[index]))
@@ -389,7 +399,7 @@ class JointNoise:
 
 
 def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
-    """Non-negative integer labels of all parts in one array, raised so that different parts share none.
+    """Non-negative integer labels of all `parts` (n,) in one array, raised so that different parts share none.
 
     Each part is raised by a multiple of `step`.
     """

@@ -159,7 +159,8 @@ def balanced_strengths(
 ) -> tuple[float, ...]:
     """Penalty strengths at which penalty and data have information of equal trace over the members, at `theta`.
 
-    `terms` are the penalties; strengths in `given` that are not None are kept.
+    `terms` are the penalties; strengths in `given` that are not None are kept. `theta` (n_params,) are free variables.
+    One strength for each penalty.
     """
     if all(value is not None for value in given):
         return tuple(float(value) for value in given if value is not None)
@@ -195,7 +196,8 @@ def _determined(
 ) -> tuple[float, ...]:
     """Number of parameter combinations that the data determine within each penalty, by eight posterior draws.
 
-    `strengths` are the present ones of the penalties `terms`. NaN if no draw converges.
+    `strengths` are the present ones of the penalties `terms`. NaN if no draw converges. `theta` (n_params,) are the
+    free variables at which `linearization` was made; `seed` fixes the draws.
     """
     slope, physical = problem.slope(theta), problem.physical(theta)
     draws, _ = posterior_draws(linearization, _DRAWS, np.random.default_rng(seed))

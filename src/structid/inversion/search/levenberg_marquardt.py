@@ -110,7 +110,7 @@ class _Damped:
     def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
         """Damped step (n_params,) with the entries `held` (mask) fixed at those of `values` (n_params,).
 
-        `projected` is Q'r, the residual in the coordinates of the triangle.
+        `projected` is Q'r, the residual in the coordinates of the triangle. `projected` is (n_params,).
         """
         right = self.orthogonal[: len(projected)].T @ projected + self.triangle[:, held] @ values[held]
         orthogonal, factor = np.linalg.qr(self.triangle[:, ~held])
@@ -245,7 +245,8 @@ class LevenbergMarquardt(WithJacobian):
     ) -> FloatArray | None:
         """Step with half of its geodesic acceleration, (n_params,), from the `residual` after `step`.
 
-        None without acceleration, if the curvature is below rounding, or if the acceleration is too long.
+        None without acceleration, if the curvature is below rounding, or if the acceleration is too long. `step` is
+        (n_params,), `residual` (n_residuals,).
         """
         if self.acceleration <= 0:
             return None

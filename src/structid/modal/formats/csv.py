@@ -273,7 +273,8 @@ def _column(table: _Table, name: str) -> FloatArray:
 def _scaling(path: Path, header: list[str], lines: list[list[str]]) -> Scaling:
     """Scaling of the shapes, from the column `scaling`; "unit_largest" without such a column.
 
-    `FileError` if rows differ or it is neither "mass" nor "unit_largest".
+    `FileError` if rows differ or it is neither "mass" nor "unit_largest". `header` are the column names, `lines` the
+    cells of each row.
     """
     stated = {row[header.index("scaling")].strip() for row in lines} if "scaling" in header else {"unit_largest"}
     if stated == {"mass"}:
@@ -308,7 +309,7 @@ def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
 def _shapes(table: _Table, dofs: tuple[Dof, ...]) -> tuple[NumberArray, FloatArray | None]:
     """Mode shapes (n_channels, n_modes), complex if there are imaginary parts, and their standard deviations or None.
 
-    `FileError` if a real part is missing beside an imaginary part.
+    `FileError` if a real part is missing beside an imaginary part. `dofs` are the channels of the rows.
     """
     names = {}
     for name in table.header:

@@ -134,7 +134,8 @@ def _refined(
     """Least-squares modes of one band refined from `start`, indices of the poles kept, convergence, and notes.
 
     Indices refer to `start` and are sorted by frequency. Poles that leave the band or the criteria are fixed where they
-    started; those that fit noise only are left out. `NoModesError` if none is left.
+    started; those that fit noise only are left out. `NoModesError` if none is left. Convergence is True if the last
+    search converged; notes are sentences on poles left out or fixed.
     """
     notes: list[str] = []
     kept: IntArray = np.arange(len(start.poles))

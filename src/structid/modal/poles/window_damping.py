@@ -72,7 +72,10 @@ def without_window_damping(modes: ModalRecord, decay: float) -> ModalRecord:
 
 
 def _carried(covariance: FloatArray | None, moved: FloatArray) -> FloatArray | None:
-    """Covariance after the linear map `moved`, or None if it is None; NaN where it depends on an unknown (NaN) entry."""
+    """`covariance` after the linear map `moved` (n_new, n), (n_new, n_new); NaN where it depends on an unknown (NaN) entry.
+
+    None if `covariance` is None.
+    """
     if covariance is None:
         return None
     lost = np.isnan(covariance)

@@ -200,8 +200,8 @@ def _modal_record(
 ) -> ModalRecord:
     """Modal record of the modes of all bands that meet `options.criteria`, by increasing frequency.
 
-    `posteriors` has one item per band, `places` are the channels. Modes left out are appended to `notes`, which become the
-    warnings. `NoModesError` if none is left.
+    `posteriors` has one item per band, `places` are the channels. Modes left out are appended to `notes`, which become
+    the warnings. `NoModesError` if none is left. `source` says where the record comes from.
     """
     parts = []
     for one in posteriors:
@@ -220,7 +220,7 @@ def _modal_record(
 
 
 def _unit_largest(shapes: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shapes with largest entry 1, and the standard deviation of every entry, (n_channels, n_modes) each.
+    """`shapes` (n_channels, n_modes) with largest entry 1, and the deviation of every entry, (n_channels, n_modes) each.
 
     `covariances` (n_modes, n_channels, n_channels) are those of each shape; the deviation of the largest entry is 0.
     """

@@ -105,7 +105,7 @@ def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, flo
 def _shortened(data: BandLines, chart: Chart, x: FloatArray, step: FloatArray) -> FloatArray:
     """Step (size,) shortened to at most 1 in every coordinate, with frequencies and damping ratios inside `_limits`.
 
-    `x` are the coordinates at which `step` begins.
+    `x` are the coordinates at which `step` begins. `x` is (size,).
     """
     step = step / max(1.0, float(np.abs(step).max()))
     m = chart.centre.n_modes
@@ -153,7 +153,7 @@ def hessian(data: BandLines, chart: Chart, x: FloatArray) -> FloatArray:
 
 
 def _inverse(curvature: FloatArray) -> FloatArray | None:
-    """Inverse of a symmetric matrix; None if it is not positive definite within numerical accuracy."""
+    """Inverse of the symmetric matrix `curvature`; None if it is not positive definite within numerical accuracy."""
     if not np.isfinite(curvature).all():
         return None
     values, vectors = np.linalg.eigh(curvature)
@@ -186,7 +186,10 @@ def starts(data: BandLines, places: Sequence[float]) -> list[BandModes]:
 
 
 def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
-    """Shapes (n_channels, n_modes) by principal directions of the lines nearest each place (Hz), kept distinct if possible."""
+    """Shapes (n_channels, n_modes) by principal directions of the lines nearest each place (Hz), kept distinct if possible.
+
+    The result has one column for each place.
+    """
     shapes: list[FloatArray] = []
     width = max(5, len(data.frequency) // (4 * len(places)))
     for f in places:

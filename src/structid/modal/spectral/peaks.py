@@ -156,6 +156,8 @@ def coherence(spectrum: Spectrum, line: int) -> float:
 def automatic_peaks(spectrum: Spectrum, level: int = 0) -> IntArray:
     """Line indices of significant peaks of a singular value of the spectrum, lowest first, without two lines at either end.
 
+    The result is (n_peaks,).
+
     Parameters
     ----------
     spectrum : Spectrum
@@ -262,6 +264,8 @@ def _lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArray, Comp
 
 def peaks_within(spectrum: Spectrum, options: ModalOptions) -> IntArray:
     """Line indices of the peaks within the frequency limits, by hand or automatic, lowest first; see `chosen_peaks`.
+
+    The result is (n_peaks,).
 
     Raises
     ------

@@ -139,7 +139,10 @@ def _forward(matrix: FloatArray, rows: int) -> FloatArray:
 
 
 def _cholesky(gram: FloatArray, least: float) -> FloatArray | None:
-    """Upper triangle R with R' R = `gram`; None if not positive definite, or if its diagonal spans more than 1 / `least`."""
+    """Upper triangle R with R' R = `gram`; None if not positive definite, or if its diagonal spans more than 1 / `least`.
+
+    R and `gram` are (n, n); `least` is the smallest allowed ratio of diagonal entries.
+    """
     try:
         triangle = np.asarray(linalg.cholesky(gram))
     except np.linalg.LinAlgError:

@@ -188,8 +188,9 @@ def read_and_identify(
 ) -> ModesResult:
     """Modes of the file at `path` (see `modes_of_file`).
 
-    Columns without names are numbered 1X+, 2X+, ... if it stands `alone`, that is, if no other set-up is merged with it; else
-    they raise `UnnamedChannelsError`. Stored spectra and correlation functions are recognized.
+    Columns without names are numbered 1X+, 2X+, ... if it stands `alone`, that is, if no other set-up is merged with
+    it; else they raise `UnnamedChannelsError`. Stored spectra and correlation functions are recognized. `geometry` is a
+    file of node positions or None.
     """
     read = read or ReadOptions()
     if read.kind in (SPECTRUM, CORRELATION):
@@ -232,7 +233,8 @@ def _modes_of_averages(
 ) -> ModesResult:
     """Modes of the stored spectra or correlation functions in a file; `kind` is `SPECTRUM` or `CORRELATION`.
 
-    Raises `InputError` if an option is set that the method does not use.
+    Raises `InputError` if an option is set that the method does not use. `geometry` is a file of node positions or
+    None.
     """
     record = read_spectrum(path, read) if kind == SPECTRUM else read_correlation(path, read)
     is_subspace = kind == CORRELATION and options.method in (None, "ssi_cov")

@@ -302,6 +302,8 @@ def frf_from_array(
 ) -> FrfRecord:
     """An FRF record from an array, with channels and units from `options`; trailing axes of length 1 may be missing.
 
+    None for `coherence` if it was not measured.
+
     Parameters
     ----------
     path : Path
@@ -361,7 +363,8 @@ def frf_from_array(
 def _with_shape(path: Path, name: str, values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
     """`values` with axes of length 1 appended up to three axes; `InputError` unless the result has `shape`.
 
-    `shape` is (n_frequencies, n_outputs, n_inputs); `name` is the argument that the message names.
+    `shape` is (n_frequencies, n_outputs, n_inputs); `name` is the argument that the message names. `values` has one to
+    three axes.
     """
     full = values
     while full.ndim < 3:

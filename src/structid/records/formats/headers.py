@@ -49,7 +49,7 @@ _STATISTIC = re.compile(r"[\s_](avg|max|min|std)$", re.IGNORECASE)
 
 
 def name_and_unit(text: str) -> tuple[str, str]:
-    """Name in a header and the unit in brackets after it, which is "" without brackets."""
+    """Name in the header `text` and the unit in brackets after it, which is "" without brackets."""
     text = text.strip()
     match = _HEAD.match(text) if len(text) <= _LONGEST_HEAD else None
     return (match["name"], match["unit"].strip()) if match else (text, "")
@@ -202,8 +202,9 @@ def units_in_name(name: str, parse: Callable[[str], T]) -> list[tuple[str, T, bo
 def other_unit_in_name(name: str, parse: Callable[[str], Unit | FrfUnit], kind: str, factor: float) -> str:
     """Text of a unit in a header that differs from the unit a channel is read in; "" if there is none.
 
-    `kind` is the quantity (or kind of FRF) that the channel is read as, and `factor` that to SI. A unit without brackets
-    counts only if it is a unit of this kind.
+    `kind` is the quantity (or kind of FRF) that the channel is read as, and `factor` that to SI. A unit without
+    brackets counts only if it is a unit of this kind. `name` is the header, `parse` turns the text of a unit into the
+    unit, and raises `InputError` for others.
     """
     for text, stated, is_bracketed in units_in_name(name, parse):
         is_same = stated[0] == kind

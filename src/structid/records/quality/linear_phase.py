@@ -61,7 +61,7 @@ class Fir:
 def low_pass(passed: float, stopped: float, rate: float, decibel: float) -> FloatArray:
     """Taps of a Kaiser-windowed low-pass FIR filter: unchanged up to `passed` Hz, reduced by `decibel` from `stopped` Hz on.
 
-    `rate` is the sampling rate in Hz. The number of taps is odd.
+    `rate` is the sampling rate in Hz. The number of taps is odd. The result is (n_taps,).
     """
     from scipy.signal import firwin, kaiserord
 

@@ -31,7 +31,10 @@ def flagged_runs(flags: Flags) -> list[tuple[int, int]]:
 
 
 def quantum(y: FloatArray) -> float:
-    """Least difference between values of `y`, rounding apart: the step of the converter, or nearly 0."""
+    """Least difference between values of `y`, rounding apart: the step of the converter, or nearly 0.
+
+    `y` is (n,).
+    """
     steps = np.diff(np.unique(y))
     steps = steps[steps > 1e-9 * np.ptp(y)]
     return float(steps.min()) if steps.size else 0.0

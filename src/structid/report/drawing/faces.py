@@ -107,7 +107,10 @@ def _seen_faces(structure: Structure, eye: FloatArray) -> list[tuple[ElementSet,
 
 
 def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
-    """Faces that belong to a single cell, as pairs of cell number and corner nodes; `rows` are the nodes of each cell."""
+    """Faces that belong to a single cell, as pairs of cell number and corner nodes; `rows` are the nodes of each cell.
+
+    Corner nodes are (3,) or (4,) labels; each of `rows` is (n_nodes,).
+    """
     faces = [
         (index, row[list(face)]) for index, row in enumerate(rows) for face in SOLID_FACES[SOLID_CORNERS[len(row)]]
     ]
@@ -118,7 +121,8 @@ def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
 def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: Sequence[Mark]) -> frozenset[int]:
     """Nodes of cells that faces hide from view; if nodes times faces exceed 20 million, all nodes that only cells have.
 
-    Empty for structures in a plane. `points` are node positions on paper, `marks` those of `cell_faces`.
+    Empty for structures in a plane. `points` are node positions on paper, `marks` those of `cell_faces`. Positions are
+    (2,).
     """
     faces = [mark for mark in marks if mark.nodes]
     if not is_spatial(structure) or not faces:

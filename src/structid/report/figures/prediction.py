@@ -98,7 +98,7 @@ def spectrum_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
 
 
 def _figure(panels: list[plot.Panel], label: str, caption: str) -> plot.Figure:
-    """Figure of one panel, or of several that the reader selects from a list with the heading `label`."""
+    """Figure with `caption` of one panel, or of several that the reader selects from a list with the heading `label`."""
     if len(panels) == 1:
         return plot.Figure(tuple(panels), (900.0, 420.0), caption=caption)
     shown = tuple(range(min(len(panels), _MOST_PANELS)))

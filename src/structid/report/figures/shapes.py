@@ -72,7 +72,8 @@ def mode_scene(modes: ModalRecord, geometry: Geometry | None) -> Scene:
 def _row(channels: tuple[Dof, ...], shapes: ComplexArray) -> Scene:
     """Scene of mode shapes without geometry: sensors in a row, with one line for each direction.
 
-    `shapes` (n_channels, n_modes) are along positive axes; each mode is scaled to a largest entry of 1.
+    `shapes` (n_channels, n_modes) are along positive axes; each mode is scaled to a largest entry of 1. `channels` are
+    the sensors.
     """
     nodes = list(dict.fromkeys(dof.node for dof in channels))
     rest = np.array([[nodes.index(dof.node), 0.0] for dof in channels])
@@ -98,7 +99,7 @@ def _row(channels: tuple[Dof, ...], shapes: ComplexArray) -> Scene:
 def _placed(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry) -> Scene:
     """Scene of mode shapes on the positions of the nodes (m), scaled to 12 % of the structure's diagonal.
 
-    `shapes` (n_channels, n_modes) are along positive axes; rotations are left out.
+    `shapes` (n_channels, n_modes) are along positive axes; rotations are left out. `channels` are the sensors.
     """
     nodes = list(geometry.nodes)
     rest = np.array([geometry.nodes[node] for node in nodes], dtype=float)
@@ -210,7 +211,10 @@ def _orbits(scene: Scene, mode: int) -> plot.Curve | None:
 def _curve(
     scene: Scene, path: list[int], pen: plot.Pen, marker: plot.Marker, label: str, mode: int | None = None
 ) -> plot.Curve:
-    """Plot curve along the point indices `path` (-1 lifts the pen), moving in the mode with index `mode`, at rest if None."""
+    """Plot curve along the point indices `path` (-1 lifts the pen), moving in the mode with index `mode`, at rest if None.
+
+    `label` is its entry in the legend.
+    """
     lifted = (np.array(path) < 0)[:, None]
     x, y, *deep = np.where(lifted, np.nan, scene.rest[path]).T
     words = tuple("" if i < 0 else scene.labels[i] for i in path)

@@ -242,7 +242,7 @@ def complexity_figure(result: ModesResult) -> plot.Figure:
 def _circle(title: str, shape: ComplexArray, names: list[str]) -> plot.Panel:
     """Plot panel of the complex entries `shape` (n_channels,) of one mode, as lines from the centre of a unit circle.
 
-    `names` are those of the channels.
+    `names` are those of the channels. `title` stands above the panel.
     """
     x, y = shape.real, shape.imag
     rings = symbols.joined(symbols.disc(np.zeros(2), radius) for radius in (0.5, 1.0))

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from structid.core.quantities import with_unit
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity
 from structid.files import claim_path, require_no_file
 from structid.identification.alternatives import Alternatives
-from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.regularizing import AppliedRegularization
@@ -28,6 +28,9 @@ from structid.study.results.changes import PARAMETERS, changes_summary, changes_
 from structid.study.results.hdf5 import hdf5_bytes
 from structid.study.results.result import StudyResult
 from structid.study.results.view import ParameterResult, ResultsView
+
+if TYPE_CHECKING:
+    from structid.identification.fits.modal_fit import ModalFit
 
 _REPORT = "report.html"
 #: File of a results folder that says where its study is.

@@ -114,7 +114,10 @@ class InProcess(Workers):
     def completed(
         self, task: Task[Shared, Item, TaskResult], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
     ) -> Iterator[tuple[int, TaskResult]]:
-        """Number and result of each item, computed one after another in this process, each on one thread."""
+        """Number and result of each item, computed one after another in this process, each on one thread.
+
+        `items` are by number; `shared` is what all tasks need.
+        """
         pools = ThreadpoolController()
         for count, (number, item) in enumerate(items.items()):
             if count == 1:
@@ -336,8 +339,9 @@ def in_batches(
 ) -> Iterator[tuple[int, TaskResult]]:
     """Number and result of each item, in the order in which batches come back.
 
-    The first batches are single items, which show how long one takes; later ones are larger. `send` sends a batch to a worker
-    and returns its future; `require_alive` is called while nothing comes back, and raises if the workers are lost.
+    The first batches are single items, which show how long one takes; later ones are larger. `send` sends a batch to a
+    worker and returns its future; `require_alive` is called while nothing comes back, and raises if the workers are
+    lost. `n_workers` is the number of workers, `items` are by number.
     """
     waiting, n_waiting = iter(tuple(items.items())), len(items)
     pending: set[Future[Answer[TaskResult]]] = set()

@@ -95,7 +95,8 @@ class Section:
     def located(self, key: str | None = None) -> Iterator[None]:
         """Context manager that adds the position of this section, and of `key`, to an `InputError` raised in its block.
 
-        The error becomes a `StudyError`; an error that has a position already is left as it is.
+        The error becomes a `StudyError`; an error that has a position already is left as it is. Without `key` only the
+        section is named.
         """
         try:
             yield

@@ -42,7 +42,8 @@ def called(name: str, root: str, arguments: dict[str, Any]) -> str:
 def called_again(name: str, root: str, arguments: dict[str, Any]) -> str:
     """JSON text as `called` returns it, in a process that keeps up to 500 MB of the records that it has read.
 
-    The next call on the same record then needs no second reading.
+    The next call on the same record then needs no second reading. `name` is the function, `root` the folder that is
+    open, and `arguments` are the function's, by name.
     """
     from structid.records.formats import keep_records
 
@@ -260,7 +261,8 @@ def _pick(
 ) -> StoredEntry:
     """Identify the modes at the chosen `frequencies` (Hz) of a record, and save them in the folder `out`.
 
-    `band` is [low, high] in Hz or None. The answer is that of `save`, with the ``path`` of the file of modes.
+    `band` is [low, high] in Hz or None. The answer is that of `save`, with the ``path`` of the file of modes. `options`
+    are those of `options_of`.
     """
     from structid.workbench.work.modes import save
     from structid.workbench.work.signals import options_of
@@ -274,8 +276,8 @@ def _merge(
 ) -> StoredEntry:
     """Merge modes of several set-ups, and save them in the folder `out`.
 
-    `records` are paths of records or of files of modes; `band` is [low, high] in Hz or None. The answer is that of `merge`,
-    with the ``path`` of the file of modes.
+    `records` are paths of records or of files of modes; `band` is [low, high] in Hz or None. The answer is that of
+    `merge`, with the ``path`` of the file of modes. `options` are those of `options_of`.
     """
     from structid.workbench.work.modes import merge
     from structid.workbench.work.signals import options_of

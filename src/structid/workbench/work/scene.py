@@ -132,7 +132,7 @@ def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> li
 def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
     """Lists of node labels around the elements `rows` of a set: one list per line or area, one per face of a solid.
 
-    Only the first 4000 of `rows` are used.
+    Only the first 4000 of `rows` are used. `rows` is (n,).
     """
     found: list[list[int]] = []
     for nodes in element.nodes[rows[:_MOST_MARKED]]:

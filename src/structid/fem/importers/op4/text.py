@@ -99,7 +99,8 @@ def _read_title(lines: _Lines, line_index: int) -> _Title:
 def _title_numbers(lines: _Lines, line_index: int, wide: int) -> list[int]:
     """The four whole numbers of a title line: columns, rows, form and type.
 
-    `wide` is the number of characters by which its first two fields together are wider (0 or 16).
+    `wide` is the number of characters by which its first two fields together are wider (0 or 16). The line is
+    ``lines.text[line_index]``. Raises `FileError` for a field that is no whole number.
     """
     line = lines.text[line_index]
     edges = [0, 8 + wide // 2, 16 + wide, 24 + wide, 32 + wide]

@@ -63,7 +63,8 @@ class SubstructureCoupling:
     ) -> Iterator[tuple[slice, NumberArray]]:
         """Fields of the coupled structure for one block of lines after another: the lines, and (n, n_dofs, n_loads).
 
-        `loads` (n_dofs, n_loads) are all columns of the channels by default.
+        `loads` (n_dofs, n_loads) are all columns of the channels by default. `physical` (n_params,) are the parameters,
+        `coefficients` (n_lines, n_matrices) the factors of the matrices in Z.
         """
         right, n_joined = self.channels.columns if loads is None else loads, self.joined.shape[1]
         for part, fields, push in self._pushed(physical, coefficients, right):
@@ -78,8 +79,9 @@ class SubstructureCoupling:
     ) -> Iterator[tuple[slice, NumberArray, NumberArray]]:
         """For one block of lines after another: the lines, fields of the model alone, and interface forces.
 
-        Fields (n, n_dofs, n_joined + n_loads) are under unit interface forces, then under the load columns `right` (n_dofs,
-        n_loads); forces are (n, n_joined, n_loads). `coefficients` (n_lines, n_matrices) are those of the matrices in Z.
+        Fields (n, n_dofs, n_joined + n_loads) are under unit interface forces, then under the load columns `right`
+        (n_dofs, n_loads); forces are (n, n_joined, n_loads). `coefficients` (n_lines, n_matrices) are those of the
+        matrices in Z. `physical` (n_params,) are the parameters.
         """
         n_joined = self.joined.shape[1]
         given = np.zeros((n_joined, right.shape[1]))

@@ -718,7 +718,7 @@ def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:
 
 
 def _require_same_unit_of_both_parts(table: Table, columns: list[_Column]) -> None:
-    """Raise `FileError` if real and imaginary parts of a pair are in different units."""
+    """Raise `FileError` if real and imaginary parts of a pair among `columns` are in different units."""
     units: dict[tuple[Dof, Dof], FrfUnit | None] = {}
     for j, column in enumerate(columns, start=1):
         if column.part not in ("re", "im"):
@@ -750,7 +750,7 @@ def _require_complete(
     """Raise `FileError` unless each part has a value on each line for each pair of output and input.
 
     `parts` maps ``re``, ``std``, ... to (n_frequencies, n_outputs, n_inputs) arrays, NaN where no column was read;
-    `needed` are the parts that must be there.
+    `needed` are the parts that must be there. `outputs` and `inputs` are the channels of the axes.
     """
     for part in (*needed, *(name for name in parts if name not in needed)):
         for a, output in enumerate(outputs):
@@ -765,7 +765,8 @@ def _require_complete(
 def _require_sound(table: Table, columns: list[_Column]) -> None:
     """Raise `FileError` for frequencies that do not increase, or coherences, magnitudes or deviations out of range.
 
-    Coherences must be from 0 to 1, magnitudes and standard deviations at least 0.
+    Coherences must be from 0 to 1, magnitudes and standard deviations at least 0. `columns` are those after the
+    frequencies.
     """
     falls = np.diff(table.values[:, 0]) <= 0
     if falls.any():

@@ -139,7 +139,7 @@ def as_date(cell: str) -> datetime | None:
 
 
 def _as_clock(text: str) -> timedelta | None:
-    """The time since midnight of a clock such as ``12:00:01.25`` or ``2:59:58 PM``, cut to microseconds; else None."""
+    """The time since midnight in `text`, a clock such as ``12:00:01.25`` or ``2:59:58 PM``, cut to microseconds; else None."""
     half = _HALF_DAY.search(text)
     parts = _CLOCK.fullmatch(text if half is None else text[: half.start()])
     if parts is None:
@@ -244,7 +244,7 @@ def _split(line: str, separator: str) -> list[str]:
 def _split_cells(path: Path, lines: list[str], separator: str) -> Sequence[list[str]]:
     """Cells of each line, split at `separator` (" " for any blanks); quoted cells may hold separators and line ends.
 
-    Raises `FileError` if quotes are unbalanced.
+    Raises `FileError` if quotes are unbalanced. `lines` are those of the table, with their line ends.
     """
     if separator == " " or not any('"' in line for line in lines):
         return Rows(lines, separator)
@@ -281,7 +281,7 @@ def _count_number_rows(sample: Sequence[str], sign: str) -> int:
 
 
 def _is_data(row: Sequence[str]) -> bool:
-    """True if a line holds numbers, and dates at most, in all cells that are not empty."""
+    """True if the cells `row` of a line hold numbers, and dates at most, in all that are not empty."""
     numbers = [is_number(cell) for cell in row if cell.strip()]
     dates = sum(as_date(cell) is not None for cell in row)
     return any(numbers) and sum(numbers) + dates == len(numbers)
@@ -351,8 +351,8 @@ def _has_decimal_commas(
 ) -> bool:
     """True if the numbers have decimal commas, from `layout.decimal` or by a sample of the rows.
 
-    `rows` are the cells below the header, of which the first is line `first_line`, from 1. Raises `FileError` if both signs
-    occur, or all numbers could also have thousands separators.
+    `rows` are the cells below the header, of which the first is line `first_line`, from 1. Raises `FileError` if both
+    signs occur, or all numbers could also have thousands separators. `separator` is the one between cells.
     """
     if layout.decimal != "auto":
         return layout.decimal == "comma"

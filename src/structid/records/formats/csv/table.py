@@ -239,7 +239,7 @@ def _is_whole(row: Sequence[str]) -> bool:
 def _numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> FloatArray:
     """Cells as numbers, (n_rows, n_columns); with `gaps`, empty cells after the first column and dates become NaN.
 
-    Raises `FileError` for any other cell that is no number.
+    Raises `FileError` for any other cell that is no number. `names` are those of the columns.
     """
     rows, count = grid.rows, len(names)
     dated = {j for j, cell in enumerate(rows[0][:count]) if as_date(cell) is not None} if gaps else set()
@@ -304,6 +304,7 @@ def _parse_cells(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int]
     """Cells parsed row by row, (n_rows, n_columns); `FileError` with line and column for the first that is no number.
 
     `dated` are the indices of columns of dates, which become NaN; `gaps` allows empty cells after the first column.
+    `names` are those of the columns.
     """
     rows, count = grid.rows, len(names)
     values = np.empty((len(rows), count))

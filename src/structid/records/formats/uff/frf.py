@@ -287,7 +287,7 @@ def _split(kind: FrfKind, above: Characteristics, below: Characteristics) -> tup
 
 
 def _require_alike(path: Path, pairs: list[Pair], responses: list[_Response]) -> None:
-    """Raise `FileError` unless all responses have the kind and the frequencies of the first."""
+    """Raise `FileError` unless all `responses`, one for each of `pairs`, have the kind and the frequencies of the first."""
     first = responses[0]
     for (output, load), response in zip(pairs, responses, strict=True):
         if response.kind != first.kind:
@@ -314,8 +314,9 @@ def _stack_coherence(
 ) -> FloatArray | None:
     """Coherences of all pairs, (n_frequencies, n_outputs, n_inputs); None unless the file has one for every pair.
 
-    `by_pair` are the FRFs that they belong to, `frequency` the lines in Hz that they must share, and `to_hertz` the factor from
-    their abscissa to Hz.
+    `by_pair` are the FRFs that they belong to, `frequency` the lines in Hz that they must share, and `to_hertz` the
+    factor from their abscissa to Hz. `outputs` and `inputs` are the channels of the axes; `frequency` is
+    (n_frequencies,).
     """
     of_pair: dict[Pair, FloatArray] = {}
     for function in coherences:
