@@ -37,7 +37,7 @@ class Table(NamedTuple):
     ----------
     path : Path
     names : tuple of str
-        Header of every column; its number where the table has none.
+        Header of every column; its number where the table has none; "" for a first column that counts the rows.
     units : tuple of str
         What stands below each name in a second line; "" else.
     values : (n_rows, n_columns) float array
@@ -206,7 +206,7 @@ def _column_names(path: Path, grid: Grid) -> tuple[str, ...]:
             " separators in the header, decimal commas between commas, or merged cells; export all lines alike, name every"
             f" column, or give {layout_words(separator=None)}, {layout_words(decimal=None)} or {layout_words(skip_rows=None)}"
         )
-    if "" in names:
+    if "" in names[1:] or (not names[0] and not _counts_rows(grid)):
         raise FileError(
             f"{path}: line {grid.header_line}, column {names.index('') + 1} has no name, as where cells were merged; name every"
             f" column, or leave the line out with {layout_words(skip_rows=None, header_rows=0)}"
@@ -216,6 +216,12 @@ def _column_names(path: Path, grid: Grid) -> tuple[str, ...]:
             f"{path}: line {grid.header_line} names no channel; head each column as in 12Z+ [m/s^2], or give the `separator`"
         )
     return tuple(names)
+
+
+def _counts_rows(grid: Grid) -> bool:
+    """True if the first column counts the rows from 0 or 1, as the index of a data frame does."""
+    counted = [row[0].strip().strip('"') for row in grid.rows[: min(len(grid.rows), _FEW)] if row]
+    return any(counted == [str(first + i) for i in range(len(counted))] for first in (0, 1))
 
 
 def _strip_empty_end(row: Sequence[str]) -> list[str]:
