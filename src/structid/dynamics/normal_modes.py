@@ -183,8 +183,8 @@ def frequencies_between(
 ) -> tuple[FloatArray, bool]:
     """Natural frequencies (Hz) above `lowest` and up to `highest` (Hz), rising, and True if the list is complete.
 
-    `known` are the lowest modes of the model. If the list is not complete, as in a large model, it may hold only the first such
-    frequency.
+    `known` are the lowest modes of the model. If the list is not complete, as in a large model, it may hold only the
+    first such frequency. The frequencies are (n_modes,).
     """
     frequency = known.frequency
     is_all = mass.shape[0] <= _DENSE_UP_TO or bool(frequency[-1] > highest)

@@ -102,7 +102,7 @@ class FieldSweep:
         while self.n_lines >= FEWEST_LINES:
             if self.n_factorizations >= max(3, self.n_lines // 3) or self.n_basis >= most:
                 break
-            self._begin()
+            self._add_undamped_line()
             self._next()
             projected = self.fields(self._line)
             error = error_of(self._line, self._converged_fields(), projected)
@@ -118,7 +118,7 @@ class FieldSweep:
 
         A single factorization serves all lines, in rounds; lines that do not converge get a separate factorization.
         """
-        self._begin()
+        self._add_undamped_line()
         for _ in range(_MOST_ROUNDS):
             unsolved = [line for line in range(self.n_lines) if self.basis.left(line) > _IN_FULL]
             if not unsolved or self._last is None:
@@ -145,7 +145,7 @@ class FieldSweep:
                 last = residual
         return self._factorize_line()
 
-    def _begin(self) -> None:
+    def _add_undamped_line(self) -> None:
         """Take in the line without damping, a quarter of the products; with it where it lies at an undamped resonance."""
         try:
             self._factorize_line(is_damped=False)

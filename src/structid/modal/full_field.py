@@ -131,7 +131,7 @@ def shared_motions(values: ArrayLike, rank: int = 40, rng: np.random.Generator |
     else:
         width = min(-(-(rank + _OVERSAMPLING) // _WIDE) * _WIDE, len(table))
         basis, gram = _nearly_orthonormal(_sketch(table, width, rng or np.random.default_rng(0)))
-    motions, power = _projected(table, basis)
+    motions, power = _project_samples(table, basis)
     if not np.isfinite(power) or power == 0.0:
         words = "only zeros" if power == 0.0 else "NaN or infinite samples"
         raise InputError(f"`values` hold {words}; leave these channels or samples out, or repair the file")
@@ -182,7 +182,7 @@ def _sketch(table: NDArray[np.floating], width: int, rng: np.random.Generator) -
     return sketch
 
 
-def _projected(table: NDArray[np.floating], basis: FloatArray) -> tuple[FloatArray, float]:
+def _project_samples(table: NDArray[np.floating], basis: FloatArray) -> tuple[FloatArray, float]:
     """Projected samples W Q, (n_times, rank), and the sum of squares of the samples W.
 
     `table` (n_times, n_channels) is W and `basis` (n_channels, rank) is Q; rank is the number of its columns.

@@ -780,10 +780,10 @@ class _Smoother:
     def with_likeliest_time(self, reduced: ReducedMatrices, std: float | None) -> _ChosenForces:
         """Forces of an estimated correlation time and standard deviation.
 
-        From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is
-        at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with the square root of
-        the time, so that the spectral density at high frequencies stays; a stated `std`, N, is kept. For the trust see
-        `with_likeliest_std`.
+        From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's
+        likelihood is at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with
+        the square root of the time, so that the spectral density at high frequencies stays; a stated `std`, N, is kept.
+        For the trust see `with_likeliest_std`. `std` is estimated too if it is None.
         """
         shortest, longest = np.log(_SHORTEST / self.rate), np.log(len(self.channels.measured) / self.rate / 4)
         above = _decades_above(reduced)

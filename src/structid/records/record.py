@@ -252,7 +252,7 @@ class FrfRecord(Shown):
                 f"no frequency line is left of {self.frequency[0]:g}-{self.frequency[-1]:g} Hz; widen the band"
             )
         decay = None if self.decay is None else self.decay[keep]
-        return _cut(self, (keep,), self.frequency[keep], decay, self.outputs, self.inputs)
+        return _select_lines(self, (keep,), self.frequency[keep], decay, self.outputs, self.inputs)
 
     def channels(self, outputs: tuple[Dof, ...]) -> FrfRecord:
         """The record reduced to `outputs`, in the order of the argument; all inputs stay.
@@ -273,7 +273,7 @@ class FrfRecord(Shown):
         """The record reduced to the outputs and inputs with these indices, in this order."""
         index = np.ix_(range(self.frequency.size), outputs, inputs)
         named = tuple(self.outputs[i] for i in outputs), tuple(self.inputs[i] for i in inputs)
-        return _cut(self, index, self.frequency, self.decay, *named)
+        return _select_lines(self, index, self.frequency, self.decay, *named)
 
     def as_kind(self, kind: FrfKind) -> FrfRecord:
         """The record converted between receptance, mobility and accelerance, by a power of the Laplace variable.
@@ -322,7 +322,7 @@ def _require_within(record: FrfRecord, name: str, array: FloatArray) -> None:
         )
 
 
-def _cut(
+def _select_lines(
     record: FrfRecord,
     index: tuple[np.ndarray, ...],
     frequency: FloatArray,

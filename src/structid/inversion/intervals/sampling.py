@@ -182,7 +182,7 @@ def sample(
     rng = rng or np.random.default_rng(0)
     drawn = _by_nuts(target, *counts, rng, work) if sampler == "nuts" else _by_emcee(target, *counts, rng)
     stretched = estimate.covariance_basis == "model_error" or few is not None
-    white = drawn.draws @ _stretch(estimate, factor) if stretched else drawn.draws
+    white = drawn.draws @ _covariance_root(estimate, factor) if stretched else drawn.draws
     theta = estimate.theta + white @ factor.T
     with np.errstate(over="ignore"):
         physical = np.array([[problem.physical(t) for t in chain] for chain in theta])
@@ -277,7 +277,7 @@ def _log_slope_derivative(problem: Problem, theta: FloatArray) -> FloatArray:
     return np.log(np.abs(ratio)) / (2 * step)
 
 
-def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
+def _covariance_root(estimate: Estimate, factor: FloatArray) -> FloatArray:
     """Symmetric root (n, n) of the covariance of the estimate in whitened coordinates x with theta = `factor` x.
 
     Whitened draws times this matrix have the covariance of the estimate. `factor` is (n, n).

@@ -170,7 +170,7 @@ def _with_left_over(
     poles = start if fit is None else fit.poles
     if fit is not None and is_near(poles, start) and not is_left_over(data, poles, candidates):
         return picked, chosen_clusters, motion
-    poles = _pursued(data, poles, candidates)
+    poles = _add_candidates(data, poles, candidates)
     wider = free_decay(data, poles)
     if not wider.explains_all or is_left_over(data, poles, candidates):
         notes.append(
@@ -179,10 +179,10 @@ def _with_left_over(
         )
         return picked, chosen_clusters, motion
     chosen = _nearest(sweep, poles)
-    return chosen, tuple(_around(sweep, all_clusters, *place) for place in chosen), wider
+    return chosen, tuple(_cluster_with_pole(sweep, all_clusters, *place) for place in chosen), wider
 
 
-def _pursued(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) -> ComplexArray:
+def _add_candidates(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) -> ComplexArray:
     """Poles with those `candidates` (rad/s) added, strongest first, that lower Schwarz's criterion.
 
     All poles are refined by maximum likelihood each time, and those that no longer stand out are left out. At most four
@@ -213,7 +213,7 @@ def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int
     return chosen
 
 
-def _around(sweep: Sequence[Poles], all_clusters: Sequence[Cluster], number: int, index: int) -> Cluster:
+def _cluster_with_pole(sweep: Sequence[Poles], all_clusters: Sequence[Cluster], number: int, index: int) -> Cluster:
     """Cluster of `all_clusters` that holds the pole `index` of order number `number` in the sweep, with that pole chosen.
 
     If none holds it: a new cluster of that pole alone.

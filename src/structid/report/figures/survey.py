@@ -38,7 +38,7 @@ _MOST_LINES = 2400
 def pole_kinds(result: ModesResult) -> list[np.ndarray]:
     """Kind of each pole, one integer array for each model order of the sweep.
 
-    Kinds are `OUTSIDE` (the criteria), `ALONE`, `CLUSTERED` and `CHOSEN`, the numbers 0 to 3.
+    Kinds are `OUTSIDE` (the criteria), `ALONE`, `CLUSTERED` and `CHOSEN`, the numbers 0 to 3. Each is (n_poles,).
     """
     found, modes = result.identification, result.modes
     kinds = [np.full(len(poles.poles), OUTSIDE) for poles in found.sweep]
