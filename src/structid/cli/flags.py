@@ -67,7 +67,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
                 values = {flag.name: given.pop(flag.name) for flag in flags}
                 told = {flag.name: values[flag.name] for flag in flags if values[flag.name] != flag.default}
                 told |= {flag: str(absolute_paths(Path(str(told[flag])))) for flag in _FILES if told.get(flag)}
-                given[name] = _made(options[name], told)
+                given[name] = _make_options(options[name], told)
             function(**given)
 
     parameters = [flag for p in signature.parameters.values() for flag in groups.get(p.name, [p])]
@@ -140,7 +140,7 @@ def _inner(kind: object) -> type | None:
     return next((part for part in alternatives(kind) if isinstance(part, type) and is_dataclass(part)), None)
 
 
-def _made(options: type[T], values: Mapping[str, object]) -> T:
+def _make_options(options: type[T], values: Mapping[str, object]) -> T:
     """Instance of the dataclass `options` from flag values by name; missing fields keep their defaults.
 
     Values whose names begin with ``<field>_`` make the dataclass that this field holds.
@@ -151,7 +151,7 @@ def _made(options: type[T], values: Mapping[str, object]) -> T:
         if inner is not None:
             of_inner = [name for name in own if name.startswith(prefix)]
             parts = {name.removeprefix(prefix): own.pop(name) for name in of_inner}
-            own |= {field: _made(inner, parts)} if parts else {}
+            own |= {field: _make_options(inner, parts)} if parts else {}
     return options(**own)
 
 

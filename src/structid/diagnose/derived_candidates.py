@@ -80,14 +80,14 @@ def _misplaced(base: FittedModel, left_out: Sequence[Screened]) -> list[Screened
                 continue
             for dof in dofs:
                 if is_load or (number, dof.place) in better_out:
-                    others = [one for one in _about(setup.structure, dof) if one not in measured]
+                    others = [one for one in _dofs_nearby(setup.structure, dof) if one not in measured]
                     kind = LoadPosition if is_load else SensorPosition
                     pairs = [(dof.place, one.place) for one in others]
                     screened += [Screened(kind(where=pair, record=number), 1.0, base.misfit) for pair in pairs]
     return screened
 
 
-def _about(structure: Structure, dof: Dof) -> list[Dof]:
+def _dofs_nearby(structure: Structure, dof: Dof) -> list[Dof]:
     """Degrees of freedom in the direction of `dof` at up to four of the nearest other nodes that can move in it."""
     nodes = {label: np.asarray(position) for label, position in structure.nodes.items()}
     distance = {label: float(np.linalg.norm(x - nodes[dof.node])) for label, x in nodes.items() if label != dof.node}

@@ -382,7 +382,8 @@ def _values_in_study(modified: ModifiedModel, theta: FloatArray, base: FittedMod
 def _with_other_lines(base: FittedModel, modified: ModifiedModel, theta: FloatArray) -> ModifiedModel | None:
     """The model with the last change replaced by one for the outlying lines or tones that show after its fit at `theta`.
 
-    None where these are the same as before or there are none, for every other kind of candidate, and for several records.
+    None where these are the same as before or there are none, for every other kind of candidate, and for several
+    records. `theta` is (n_params,).
     """
     candidate, strength, _ = modified.changes[-1]
     if not isinstance(candidate, OutlyingLines | Tone) or len(base.modified.problems) > 1:

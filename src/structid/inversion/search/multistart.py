@@ -174,18 +174,18 @@ def searched_minima(
     while not good and len(minima) < len(starts):
         ahead = starts[len(minima) : len(minima) + work.n_workers]
         for task in work.map("restarts", _search, shared, ahead, progress, first=len(minima) - 1):
-            minima.append(_found(problem, method, task))
+            minima.append(_read_minimum(problem, method, task))
             good = fits(minima[-1][0])
             if good:
                 break
-    minima = _ended(problem, method, minima, progress, work)
+    minima = _complete_searches(problem, method, minima, progress, work)
     used = max(0, len(minima) - len(chosen))
     best = min((minimum for minimum, _ in minima), key=lambda minimum: float(minimum.costs[-1]))
     doubtful = good and _is_doubtful(problem, method, best, start, search)
     count = most if doubtful else search.uniqueness_starts
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
     found = work.map("uniqueness starts", _search, (problem, method, tuple(chosen)), more, progress) if more else []
-    minima += [_found(problem, method, task) for task in found]
+    minima += [_read_minimum(problem, method, task) for task in found]
     if not search.wide_starts or (good and not _is_determined_somewhere(problem, best, start)):
         return SearchedMinima(minima)
     grouped = _GroupedMinima(fits)
@@ -264,7 +264,7 @@ def _wide_minima(
         items = [(n_made + k, 0, np.clip(point, *reach.T)) for k, point in enumerate(points)]
         tasks = work.map("wide starts", _search_widely, (problem, method, (path,)), items, progress, first=n_made)
         n_made += len(items)
-        ends = [_found(problem, method, task) for task in tasks if "failed" not in task]
+        ends = [_read_minimum(problem, method, task) for task in tasks if "failed" not in task]
         minima.extend(ends)
         return sum(grouped.add(minimum) for minimum, _ in ends)
 
@@ -330,7 +330,7 @@ def _is_determined(problem: Problem, theta: FloatArray, at: Linearization) -> bo
     return bool(singular[-1] > _SEEN * singular[0])
 
 
-def _ended(
+def _complete_searches(
     problem: Problem,
     method: Method,
     minima: list[tuple[Minimum, int]],
@@ -397,7 +397,7 @@ def _search(
     return {**stored_minimum(minimum), "iterations": iterations}
 
 
-def _found(problem: Problem, method: Method, task: StoredValues) -> tuple[Minimum, int]:
+def _read_minimum(problem: Problem, method: Method, task: StoredValues) -> tuple[Minimum, int]:
     """Minimum of a stored task and its number of iterations; `SingularModelError` if the task failed."""
     if "failed" in task:
         raise SingularModelError(task["failed"])

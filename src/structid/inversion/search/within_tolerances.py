@@ -82,7 +82,7 @@ class FixedValues:
         if start is not None:
             minimum = minimize(self.problem, _LAST_REFIT, start, progress)
             return self._fit(minimum.theta, minimum.linearization, names)
-        start, far = self._whole(names, theta), _FAR * self.problem.n_data
+        start, far = self._all_free_variables(names, theta), _FAR * self.problem.n_data
         if not self.is_matrix_free and chi_square > far:
             minimum = minimize(self.problem, _FAR_REFIT, start, progress)
             if minimum.costs[-1] > far:
@@ -118,7 +118,7 @@ class FixedValues:
         is a fit with fixed values free within their tolerances, if one was made; it is stored with its `followed` fitted.
         """
         within = None if within is None else self.followed(within, theta)
-        whole, index = self._whole(names, theta), self._index(self.names)
+        whole, index = self._all_free_variables(names, theta), self._index(self.names)
         if self.is_matrix_free:
             linearized, units = self.problem.linearize_operator(whole), np.arange(len(whole))
             columns = np.column_stack([linearized.forward((units == i).astype(np.float64)) for i in index])
@@ -141,7 +141,7 @@ class FixedValues:
             return _REFIT
         return inversion.MatrixFree(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
 
-    def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
+    def _all_free_variables(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
         """Free variables of all unknowns, (n_unknowns,), from `theta` (n_params,), those of the parameters `names`.
 
         Every fixed value is as in the model.

@@ -110,7 +110,7 @@ def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "")
         )
     if to_hertz is not None:
         grid, names, below = _split_complex(path, grid, names, below)
-    values = _numbers(path, grid, names, to_hertz is None)
+    values = _cells_as_numbers(path, grid, names, to_hertz is None)
     return Table(path, names, below, values, grid.header_line, grid.first_line, grid.words, grid.rows, to_hertz)
 
 
@@ -241,7 +241,7 @@ def _is_whole(row: Sequence[str]) -> bool:
     return all(is_number(cell) or as_date(cell) is not None for cell in row if cell.strip())
 
 
-def _numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> FloatArray:
+def _cells_as_numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> FloatArray:
     """Cells as numbers, (n_rows, n_columns); with `gaps`, empty cells after the first column and dates become NaN.
 
     Raises `FileError` for any other cell that is no number. `names` are those of the columns.
