@@ -27,6 +27,7 @@ from structid.diagnose.thresholds import (
     NEAR_MODEL_ERROR,
     RACED_AT,
     START_ERROR,
+    WORTH_THINNING,
 )
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.forward import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
@@ -53,7 +54,6 @@ from structid.unknowns.named_unknowns import begun_at
 
 FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
 _COARSE = replace(FINAL, gain_tolerance=1e-4)
-_WORTH_THINNING = 1.5
 QUICK = Raced(max_iterations=12, gain_tolerance=1e-2, left_at=RACED_AT)
 
 
@@ -453,7 +453,7 @@ def _prepared(
 def _on_fewer_lines(problem: RecordProblem) -> RecordProblem:
     """The problem on 300 evenly spaced lines; as it is where it has less than 450, or its data are not lines."""
     n_lines = len(problem.frequency)
-    if n_lines < _WORTH_THINNING * NEAR_LINES:
+    if n_lines < WORTH_THINNING * NEAR_LINES:
         return problem
     return problem.with_lines(evenly_spaced_indices(n_lines, NEAR_LINES))
 
