@@ -248,7 +248,7 @@ def _grown(
     """Tree of 2^`depth` leapfrog steps from the state `end`, built recursively; shorter if it turns back or diverges.
 
     `step` is the step size, negative for backward. `energy` is that of the start of the trajectory: states have the weight
-    exp(energy - own energy), and a loss of more than 1000 is a divergence.
+    exp(energy - own energy), and a loss of more than `_DIVERGED` is a divergence.
     """
     if depth == 0:
         half = end.p + 0.5 * step * end.at.gradient

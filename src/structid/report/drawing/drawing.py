@@ -366,7 +366,7 @@ def _dof_labels(frame: _Frame, arrows: Sequence[_Arrow], colour: str) -> list[La
 
 
 def _place_labels(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set[int]) -> list[Label]:
-    """Labels of element sets, and of nodes: all `shown` ones if there are at most 40, and those in `busy`.
+    """Labels of element sets, and of nodes: all `shown` ones if there are at most `_MANY_NODES`, and those in `busy`.
 
     `shown` and `busy` hold node labels.
     """

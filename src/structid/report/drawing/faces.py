@@ -157,7 +157,7 @@ def _is_inside(corners: FloatArray, points: FloatArray) -> np.ndarray:
 def labelled_marks(marks: Sequence[Mark]) -> list[Mark]:
     """Mark of each element set at which its name is written: the nearest face whose centre no other set covers.
 
-    The last mark of the set if there is no such face, or above 1000 marks.
+    The last mark of the set if there is no such face, or above `_MOST_LABELLED` marks.
     """
     last = {mark.element: mark for mark in marks}
     open_: dict[str, Mark] = {}
