@@ -15,7 +15,7 @@ import structid as sid
 from structid.diagnose.verdict import judged
 from structid.forward.fixed_values import append_fixed_factors, with_fixed_values
 from structid.identification.joint_problem import taken_as_exact, tolerances_clause
-from structid.inversion.fixed_values import FIXED
+from structid.inversion.fixed_values import FIXED, tolerance_words
 from structid.modal import ModalRecord
 from structid.modal.modal_record import independent_errors
 from structid.prediction.identified_model import model_of
@@ -324,6 +324,28 @@ def test_elements_of_a_set_that_are_not_sought_are_held_together_and_different_o
     assert {item.label: item.indices.tolist() for item in held} == labels
     freed = append_fixed_factors(unknown, held)
     assert freed.values(freed.start).tolist() == unknown.values(unknown.start).tolist()
+
+
+def test_different_values_of_a_set_are_known_as_if_they_erred_together_or_each_alone_whichever_is_worse():
+    structure = weighed_chain()
+    held = [
+        item
+        for item in fixed_properties(structure, sid.parameters(structure, SOUGHT), Tolerances(mass=0.02))
+        if item.kind == "mass"
+    ]
+    masses = np.zeros((len(structure.values), len(held)))
+    for column, item in enumerate(held):
+        masses[item.indices, column] = item.tolerance
+    rows = masses[masses.any(axis=1)]
+    covariance = rows @ rows.T
+    together, alone = np.full((N, N), 0.02**2), 0.02**2 * np.eye(N)
+    for case in (together, alone):
+        assert np.linalg.eigvalsh(covariance - case).min() > -1e-15
+    assert np.ones(N) @ covariance @ np.ones(N) == pytest.approx(np.ones(N) @ together @ np.ones(N))
+    difference = np.array([1.0, -1.0, 0.0, 0.0])
+    assert difference @ covariance @ difference == pytest.approx(difference @ alone @ difference)
+    words = tolerance_words(*zip(*((item.label, item.kind, item.tolerance) for item in held), strict=True))
+    assert words == "2 % of fixed masses"
 
 
 def weighed_chain() -> sid.Structure:

@@ -26,7 +26,8 @@ from structid.diagnose.thresholds import (
     SCREENED_EFFORT,
     VALUE_EFFORT,
 )
-from structid.forward import FrfProblem, ModalProblem, RecordProblem
+from structid.forward import FrfProblem, RecordProblem
+from structid.forward.modal import compares_modes
 from structid.inversion import JointProblem, Problem
 from structid.inversion.search.minimum import Progress
 from structid.inversion.search.work import Item, Shared, Task, TaskExecutor
@@ -46,7 +47,7 @@ def iteration_effort(problem: Problem) -> float:
     if not isinstance(problem, RecordProblem):
         return jacobian
     n_dofs = problem.structure.n_dofs
-    if isinstance(problem, ModalProblem):
+    if compares_modes(problem):
         return ITERATION_EFFORT + jacobian + MODE_EFFORT * n_dofs**2 * min(n_dofs, FULL_DOFS)
     if isinstance(problem, FrfProblem):
         return ITERATION_EFFORT + jacobian + ENTRY_EFFORT * len(problem.frequency) * n_dofs * min(n_dofs, FULL_DOFS)

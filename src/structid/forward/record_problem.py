@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Self, TypeVar, cast
+from typing import TYPE_CHECKING, ClassVar, Self, TypeVar, cast
 
 import numpy as np
 from scipy import sparse
@@ -122,6 +122,8 @@ class RecordProblem(Problem):
     structure: Structure
     parameters: Parameters
     channels: ChannelErrors | None = None
+    #: True where the record holds modes, False where it holds responses.
+    compares_modes: ClassVar[bool] = False
 
     @cached_property
     def unknowns(self) -> NamedUnknowns:

@@ -105,16 +105,23 @@ class FixedValueInfluence:
     @property
     def words(self) -> str:
         """Tolerances of fixed values in words, such as ``1 % of fixed masses and stiffnesses``."""
-        return tolerance_words(self.kinds, self.tolerance.tolist())
+        return tolerance_words(self.names, self.kinds, self.tolerance.tolist())
 
 
-def tolerance_words(kinds: Sequence[str], tolerances: Sequence[float]) -> str:
+def tolerance_words(names: Sequence[str], kinds: Sequence[str], tolerances: Sequence[float]) -> str:
     """Tolerances of fixed values in words, such as ``1 % of fixed masses and stiffnesses``.
 
-    `kinds` and `tolerances` (relative, 0.01 for 1 %) have one entry for each fixed value; kinds of equal tolerance are joined.
+    `names`, `kinds` and `tolerances` (relative, 0.01 for 1 %) have one entry for each fixed value; kinds of equal tolerance are
+    joined. Where elements of a set err on their own, ``mass[deck:2]``, what they have in common, ``mass[deck]``, is left out: its
+    tolerance is a part of theirs.
     """
+    in_common = {name.rpartition(":")[0] + "]" for name in names if ":" in name}
     kinds_of_size: dict[str, list[str]] = {}
-    pairs = list(zip(kinds, tolerances, strict=True))
+    pairs = [
+        (kind, tolerance)
+        for name, kind, tolerance in zip(names, kinds, tolerances, strict=True)
+        if name not in in_common
+    ]
     for what, several in _CALLED.items():
         sizes = sorted({tolerance for kind, tolerance in pairs if kind in several})
         if sizes:

@@ -92,7 +92,7 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
     """
     options = resolve_options(structure, unknown, options)
     require_sound_model(structure, unknown.values(unknown.start), float(min(options.frequency)))
-    ground = _ground(structure, unknown, options, tolerances or Tolerances())
+    ground = _prepare_selection(structure, unknown, options, tolerances or Tolerances())
     sensors, loads = _best_sensors_and_loads(ground)
     chosen = _at_all_lines(ground, "chosen", sensors, loads)
     installed = None
@@ -119,7 +119,9 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
         next_sensors=_next_sensors(ground, installed or chosen),
         enough=None if lines is None or options.target is None else _smallest_sufficient(ground, chosen, loads, lines),
         identifiability=identifiability(ground.rows(sensors, loads), unknown.start, unknown.names),
-        assumption=tolerance_words(ground.candidates.held_kinds, ground.candidates.tolerance.tolist()),
+        assumption=tolerance_words(
+            ground.candidates.held_names, ground.candidates.held_kinds, ground.candidates.tolerance.tolist()
+        ),
     )
 
 
@@ -186,7 +188,9 @@ class _TestSelection:
         return information_root(rows)
 
 
-def _ground(structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances) -> _TestSelection:
+def _prepare_selection(
+    structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances
+) -> _TestSelection:
     """Information of every pair of candidate sensor and load, and of the priors, at the initial values of `unknown`."""
     held = fixed_properties(structure, unknown, tolerances) if structure.has_matrices else ()
     candidates = Candidates(
@@ -405,6 +409,11 @@ class Candidates:
     def tolerance(self) -> FloatArray:
         """Tolerances of the fixed values and, where it has one, of the gain, (n_held,)."""
         return np.array([item.tolerance for item in self.held] + [self.calibration] * (self.calibration > 0))
+
+    @property
+    def held_names(self) -> tuple[str, ...]:
+        """Name of each value that has an entry in `tolerance`."""
+        return (*(item.label for item in self.held), *(("calibration",) if self.calibration > 0 else ()))
 
     @property
     def held_kinds(self) -> tuple[str, ...]:

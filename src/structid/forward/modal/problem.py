@@ -85,6 +85,7 @@ class ModalProblem(RecordProblem):
     channels: ChannelErrors | None = None
     in_order: bool = False
 
+    compares_modes = True
     matrix_free_obstacle = "takes records of responses, got one of modes"
 
     def __new__(cls, *given: object, **named: object) -> Self:
@@ -152,6 +153,12 @@ class ModalProblem(RecordProblem):
         modes, names = np.concatenate(lines), (*shapes, "mixing of close modes", *scalars)
         return DataRows(modes, np.concatenate(series), names, modes)
 
+    @property
+    def row_kinds(self) -> NDArray[np.str_]:
+        """Kind of value of each data row, (n_data,): frequencies, damping ratios, shapes."""
+        kinds = np.array([_kind_of(name) for name in self.rows.names])
+        return kinds[np.unique(self.rows.series, return_inverse=True)[1]]
+
     def schedules(self) -> Sequence[Schedule]:
         """Sequences of search stages to be tried in turn: none, modes paired in order, and the modal dynamic residual.
 
@@ -213,12 +220,6 @@ class ModalProblem(RecordProblem):
         return RowNoise(factor=output_changes(self.data, self.model, self.physical(theta), self.in_order))
 
 
-def row_kinds(problem: ModalProblem) -> NDArray[np.str_]:
-    """Kind of value of each data row, (n_data,): frequencies, damping ratios, shapes."""
-    kinds = np.array([_kind_of(name) for name in problem.rows.names])
-    return kinds[np.unique(problem.rows.series, return_inverse=True)[1]]
-
-
 def _kind_of(row: str) -> str:
     """Kind of value of the data rows of this name."""
     first = row.partition(" ")[0]
@@ -250,7 +251,7 @@ def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float
     if not (scale > 0).all() or np.linalg.cond(information / np.outer(scale, scale)) > _SINGULAR:
         return {}
     covariance = np.linalg.inv(information)
-    kinds = row_kinds(problem)
+    kinds = problem.row_kinds
     whole = float(at.residual[: problem.n_data] @ at.residual[: problem.n_data])
     found = {}
     filled = (at.residual[: problem.n_data] != 0) | (at.jacobian[: problem.n_data] != 0).any(axis=1)

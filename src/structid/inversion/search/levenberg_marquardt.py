@@ -219,7 +219,7 @@ class LevenbergMarquardt(WithJacobian):
     def tried(self, problem: Problem, point: FactoredPoint, damping: Damping) -> IterationResult:
         """Trial with the damped step from `point` and its gain ratio, or without a step and with the reason to end.
 
-        If the step keeps at most 0.7 of the predicted decrease, it is also tried with acceleration and the better one taken.
+        If the step keeps at most `_KEPT` of the predicted decrease, it is also tried with acceleration and the better one taken.
         """
         damped = _damped(point.triangle, damping.factor, damping.scale)
         velocity = _velocity(point, damped, damping)

@@ -20,14 +20,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError
-from structid.files.hdf5 import Field
 from structid.records.record import FrfRecord, TimeRecord
+
+if TYPE_CHECKING:
+    from structid.files.hdf5 import Field
 
 MARK = "structid_record"
 _FRF_MARK, _TIME_MARK = "frf 1", "time 1"

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structid.compare.correlation.modes import ModesCorrelation
-from structid.compare.correlation.responses import ResponsesCorrelation
 from structid.core.arrays import FloatArray
 from structid.report.drawing import palette
 from structid.report.rendering import plot
+
+if TYPE_CHECKING:
+    from structid.compare.correlation.modes import ModesCorrelation
+    from structid.compare.correlation.responses import ResponsesCorrelation
 
 #: What the models of a figure are called, one, or two with their colours.
 ALONE, BEFORE_AND_AFTER = ("model",), ("initial", "identified")

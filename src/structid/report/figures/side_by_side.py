@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structid.compare.correlation.modes import ModesCorrelation
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.quantities import likeness, number
@@ -19,6 +19,9 @@ from structid.fem.supports import RigidLink
 from structid.report.drawing import palette
 from structid.report.drawing.faces import cell_edges, is_cells
 from structid.report.rendering import plot
+
+if TYPE_CHECKING:
+    from structid.compare.correlation.modes import ModesCorrelation
 
 #: Largest displacement, and gap between the two, in parts of the diagonal.
 _AMPLITUDE, _GAP = 0.1, 0.3
