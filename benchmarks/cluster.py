@@ -34,13 +34,13 @@ from structid.forward.frf.response import response
 from structid.forward.motion.fit import RecursiveMotionFit, motion_fit
 from structid.forward.motion.stream import motion_solution
 from structid.inversion.intervals.bootstrap import Bootstrap, bootstrap
-from structid.inversion.regression.local_reduction import Kernels
-from structid.inversion.search.work import Tools
+from structid.inversion.regression.local_reduction import FoldingKernels
+from structid.inversion.search.work import TaskContext
 from structid.records.on_disk import open_record
 from structid.study.run import workers as workers_module
 from structid.study.run.cluster import Cluster
 from structid.study.run.long_run import LongRun, SpreadLines
-from structid.study.run.motion import Whole, reduced_alone, reduced_on
+from structid.study.run.motion import MotionTaskData, reduced_alone, reduced_on
 from structid.study.run.start import prepare_study
 from structid.study.run.workers import InProcess, Processes, Workers, one_thread
 from structid.study.schema.study import load_study
@@ -72,12 +72,12 @@ class Sizes:
 QUICK = Sizes(repeats=120, size=6, lines=16, medians=3, tasks=100, gigabytes=0.3)
 
 
-def nothing(shared: None, item: int, tools: Tools) -> int:
+def nothing(shared: None, item: int, tools: TaskContext) -> int:
     """The smallest task."""
     return item
 
 
-def waiting(shared: float, item: int, tools: Tools) -> int:
+def waiting(shared: float, item: int, tools: TaskContext) -> int:
     """A task that takes its time and no processor."""
     time.sleep(shared)
     return item
@@ -251,8 +251,8 @@ def stretches(folder: Path, sizes: Sizes, executors: Mapping[str, Workers]) -> l
     folder.mkdir()
     write_motion_study(folder, 400, sizes.gigabytes, 0.01, 0)
     study = load_study(folder / "beam.toml")
-    work = Kernels("auto")
-    whole = Whole(study.structure, study.parameters, (open_record(folder / "motion.h5"),), work, None)
+    work = FoldingKernels("auto")
+    whole = MotionTaskData(study.structure, study.parameters, (open_record(folder / "motion.h5"),), work, None)
     start = motion_fit(study.structure, study.parameters)
 
     def on(executor: Workers) -> RecursiveMotionFit:

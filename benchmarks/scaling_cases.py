@@ -21,7 +21,7 @@ from scipy import signal
 
 import structid as sid
 from structid.forward.motion.stream import identify_motion_by_chunks
-from structid.inversion.regression.local_reduction import Kernels
+from structid.inversion.regression.local_reduction import FoldingKernels
 from structid.modal import ModalOptions, modal_identification
 from structid.modal.full_field import shared_motions
 from structid.records.on_disk import OnDiskRecord
@@ -50,7 +50,7 @@ def motion_work(n: int, n_times: int, path: Path) -> Work:
     structure, unknown = chain(n)
     quantities = np.repeat(["acceleration", "velocity", "displacement", "force"], structure.n_dofs).tolist()
     record = OnDiskRecord(path, "", structure.dofs * 4, tuple(quantities), RATE, n_times, True)
-    return partial(identify_motion_by_chunks, structure, unknown, record, None, Kernels("numba"))
+    return partial(identify_motion_by_chunks, structure, unknown, record, None, FoldingKernels("numba"))
 
 
 def write_motion(n: int, n_times: int, path: Path) -> None:

@@ -26,10 +26,10 @@ from scipy import sparse
 
 from structid.inversion.regression import no_rows
 from structid.inversion.regression.block_least_squares import block_solution
-from structid.inversion.regression.local_reduction import Kernels, row_maker
+from structid.inversion.regression.local_reduction import FoldingKernels, row_maker
 from time_domain_cases import PASS_IN_A_PROCESS, chain_rows, dense_rows, mesh_rows
 
-ONE, TWO, NUMPY = Kernels("numba"), Kernels("numba", 2), Kernels("numpy")
+ONE, TWO, NUMPY = FoldingKernels("numba"), FoldingKernels("numba", 2), FoldingKernels("numpy")
 Rows = tuple[np.ndarray, sparse.csr_array, int]
 
 
@@ -111,7 +111,7 @@ def multiplied(
 def streaming(
     rows: Callable[[], Rows],
     n_times: int,
-    work: Kernels,
+    work: FoldingKernels,
     clock: Callable[[], float] = time.thread_time,
     floor: Callable[..., Callable[[], object]] = read_once,
 ):

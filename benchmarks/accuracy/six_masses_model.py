@@ -27,7 +27,7 @@ from structid.inversion import Linearization
 from structid.inversion.comparison.comparison import Comparison, compare_jointly
 from structid.inversion.comparison.states import LATER, states_problem
 from structid.inversion.problem import DataRows
-from structid.inversion.search.work import ALONE
+from structid.inversion.search.work import SERIAL
 from structid.unknowns.tolerances import EXACT
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "beam_six_masses_frf" / "frf.npz"
@@ -261,7 +261,7 @@ def answer(parts: Sequence[ResonanceProblem], titles: Sequence[str]) -> SearchOu
     """All of them in one fit, with what varies among them."""
     options = sid.IdentifyOptions(restarts=0, pole_free_start=False, tolerances=EXACT)
     records = [ListOfFrequencies(title) for title in titles]
-    return search_parameters(records, harmonize_shared_parameters(parts, titles), options, None, ALONE)
+    return search_parameters(records, harmonize_shared_parameters(parts, titles), options, None, SERIAL)
 
 
 def scatter(found: sid.Estimate, state: str, arrangements: Iterable[int], model: Model) -> np.ndarray:

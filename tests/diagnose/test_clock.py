@@ -8,7 +8,7 @@ from test_each_cause import begun
 
 from structid.diagnose.causes.clock import Clock
 from structid.diagnose.refits import fit_fully, restore_fit
-from structid.inversion.search.work import PLAIN_TOOLS
+from structid.inversion.search.work import PLAIN_CONTEXT
 from structid.records.formats import read_record, write_record
 from structid.study.run.diagnosis import diagnose_study
 from structid.study.run.run import run_prepared
@@ -25,7 +25,7 @@ def test_a_fit_gives_the_factor_of_the_axis(tmp_path, factor, words):
     write_record(tmp_path / "frf.npz", replace(record, frequency=record.frequency / factor))
     base = begun(path)
     theta = base.modified.changed(Clock(), factor).theta_of(base.values)
-    fit = restore_fit(base, Clock(), fit_fully(base, (Clock(), 0.996 * factor, theta), PLAIN_TOOLS))
+    fit = restore_fit(base, Clock(), fit_fully(base, (Clock(), 0.996 * factor, theta), PLAIN_CONTEXT))
     assert fit.modified.changes[-1].strength == pytest.approx(factor, rel=4e-3)
     assert fit.chi_square < 1.5 * fit.modified.target.n_data < 0.05 * base.chi_square
     assert words in Clock().sentence(factor)

@@ -11,10 +11,10 @@ from frame_cases import STUDY, written, written_shaken
 from structid.diagnose.causes import CAUSES, DERIVED, candidates, data_candidates, rows_left_out, set_candidates
 from structid.diagnose.causes.delay import SensorDelay
 from structid.diagnose.modified_model import base_model
-from structid.diagnose.refits import Fitted, fit_fully, restore_fit
+from structid.diagnose.refits import FittedModel, fit_fully, restore_fit
 from structid.diagnose.set_screening import screen_sets
 from structid.diagnose.tested_model import TestedModel
-from structid.inversion.search.work import ALONE, PLAIN_TOOLS
+from structid.inversion.search.work import PLAIN_CONTEXT, SERIAL
 from structid.records.formats import read_record, write_record
 from structid.study.results.suggestions import suggestion_text
 from structid.study.run.start import prepare_study
@@ -103,7 +103,7 @@ def begun(path):
     theta = ready.problems[0].theta_start
     trial = base_model(TestedModel(ready.setups, ready.study.options), ready.problems, theta)
     residual = trial.target.residual(theta)
-    return Fitted(trial, theta, float(residual @ residual))
+    return FittedModel(trial, theta, float(residual @ residual))
 
 
 def written_like(folder, changed, noise=1.0):
@@ -126,7 +126,7 @@ def require_first(base, kind, where):
 def require_explained(base, candidate, strength, folder):
     """The fit of a cause alone, which explains all; its study as text is the one that was fitted."""
     theta = base.modified.changed(candidate, strength).theta_of(base.values)
-    fitted = restore_fit(base, candidate, fit_fully(base, (candidate, strength, theta), PLAIN_TOOLS))
+    fitted = restore_fit(base, candidate, fit_fully(base, (candidate, strength, theta), PLAIN_CONTEXT))
     if fitted.cause.where == candidate.where:  # its model is the cached one
         assert fitted.modified is base.modified.changed(candidate, fitted.modified.changes[-1].strength)
     n_data = base.modified.target.n_data
@@ -206,7 +206,7 @@ def test_a_change_of_sets_ranks_first_by_one_step_and_its_fit_alone_explains_all
     else:
         written_like(tmp_path, right.changed(one, float(one.strengths[0])), noise)
     base = begun(tmp_path / "study.toml")
-    first = min(screen_sets(base, ALONE, "changes of the study"), key=lambda row: row.left)
+    first = min(screen_sets(base, SERIAL, "changes of the study"), key=lambda row: row.left)
     assert (first.candidate.place[0], first.candidate.where) == (kind, where)
     require_explained(base, one, first.strength, tmp_path)
     assert one.sentence(None) == words

@@ -14,7 +14,7 @@ from structid.diagnose.causes.polarity import LoadPolarity, SensorPolarity
 from structid.diagnose.causes.swap import SwappedSensors
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.receptances import receptances_at
-from structid.diagnose.refits import Fitted
+from structid.diagnose.refits import FittedModel
 from structid.diagnose.score_test import point_at
 from structid.diagnose.search import _simpler
 from structid.diagnose.study_tables import NoStudyTextError
@@ -417,12 +417,12 @@ def test_a_mass_off_its_node_moves_as_on_a_rigid_link_to_it(tmp_path, along):
 
 @pytest.mark.parametrize(("ratio", "kind"), [(100.0, "mass"), (1.5, "mass"), (0.0, None), (0.01, "spring")])
 def test_what_swings_outside_all_lines_is_offered_as_the_mass_or_spring_that_it_is(trial, ratio, kind):
-    base = Fitted(trial, trial.target.theta_start, 1.0)
+    base = FittedModel(trial, trial.target.theta_start, 1.0)
     lines = np.concatenate([problem.frequency for problem in trial.problems])
     frequency = ratio * (lines.max() if ratio > 1 else lines[lines > 0].min()) if ratio else lines.mean()
     swinging = Appendage(where=("4Y",), frequency=float(frequency))
     changed = trial.changed(swinging, 0.3)
-    offered = _simpler(base, Fitted(changed, changed.target.theta_start, 0.5))
+    offered = _simpler(base, FittedModel(changed, changed.target.theta_start, 0.5))
     assert [candidate.kind for candidate, _, _ in offered] == ([] if kind is None else [kind])
     for candidate, size, theta in offered:
         expected = 0.3 if kind == "mass" else 0.3 * (2 * np.pi * frequency) ** 2

@@ -9,7 +9,7 @@ from scipy import stats
 from structid import FrfRecord, IdentifyOptions, identify, parameters, with_declared_noise
 from structid.diagnose.model_averaging import intervals_of, widened
 from structid.diagnose.modified_model import base_model
-from structid.diagnose.refits import Fitted
+from structid.diagnose.refits import FittedModel
 from structid.diagnose.search import _criterion
 from structid.diagnose.tested_model import TestedModel
 from structid.fem import PointMass, Spring, Structure
@@ -89,7 +89,9 @@ def test_likely_models_count_the_tolerances_of_held_values_once():
     answer = oscillator(Tolerances(mass=0.02))
     estimate = answer.estimate
     tested = TestedModel(answer.setups, answer.options)
-    same = Fitted(base_model(tested, answer.problems, estimate.theta), estimate.theta, estimate.goodness.chi_square)
+    same = FittedModel(
+        base_model(tested, answer.problems, estimate.theta), estimate.theta, estimate.goodness.chi_square
+    )
     wider = widened(answer, [same], None)
     assert np.diag(estimate.fixed.covariance).min() > np.diag(estimate.covariance_of_data).max()
     np.testing.assert_allclose(wider.estimate.covariance, estimate.covariance, rtol=1e-9)

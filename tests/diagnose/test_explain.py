@@ -14,7 +14,7 @@ from structid.diagnose.causes import LoadGain, OutlyingLines, SensorGain
 from structid.diagnose.checks.channels import ChannelWarnings
 from structid.diagnose.data_rows import scaled_misfit
 from structid.diagnose.modified_model import base_model
-from structid.diagnose.refits import Fitted
+from structid.diagnose.refits import FittedModel
 from structid.diagnose.screening import _exchanged, _faulty
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import Cause, ParameterShift, are_causes, judged
@@ -197,7 +197,7 @@ def test_exchanged_cables_show_beside_a_start_that_is_far_off(tmp_path, is_excha
     write_record(tmp_path / "frf.npz", replace(record, values=record.values[:, order]))
     ready = prepare_study(load_study(path))
     trial = base_model(TestedModel(ready.setups, ready.study.options), ready.problems, ready.problems[0].theta_start)
-    told = _exchanged(Fitted(trial, np.asarray(trial.target.theta_start), 1.0), ())
+    told = _exchanged(FittedModel(trial, np.asarray(trial.target.theta_start), 1.0), ())
     assert ((("swap", ("2X", "4Y")), 0) in told) == is_exchanged
     assert bool(told) == is_exchanged
 
@@ -551,7 +551,7 @@ def test_channels_that_did_not_measure_their_motion_are_fitted_without_whatever_
     ready = prepare_study(load_study(made(tmp_path)))
     found = run_prepared(ready).identification
     trial = base_model(TestedModel(ready.setups, ready.study.options), found.problems, found.estimate.theta)
-    faulty = _faulty(Fitted(trial, found.estimate.theta, found.estimate.goodness.chi_square))
+    faulty = _faulty(FittedModel(trial, found.estimate.theta, found.estimate.goodness.chi_square))
     assert faulty == {(("channel", (place,)), 0) for place in places}
 
 

@@ -10,7 +10,7 @@ from structid.diagnose.fixed_value_influence import doubted, influences, resting
 from structid.diagnose.freed_model import fixed_value_sensitivities
 from structid.diagnose.model_averaging import widened
 from structid.diagnose.modified_model import base_model
-from structid.diagnose.refits import Fitted
+from structid.diagnose.refits import FittedModel
 from structid.diagnose.search import with_freed
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import is_sound
@@ -191,7 +191,7 @@ def test_what_likely_models_disagree_about_by_more_than_its_value_is_not_identif
     ready, result = building(tmp_path, 1)
     found = result.identification
     theta = found.estimate.theta
-    base = Fitted(
+    base = FittedModel(
         base_model(TestedModel(ready.setups, ready.study.options), found.problems, theta),
         theta,
         found.estimate.goodness.chi_square,

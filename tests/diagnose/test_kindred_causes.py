@@ -20,14 +20,15 @@ from structid.diagnose.causes import (
     SensorPolarity,
     candidates,
 )
-from structid.diagnose.derived_candidates import _misplaced, _of_one_card, _off_otherwise, _turned
+from structid.diagnose.causes.separate_element import DifferingElement, DifferingProperty
+from structid.diagnose.derived_candidates import _misplaced, _of_one_card, _of_whole_sets, _off_otherwise, _turned
 from structid.diagnose.modified_model import base_model
-from structid.diagnose.refits import Fitted, fit_fully, fit_near, restore_fit
+from structid.diagnose.refits import FittedModel, fit_fully, fit_near, restore_fit
 from structid.diagnose.score_test import Screened
 from structid.diagnose.screening import _feet
 from structid.diagnose.search import _weighed
 from structid.diagnose.tested_model import TestedModel
-from structid.inversion.search.work import PLAIN_TOOLS
+from structid.inversion.search.work import PLAIN_CONTEXT
 from structid.records import FrfRecord
 from structid.records.formats import read_record, write_record
 from structid.study.results.suggestions import suggestion_text
@@ -135,6 +136,20 @@ def test_a_foot_that_lets_go_of_all_rotations_is_named_whole(tmp_path):
     assert any(line.startswith("+ fixed") and '"1 X Y Z"' in line for line in first.lines)
 
 
+def test_a_fixed_value_of_a_set_is_tried_where_one_of_its_elements_looks_different(tmp_path):
+    base = begun(written_in_space(tmp_path, SPACE))
+
+    def differing(element, prop):
+        return DifferingElement(where=(element,), properties=(DifferingProperty(element, prop),))
+
+    screened = [("girder:2", "axial_stiffness"), ("girder:1", "axial_stiffness"), ("girder:1", "mass")]
+    rows = [Screened(differing(*what), 0.4, float(rank)) for rank, what in enumerate(screened)]
+    assert [(row.candidate.where, row.left) for row in _of_whole_sets(base, rows)] == [
+        (("axial_stiffness[girder]",), 0.0)
+    ]
+    assert _of_whole_sets(base, rows[2:]) == []  # the mass is an unknown already
+
+
 def test_a_foot_lets_go_of_all_rotations_at_once(tmp_path):
     path = written_in_space(tmp_path, SPACE)
     right = begun(path).modified
@@ -147,8 +162,8 @@ def test_a_foot_lets_go_of_all_rotations_at_once(tmp_path):
     pinned = foot.candidate
     written_in_space(tmp_path, SPACE.replace('fixed = ["1", "5"]', 'fixed = ["1 X Y Z", "5"]'))
     base = begun(path)
-    near = fit_near(base, (pinned, foot.strength, ()), PLAIN_TOOLS)
-    fitted = restore_fit(base, pinned, fit_fully(base, (pinned, foot.strength, near["theta"]), PLAIN_TOOLS))
+    near = fit_near(base, (pinned, foot.strength, ()), PLAIN_CONTEXT)
+    fitted = restore_fit(base, pinned, fit_fully(base, (pinned, foot.strength, near["theta"]), PLAIN_CONTEXT))
     assert fitted.chi_square < 1.2 * base.modified.target.n_data < 0.01 * base.chi_square
     assert pinned.sentence(None) == "the supports 1RX, 1RY, 1RZ are flexible"
     _, lines = suggestion_text(load_study(path), fitted.modified.changes)
@@ -297,10 +312,10 @@ def test_all_held_masses_give_way_to_the_calibration_of_the_load_that_says_the_s
     path = written(tmp_path, STUDY.replace(mass, free))
     ready = prepare_study(load_study(path))
     theta = ready.problems[0].theta_start
-    base = Fitted(base_model(TestedModel(ready.setups, ready.study.options), ready.problems, theta), theta, 1e4)
+    base = FittedModel(base_model(TestedModel(ready.setups, ready.study.options), ready.problems, theta), theta, 1e4)
     sets = FixedValue(where=("mass[left]", "mass[girder]", "mass[right]"))
     fits = [
-        Fitted(trial, trial.target.theta_start, 500.0 + rounding)
+        FittedModel(trial, trial.target.theta_start, 500.0 + rounding)
         for one, rounding in ((sets, 0.0), (LoadGain(where=("4Y",)), 1e-5))
         for trial in [base.modified.changed(one, 1.0)]
     ]

@@ -9,10 +9,10 @@ from structid.diagnose import search
 from structid.diagnose.causes import Mass, SpringToGround, Support, SwappedSensors
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.pairs import promising
-from structid.diagnose.refits import Fitted, fit_near
+from structid.diagnose.refits import FittedModel, fit_near
 from structid.diagnose.search import Explanation, search_causes
 from structid.diagnose.tested_model import TestedModel
-from structid.inversion.search.work import ALONE, PLAIN_TOOLS
+from structid.inversion.search.work import PLAIN_CONTEXT, SERIAL
 from structid.records.formats import read_record, write_record
 from structid.study.run.run import run_prepared
 from structid.study.run.start import prepare_study
@@ -35,7 +35,7 @@ def fitted(folder, truth, order):
     ready = prepare_study(load_study(path))
     found = run_prepared(ready).identification
     theta = found.estimate.theta
-    return Fitted(
+    return FittedModel(
         base_model(TestedModel(ready.setups, ready.study.options), found.problems, theta),
         theta,
         found.estimate.goodness.chi_square,
@@ -44,7 +44,7 @@ def fitted(folder, truth, order):
 
 def begun(base):
     changes = [*OTHERS[:1], (SWAP, 1.0), *OTHERS[1:]]
-    return tuple((one, q, fit_near(base, (one, q, ()), PLAIN_TOOLS)["theta"]) for one, q in changes)
+    return tuple((one, q, fit_near(base, (one, q, ()), PLAIN_CONTEXT)["theta"]) for one, q in changes)
 
 
 @pytest.mark.long
@@ -70,5 +70,5 @@ def test_changes_are_in_the_order_of_what_a_second_leaves_beside_them(tmp_path, 
     """None promises much where nothing is wrong."""
     truth = STUDY.replace("[[unknown]]", JOINT, 1) if is_exchanged else STUDY
     base = fitted(tmp_path, truth, [1, 0, 2, 3] if is_exchanged else [0, 1, 2, 3])
-    found = promising(base, begun(base), ALONE, "looks")
+    found = promising(base, begun(base), SERIAL, "looks")
     assert [one[0].kind for one in found][:1] == (["swap"] if is_exchanged else [])

@@ -15,7 +15,7 @@ from structid.diagnose.score_test import Point
 from structid.diagnose.search_budget import UNLIMITED
 from structid.diagnose.set_screening import LinearizedFit, _screen_change, linearize_fit, screen_changes, screen_sets
 from structid.diagnose.tolerance_directions import damped_basis, tolerance_directions
-from structid.inversion.search.work import ALONE, PLAIN_TOOLS
+from structid.inversion.search.work import PLAIN_CONTEXT, SERIAL
 from structid.study.run.diagnosis import diagnose_study
 from structid.study.run.run import run_prepared
 from structid.study.run.start import prepare_study
@@ -72,10 +72,13 @@ def test_a_linearized_fit_leaves_the_least_misfit_of_few_rows_as_of_many(drawn, 
 
 
 def test_data_that_a_change_leaves_out_do_not_say_how_far_a_refit_within_tolerances_begins(monkeypatch):
-    """They are no rows of the refit's problem, whose sum of squares it compares with its number of rows."""
+    """They are no rows of the refit's problem, whose sum of squares it compares with its number of rows.
+
+    The refit begins on half of the data, whose sum of squares is half as large.
+    """
     asked = []
 
-    def refit(names, theta, chi_square, progress=None):
+    def refit(names, theta, chi_square, progress=None, start=None):
         asked.append(chi_square)
         return SimpleNamespace(chi_square=5.0, misfits=lambda probability: False, theta=theta)
 
@@ -83,14 +86,16 @@ def test_data_that_a_change_leaves_out_do_not_say_how_far_a_refit_within_toleran
     monkeypatch.setattr(refits, "count_effort", lambda problem: None)
     model = SimpleNamespace(
         is_large=False,
-        target=SimpleNamespace(names=("p",)),
+        target=SimpleNamespace(names=("p",), n_data=20),
         fixed_values=SimpleNamespace(refit=refit, problem=None),
+        coarse_target=SimpleNamespace(n_data=10),
+        coarse_fixed_values=SimpleNamespace(refit=refit, problem=None),
     )
     fitted = refits.fitted_at(model, np.zeros(1), 100.0, left_out=60.0)
     assert fitted.tolerance_test.chi_square == 65.0
     untested = replace(fitted, tolerance_test=refits.ToleranceTest(65.0, False))
     untested._within_tolerances(model.fixed_values)
-    assert asked == [40.0, 40.0]
+    assert asked == [20.0, 40.0, 40.0]
 
 
 def test_changes_that_noise_hides_are_no_directions(drawn):
@@ -110,8 +115,8 @@ def test_a_fixed_value_is_screened_by_its_column_as_by_its_changed_model(tmp_pat
         ("axial_stiffness[left]", "axial_stiffness[girder]"),
     ):
         change = (FixedValue(where=names), 1.0)
-        [left] = screen_changes(linearized, [change], ALONE, "steps", UNLIMITED)
-        assert left == pytest.approx(_screen_change(linearized, change, PLAIN_TOOLS)["left"], rel=1e-6)
+        [left] = screen_changes(linearized, [change], SERIAL, "steps", UNLIMITED)
+        assert left == pytest.approx(_screen_change(linearized, change, PLAIN_CONTEXT)["left"], rel=1e-6)
         assert left < linearized.misfit
 
 
@@ -124,7 +129,7 @@ def test_a_fixed_value_two_tolerances_off_is_less_of_a_candidate_and_hides_none(
         point = base.modified.point_at(base.modified.shown_problems, base.theta)
         rows = sorted(point.screened(candidates(point.records)), key=lambda row: row.left)
         first, gains[text] = rows[0].candidate, point.left - rows[0].left
-        sets[text] = [one.candidate.where for one in screen_sets(base, ALONE, "sets") if one.candidate.kind == "held"]
+        sets[text] = [one.candidate.where for one in screen_sets(base, SERIAL, "sets") if one.candidate.kind == "held"]
     assert gains[TOLERANT] < 0.7 * gains[STUDY]
     assert ("bending_stiffness[right]",) in sets[STUDY]
     assert not sets[TOLERANT]

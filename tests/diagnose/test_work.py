@@ -11,7 +11,7 @@ from structid.diagnose import modified_model, refits, search, search_budget
 from structid.diagnose.causes import DryFriction, Mass
 from structid.diagnose.explain import unfinished_words
 from structid.diagnose.modified_model import base_model
-from structid.diagnose.refits import Fitted, fit_mirrored, fit_near
+from structid.diagnose.refits import FittedModel, fit_mirrored, fit_near
 from structid.diagnose.search import Explanation, search_causes
 from structid.diagnose.search_budget import (
     METER,
@@ -28,7 +28,7 @@ from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.thresholds import FINALISTS, FIRST_CAUSE_TIME, IDENTIFICATIONS, RESERVED_PLACES, SEARCH_EFFORT
 from structid.forward.record_problem import decide_polarities
 from structid.inversion.search.least_squares import minimize
-from structid.inversion.search.work import ALONE, PLAIN_TOOLS
+from structid.inversion.search.work import PLAIN_CONTEXT, SERIAL
 from structid.study.run.checkpoint import Checkpoint, fingerprint
 from structid.study.run.diagnosis import diagnose_study
 from structid.study.run.long_run import LongRun
@@ -53,7 +53,7 @@ def base(study):
     ready = prepare_study(study)
     estimate = run_prepared(ready).identification.estimate
     problems = tuple(decide_polarities(problem, problem.theta_start) for problem in ready.problems)
-    return Fitted(
+    return FittedModel(
         base_model(TestedModel(ready.setups, study.options), problems, estimate.theta),
         estimate.theta,
         estimate.goodness.chi_square,
@@ -95,22 +95,22 @@ def test_causes_on_processes_and_from_a_checkpoint_have_the_bits_of_one_run(stud
 
 
 def test_a_change_takes_the_answer_of_another_only_where_its_misfit_is_the_same(base):
-    first = fit_near(base, (Mass(where=("4",)), 0.3, ()), PLAIN_TOOLS)
+    first = fit_near(base, (Mass(where=("4",)), 0.3, ()), PLAIN_CONTEXT)
 
     def own(*arguments):
         return {"theta": "own"}
 
-    taken = fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, ()), first), PLAIN_TOOLS)
+    taken = fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, ()), first), PLAIN_CONTEXT)
     assert taken["theta"] is first["theta"]
-    assert fit_mirrored(base, (own, (Mass(where=("3",)), 0.3, ()), first), PLAIN_TOOLS) == {"theta": "own"}
-    assert fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, ()), {}), PLAIN_TOOLS) == {"theta": "own"}
+    assert fit_mirrored(base, (own, (Mass(where=("3",)), 0.3, ()), first), PLAIN_CONTEXT) == {"theta": "own"}
+    assert fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, ()), {}), PLAIN_CONTEXT) == {"theta": "own"}
     fewer = {**first, "theta": first["theta"][:-1]}  # of a change that adds other parameters
-    assert fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, ()), fewer), PLAIN_TOOLS) == {"theta": "own"}
+    assert fit_mirrored(base, (own, (Mass(where=("4",)), 0.3, ()), fewer), PLAIN_CONTEXT) == {"theta": "own"}
 
 
 def test_a_near_fit_ends_early_only_where_it_would_end_above_what_is_of_use(base, monkeypatch):
     forgotten, other = (Mass(where=("4",)), 0.3), (Mass(where=("5",)), 0.1)
-    best = fit_near(base, (*forgotten, ()), PLAIN_TOOLS)
+    best = fit_near(base, (*forgotten, ()), PLAIN_CONTEXT)
     iterations = []
 
     def counted(*arguments):
@@ -119,19 +119,19 @@ def test_a_near_fit_ends_early_only_where_it_would_end_above_what_is_of_use(base
         return minimum
 
     monkeypatch.setattr(modified_model, "minimize", counted)
-    whole = fit_near(base, (*other, ()), PLAIN_TOOLS)
+    whole = fit_near(base, (*other, ()), PLAIN_CONTEXT)
     n_whole = sum(iterations)
     assert whole["chi_square"] > 2 * best["chi_square"]
     iterations.clear()
-    short = fit_near(base, (*other, (best["chi_square"],)), PLAIN_TOOLS)
+    short = fit_near(base, (*other, (best["chi_square"],)), PLAIN_CONTEXT)
     assert sum(iterations) < n_whole
     assert short["chi_square"] > best["chi_square"]
-    same = fit_near(base, (*forgotten, (whole["chi_square"],)), PLAIN_TOOLS)
+    same = fit_near(base, (*forgotten, (whole["chi_square"],)), PLAIN_CONTEXT)
     assert np.array_equal(same["theta"], best["theta"])
     assert same["chi_square"] == best["chi_square"]
     far_behind = (0.5 * whole["costs"][0], *whole["costs"][1:])
-    assert fit_near(base, (*other, far_behind), PLAIN_TOOLS) == {}
-    assert fit_near(base, (*other, (1.01 * whole["costs"][0], *[np.inf] * (len(far_behind) - 1))), PLAIN_TOOLS)
+    assert fit_near(base, (*other, far_behind), PLAIN_CONTEXT) == {}
+    assert fit_near(base, (*other, (1.01 * whole["costs"][0], *[np.inf] * (len(far_behind) - 1))), PLAIN_CONTEXT)
 
 
 class Ticking:
@@ -142,7 +142,7 @@ class Ticking:
 
     def map(self, name, task, shared, items, progress=None, first=0):
         self.seconds += len(items)
-        return [{**answer, "effort": 1.0} for answer in ALONE.map(name, task, shared, items)]
+        return [{**answer, "effort": 1.0} for answer in SERIAL.map(name, task, shared, items)]
 
 
 @pytest.fixture
@@ -185,7 +185,7 @@ def test_a_fit_that_takes_too_much_is_given_up(base):
         hurried = replace(base, modified=replace(base.modified, fit_limits=limits))
         with pytest.raises(SearchEndedError, match="the fit was ended after 1 iterations"):
             hurried.modified.fit_near()
-        assert fit_near(hurried, (Mass(where=("4",)), 0.3, ()), PLAIN_TOOLS) == {}
+        assert fit_near(hurried, (Mass(where=("4",)), 0.3, ()), PLAIN_CONTEXT) == {}
 
 
 def square(shared, item, tools):
@@ -208,8 +208,8 @@ def test_effort_is_counted_from_sizes_and_is_the_same_each_time(base):
 
     item = (Mass(where=("4",)), 0.3, ())
     assert base.near_path  # the quick fit without the change is made once, before all others
-    first = effort_of(fit_near, base, item, PLAIN_TOOLS)
-    assert first == effort_of(fit_near, base, item, PLAIN_TOOLS) > 0
+    first = effort_of(fit_near, base, item, PLAIN_CONTEXT)
+    assert first == effort_of(fit_near, base, item, PLAIN_CONTEXT) > 0
     [problem] = base.modified.problems
     half = problem.with_lines(np.arange(0, len(problem.frequency), 2))
     assert 1 < iteration_effort(problem) / iteration_effort(half) < 2
@@ -230,12 +230,12 @@ def test_other_pairs_are_looked_for_as_long_as_the_budget_allows_one_more(base, 
         METER.add(10.0)
         return second
 
-    monkeypatch.setattr(Fitted, "is_misfit", True)
+    monkeypatch.setattr(FittedModel, "is_misfit", True)
     monkeypatch.setattr(search, "_is_far", lambda one: False)
     monkeypatch.setattr(search, "_beside", beside)
     monkeypatch.setattr(search, "_from_second", take)
     monkeypatch.setattr(search, "_from_next", take)
-    pair = search._paired(first, ALONE, budget)
+    pair = search._paired(first, SERIAL, budget)
     assert (len(efforts), pair.is_single) == (n_more, is_single)
     assert efforts == pytest.approx([10.0 * (k + 1) for k in range(n_more)])
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg
 
 from structid.core.errors import InputError
-from structid.external.shapes import Shapes
+from structid.external.shapes import RunModes
 from structid.external.steps import Pair
 from structid.external.tangent import Tangent, tangent
 
@@ -27,7 +27,7 @@ def run(x, y, split=0.0, scale=None):
     squared, shapes = linalg.eigh(stiffness, mass)
     dofs = np.array([(1 + i % (N // 2), 1 + i // (N // 2)) for i in range(N)])
     values = shapes[:, :MODES] * (1 if scale is None else scale)
-    return Shapes(np.sqrt(squared[:MODES]) / (2 * np.pi), dofs, values, scale is None)
+    return RunModes(np.sqrt(squared[:MODES]) / (2 * np.pi), dofs, values, scale is None)
 
 
 def made(x, y, h, split=0.0, scale=None, one_sided=False) -> Tangent:
@@ -119,6 +119,6 @@ def test_one_sided_differences_and_shapes_without_scale():
 
 def test_fewer_degrees_of_freedom_than_modes_are_refused():
     few = run(0.7, 0.5)
-    few = Shapes(few.frequency, few.dofs[:3], few.values[:3], True)
+    few = RunModes(few.frequency, few.dofs[:3], few.values[:3], True)
     with pytest.raises(InputError, match="5 modes at 3 degrees of freedom"):
         tangent("t", few, [])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid.external.differences import _shapes_in_si
-from structid.external.shapes import Shapes
+from structid.external.shapes import RunModes
 from structid.external.solved import Units
 
 
@@ -19,6 +19,6 @@ def test_the_unit_of_mass_is_that_of_force_by_acceleration(force, length, mass):
 
 def test_shapes_of_unit_mass_come_to_metres_radians_and_kilograms():
     """A shape of t^-1/2 is one of (1000 kg)^-1/2; its rotations are rad per mm and come to rad per m."""
-    shapes = Shapes(np.array([1.0]), np.array([[7, 1], [7, 5]]), np.array([[2.0], [0.3]]), has_mass=True)
+    shapes = RunModes(np.array([1.0]), np.array([[7, 1], [7, 5]]), np.array([[2.0], [0.3]]), has_mass=True)
     found = _shapes_in_si(shapes, Units("mm", "N")).values
     np.testing.assert_allclose(found[:, 0], [2.0 / np.sqrt(1000.0), 0.3 * 1000.0 / np.sqrt(1000.0)], rtol=1e-12)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from structid.core.errors import FileError
-from structid.files.uff.blocks import Block
+from structid.files.uff.blocks import UffDataset
 from structid.files.uff.elements import _BESIDE, _CELLS, read_elements
 
 
@@ -28,8 +28,8 @@ def test_springs_dampers_and_gaps_have_their_names():
 
 def test_a_text_of_another_encoding_has_the_lines_of_its_line_ends_only():
     content = "first … 1\r\nsecond\x0b 2\nthird µ\n".encode("cp1252")
-    assert len(Block(1, 58, "    58", content).lines) == 3
-    assert Block(1, 58, "    58", "a\u2028b\nc".encode()).lines == ["a\u2028b", "c"]
+    assert len(UffDataset(1, 58, "    58", content).lines) == 3
+    assert UffDataset(1, 58, "    58", "a\u2028b\nc".encode()).lines == ["a\u2028b", "c"]
 
 
 def test_a_line_with_a_node_in_its_middle_as_salome_writes_it():
@@ -38,7 +38,7 @@ def test_a_line_with_a_node_in_its_middle_as_salome_writes_it():
     def rows(*nodes):
         lines = [f"{7:10d}{22:10d}{1:10d}{1:10d}{7:10d}{len(nodes):10d}", f"{0:10d}{1:10d}{1:10d}"]
         text = "\n".join([*lines, "".join(f"{n:10d}" for n in nodes), ""])
-        return read_elements(Path("a.unv"), [Block(1, 2412, "  2412", text.encode())]).nodes
+        return read_elements(Path("a.unv"), [UffDataset(1, 2412, "  2412", text.encode())]).nodes
 
     assert rows(1, 3, 2) == {"line3": [[1, 2, 3]]}
     assert rows(1, 2) == {"line": [[1, 2]]}

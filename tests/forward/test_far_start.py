@@ -11,7 +11,7 @@ from structid.forward import Oscillation, TimeOptions, simulated_time_record
 from structid.forward.time import output_error_search
 from structid.forward.time.identify_time import identify_time
 from structid.forward.time.output_error import output_error_problem
-from structid.inversion.search.work import ALONE
+from structid.inversion.search.work import SERIAL
 
 
 def free_beam(mass, stiffness):
@@ -75,7 +75,7 @@ def test_a_start_that_fits_does_not_pay_for_it(monkeypatch):
 def test_without_restarts_nothing_is_linearized_by_its_posterior(monkeypatch):
     monkeypatch.setattr(output_error_search, "posterior_linearized", lambda *_: pytest.fail("asked for it"))
     monkeypatch.setattr(
-        output_error_search, "_tried", lambda *_: iter([((0, -9.0, start), 0), ((passed, -1.0, start), 0)])
+        output_error_search, "_search_starts", lambda *_: iter([((0, -9.0, start), 0), ((passed, -1.0, start), 0)])
     )
     structure, unknown, record = beam(0)
     start, options = unknown.theta_start, TimeOptions(restarts=0)
@@ -91,7 +91,7 @@ def test_an_answer_that_another_start_missed_is_held_against_what_lies_beside_it
     sizes = output_error_search._stages(problem, options)
 
     def confirmed(theta):
-        return output_error_search._confirmed(problem, options, sizes, theta, ALONE, None)[0]
+        return output_error_search._confirmed(problem, options, sizes, theta, SERIAL, None)[0]
 
     def cost(theta):
         return float(np.sum(problem.residual(theta) ** 2))

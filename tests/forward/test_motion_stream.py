@@ -19,11 +19,11 @@ from structid.forward.motion.stream import (
     reduced_by_chunks,
     save_motion_fit,
 )
-from structid.inversion.regression.local_reduction import Kernels, has_numba
+from structid.inversion.regression.local_reduction import FoldingKernels, has_numba
 from structid.records.formats import ReadOptions
 from structid.records.on_disk import MemoryRecord, open_record
 
-ENGINES = [Kernels("numpy"), *([Kernels("numba"), Kernels("numba", 2)] if has_numba() else [])]
+ENGINES = [FoldingKernels("numpy"), *([FoldingKernels("numba"), FoldingKernels("numba", 2)] if has_numba() else [])]
 FIELDS = ("acceleration", "velocity", "displacement", "force")
 
 

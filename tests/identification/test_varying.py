@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import structid as sid
 from structid.cli import app as cli
 from structid.diagnose.modified_model import base_model
-from structid.diagnose.refits import Fitted
+from structid.diagnose.refits import FittedModel
 from structid.diagnose.set_screening import screen_sets
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import judged
@@ -24,7 +24,7 @@ from structid.identification.joint_problem import harmonize_shared_parameters, j
 from structid.identification.search import search_parameters
 from structid.identification.varying import _chances
 from structid.inversion.problem import DataRows
-from structid.inversion.search.work import ALONE
+from structid.inversion.search.work import SERIAL
 from structid.records.formats import write_record
 from structid.study.results.suggestions import suggestion_text
 from structid.study.run.diagnosis import diagnose_study
@@ -133,7 +133,7 @@ def benchmark():
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_given_scatter_is_generalized_least_squares(seed):
     problems, dense = toy(seed, 0.08)
-    found = search_parameters(SETUPS, problems, OPTIONS, None, ALONE)
+    found = search_parameters(SETUPS, problems, OPTIONS, None, SERIAL)
     beta, covariance, chi_square, _ = textbook(*dense, 0.08)
     estimate = found.estimate
     assert estimate.names[:3] == ("mass[m]", "stiffness[a]", "stiffness[b]")
@@ -150,7 +150,7 @@ def test_a_given_scatter_is_generalized_least_squares(seed):
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_chosen_scatter_is_that_of_restricted_likelihood(seed):
     problems, dense = toy(seed, True)
-    found = search_parameters(SETUPS, problems, OPTIONS, None, ALONE)
+    found = search_parameters(SETUPS, problems, OPTIONS, None, SERIAL)
     best = optimize.minimize_scalar(
         lambda log: -textbook(*dense, np.exp(log))[3],
         bounds=(np.log(1e-3), 0),
@@ -177,7 +177,7 @@ def test_the_chosen_scatter_is_that_of_restricted_likelihood(seed):
 
 def test_deviations_are_the_best_linear_predictions():
     problems, dense = toy(4, 0.08)
-    found = search_parameters(SETUPS, problems, OPTIONS, None, ALONE)
+    found = search_parameters(SETUPS, problems, OPTIONS, None, SERIAL)
     x, z, y, errors = dense
     beta = textbook(*dense, 0.08)[0]
     v = np.diag(errors**2) + 0.08**2 * z @ z.T
@@ -318,8 +318,8 @@ def test_of_changes_of_the_study_one_step_promises_most_of_a_value_of_each_recor
     ready = prepare_study(load_study(study(tmp_path, benchmark, benchmark.CLAMP * CLAMPS, "")))
     found = run_prepared(ready).identification
     trial = base_model(TestedModel(ready.setups, ready.study.options), found.problems, found.estimate.theta)
-    base = Fitted(trial, found.estimate.theta, found.estimate.goodness.chi_square)
-    first = min(screen_sets(base, ALONE, "changes of the study"), key=lambda row: row.left)
+    base = FittedModel(trial, found.estimate.theta, found.estimate.goodness.chi_square)
+    first = min(screen_sets(base, SERIAL, "changes of the study"), key=lambda row: row.left)
     assert (first.candidate.kind, first.candidate.where) == ("varies", ("stiffness[clamp]",))
     assert first.left < 0.2 * base.chi_square
     assert suggestion_text(ready.study, trial.changed(first.candidate, first.strength).changes)[1] == (

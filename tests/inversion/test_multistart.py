@@ -17,7 +17,7 @@ from structid.inversion.search.multistart import (
     searched_minima,
     staged,
 )
-from structid.inversion.search.work import Alone, restored_minimum, stored_minimum
+from structid.inversion.search.work import SerialExecutor, restored_minimum, stored_minimum
 
 
 @dataclass
@@ -191,7 +191,7 @@ def test_random_points_are_drawn_in_the_order_of_the_searches_that_count(good, n
     """Two ways, up to three restarts of which the one numbered `good` fits, two uniqueness starts: draws written out."""
     made = []
 
-    class Several(Alone):
+    class Several(SerialExecutor):
         def map(self, name, task, shared, items, progress=None, first=0):
             made.append([(name, float(theta[0])) for _, _, theta in items])
             return super().map(name, task, shared, items, progress, first)

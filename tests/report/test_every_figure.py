@@ -37,7 +37,7 @@ from structid.report.page import Page
 from structid.report.planning import plan_page
 from structid.report.rendering import browser, plot, png
 from structid.report.reproduce import reproduction_page
-from structid.reproduce.item import Curve, Item, Panel, Verdict
+from structid.reproduce.item import Curve, Panel, ReproducedItem, Verdict
 from structid.study.run.run import run_study
 from structid.study.schema.plan import load_plan, planned
 from structid.study.schema.study import load_study
@@ -93,7 +93,7 @@ def made(name: str, folder: Path, request: pytest.FixtureRequest) -> Page:
             Panel("plain", "x (m)", "y (m)", (gap, powers)),
             Panel("wide", "m", "error", (powers,)),
         )
-        return reproduction_page((Item("Figure 9.1", "A figure", Verdict.READING, "", (), panels),))
+        return reproduction_page((ReproducedItem("Figure 9.1", "A figure", Verdict.READING, "", (), panels),))
     if name == "free":
         spec = importlib.util.spec_from_file_location("plate_damage", ROOT / "benchmarks" / "plate_damage.py")
         case = importlib.util.module_from_spec(spec)

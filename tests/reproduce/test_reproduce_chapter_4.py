@@ -35,13 +35,13 @@ from structid.reproduce.chapter_4.noise import (
     noisy_record,
     quantiles,
 )
-from structid.reproduce.item import Item, Verdict
+from structid.reproduce.item import ReproducedItem, Verdict
 
 N_SEEDS = 4
 
 
 @pytest.fixture(scope="module")
-def made() -> dict[str, Item]:
+def made() -> dict[str, ReproducedItem]:
     seen: list[tuple[str, float]] = []
     found = items(lambda name, part: seen.append((name, part)), N_SEEDS)
     parts = [part for _, part in seen]

@@ -18,7 +18,7 @@ from structid.report.rendering.plot import Area
 from structid.report.rendering.plot import Curve as Drawn
 from structid.report.reproduce import table_text, write_reproduction
 from structid.reproduce import run
-from structid.reproduce.item import Curve, Item, Panel, Table, Verdict
+from structid.reproduce.item import Curve, Panel, ReproducedItem, Table, Verdict
 
 VERDICTS = {
     "agrees to the printed digits",
@@ -30,7 +30,7 @@ PRINTED = [[0.90, 12.0], [1.15, np.nan]]
 COMPUTED = [[0.9004, 11.96], [1.15, np.inf]]
 
 
-def small_items() -> tuple[Item, ...]:
+def small_items() -> tuple[ReproducedItem, ...]:
     table = Table(("first", "second (N m^2)"), ("mass <kg>", "error (%)"), PRINTED, COMPUTED)
     support = Table(("only",), ("computed",), [[np.nan]], [[-0.00012345678901234]])
     x = np.arange(4.0)
@@ -41,9 +41,11 @@ def small_items() -> tuple[Item, ...]:
         Panel("plain", "t (s)", "x (m)", (gap,)),
     )
     return (
-        Item("Table 9.1", "A table & its <title>", Verdict.MISPRINT, "First.\nSecond, N m^2.", (table, support)),
-        Item("Figure 9.1", "A figure", Verdict.READING, "A <b>note</b>.", (), panels),
-        Item("Claim: all", "A claim", Verdict.REFUTED, "No."),
+        ReproducedItem(
+            "Table 9.1", "A table & its <title>", Verdict.MISPRINT, "First.\nSecond, N m^2.", (table, support)
+        ),
+        ReproducedItem("Figure 9.1", "A figure", Verdict.READING, "A <b>note</b>.", (), panels),
+        ReproducedItem("Claim: all", "A claim", Verdict.REFUTED, "No."),
     )
 
 

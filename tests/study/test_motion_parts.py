@@ -13,12 +13,12 @@ from test_study_motion import STUDY, act, written
 from structid.core.errors import InputError
 from structid.forward.motion.fit import motion_fit
 from structid.forward.motion.stream import load_motion_fit, motion_solution
-from structid.inversion.regression.local_reduction import Kernels
+from structid.inversion.regression.local_reduction import FoldingKernels
 from structid.records import TimeRecord
 from structid.records.formats import read_record, write_record
 from structid.records.on_disk import open_record
 from structid.study.run import motion
-from structid.study.run.motion import Whole, reduced_alone, reduced_on, stretches, unusable
+from structid.study.run.motion import MotionTaskData, reduced_alone, reduced_on, stretches, unusable
 from structid.study.run.start_workers import start_workers
 from structid.study.run.workers import InProcess, Processes
 from structid.study.schema.study import load_study
@@ -34,7 +34,7 @@ def short_stretches(monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> Whole:
+def whole(tmp_path_factory) -> MotionTaskData:
     """Two records, of 137 and of 60 samples."""
     folder = tmp_path_factory.mktemp("parts")
     study = load_study(written(folder, n=137))
@@ -43,10 +43,10 @@ def whole(tmp_path_factory) -> Whole:
     assert isinstance(values, TimeRecord)
     write_record(second, replace(values, values=values.values[30:90] * 0.7))
     records = tuple(open_record(path) for path in (folder / "motion.h5", second))
-    return Whole(study.structure, study.parameters, records, Kernels("numpy"), 11)
+    return MotionTaskData(study.structure, study.parameters, records, FoldingKernels("numpy"), 11)
 
 
-def start(whole: Whole):
+def start(whole: MotionTaskData):
     return motion_fit(whole.structure, whole.unknown)
 
 

@@ -24,7 +24,7 @@ from structid import estimate
 from structid.core.errors import InputError
 from structid.inversion.intervals.bootstrap import bootstrap
 from structid.inversion.intervals.profile import profiles
-from structid.inversion.search.work import Tools
+from structid.inversion.search.work import TaskContext
 from structid.study.run import workers as workers_module
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.long_run import LongRun, SpreadLines, spread
@@ -37,11 +37,11 @@ from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, write_chain
 
 
-def squared(shared: float, item: float, tools: Tools) -> float:
+def squared(shared: float, item: float, tools: TaskContext) -> float:
     return shared * item**2
 
 
-def ending_once(shared: str, item: int, tools: Tools) -> int:
+def ending_once(shared: str, item: int, tools: TaskContext) -> int:
     """Ends its process the first time that item 3 comes."""
     if item == 3 and not Path(shared).exists():
         Path(shared).touch()
@@ -122,7 +122,7 @@ def test_as_many_batches_are_under_way_as_keep_all_workers_busy(monkeypatch):
     assert largest == 8
 
 
-def threads_now(shared: object, item: int, tools: Tools) -> list[object]:
+def threads_now(shared: object, item: int, tools: TaskContext) -> list[object]:
     """Threads of every library that has some, and what factorizers are told."""
     return [os.environ["STRUCTID_THREADS"], *{pool["num_threads"] for pool in threadpool_info()}]
 
@@ -304,14 +304,14 @@ def test_a_cluster_that_loses_a_worker_has_the_bits_of_one_process(problem, clus
     assert np.array_equal(alone.values, shared.values)
 
 
-def process_of(shared: object, item: float, tools: Tools) -> int:
+def process_of(shared: object, item: float, tools: TaskContext) -> int:
     end = time.thread_time() + item
     while time.thread_time() < end:
         pass
     return os.getpid()
 
 
-def entry(shared: np.ndarray, item: int, tools: Tools) -> float:
+def entry(shared: np.ndarray, item: int, tools: TaskContext) -> float:
     return float(shared[item])
 
 

@@ -10,7 +10,7 @@ from wrong_models.study_files import Case, written
 
 from structid.diagnose.causes import candidates
 from structid.diagnose.modified_model import base_model
-from structid.diagnose.refits import Fitted
+from structid.diagnose.refits import FittedModel
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import is_sound
 from structid.study.run.diagnosis import diagnose_study
@@ -65,7 +65,7 @@ def test_scores_are_those_of_normal_noise_and_steps_those_of_a_column_more(tmp_p
     ready, result, _ = answered(tmp_path)
     estimate = result.identification.estimate
     trial = base_model(TestedModel(ready.setups, ready.study.options), result.identification.problems, estimate.theta)
-    base = Fitted(trial, estimate.theta, estimate.goodness.chi_square)
+    base = FittedModel(trial, estimate.theta, estimate.goodness.chi_square)
     point = trial.point_at(trial.shown_problems, base.theta, np.inf)
     assert len(point.residual) == estimate.goodness.n_data  # all lines, unlike the screen of a misfit
     masses = [one for one in candidates(point.records, ["rail"]) if one.kind == "mass"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from structid.cli.progress import clock
 from structid.study.run.doctor import OPTIONAL, Installation
-from structid.study.run.resources import Duration, Needs, gigabytes
+from structid.study.run.resources import Duration, ResourceNeeds, gigabytes
 
 
 def installed_lines(installation: Installation) -> list[str]:
@@ -24,7 +24,7 @@ def installed_lines(installation: Installation) -> list[str]:
     ]
 
 
-def needed_lines(needs: Needs, duration: Duration, free: int, workers: int) -> list[str]:
+def needed_lines(needs: ResourceNeeds, duration: Duration, free: int, workers: int) -> list[str]:
     """Lines to print on the size of a study, and the memory and time that it needs on `workers` processes.
 
     `free` is the free memory in bytes; `duration` is already that for so many workers.

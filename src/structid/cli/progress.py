@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
-from structid.core.json_types import Entry
+from structid.core.json_types import StoredEntry
 
 _LINE_SECONDS = 60.0
 #: Part of the time left, and seconds of it at least, by which an estimate of the end may be off before it is set anew.
@@ -23,7 +23,7 @@ _MOVES, _MOVES_SECONDS = 0.25, 10.0
 _MOST_VALUES, _ALL_LINES, _FILE_SECONDS = 400, 200, 0.2
 
 #: Brings to the reader what is done: name of the task, done, total (None where it is not known), and the words.
-Show = Callable[[str, int, int | None, str], None]
+ShowProgress = Callable[[str, int, int | None, str], None]
 
 
 class ProgressFile:
@@ -37,7 +37,7 @@ class ProgressFile:
         Gives ``parameters``, see `Reached.summary`.
     """
 
-    def __init__(self, path: Path, reached: Callable[[], Mapping[str, Entry]]) -> None:
+    def __init__(self, path: Path, reached: Callable[[], Mapping[str, StoredEntry]]) -> None:
         self.path, self.reached = path, reached
         self._written, self._lines = 0.0, 0
         path.touch()
@@ -53,7 +53,7 @@ class ProgressFile:
             return
         self._written = now
         self._lines += 1
-        line: dict[str, Entry] = {"time": now, "name": name, "done": done, "total": total, "words": words}
+        line: dict[str, StoredEntry] = {"time": now, "name": name, "done": done, "total": total, "words": words}
         if cost is not None and math.isfinite(cost):
             parameters = self.reached().get("parameters")
             are_few = isinstance(parameters, list) and len(parameters) <= _MOST_VALUES
@@ -69,7 +69,7 @@ class RunProgress:
     anew only where the pace of the tasks moves it by a quarter of what is left.
     """
 
-    def __init__(self, most_iterations: int, show: Show) -> None:
+    def __init__(self, most_iterations: int, show: ShowProgress) -> None:
         """Progress of a run whose searches have at most `most_iterations` iterations; `show` brings it to the reader."""
         self.most_iterations = most_iterations
         self.show = show
@@ -79,23 +79,23 @@ class RunProgress:
 
     def search(self, stage: str, iteration: int, cost: float) -> None:
         """Report iteration number `iteration` of the search stage `stage`, and its sum of squares `cost`."""
-        each = self._each(stage, iteration)
+        each = self._seconds_each(stage, iteration)
         pace = f", {clock(each)} each" if each >= 1 else ""
         total = self.most_iterations if iteration <= self.most_iterations else None
         self._tell(stage, iteration, total, f"{stage}: iteration {iteration}{pace}, misfit {cost:.4g}", cost)
 
     def tasks(self, name: str, done: int, total: int) -> None:
         """Report that `done` of `total` tasks called `name` are finished, with an estimate of the time left."""
-        left = self._left(name, done, total)
+        left = self._remaining_seconds(name, done, total)
         words = f", about {clock(left)} left" if left >= 1 and done < total else ""
         self._tell(name, done, total, f"{name}: {done} of {total}{words}")
 
-    def _left(self, name: str, done: int, total: int) -> float:
+    def _remaining_seconds(self, name: str, done: int, total: int) -> float:
         """Estimated time (s) until all `total` tasks called `name` are finished, `done` of which are; 0 if unknown.
 
         The estimated end is kept until the pace moves it by more than a quarter of the time left, or 2.5 s if that is more.
         """
-        each, now = self._each(name, done), time.monotonic()
+        each, now = self._seconds_each(name, done), time.monotonic()
         if each == 0:
             return 0.0
         end = now + (total - done) * each
@@ -109,7 +109,7 @@ class RunProgress:
         if self.file is not None:
             self.file.write(name, done, total, words, cost)
 
-    def _each(self, name: str, done: int) -> float:
+    def _seconds_each(self, name: str, done: int) -> float:
         """Mean time (s) of a task or iteration called `name` since its first report; 0 if unknown.
 
         `done` is the number of finished ones.
@@ -136,7 +136,7 @@ def run_progress(most_iterations: int) -> Iterator[RunProgress]:
         yield RunProgress(most_iterations, _bars(bar))
 
 
-def _bars(bar: Progress) -> Show:
+def _bars(bar: Progress) -> ShowProgress:
     """Function that shows progress as one bar on a terminal, that of the current task."""
     tasks: dict[str, TaskID] = {"": bar.add_task("reading and checking", total=None)}
 
@@ -154,12 +154,12 @@ def _bars(bar: Progress) -> Show:
     return show
 
 
-def _lines() -> Show:
+def _lines() -> ShowProgress:
     """Function that prints progress on stderr, at most one line a minute."""
     shown = time.monotonic()
 
     def show(_name: str, _done: int, _total: int | None, words: str) -> None:
-        """Print `words` on stderr if the last line is at least 60 s old."""
+        """Print `words` on stderr if the last line is at least `_LINE_SECONDS` s old."""
         nonlocal shown
         if time.monotonic() - shown >= _LINE_SECONDS:
             typer.echo(words, err=True)

@@ -12,9 +12,11 @@ import numpy as np
 T = TypeVar("T")
 
 #: What a file of TOML or JSON holds, without the dates of TOML, which no key takes.
-Plain: TypeAlias = "str | int | float | bool | Sequence[Plain] | Mapping[str, Plain] | None"
+JsonValue: TypeAlias = "str | int | float | bool | Sequence[JsonValue] | Mapping[str, JsonValue] | None"
 #: What a file of results or a checkpoint is made of: arrays and numbers of NumPy too.
-Entry: TypeAlias = "str | int | float | bool | np.ndarray | np.generic | Sequence[Entry] | Mapping[str, Entry] | None"
+StoredEntry: TypeAlias = (
+    "str | int | float | bool | np.ndarray | np.generic | Sequence[StoredEntry] | Mapping[str, StoredEntry] | None"
+)
 #: Tables that are edited, such as those of a study file; they are checked when they are read again.
 Tables: TypeAlias = MutableMapping[str, Any]
 
@@ -32,12 +34,12 @@ def as_list(value: object) -> object:
     return list(value) if isinstance(value, list | tuple) else [value]
 
 
-def json_text(value: Entry) -> str:
+def json_text(value: StoredEntry) -> str:
     """`value` as strict JSON text, indented, in which numbers that are not finite are null."""
     return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def plain(value: Entry) -> Plain:
+def plain(value: StoredEntry) -> JsonValue:
     """`value` in types of JSON: arrays as lists, NumPy numbers as Python's, NaN and infinite numbers as None."""
     if isinstance(value, str):
         return value
@@ -54,6 +56,6 @@ def plain(value: Entry) -> Plain:
     return value
 
 
-def plain_table(table: Mapping[str, Entry]) -> dict[str, Plain]:
+def plain_table(table: Mapping[str, StoredEntry]) -> dict[str, JsonValue]:
     """A table in the types of JSON."""
     return {str(key): plain(entry) for key, entry in table.items()}

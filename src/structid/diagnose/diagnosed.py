@@ -12,10 +12,10 @@ from structid.diagnose.verdict import Cause, Diagnosis, judged
 from structid.identification.identified import Identification
 
 if TYPE_CHECKING:
-    from structid.diagnose.refits import Fitted
+    from structid.diagnose.refits import FittedModel
 
 #: Gives the parts of the data that do not agree.
-Parts = Callable[[], tuple[Disagreement, ...]]
+SplitCheck = Callable[[], tuple[Disagreement, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,19 +27,19 @@ class DiagnosedIdentification:
     identification : Identification
         With intervals that hold whichever of the likely changes is the truth.
     diagnosis : Diagnosis
-    fits : tuple of Fitted
+    fits : tuple of FittedModel
         The fits behind its causes, in their order; a cause without a fit of its own has none.
     """
 
     identification: Identification
     diagnosis: Diagnosis
-    fits: tuple[Fitted, ...] = ()
+    fits: tuple[FittedModel, ...] = ()
 
 
 def without_causes(
     identification: Identification,
     why: str,
-    find_disagreements: Parts,
+    find_disagreements: SplitCheck,
     sensitivities: tuple[FixedValueSensitivity, ...] = (),
 ) -> DiagnosedIdentification:
     """Diagnosis without a search for causes; `why` says in words why there was none, for the verdict.

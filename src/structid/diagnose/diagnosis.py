@@ -26,7 +26,7 @@ from structid.diagnose.verdict import (
 )
 from structid.forward.frf.solvers.tabulated import NO_MATRICES
 from structid.identification.identified import Identification
-from structid.inversion.search.work import ALONE, Work
+from structid.inversion.search.work import SERIAL, TaskExecutor
 
 #: The verdict of an answer that is written while causes are still looked for.
 _SEARCHING = "the search for causes had not ended when this was written"
@@ -81,7 +81,7 @@ def diagnose_identification(
     model: TestedModel,
     identification: Identification,
     explain: bool | None = None,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
     budget: SearchBudget = UNLIMITED,
     before_search: Callable[[Diagnosis], None] | None = None,
 ) -> DiagnosedIdentification:
@@ -94,7 +94,7 @@ def diagnose_identification(
     identification : Identification
     explain : bool, optional
         True to look for causes in any case, False for never; by default they are looked for where the answer is not sound.
-    work : Work
+    work : TaskExecutor
         Runs the screening and the fits of candidates.
     budget : SearchBudget
         Effort of the search for causes from its beginning on; unlimited by default.

@@ -9,12 +9,12 @@ import numpy as np
 from structid.core.display import as_sentence, plural
 from structid.core.errors import StructidError
 from structid.diagnose.causes.places import MOST_DOFS
-from structid.diagnose.diagnosed import DiagnosedIdentification, Parts, noise_level, without_causes
+from structid.diagnose.diagnosed import DiagnosedIdentification, SplitCheck, noise_level, without_causes
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted
 from structid.diagnose.freed_model import fixed_value_sensitivities
 from structid.diagnose.model_averaging import intervals_of, widened
 from structid.diagnose.modified_model import are_small, base_model
-from structid.diagnose.refits import Fitted, ToleranceTest
+from structid.diagnose.refits import FittedModel, ToleranceTest
 from structid.diagnose.search import Explanation, requested_changes, search_causes, with_freed
 from structid.diagnose.search_budget import SearchBudget
 from structid.diagnose.tested_model import TestedModel
@@ -37,7 +37,7 @@ from structid.diagnose.verdict import (
 )
 from structid.forward import FrfProblem
 from structid.identification.identified import Identification
-from structid.inversion.search.work import Work
+from structid.inversion.search.work import TaskExecutor
 
 _FEW_FITTED = (
     f"of a model of more than {MOST_DOFS} degrees of freedom, {LARGE_MODEL_REFITS} likely changes are fitted at most"
@@ -49,9 +49,9 @@ def diagnose_by_search(
     model: TestedModel,
     identification: Identification,
     sensitivities: tuple[FixedValueSensitivity, ...],
-    work: Work,
+    work: TaskExecutor,
     budget: SearchBudget,
-    find_disagreements: Parts,
+    find_disagreements: SplitCheck,
 ) -> DiagnosedIdentification:
     """The diagnosis of an answer after a search for the causes of its misfit within a budget of effort.
 
@@ -60,7 +60,7 @@ def diagnose_by_search(
     """
     estimate = identification.estimate
     try:
-        explanation = search_causes(_base(model, identification), work, budget.portion(1.0))
+        explanation = search_causes(_answer_as_model(model, identification), work, budget.portion(1.0))
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
         return without_causes(identification, f"causes could not be looked for: {error}", find_disagreements)
     if explanation.better is not None:
@@ -76,22 +76,22 @@ def diagnose_by_search(
     return _diagnose_explained(model, identification, explanation, sensitivities, find_disagreements)
 
 
-def _base(model: TestedModel, identification: Identification) -> Fitted:
-    """The answer as a `Fitted` without changes, from which a search for causes starts; no fit is made for it."""
+def _answer_as_model(model: TestedModel, identification: Identification) -> FittedModel:
+    """The answer as a `FittedModel` without changes, from which a search for causes starts; no fit is made for it."""
     theta = identification.estimate.theta
     estimate = identification.estimate
     within = estimate.goodness.least_chi_square
     test = ToleranceTest(float(within), not fits_noise(identification)) if np.isfinite(within) else None
     modified = base_model(model, identification.problems, theta)
-    return Fitted(modified, theta, estimate.goodness.chi_square, 0.0, test)
+    return FittedModel(modified, theta, estimate.goodness.chi_square, 0.0, test)
 
 
 def diagnose_sound(
     model: TestedModel,
     identification: Identification,
     sensitivities: tuple[FixedValueSensitivity, ...],
-    work: Work,
-    find_disagreements: Parts,
+    work: TaskExecutor,
+    find_disagreements: SplitCheck,
     is_asked: bool,
 ) -> DiagnosedIdentification:
     """The diagnosis of a sound answer; fixed values or one change are fitted where the record asks for them.
@@ -104,7 +104,7 @@ def diagnose_sound(
     if doubts:
         try:
             names = [one.name for one in doubts]
-            explanation = with_freed(_base(model, identification), names, len(sensitivities), work)
+            explanation = with_freed(_answer_as_model(model, identification), names, len(sensitivities), work)
         except (StructidError, np.linalg.LinAlgError) as error:
             why = f"it could not be fitted with its fixed values free: {error}"
             return without_causes(identification, why, find_disagreements, sensitivities)
@@ -113,7 +113,7 @@ def diagnose_sound(
         )
     if is_asked and _can_be_asked(model, identification):
         try:
-            explanation = requested_changes(_base(model, identification), work)
+            explanation = requested_changes(_answer_as_model(model, identification), work)
         except (StructidError, np.linalg.LinAlgError) as error:
             why = f"single changes could not be tested: {error}"
             return without_causes(identification, why, find_disagreements, sensitivities)
@@ -138,7 +138,7 @@ def _diagnose_explained(
     identification: Identification,
     explanation: Explanation,
     sensitivities: tuple[FixedValueSensitivity, ...],
-    find_disagreements: Parts,
+    find_disagreements: SplitCheck,
     is_search: bool = True,
 ) -> DiagnosedIdentification:
     """The diagnosis of an answer from the fitted changes of an `explanation`, with intervals that cover the likely ones.
@@ -149,7 +149,7 @@ def _diagnose_explained(
     estimate = identification.estimate
     is_doubted = bool(doubted(sensitivities))
     likely = explanation.likely if is_doubted or not is_sound(identification) or not is_search else ()
-    ranked = _ranked(explanation)
+    ranked = _rank_changes(explanation)
     made = tuple(_cause(identification, explanation, fit, is_alike) for fit, is_alike in ranked)
     made = (*made[:1], *(_friction_like(made[0]) if made else ()), *made[1:])
     is_hidden = bool(identification.missed)
@@ -206,7 +206,7 @@ def _friction_like(cause: Cause) -> tuple[Cause, ...]:
     return (replace(cause, kind="friction", words=words, is_alike=True, has_fit=False),)
 
 
-def _ranked(explanation: Explanation) -> list[tuple[Fitted, bool]]:
+def _rank_changes(explanation: Explanation) -> list[tuple[FittedModel, bool]]:
     """Fitted changes in the order of the report, each with True if it cannot be distinguished from the likeliest.
 
     First the two likeliest, then two second causes, the rest of those alike (up to four of them), and others. The list is cut
@@ -223,7 +223,7 @@ def _ranked(explanation: Explanation) -> list[tuple[Fitted, bool]]:
     return [*first[:2], *second[:2], *first[2:], *others][: max(MOST_ALIKE, len(first) + len(second[:2]))]
 
 
-def _cause(identification: Identification, explanation: Explanation, fit: Fitted, is_alike: bool) -> Cause:
+def _cause(identification: Identification, explanation: Explanation, fit: FittedModel, is_alike: bool) -> Cause:
     """A fitted change as a cause for the report, with the part of the misfit that it removes and the values that it moves.
 
     `is_alike` says that the data cannot distinguish it from the likeliest cause. The part of a second change is that of the
@@ -257,7 +257,7 @@ def _cause(identification: Identification, explanation: Explanation, fit: Fitted
     )
 
 
-def _shifts(identification: Identification, base: Fitted, fit: Fitted) -> tuple[ParameterShift, ...]:
+def _shifts(identification: Identification, base: FittedModel, fit: FittedModel) -> tuple[ParameterShift, ...]:
     """Parameters of the answer with their values before and after a change, in order of distance, the largest first."""
     estimate, target = identification.estimate, fit.modified.target
     before, after, ends = base.values, fit.values, intervals_of(fit, identification.intervals.level)

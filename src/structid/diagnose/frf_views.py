@@ -28,7 +28,7 @@ Values = TypeVar("Values", FloatArray, ComplexArray)
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class FrfView:
     """A record as FRFs.
 
     Attributes
@@ -61,16 +61,16 @@ class View:
         frequency = self.problem.frequency
         return frequency[evenly_spaced_indices(len(frequency), NEAR_LINES)]
 
-    def of(self, problem: RecordProblem) -> View:
+    def of(self, problem: RecordProblem) -> FrfView:
         """The view with the same data and quick-fit lines, and the structure, parameters and channel errors of `problem`."""
         channels = None if problem.channels is None else problem.channels.seen_by(self.problem.record)
         own = replace(self.problem, structure=problem.structure, parameters=problem.parameters, channels=channels)
-        return View(own, self.smooth, self.near)
+        return FrfView(own, self.smooth, self.near)
 
 
 def views(
     setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: Sequence[FloatArray], options: IdentifyOptions
-) -> tuple[View, ...]:
+) -> tuple[FrfView, ...]:
     """Records of a study as FRFs, one view for each: as measured, averaged from histories, or synthesized from modes.
 
     Parameters
@@ -84,15 +84,15 @@ def views(
     found = []
     for setup, problem, own in zip(setups, problems, theta, strict=True):
         if isinstance(problem, FrfProblem):
-            found.append(View(problem))
+            found.append(FrfView(problem))
         elif (shown := setup.shown_problem(options, problem.channels)) is not None:
-            found.append(View(shown))
+            found.append(FrfView(shown))
         elif isinstance(problem, ModalProblem):
             found.append(modal_view(problem, own))
     return tuple(found)
 
 
-def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
+def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfView:
     """A view of measured modes as FRFs with their stated errors, scaled to unit modal mass by the model's shapes.
 
     Modes and shape entries that were not measured are the model's. Damping that is not fitted is the model's, with errors as
@@ -152,7 +152,7 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
     near = record(MODAL_VIEW_DECAY)
     errors = None if problem.channels is None else problem.channels.seen_by(near)
     own = FrfProblem(problem.structure, problem.parameters, near, channels=errors)
-    return View(own, {level: record(level) if level > MODAL_VIEW_DECAY else near for level in LEVELS})
+    return FrfView(own, {level: record(level) if level > MODAL_VIEW_DECAY else near for level in LEVELS})
 
 
 def _synthesized(outputs: FloatArray, of_mode: Values, inputs: FloatArray) -> Values:

@@ -8,24 +8,24 @@ from dataclasses import replace
 import numpy as np
 
 from structid.core.display import join_words
-from structid.diagnose.refits import Fitted
+from structid.diagnose.refits import FittedModel
 from structid.identification.identified import Identification
 from structid.identification.identify import total_mass
 from structid.identification.warning_words import estimate_warnings
 from structid.inversion.estimate import normal_intervals
 from structid.inversion.uncertainty import DenseCovariance
 
-Ends = dict[str, tuple[float, float]]
+IntervalsByName = dict[str, tuple[float, float]]
 
 
-def intervals_of(fitted: Fitted, level: float) -> Ends:
+def intervals_of(fitted: FittedModel, level: float) -> IntervalsByName:
     """Normal intervals of the parameters of a fitted study at the probability `level`: (low, high) in SI units, by name."""
     std = np.sqrt(np.diag(fitted.covariance))
     ends = normal_intervals(fitted.parameters, std, fitted.identified, level)
     return dict(zip(fitted.parameters.names, ((low, high) for low, high in ends.tolist()), strict=True))
 
 
-def widened(identification: Identification, likely: Sequence[Fitted], direction: str | None) -> Identification:
+def widened(identification: Identification, likely: Sequence[FittedModel], direction: str | None) -> Identification:
     """The identification with intervals and standard deviations that cover likely changed models as well.
 
     Intervals are the union of its own and theirs; its covariance is the mean over all of these models of their own
@@ -36,7 +36,7 @@ def widened(identification: Identification, likely: Sequence[Fitted], direction:
     Parameters
     ----------
     identification : Identification
-    likely : sequence of Fitted
+    likely : sequence of FittedModel
         Fits of the likely changed models; without any the identification is returned as it is.
     direction : str, optional
         Direction of the translation for which the total mass is computed, such as ``X``.

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from structid.core.errors import StructidError
-from structid.diagnose.refits import Fitted, Item
+from structid.diagnose.refits import FittedModel, RefitTask
 from structid.diagnose.search_budget import UNLIMITED, SearchBudget, map_within_budget
 from structid.diagnose.thresholds import (
     PAIR_LEFT,
@@ -16,12 +16,12 @@ from structid.diagnose.thresholds import (
     PAIR_LOOKS_OF_KIND,
 )
 from structid.identification.setups.setup import titles
-from structid.inversion.search.work import Tools, Work
+from structid.inversion.search.work import TaskContext, TaskExecutor
 
 
 def promising(
-    base: Fitted, items_begun: Sequence[Item], work: Work, name: str, budget: SearchBudget = UNLIMITED
-) -> list[Item]:
+    base: FittedModel, items_begun: Sequence[RefitTask], work: TaskExecutor, name: str, budget: SearchBudget = UNLIMITED
+) -> list[RefitTask]:
     """First changes beside which a second one leaves at most 30 % of the misfit, sorted by what the best second leaves.
 
     Second changes are screened at quick fits of log-FRFs that stay near the start values: a full fit of one of two
@@ -29,18 +29,18 @@ def promising(
 
     Parameters
     ----------
-    base : Fitted
+    base : FittedModel
         The fit before changes.
-    items_begun : sequence of Item
+    items_begun : sequence of RefitTask
         Changes with their quick fits (candidate, strength, free variables), the likeliest first.
-    work : Work
+    work : TaskExecutor
         Runs the screening.
     name : str
         Name of the stage in progress messages and checkpoints.
     budget : SearchBudget
         Changes for which there is no time are left out.
     """
-    of_kind, items = Counter[str](), list[Item]()
+    of_kind, items = Counter[str](), list[RefitTask]()
     for item in items_begun:
         of_kind[item[0].kind] += 1
         if of_kind[item[0].kind] <= PAIR_LOOKS_OF_KIND:
@@ -54,7 +54,7 @@ def promising(
     return [items[k] for k in order if left[k] < PAIR_LEFT * whole]
 
 
-def _looked_beside(base: Fitted, item: Item, tools: Tools) -> dict[str, float]:
+def _looked_beside(base: FittedModel, item: RefitTask, tools: TaskContext) -> dict[str, float]:
     """The misfit, under ``left``, after a change and the best second change, by a linear step; infinite where that fails.
 
     `item` is the first change, its strength and the free variables of its quick fit.

@@ -31,7 +31,7 @@ from structid.inversion.estimate import ParameterValues, parameters_at
 from structid.inversion.fixed_values import FitWithinTolerances
 from structid.inversion.search.minimum import Minimum
 from structid.inversion.search.within_tolerances import FixedValues
-from structid.inversion.search.work import Task, Tools
+from structid.inversion.search.work import Task, TaskContext
 from structid.inversion.uncertainty import Uncertainty, dense_uncertainty
 
 
@@ -55,7 +55,7 @@ class ToleranceTest:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedModel:
     """Fit of a model, unchanged or with changes.
 
     Attributes
@@ -152,23 +152,26 @@ class Fitted:
         return self._uncertainty.spread.covariance
 
 
-def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, left_out: float = 0.0) -> Fitted:
-    """A `Fitted` at free variables `theta` (n_params,); with a tolerance test where its misfit is beyond noise.
+def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, left_out: float = 0.0) -> FittedModel:
+    """A `FittedModel` at free variables `theta` (n_params,); with a tolerance test where its misfit is beyond noise.
 
     `chi_square` is its sum of squares, in which `left_out`, the misfit of data that it leaves out, is included. Large models,
     and those without fixed values, have no tolerance test.
     """
-    fitted = Fitted(modified, theta, chi_square, left_out)
+    fitted = FittedModel(modified, theta, chi_square, left_out)
     fixed_values = modified.fixed_values
     if modified.is_large or fixed_values is None or not is_beyond_noise(fitted):
         return fitted
-    effort = count_effort(fixed_values.problem)
-    within = fixed_values.refit(modified.target.names, theta, chi_square - left_out, effort)
+    start, names, kept = None, modified.target.names, chi_square - left_out
+    coarse, part = modified.coarse_fixed_values, modified.coarse_target.n_data / modified.target.n_data
+    if coarse is not None and part < 1:
+        start = coarse.refit(names, theta, part * kept, count_effort(coarse.problem)).theta
+    within = fixed_values.refit(names, theta, kept, count_effort(fixed_values.problem), start)
     test = ToleranceTest(within.chi_square + left_out, within.misfits(MISFIT), within.theta)
     return replace(fitted, tolerance_test=test)
 
 
-def is_beyond_noise(fitted: Fitted, counts_left_out: bool = False) -> bool:
+def is_beyond_noise(fitted: FittedModel, counts_left_out: bool = False) -> bool:
     """True where noise leaves so much misfit with a probability below 0.001, with fixed values as they are.
 
     Data that the fit leaves out count only where `counts_left_out`. False without degrees of freedom.
@@ -205,14 +208,14 @@ class StoredFit(TypedDict, total=False):
 
 
 #: A candidate and its strength.
-Sized = tuple[Candidate, float]
+CandidateOfStrength = tuple[Candidate, float]
 #: A candidate, its strength, and the sums of squares of its stages from which on its near fit is of no use, if any.
-NearItem = tuple[Candidate, float, tuple[float, ...]]
+NearFitTask = tuple[Candidate, float, tuple[float, ...]]
 #: A candidate, its strength, and free variables to fit it from.
-Item = tuple[Candidate, float, FloatArray]
+RefitTask = tuple[Candidate, float, FloatArray]
 
 
-def fit_near(base: Fitted, change: NearItem, tools: Tools) -> StoredFit:
+def fit_near(base: FittedModel, change: NearFitTask, tools: TaskContext) -> StoredFit:
     """The quick fit of a change, parameters kept near their start; an empty dict where no model has the change.
 
     `change` is the candidate, its strength, and the limit of the sum of squares for each stage (no limits if empty). A fit that
@@ -229,7 +232,7 @@ def fit_near(base: Fitted, change: NearItem, tools: Tools) -> StoredFit:
         return {}  # not a cause that could be offered
 
 
-def fit_fully(base: Fitted, item: Item, tools: Tools) -> StoredFit:
+def fit_fully(base: FittedModel, item: RefitTask, tools: TaskContext) -> StoredFit:
     """The full fit of a change, as the options of the identification ask for; an empty dict where it fails.
 
     `item` is the candidate, its strength and the free variables of its quick fit, where the fit starts. Gains that only leave a
@@ -245,7 +248,7 @@ def fit_fully(base: Fitted, item: Item, tools: Tools) -> StoredFit:
         return {}
 
 
-def _is_no_gain(base: Fitted, fitted: Fitted) -> bool:
+def _is_no_gain(base: FittedModel, fitted: FittedModel) -> bool:
     """True where a fitted channel gain is beyond `MOST_GAIN` or its inverse, and is not the factor of a mistaken unit."""
     candidate = fitted.cause
     assert isinstance(candidate, SensorGain | LoadGain)
@@ -253,17 +256,19 @@ def _is_no_gain(base: Fitted, fitted: Fitted) -> bool:
     return any(abs(np.log(value)) > np.log(MOST_GAIN) and not candidate.mistaken_unit(value) for value in added)
 
 
-def fit_mirrored(base: Fitted, item: tuple[Task, NearItem | Item, StoredFit], tools: Tools) -> StoredFit:
+def fit_mirrored(
+    base: FittedModel, item: tuple[Task, NearFitTask | RefitTask, StoredFit], tools: TaskContext
+) -> StoredFit:
     """The fit of a change that may mirror another: the other's fit where the misfit there is equal, else a fit by `task`.
 
     Changes at mirrored positions of a symmetric structure have equal fits, which one residual shows.
 
     Parameters
     ----------
-    base : Fitted
+    base : FittedModel
     item : (task, item, StoredFit)
         `fit_near` or `fit_fully`, its argument, and the fit of the other change.
-    tools : Tools
+    tools : TaskContext
         Passed on to the task.
     """
     task, (candidate, strength, *_), other = item
@@ -282,7 +287,7 @@ def fit_mirrored(base: Fitted, item: tuple[Task, NearItem | Item, StoredFit], to
     return own
 
 
-def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
+def _fits_alone(base: FittedModel, candidate: Candidate) -> bool:
     """True where the model fits the candidate's record by itself to a chi-square per degree of freedom below 2.
 
     The record then has values different from those of the other records, as of another state of the structure.
@@ -294,7 +299,7 @@ def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
     return float(minimum.costs[-1]) < OTHER_STATE_MISFIT * max(problem.n_data - len(problem.names), 1)
 
 
-def _stored(fitted: Fitted) -> StoredFit:
+def _stored(fitted: FittedModel) -> StoredFit:
     """Numbers and texts of a fit and its last change, for a checkpoint.
 
     Those of its tolerance test are there only if the free variables of that test are known.
@@ -310,8 +315,8 @@ def _stored(fitted: Fitted) -> StoredFit:
     return stored
 
 
-def restore_fit(base: Fitted, candidate: Candidate, stored: StoredFit) -> Fitted:
-    """The `Fitted` of a candidate, its changed model included, from what `fit_fully` returned; `stored` must not be empty."""
+def restore_fit(base: FittedModel, candidate: Candidate, stored: StoredFit) -> FittedModel:
+    """The `FittedModel` of a candidate, its changed model included, from what `fit_fully` returned; `stored` must not be empty."""
     where = tuple(stored["where"])
     if where != candidate.where:  # the candidate itself has its model in the cache
         candidate = replace(candidate, where=where)
@@ -320,19 +325,22 @@ def restore_fit(base: Fitted, candidate: Candidate, stored: StoredFit) -> Fitted
     if "chi_square_within" in stored:
         theta = np.asarray(stored["theta_within"]) if "theta_within" in stored else None
         test = ToleranceTest(float(stored["chi_square_within"]), bool(stored["is_rejected"]), theta)
-    return Fitted(modified, np.asarray(stored["theta"]), float(stored["chi_square"]), float(stored["left_out"]), test)
+    return FittedModel(
+        modified, np.asarray(stored["theta"]), float(stored["chi_square"]), float(stored["left_out"]), test
+    )
 
 
-def _fit_to_the_end(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> Fitted:
+def _fit_to_the_end(base: FittedModel, modified: ModifiedModel, theta: FloatArray) -> FittedModel:
     """The full fit of a changed model: the best of those from `theta` (n_params,) and from the values of `base`.
 
-    Other strengths are tried where the kind of change asks for it, and outlying lines and tones are looked for again after the
-    fit, up to four times.
+    Starts are compared on fewer lines, and so are other strengths where the kind of change asks for them. Outlying lines and
+    tones are looked for again after the fit, up to four times.
     """
     starts = [theta, modified.theta_of(base.values)]
     if modified.changes[-1].candidate.begins_at_start:
         starts.append(np.asarray(modified.target.theta_start))
-    modified, minimum = _try_other_strengths(base, modified, modified.fitted(starts))
+    modified, coarse = _try_other_strengths(base, modified, modified.fitted_on_fewer_lines(starts))
+    minimum = modified.fitted([coarse.theta])
     for _ in range(MOST_PASSES):
         again = _with_other_lines(base, modified, minimum.theta)
         if again is None:
@@ -343,8 +351,8 @@ def _fit_to_the_end(base: Fitted, modified: ModifiedModel, theta: FloatArray) ->
     return fitted_at(modified, minimum.theta, float(minimum.costs[-1]) + left_out, left_out)
 
 
-def _try_other_strengths(base: Fitted, modified: ModifiedModel, minimum: Minimum) -> tuple[ModifiedModel, Minimum]:
-    """The best fit over several strengths of the last change, as the model with that strength and its minimum.
+def _try_other_strengths(base: FittedModel, modified: ModifiedModel, minimum: Minimum) -> tuple[ModifiedModel, Minimum]:
+    """The best fit on fewer lines over several strengths of the last change: the model with that strength, and its minimum.
 
     `modified` and `minimum` themselves where none is better, and for candidates without `other_strengths`.
     """
@@ -357,7 +365,7 @@ def _try_other_strengths(base: Fitted, modified: ModifiedModel, minimum: Minimum
             try:
                 other = base.modified.changed(candidate, q)
                 start = other.theta_of({**base.values, **_values_in_study(modified, minimum.theta, base)})
-                again = other.fitted([start])
+                again = other.fitted_on_fewer_lines([start])
             except (StructidError, np.linalg.LinAlgError):
                 continue
             if again.costs[-1] < minimum.costs[-1]:
@@ -366,15 +374,16 @@ def _try_other_strengths(base: Fitted, modified: ModifiedModel, minimum: Minimum
     return modified, minimum
 
 
-def _values_in_study(modified: ModifiedModel, theta: FloatArray, base: Fitted) -> dict[str, float]:
+def _values_in_study(modified: ModifiedModel, theta: FloatArray, base: FittedModel) -> dict[str, float]:
     """Physical values, by name, of those parameters of a changed model that the study has without the change."""
     return {name: value for name, value in modified.values(theta).items() if name in base.modified.target.names}
 
 
-def _with_other_lines(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> ModifiedModel | None:
+def _with_other_lines(base: FittedModel, modified: ModifiedModel, theta: FloatArray) -> ModifiedModel | None:
     """The model with the last change replaced by one for the outlying lines or tones that show after its fit at `theta`.
 
-    None where these are the same as before or there are none, for every other kind of candidate, and for several records.
+    None where these are the same as before or there are none, for every other kind of candidate, and for several
+    records. `theta` is (n_params,).
     """
     candidate, strength, _ = modified.changes[-1]
     if not isinstance(candidate, OutlyingLines | Tone) or len(base.modified.problems) > 1:
@@ -392,12 +401,14 @@ def _with_other_lines(base: Fitted, modified: ModifiedModel, theta: FloatArray) 
     return base.modified.changed(replace(candidate, where=spans), strength)
 
 
-def _residual_of_all_data(base: Fitted, modified: ModifiedModel, theta: FloatArray, problem: Problem) -> FloatArray:
+def _residual_of_all_data(
+    base: FittedModel, modified: ModifiedModel, theta: FloatArray, problem: Problem
+) -> FloatArray:
     """The residual (n_rows,) of `problem`, which has all data of `base`, at the values of a changed model's `theta`."""
     return problem.residual(base.modified.theta_of({**base.values, **modified.values(theta)}))
 
 
-def _misfit_left_out(base: Fitted, modified: ModifiedModel, theta: FloatArray, is_near: bool = False) -> float:
+def _misfit_left_out(base: FittedModel, modified: ModifiedModel, theta: FloatArray, is_near: bool = False) -> float:
     """Misfit of the data that the last change leaves out, their errors larger by the likeliest factor; 0 if it leaves none out.
 
     `theta` holds the free variables of the changed model. With `is_near` the misfit is that of the quick fit's problems.

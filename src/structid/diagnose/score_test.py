@@ -46,7 +46,7 @@ class RequestedChange(NamedTuple):
     score: float
 
 
-class _Look(NamedTuple):
+class _CandidateScreening(NamedTuple):
     """Screening of one candidate: strengths, the sum of squares after each, the linear estimate and the lowest promise."""
 
     strengths: FloatArray
@@ -121,7 +121,7 @@ class Point:
         more, the others with every second strength.
         """
         keys = [self._key(candidate) for candidate in candidates]
-        known: dict[_Key, _Look] = {}
+        known: dict[_Key, _CandidateScreening] = {}
         for key, candidate in zip(keys, candidates, strict=True):
             if key not in known:
                 known[key] = self._look(candidate)
@@ -129,7 +129,7 @@ class Point:
         for k in sorted(range(len(keys)), key=lambda k: known[keys[k]].promised):
             kinds[candidates[k].kind].append(k)
         closer = {k for kind in kinds.values() for k in kind[:FINELY_SCREENED]}
-        nearer: dict[_Key, _Look] = {}
+        nearer: dict[_Key, _CandidateScreening] = {}
         for k in sorted(closer):
             if keys[k] not in nearer:
                 nearer[keys[k]] = self._closer(candidates[k], known[keys[k]])
@@ -176,20 +176,20 @@ class Point:
         moves = [part.tobytes() for receptances in self.records for part in directions.rows(receptances)]
         return *values, *moves
 
-    def _look(self, candidate: Candidate) -> _Look:
+    def _look(self, candidate: Candidate) -> _CandidateScreening:
         """A first screening of a candidate: misfit at every second strength after a linear step, and linear estimate."""
         strengths = candidate.strengths[::2]
         if len(candidate.strengths) == 1:
             left = self._left_by(candidate, strengths)
-            return _Look(strengths, left, 0.0, float(left[0]))
+            return _CandidateScreening(strengths, left, 0.0, float(left[0]))
         small = _SMALL * np.abs(strengths).min()
         off = self._residuals_off_parameters(candidate, np.append(strengths, small))
         left, (step, size) = _squares(off[:, :-1]), self._linear(off[:, -1], small)
         low, high = candidate.bounds
         linear = self.left - step**2 * size if low < step < high else np.inf
-        return _Look(strengths, left, step, float(min(left.min(), linear)))
+        return _CandidateScreening(strengths, left, step, float(min(left.min(), linear)))
 
-    def _closer(self, candidate: Candidate, look: _Look) -> _Look:
+    def _closer(self, candidate: Candidate, look: _CandidateScreening) -> _CandidateScreening:
         """The first screening `look` of a candidate, extended by the other strengths and by some near the best of them.
 
         Unchanged for candidates with one strength.
@@ -217,7 +217,7 @@ class Point:
         return _squares(self._residuals_off_parameters(candidate, strengths))
 
     def _residuals_off_parameters(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
-        """Whitened residuals with a candidate at each strength, less what the parameters can follow, (n_rows, n_strengths)."""
+        """Whitened residuals with `candidate` at each of `strengths`, without what parameters can follow, (n_rows, n_strengths)."""
         rows = np.empty((len(self.residual), len(strengths)))
         METER.add(screening_effort(*rows.shape))
         rows[:] = self.residual[:, None]
@@ -234,7 +234,7 @@ class Point:
             return self._off_basis(rows)
 
 
-def _with_strengths(look: _Look, strengths: FloatArray, left: FloatArray) -> _Look:
+def _with_strengths(look: _CandidateScreening, strengths: FloatArray, left: FloatArray) -> _CandidateScreening:
     """A screening result with further `strengths` (n,) appended, and the misfits (n,) that they leave."""
     return look._replace(strengths=np.append(look.strengths, strengths), left=np.append(look.left, left))
 

@@ -28,7 +28,7 @@ from structid.diagnose.causes.friction import FORCES
 from structid.diagnose.causes.gain import LoadGain
 from structid.diagnose.data_rows import rows_of, scaled_misfit
 from structid.diagnose.modified_model import QUICK
-from structid.diagnose.refits import Fitted
+from structid.diagnose.refits import FittedModel
 from structid.diagnose.score_test import Point, Screened
 from structid.diagnose.search_budget import (
     UNLIMITED,
@@ -51,13 +51,13 @@ from structid.diagnose.thresholds import (
 from structid.forward import FrfProblem, ModalProblem
 from structid.identification.setups.setup import titles
 from structid.inversion import JointProblem
-from structid.inversion.search.work import Tools, Work
+from structid.inversion.search.work import TaskContext, TaskExecutor
 
 #: By the key of a candidate, the part of the misfit that a linear screening promises to remove, and the screening.
 _Promises = dict[Hashable, tuple[float, Screened]]
 
 
-def screening_points(base: Fitted) -> list[Point]:
+def screening_points(base: FittedModel) -> list[Point]:
     """Linearized problems at which candidates are screened: on smoothed data, at the quick fit, and last at the fit.
 
     Of a large model only two, without further fits: at the start of the parameters, and at the fit. Smoothed levels after which
@@ -104,14 +104,16 @@ class Shortlist(NamedTuple):
     lost: list[Screened]
 
 
-def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudget = UNLIMITED) -> Shortlist:
+def shortlist_candidates(
+    base: FittedModel, work: TaskExecutor, name: str, budget: SearchBudget = UNLIMITED
+) -> Shortlist:
     """The candidates that are worth a fit, screened at several points with parameters that follow linearly.
 
     Parameters
     ----------
-    base : Fitted
+    base : FittedModel
         Fit of the study before the change.
-    work : Work
+    work : TaskExecutor
         Runs the screening of each point.
     name : str
         Name of the stage in progress messages and checkpoints.
@@ -123,7 +125,9 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
     faulty = _faulty(base)
     certain = faulty | _exchanged(base, points)
     nearest_first = range(len(points))[::-1]
-    answers = map_within_budget(budget, work, name, _looked, (tuple(points), names), nearest_first, least=1)[::-1]
+    answers = map_within_budget(budget, work, name, _screen_candidates, (tuple(points), names), nearest_first, least=1)[
+        ::-1
+    ]
     held_nodes = {dof.node for setup in base.modified.setups for dof in setup.structure.fixed}
     best, others, here = _Promises(), _Promises(), _Promises()
     tried, feet, of_points = 0, list[Screened](), list[list[Screened]]()
@@ -205,7 +209,7 @@ def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:
     ]
 
 
-def _rollers(base: Fitted, candidates: Iterable[Candidate], held_nodes: Collection[int]) -> list[Screened]:
+def _rollers(base: FittedModel, candidates: Iterable[Candidate], held_nodes: Collection[int]) -> list[Screened]:
     """Candidates that a free translation of a supported node is almost rigidly fixed: bearings that are stuck, at most eight.
 
     They are made for measured modes alone, where no linear step from a biased fit finds them; empty for other records.
@@ -223,7 +227,7 @@ def _rollers(base: Fitted, candidates: Iterable[Candidate], held_nodes: Collecti
     return [Screened(candidate, float(candidate.strengths.max()), base.misfit) for candidate in stuck[:MOST_FEET]]
 
 
-def _exchanged(base: Fitted, points: Sequence[Point]) -> set[Hashable]:
+def _exchanged(base: FittedModel, points: Sequence[Point]) -> set[Hashable]:
     """Keys of candidates by which the initial model shows channels to be exchanged, turned or of another gain.
 
     These leave less than half of the misfit of the initial model. `points` are the linearized problems of the screening; empty
@@ -242,7 +246,7 @@ def _exchanged(base: Fitted, points: Sequence[Point]) -> set[Hashable]:
     return {row.candidate.key for row in rows if row.left < INITIAL_PART * point.left}
 
 
-def _faulty(base: Fitted) -> set[Hashable]:
+def _faulty(base: FittedModel) -> set[Hashable]:
     """Keys of candidate channels whose histories, or the fit's misfit, show that they did not measure the motion there."""
     shown = {
         FaultyChannel(where=(parse_dof(fault.channel.split()[0]).place,), record=number).key
@@ -253,7 +257,7 @@ def _faulty(base: Fitted) -> set[Hashable]:
     return shown | _outstanding(base)
 
 
-def _outstanding(base: Fitted) -> set[Hashable]:
+def _outstanding(base: FittedModel) -> set[Hashable]:
     """Keys of candidate channels of histories that cause more than 30 % of the misfit; empty for FRFs and modes."""
     problems, keys = base.modified.problems, set[Hashable]()
     residual = base.modified.target.residual(base.theta)
@@ -280,7 +284,9 @@ def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:
     return isinstance(candidate, SwappedLoads) or candidate.key in certain
 
 
-def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, budget: SearchBudget) -> list[Screened]:
+def _by_modes(
+    base: FittedModel, rows: Sequence[Screened], work: TaskExecutor, name: str, budget: SearchBudget
+) -> list[Screened]:
     """Screened candidates sorted by the misfit of measured modes after one linear step; the first six keep their rank.
 
     A change that removes four fifths of the misfit of the modes may remove only a tenth of that of the FRFs that are computed
@@ -296,7 +302,9 @@ def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, bud
     return [rows[k] for k in (*first, *order)]
 
 
-def _looked(looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: Tools) -> dict[str, FloatArray]:
+def _screen_candidates(
+    looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: TaskContext
+) -> dict[str, FloatArray]:
     """Arrays ``strength`` (the best) and ``left`` (misfit with it), (n_candidates,) each, of all candidates at one point.
 
     `looks` are all linearized problems and the names of the records, `number` is the position of the problem.

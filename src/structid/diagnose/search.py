@@ -25,9 +25,9 @@ from structid.diagnose.derived_candidates import derived_candidates
 from structid.diagnose.modified_model import ModifiedModel
 from structid.diagnose.pairs import promising
 from structid.diagnose.refits import (
-    Fitted,
-    Item,
-    Sized,
+    CandidateOfStrength,
+    FittedModel,
+    RefitTask,
     StoredFit,
     fit_fully,
     fit_mirrored,
@@ -71,7 +71,7 @@ from structid.diagnose.thresholds import (
 )
 from structid.identification.setups.setup import titles
 from structid.inversion.covariance import correlation_length
-from structid.inversion.search.work import ALONE, Work
+from structid.inversion.search.work import SERIAL, TaskExecutor
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,19 +80,19 @@ class Explanation:
 
     Attributes
     ----------
-    base : Fitted
+    base : FittedModel
         The study as it is, or with the first cause.
-    causes : tuple of Fitted
+    causes : tuple of FittedModel
         Accepted changes, the likeliest first; those within `ALIKE` of the first cannot be told from it.
     criteria : tuple of float
         Of each cause: chi-square over its scale plus a price for each parameter.
     tried : int
         How many candidates there were.
-    near : tuple of Fitted
+    near : tuple of FittedModel
         Changes, accepted or not, within `ALIKE` of the likeliest model, that as it is among them.
     further : Explanation, optional
         Of what the first cause leaves.
-    better : Fitted, optional
+    better : FittedModel, optional
         The study as it is, from another start, where that explains the record: the search ended in a wrong place.
     spent : Expense
         Effort and processor seconds that it took.
@@ -100,36 +100,36 @@ class Explanation:
         How many changes a linear look promises something of, and were not fitted for want of time.
     is_single : bool
         Whether other pairs than the likeliest were not looked for for want of time.
-    begun : tuple of Item
+    begun : tuple of RefitTask
         Changes of the model or its channels where their near fits ended, the likeliest first.
     """
 
-    base: Fitted
-    causes: tuple[Fitted, ...]
+    base: FittedModel
+    causes: tuple[FittedModel, ...]
     criteria: tuple[float, ...]
     tried: int
-    near: tuple[Fitted, ...] = ()
+    near: tuple[FittedModel, ...] = ()
     further: Explanation | None = None
-    better: Fitted | None = None
+    better: FittedModel | None = None
     spent: Expense = NOTHING
     left_out: int = 0
     is_single: bool = False
-    begun: tuple[Item, ...] = ()
+    begun: tuple[RefitTask, ...] = ()
 
     @property
-    def likely(self) -> tuple[Fitted, ...]:
+    def likely(self) -> tuple[FittedModel, ...]:
         """All changes that may be the truth, second ones beside a first among them."""
         return self.near if self.further is None else (*self.near, *self.further.near)
 
 
-def search_causes(base: Fitted, work: Work = ALONE, budget: SearchBudget = UNLIMITED) -> Explanation:
+def search_causes(base: FittedModel, work: TaskExecutor = SERIAL, budget: SearchBudget = UNLIMITED) -> Explanation:
     """Search for the changes that explain the misfit of a fitted study; where the first leaves some, also for a second.
 
     Parameters
     ----------
-    base : Fitted
+    base : FittedModel
         Fit of the study as it is.
-    work : Work
+    work : TaskExecutor
         Runs the fits, in this process or in others.
     budget : SearchBudget
         Effort of the search, three quarters of it for the first causes and the rest for second ones. Other pairs are
@@ -159,12 +159,14 @@ def _is_clear(explanation: Explanation) -> bool:
     return bool(explanation.causes) and explanation.causes[0].misfit < CLEAR * explanation.base.misfit
 
 
-def _is_far(fitted: Fitted) -> bool:
+def _is_far(fitted: FittedModel) -> bool:
     """True if chi-square per degree of freedom is above 9, more than intervals from the misfit may carry."""
     return fitted.misfit > FAR_BEYOND * max(fitted.modified.target.n_data - n_parameters(fitted.modified), 1)
 
 
-def _of_two(explanation: Explanation, work: Work, budget: SearchBudget, tried: Sequence[Fitted] = ()) -> Explanation:
+def _of_two(
+    explanation: Explanation, work: TaskExecutor, budget: SearchBudget, tried: Sequence[FittedModel] = ()
+) -> Explanation:
     """The explanation by a pair of changes that leaves only noise, where each alone brings little; else `explanation` itself.
 
     Candidates for the first change are those in `explanation.begun`, except those at the places of `tried`: a fit of one of two
@@ -187,7 +189,7 @@ def _of_two(explanation: Explanation, work: Work, budget: SearchBudget, tried: S
     return explanation
 
 
-def _first(explanation: Explanation, item: Item, work: Work) -> Fitted | None:
+def _first(explanation: Explanation, item: RefitTask, work: TaskExecutor) -> FittedModel | None:
     """The full fit of a change, taken from the causes if it is there, else from the quick fit in `item`; None where it fails.
 
     `item` is the candidate, its strength and its free variables at the end of the quick fit.
@@ -197,7 +199,7 @@ def _first(explanation: Explanation, item: Item, work: Work) -> Fitted | None:
     return fits[0] if fits else None
 
 
-def _paired(explanation: Explanation, work: Work, budget: SearchBudget) -> Explanation:
+def _paired(explanation: Explanation, work: TaskExecutor, budget: SearchBudget) -> Explanation:
     """The explanation with a second change beside the first; where both leave more than noise, with the best of other pairs.
 
     Other pairs are at most `MORE_PAIRS`. Beside the second, another first is looked for: a change that only resembles the first
@@ -232,7 +234,7 @@ def _paired(explanation: Explanation, work: Work, budget: SearchBudget) -> Expla
     return _second_alone(explanation, pair, work) or pair
 
 
-def _second_alone(explanation: Explanation, pair: Explanation, work: Work) -> Explanation | None:
+def _second_alone(explanation: Explanation, pair: Explanation, work: TaskExecutor) -> Explanation | None:
     """The explanation by the second cause of `pair` alone, first in it, where that alone leaves only noise; None otherwise."""
     if pair.further is None or not pair.further.causes or pair.further.causes[0].is_misfit:
         return None
@@ -244,7 +246,9 @@ def _second_alone(explanation: Explanation, pair: Explanation, work: Work) -> Ex
     )
 
 
-def _from_second(explanation: Explanation, second: Explanation, work: Work, budget: SearchBudget) -> Explanation | None:
+def _from_second(
+    explanation: Explanation, second: Explanation, work: TaskExecutor, budget: SearchBudget
+) -> Explanation | None:
     """A pair with another first cause, where it explains clearly more than the pair with `second`; None otherwise.
 
     The first cause is looked for beside the likeliest cause of `second`, which is then fitted alone; both are fitted again with
@@ -265,7 +269,7 @@ def _from_second(explanation: Explanation, second: Explanation, work: Work, budg
 
 
 def _from_next(
-    explanation: Explanation, second: Explanation, first: Fitted, work: Work, budget: SearchBudget
+    explanation: Explanation, second: Explanation, first: FittedModel, work: TaskExecutor, budget: SearchBudget
 ) -> Explanation | None:
     """The pair of `first` with its best second cause, where it explains clearly more than `second`; None otherwise."""
     further = _beside(first, work, "second changes after the next, ", budget)
@@ -284,7 +288,7 @@ def _is_better(explanation: Explanation, other: Explanation) -> bool:
     return _criterion(explanation.base, mine, scale) < _criterion(other.base, theirs, scale) - ALIKE
 
 
-def _led_by(explanation: Explanation, first: Fitted, further: Explanation) -> Explanation | None:
+def _led_by(explanation: Explanation, first: FittedModel, further: Explanation) -> Explanation | None:
     """The explanation with `first` as its only first cause, and `further` as its second causes.
 
     None where `further` has no causes, and where `first` leaves more than half of the misfit and the pair more than noise.
@@ -295,12 +299,12 @@ def _led_by(explanation: Explanation, first: Fitted, further: Explanation) -> Ex
     return replace(explanation, causes=(first,), criteria=(criterion,), near=(first,), further=further)
 
 
-def _last_change(fitted: Fitted) -> Sized:
+def _last_change(fitted: FittedModel) -> CandidateOfStrength:
     candidate, strength, _ = fitted.modified.changes[-1]
     return candidate, strength
 
 
-def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | None:
+def _alone(explanation: Explanation, fitted: FittedModel, work: TaskExecutor) -> FittedModel | None:
     """The fit of the original model with only the last change of `fitted`; None where it does not lower the misfit.
 
     It is taken from the causes of `explanation` where a cause has the same place, and else fitted from the values of `fitted`.
@@ -315,7 +319,7 @@ def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | Non
     return alone[0] if alone and alone[0].misfit < explanation.base.misfit else None
 
 
-def _from_elsewhere(base: Fitted) -> Fitted | None:
+def _from_elsewhere(base: FittedModel) -> FittedModel | None:
     """The unchanged study fitted anew from its quick fit; None if that fails, or leaves 90 % of the chi-square or more."""
     if not base.near_path:
         return None
@@ -327,7 +331,7 @@ def _from_elsewhere(base: Fitted) -> Fitted | None:
     return fitted_at(base.modified, minimum.theta, cost) if cost < CLEARLY_BETTER * base.chi_square else None
 
 
-def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> Explanation:
+def _search_once(base: FittedModel, work: TaskExecutor, which: str, budget: SearchBudget) -> Explanation:
     """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fitted fully.
 
     `which` is the prefix of stage names in progress messages, such as "second ". `further` of the result is None; it counts the
@@ -343,7 +347,9 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
         *(Screened(one, 1.0, base.misfit) for one in data),
     ]
     tried = shortlist.tried + len(few)
-    looked = [*few, *derived_candidates(base, shortlist), *shortlist.rows]
+    screened_sets = {one.candidate.key for one in few}
+    derived = [one for one in derived_candidates(base, shortlist) if one.candidate.key not in screened_sets]
+    looked = [*few, *derived, *shortlist.rows]
     changes = [(one.candidate, one.strength) for one in looked]
     first = len(looked) - len(shortlist.rows)
     alike = [*range(first), *(first + k for k in _first_alike(shortlist.rows))]
@@ -405,7 +411,7 @@ def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> 
     return [0 if is_first(one.candidate) else FINALISTS + k for k, one in enumerate(derived)]
 
 
-def _beside(first: Fitted, work: Work, which: str, budget: SearchBudget) -> Explanation:
+def _beside(first: FittedModel, work: TaskExecutor, which: str, budget: SearchBudget) -> Explanation:
     """An explanation of what the study changed by `first` leaves; without causes where it cannot be evaluated or linearized.
 
     `which` is the prefix of stage names in progress messages.
@@ -423,12 +429,12 @@ def _first_alike(rows: Sequence[Screened]) -> list[int]:
 
 
 def _fit_near_all(
-    base: Fitted,
-    changes: Sequence[Sized],
+    base: FittedModel,
+    changes: Sequence[CandidateOfStrength],
     alike: Sequence[int],
     rank: Sequence[int],
     kept: Collection[int],
-    work: Work,
+    work: TaskExecutor,
     name: str,
     budget: SearchBudget,
 ) -> list[StoredFit | None]:
@@ -457,7 +463,7 @@ def _fit_near_all(
     return [known.get(k) for k in range(len(changes))]
 
 
-def _near_limits(base: Fitted, fits: Sequence[tuple[Candidate, StoredFit]]) -> tuple[float, ...]:
+def _near_limits(base: FittedModel, fits: Sequence[tuple[Candidate, StoredFit]]) -> tuple[float, ...]:
     """Sums of squares, one for each stage of a quick fit, above which a change cannot be among the finalists.
 
     `fits` are the candidates fitted so far with their quick fits. Data that `base` leaves out do not count. Empty where the
@@ -475,13 +481,13 @@ def _near_limits(base: Fitted, fits: Sequence[tuple[Candidate, StoredFit]]) -> t
 
 
 def _refits(
-    base: Fitted,
-    items: Sequence[Item],
-    work: Work,
+    base: FittedModel,
+    items: Sequence[RefitTask],
+    work: TaskExecutor,
     name: str,
     alike: Sequence[int] | None = None,
     budget: SearchBudget = UNLIMITED,
-) -> list[Fitted]:
+) -> list[FittedModel]:
     """Full fits of changes as far as they succeed, in the order of `items`; see `_refits_in_time`.
 
     An item is a candidate, its strength and the free variables at which its fit starts.
@@ -490,14 +496,14 @@ def _refits(
 
 
 def _refits_in_time(
-    base: Fitted,
-    items: Sequence[Item],
-    work: Work,
+    base: FittedModel,
+    items: Sequence[RefitTask],
+    work: TaskExecutor,
     name: str,
     alike: Sequence[int] | None,
     budget: SearchBudget,
     least: int = LEAST_REFITS,
-) -> tuple[list[Fitted], int]:
+) -> tuple[list[FittedModel], int]:
     """Full fits of changes in the time there is, without those that fail; and the number of items that were tried.
 
     At least `least` items are fitted, whatever the budget. `alike` holds, for each item, the position of the first one that may
@@ -514,7 +520,7 @@ def _refits_in_time(
     return [restore_fit(base, items[k][0], fit) for k, fit in ended if fit], len(ended)
 
 
-def _simpler(base: Fitted, fitted: Fitted) -> list[Item]:
+def _simpler(base: FittedModel, fitted: FittedModel) -> list[RefitTask]:
     """The mass or spring to refit in place of a local resonance whose frequency is above or below all lines; empty otherwise.
 
     A list of one item: candidate, strength and free variables at which its fit starts.
@@ -525,7 +531,7 @@ def _simpler(base: Fitted, fitted: Fitted) -> list[Item]:
     return _begun(base.modified, [(limit, float(limit.strengths[0]))], {**base.values, **fitted.values})
 
 
-def _limit_of(base: Fitted, fitted: Fitted, ratio: float = RIGID_RATIO) -> Candidate | None:
+def _limit_of(base: FittedModel, fitted: FittedModel, ratio: float = RIGID_RATIO) -> Candidate | None:
     """The mass (or rotary inertia) or spring to ground that a fitted local resonance has as its limit; None if there is none.
 
     It is a mass where its frequency is above `ratio` times the highest line, a spring where it is below the lowest line over
@@ -549,12 +555,12 @@ def _limit_of(base: Fitted, fitted: Fitted, ratio: float = RIGID_RATIO) -> Candi
     return None
 
 
-def _added_values(base: Fitted, one: Fitted) -> dict[str, float]:
+def _added_values(base: FittedModel, one: FittedModel) -> dict[str, float]:
     """Values in SI units of the parameters that a change adds to those of `base`, by property name, such as ``stiffness``."""
     return {name.partition("[")[0]: value for name, value in one.values.items() if name not in base.values}
 
 
-def _is_heavier(base: Fitted, fitted: Fitted) -> bool:
+def _is_heavier(base: FittedModel, fitted: FittedModel) -> bool:
     """True of a fitted local resonance whose mass is more than that of the whole structure; always False of rotations."""
     dof = parse_dof(fitted.cause.where[0])
     if dof.is_rotation:
@@ -564,7 +570,7 @@ def _is_heavier(base: Fitted, fitted: Fitted) -> bool:
     return bool(0 < problem.structure.mass_of(identified) < _added_values(base, fitted)["mass"])
 
 
-def _lossy(base: Fitted, fitted: Fitted) -> list[Item]:
+def _lossy(base: FittedModel, fitted: FittedModel) -> list[RefitTask]:
     """The last change, if a spring, support or joint, with a loss factor of 0.02 to start with; a list of one item, or empty.
 
     It is empty for other changes, for modes, where the change leaves more than half of the misfit, and where it leaves only
@@ -579,19 +585,21 @@ def _lossy(base: Fitted, fitted: Fitted) -> list[Item]:
     return _begun(base.modified, [(lossy, strength)], {**base.values, **fitted.values})
 
 
-def _begun(modified: ModifiedModel, changes: Sequence[Sized], known: Mapping[str, float]) -> list[Item]:
+def _begun(
+    modified: ModifiedModel, changes: Sequence[CandidateOfStrength], known: Mapping[str, float]
+) -> list[RefitTask]:
     """Items (candidate, strength, free variables at the start) of the changes that the model allows; the others are left out.
 
     `known` holds physical values by parameter name; parameters that are not in it start as the set-ups say.
     """
-    items: list[Item] = []
+    items: list[RefitTask] = []
     for candidate, strength in changes:
         with suppress(StructidError):
             items.append((candidate, strength, modified.changed(candidate, strength).theta_of(known)))
     return items
 
 
-def _of_large_model(base: Fitted, work: Work, budget: SearchBudget) -> Explanation:
+def _of_large_model(base: FittedModel, work: TaskExecutor, budget: SearchBudget) -> Explanation:
     """The explanation of the misfit of a large model by at most four refitted changes, without second causes.
 
     They are outlying lines, then the best screened changes at the start and at the fit in turn: where a fit bends all values to
@@ -610,18 +618,18 @@ def _of_large_model(base: Fitted, work: Work, budget: SearchBudget) -> Explanati
     return replace(_weighed(base, fits, shortlist.tried), spent=clock.spent, left_out=len(items) - n_ended)
 
 
-def with_freed(base: Fitted, names: Sequence[str], tried: int, work: Work = ALONE) -> Explanation:
+def with_freed(base: FittedModel, names: Sequence[str], tried: int, work: TaskExecutor = SERIAL) -> Explanation:
     """An explanation from fits in each of which one fixed property is made a parameter; each fit may be the truth.
 
     Parameters
     ----------
-    base : Fitted
+    base : FittedModel
         Fit with all properties fixed.
     names : sequence of str
         Fixed properties such as ``mass[deck]``.
     tried : int
         Number of fixed properties from which these were selected.
-    work : Work
+    work : TaskExecutor
         Runs the fits.
 
     Returns
@@ -636,7 +644,7 @@ def with_freed(base: Fitted, names: Sequence[str], tried: int, work: Work = ALON
     return Explanation(base, tuple(fits), tuple(_criterion(base, one, scale) for one in fits), tried, tuple(fits))
 
 
-def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
+def requested_changes(base: FittedModel, work: TaskExecutor = SERIAL) -> Explanation:
     """Small changes, fitted, that the record of an answer within its noise asks for beyond chance, as an `Explanation`.
 
     A score test, with a chance of 1 % for all candidates together, selects at most six changes for a fit. Up to 2000 lines
@@ -644,9 +652,9 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
 
     Parameters
     ----------
-    base : Fitted
+    base : FittedModel
         Fit to FRFs, without changes.
-    work : Work
+    work : TaskExecutor
         Runs the fits.
     """
     point = base.modified.point_at(base.modified.shown_problems, base.theta, REQUEST_LINES)
@@ -664,7 +672,7 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
     return _weighed(base, fits, len(several))
 
 
-def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
+def _weighed(base: FittedModel, fits: Sequence[FittedModel], tried: int) -> Explanation:
     """An `Explanation` from the full fits of changes: the causes among them, the lowest criterion first, and the likely ones.
 
     Of fits at one place only the best counts. Causes lower the misfit beyond chance among the `tried` changes; the likely ones
@@ -683,7 +691,7 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     return Explanation(base, tuple(one for one, _ in causes), tuple(c for _, c in causes), tried, likely)
 
 
-def _is_no_cause_of_its_own(base: Fitted, fitted: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
+def _is_no_cause_of_its_own(base: FittedModel, fitted: FittedModel, fits: Sequence[FittedModel], scale: float) -> bool:
     """True where a local resonance is near a limit (a mass or spring), fits no better than this, or outweighs the structure.
 
     Always False of other changes. The limits are compared among the `fits`: a resonance fits no better where a likelihood ratio
@@ -707,24 +715,24 @@ def _is_no_cause_of_its_own(base: Fitted, fitted: Fitted, fits: Sequence[Fitted]
     return False
 
 
-def _lines_that_count_as_one(fitted: Fitted) -> float:
+def _lines_that_count_as_one(fitted: FittedModel) -> float:
     """Correlation length of the residual of a fit, in lines, at least 1: so many lines count as one."""
     target = fitted.modified.target
     residual = target.residual(fitted.theta)[: target.n_data]
     return max(1.0, correlation_length(residual, target.rows.lines, target.rows.series))
 
 
-def _scale(base: Fitted, fits: Sequence[Fitted]) -> float:
+def _scale(base: FittedModel, fits: Sequence[FittedModel]) -> float:
     """The lowest misfit per degree of freedom among `base` and `fits`, at least 1."""
     n_data = base.modified.target.n_data
     return max(1.0, min(one.misfit / max(n_data - len(one.modified.target.names), 1) for one in (base, *fits)))
 
 
-def _criterion(base: Fitted, one: Fitted, scale: float) -> float:
+def _criterion(base: FittedModel, one: FittedModel, scale: float) -> float:
     return one.misfit / scale + n_parameters(one.modified) * float(np.log(base.modified.target.n_data))
 
 
-def _is_worth(base: Fitted, fitted: Fitted, scale: float, tried: int) -> bool:
+def _is_worth(base: FittedModel, fitted: FittedModel, scale: float, tried: int) -> bool:
     """True where a change lowers the misfit by more than chance among all `tried`, and by a part that matters.
 
     That part is 10 % of what goes beyond the noise, and the chance 1 %. `scale` is the variance of a whitened residual that
@@ -739,7 +747,7 @@ def _is_worth(base: Fitted, fitted: Fitted, scale: float, tried: int) -> bool:
     )
 
 
-def _stands_out(base: Fitted, fitted: Fitted, tried: int) -> bool:
+def _stands_out(base: FittedModel, fitted: FittedModel, tried: int) -> bool:
     """True where the data that a change leaves out have at least twice the misfit of the rest, beyond chance (F test).
 
     True as well where it leaves none out. `tried` is the number of changes that were tried, which share the risk of 1 %.

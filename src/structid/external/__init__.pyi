@@ -7,5 +7,5 @@ from structid.external.matrices import solved_matrices as solved_matrices
 from structid.external.outputs import MatricesOut as MatricesOut
 from structid.external.outputs import ModesOut as ModesOut
 from structid.external.runs import Solver as Solver
-from structid.external.solved import Solved as Solved
+from structid.external.solved import SolvedModel as SolvedModel
 from structid.external.solved import Units as Units

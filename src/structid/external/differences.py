@@ -13,18 +13,18 @@ from structid.core.units import LENGTHS
 from structid.external.expansion import Point, expand_about_centre
 from structid.external.outputs import ModesOut
 from structid.external.runs import Solver, needed_runs, point_words, run_words
-from structid.external.shapes import Shapes, require_same_dofs
-from structid.external.solved import Checked, Solved, Units, model_parameters
+from structid.external.shapes import RunModes, require_same_dofs
+from structid.external.solved import SolvedModel, SolverCheck, Units, model_parameters
 from structid.external.steps import StepRules, take_differences
 from structid.external.tangent import tangent
 from structid.fem.elements.solver_model import Part, Powers, SolverModel
-from structid.inversion.search.work import Work
+from structid.inversion.search.work import TaskExecutor
 
 _RULES = StepRules(first=0.01, least=1e-5, most=0.1, no_effect=2e-7, what="frequency")
 
 
 @dataclass(frozen=True, eq=False)
-class SolvedModes(Solved):
+class SolvedModes(SolvedModel):
     """Model from the modes that a solver gives.
 
     Attributes
@@ -42,7 +42,7 @@ class SolvedModes(Solved):
     def is_exact(self) -> bool:
         return False
 
-    def checked(self, values: Point, work: Work) -> Checked:
+    def checked(self, values: Point, work: TaskExecutor) -> SolverCheck:
         """Largest relative difference between the model's frequencies and a solver run at `values` (by name), with a sentence.
 
         Rigid-body modes are left out. The solver runs unless this run is kept already.
@@ -53,12 +53,12 @@ class SolvedModes(Solved):
         of_model = np.sqrt(np.maximum(squared[: len(of_solver)], 0.0)) / (2 * np.pi)
         is_elastic = of_solver > 1e-3 * of_solver.max()
         worst = float(np.abs(of_model[is_elastic] / of_solver[is_elastic] - 1).max())
-        return Checked(
+        return SolverCheck(
             worst, f"the solver with the updated deck gives the model's frequencies to {worst:.2g} of their value"
         )
 
 
-def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: Work) -> SolvedModes:
+def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: TaskExecutor) -> SolvedModes:
     """A model with the modes of a solver, linearized by finite differences about the centre of each parameter.
 
     Parameters
@@ -70,7 +70,7 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: W
         Reads frequencies and shapes in the folder of a run.
     units : Units
         Units of the deck.
-    work : Work
+    work : TaskExecutor
         Executor of the runs.
 
     Raises
@@ -97,7 +97,7 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: W
     return SolvedModes(solver, model, ties, small.constrained, steps.counts, (fact,), centre, units, out, small.n_modes)
 
 
-def _frequency_change(centre: Shapes, run: Shapes, point: Point) -> float:
+def _frequency_change(centre: RunModes, run: RunModes, point: Point) -> float:
     """Largest relative change of a frequency from the run `centre` to `run`; rigid-body modes are left out.
 
     `point` are the parameter values of `run`, for the error if both have different degrees of freedom.
@@ -109,7 +109,7 @@ def _frequency_change(centre: Shapes, run: Shapes, point: Point) -> float:
     return float(np.abs(run.frequency[:n] / np.where(is_elastic, first, 1.0) - 1)[is_elastic].max(initial=0.0))
 
 
-def _shapes_in_si(shapes: Shapes, units: Units) -> Shapes:
+def _shapes_in_si(shapes: RunModes, units: Units) -> RunModes:
     """Shapes of unit modal mass, converted from the deck's units to kg^-1/2, for rotations rad/m kg^-1/2."""
     rotation = shapes.dofs[:, 1] > 3
     scale = np.where(rotation, 1.0 / LENGTHS[units.length], 1.0) / np.sqrt(units.mass)

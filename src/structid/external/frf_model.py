@@ -19,10 +19,10 @@ from structid.external.expansion import Point
 from structid.external.outputs import OneFile, existing_file
 from structid.external.runs import Solver, needed_runs, run_words
 from structid.external.shapes import require_last_line
-from structid.external.solved import Checked, Solved, Units, model_parameters
+from structid.external.solved import SolvedModel, SolverCheck, Units, model_parameters
 from structid.external.steps import StepRules, take_differences
 from structid.fem.elements.solver_model import FrfRuns, SolverFrfs
-from structid.inversion.search.work import Work
+from structid.inversion.search.work import TaskExecutor
 from structid.modal.formats.options import PUNCH_SUFFIXES
 from structid.modal.formats.printed import parse_numbers
 from structid.records import FrfRecord, TimeRecord
@@ -121,7 +121,8 @@ def _channel_indices(
 ) -> tuple[IntArray, FloatArray]:
     """Index in `of_file`, the channels of the file, of each channel in `wanted`, and 1 or -1 for the relative sense.
 
-    `word` is "sensor" or "load", for the `FileError` if a channel is missing.
+    `word` is "sensor" or "load", for the `FileError` if a channel is missing. `wanted` and `of_file` may name a channel
+    in opposite senses. Both results are (n_wanted,).
     """
     index_and_sign = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(of_file)}
     missing = [str(dof.unsigned) for dof in wanted if dof.unsigned not in index_and_sign]
@@ -218,7 +219,7 @@ def _read_entries(path: Path, lines: Sequence[str], wanted: FrfKind) -> Iterator
 
 
 @dataclass(frozen=True, eq=False)
-class SolvedFrfs(Solved):
+class SolvedFrfs(SolvedModel):
     """Model from the FRFs that a solver gives.
 
     Attributes
@@ -233,7 +234,7 @@ class SolvedFrfs(Solved):
     def is_exact(self) -> bool:
         return False
 
-    def run_at(self, values: Point, work: Work) -> FrfRuns:
+    def run_at(self, values: Point, work: TaskExecutor) -> FrfRuns:
         """FRFs of a solver run at `values` (by name) alone, without differences by the parameters.
 
         Raises
@@ -251,7 +252,7 @@ class SolvedFrfs(Solved):
             at={},
         )
 
-    def checked(self, values: Point, work: Work) -> Checked:
+    def checked(self, values: Point, work: TaskExecutor) -> SolverCheck:
         """Largest error of the model's FRFs against a solver run at `values` (by name), with a sentence.
 
         Errors are relative to the peak of each FRF. The solver runs unless this run is kept already.
@@ -259,13 +260,13 @@ class SolvedFrfs(Solved):
         of_solver = self.run_at(values, work).centre
         of_model, _ = self.model.table.evaluated(np.array([values[name] for name in self.model.table.at]))
         worst = float((np.abs(of_model - of_solver).max(axis=0) / np.abs(of_solver).max(axis=0)).max())
-        return Checked(
+        return SolverCheck(
             worst,
             f"the solver with the updated deck gives the model's FRFs to {worst:.2g} of the largest value of each",
         )
 
 
-def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: Work) -> SolvedFrfs:
+def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: TaskExecutor) -> SolvedFrfs:
     """A model with the FRFs of a solver, linearized by finite differences about the centre of each parameter.
 
     Parameters
@@ -277,7 +278,7 @@ def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: Wor
         Reads the needed FRFs in the folder of a run.
     units : Units
         Units of the deck.
-    work : Work
+    work : TaskExecutor
         Executor of the runs.
 
     Raises
@@ -309,7 +310,8 @@ def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: Wor
 def _change(centre: ComplexArray, run: ComplexArray, point: Point) -> float:
     """Relative change of the FRFs from `centre` to `run`, the root mean square over lines and channels.
 
-    Changes of single values above 1 count as 1. `point` is not used.
+    Changes of single values above 1 count as 1. `point` is not used. `centre` and `run` are (n_lines, n_outputs,
+    n_inputs).
     """
     size = np.abs(centre)
     there = size > 0

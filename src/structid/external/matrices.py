@@ -14,16 +14,16 @@ from structid.core.errors import InputError
 from structid.external.expansion import Expansion, Point, expansion
 from structid.external.outputs import MatricesOut
 from structid.external.runs import RunCounts, Solver, needed_runs, point_words, run_words
-from structid.external.solved import Checked, Solved, Units, model_parameters
+from structid.external.solved import SolvedModel, SolverCheck, Units, model_parameters
 from structid.fem.elements.solver_model import Part, SolverModel
 from structid.fem.importers import ImportedMatrix, dof_table, dofs_of, in_si, on_dofs
 from structid.fem.importers.definite import require_semidefinite
 from structid.fem.importers.imported import codes_of, tables_of
-from structid.inversion.search.work import Work
+from structid.inversion.search.work import TaskExecutor
 
 
 @dataclass(frozen=True, eq=False)
-class SolvedMatrices(Solved):
+class SolvedMatrices(SolvedModel):
     """Model from the matrices that a solver exports.
 
     Attributes
@@ -38,7 +38,7 @@ class SolvedMatrices(Solved):
     def is_exact(self) -> bool:
         return True
 
-    def checked(self, values: Point, work: Work) -> Checked:
+    def checked(self, values: Point, work: TaskExecutor) -> SolverCheck:
         """Largest difference between the model's matrices and a solver run at `values` (by name), with a sentence.
 
         An entry (i, j) is relative to the root of the product of its diagonal entries. The solver runs unless this run is kept
@@ -55,13 +55,13 @@ class SolvedMatrices(Solved):
             worst = max(
                 worst, float((np.abs(difference.data) / (size[difference.row] * size[difference.col])).max(initial=0.0))
             )
-        return Checked(
+        return SolverCheck(
             worst, f"the solver with the updated deck gives the model's matrices to {worst:.2g} of their diagonals"
         )
 
 
 def solved_matrices(
-    name: str, solver: Solver, out: MatricesOut, units: Units, work: Work, indefinite: bool = False
+    name: str, solver: Solver, out: MatricesOut, units: Units, work: TaskExecutor, indefinite: bool = False
 ) -> SolvedMatrices:
     """A model of matrices exported by a solver: polynomials in the deck's parameters, which need no further runs.
 
@@ -74,7 +74,7 @@ def solved_matrices(
         Reads the matrices in the folder of a run.
     units : Units
         Units of the deck.
-    work : Work
+    work : TaskExecutor
         Executor of the runs.
     indefinite : bool
         True to accept matrices that are not positive semidefinite.

@@ -12,7 +12,7 @@ from structid.core.arrays import IntArray
 from structid.core.dof import Dof
 from structid.core.errors import FileError, InputError
 from structid.external.deck import MatrixFile
-from structid.external.shapes import Shapes, read_shapes
+from structid.external.shapes import RunModes, read_shapes
 from structid.fem.importers import ImportedMatrix, dof_table, read_matrix, read_numbering
 
 #: Files that others are read with, by suffix.
@@ -105,7 +105,7 @@ class OneFile(ABC):
 class ModesOut(OneFile):
     """Modes as a run gives them: frequencies and shapes."""
 
-    def read(self, folder: Path) -> Shapes:
+    def read(self, folder: Path) -> RunModes:
         """The modes in the folder of a run; see `read_shapes`."""
         return read_shapes(existing_file(folder, self.path))
 

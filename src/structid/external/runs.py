@@ -19,7 +19,7 @@ from structid.core.errors import FileError, InputError
 from structid.core.isolation import kill_child, start_child
 from structid.external.confirmation import command_words, require_confirmed, tell_command
 from structid.external.deck import Deck
-from structid.inversion.search.work import Tools, Work
+from structid.inversion.search.work import TaskContext, TaskExecutor
 
 _LAYOUT = "structid solver run 1"
 _DONE = "run.json"
@@ -34,7 +34,7 @@ class RunFailedError(InputError):
     """A solver gave no usable result in any of its tries."""
 
 
-class Outputs(Protocol):
+class RunOutputs(Protocol):
     """Files that a run of the solver gives, and how they are read."""
 
     @property
@@ -62,7 +62,7 @@ class Solver:
         Folder of the study file.
     linked : mapping of str to Path
         Further files that the solver reads, by the name that they have in the folder of a run.
-    outputs : Outputs
+    outputs : RunOutputs
     timeout : float
         Longest time of a run, s.
     retries : int
@@ -76,7 +76,7 @@ class Solver:
     folder: Path
     study: Path
     linked: Mapping[str, Path]
-    outputs: Outputs
+    outputs: RunOutputs
     timeout: float
     retries: int
     confirmation: str = ""
@@ -123,7 +123,7 @@ class RunCounts:
 
 
 def runs(
-    solver: Solver, points: Sequence[Mapping[str, float]], work: Work
+    solver: Solver, points: Sequence[Mapping[str, float]], work: TaskExecutor
 ) -> tuple[list[Path | RunFailedError], RunCounts]:
     """Folders of the solver runs at `points`, in their order, or the error of each run that failed; finished runs are kept.
 
@@ -132,7 +132,7 @@ def runs(
     solver : Solver
     points : sequence of mapping of str to float
         Parameter values by name, a mapping for each run.
-    work : Work
+    work : TaskExecutor
         Executor of the runs.
 
     Returns
@@ -169,7 +169,9 @@ def runs(
     return found, RunCounts(len(set(keys)) - len(missing), len(missing) - len(failed))
 
 
-def needed_runs(solver: Solver, points: Sequence[Mapping[str, float]], work: Work) -> tuple[list[Path], RunCounts]:
+def needed_runs(
+    solver: Solver, points: Sequence[Mapping[str, float]], work: TaskExecutor
+) -> tuple[list[Path], RunCounts]:
     """Folders of the solver runs at `points` (values by name), in their order, and the counts of kept and new runs.
 
     Raises
@@ -189,7 +191,7 @@ def needed_runs(solver: Solver, points: Sequence[Mapping[str, float]], work: Wor
     return folders, counts
 
 
-def run_once(solver: Solver, values: Mapping[str, float], tools: Tools) -> str:
+def run_once(solver: Solver, values: Mapping[str, float], tools: TaskContext) -> str:
     """Run the solver at `values` (by name), up to `retries` times more if it fails; "" on success, else the reason."""
     words, folder = "", solver.run_folder(values)
     require_confirmed(solver.command, solver.confirmation)

@@ -26,7 +26,7 @@ _RUN_AGAIN = "let the solver print frequencies and displacements of all modes"
 
 
 @dataclass(frozen=True, eq=False)
-class Shapes:
+class RunModes:
     """Modes of a run.
 
     Attributes
@@ -50,7 +50,7 @@ class Shapes:
     rounding: float = 1e-9
 
 
-def read_shapes(path: Path) -> Shapes:
+def read_shapes(path: Path) -> RunModes:
     """Frequencies in Hz, ascending, and real mode shapes in the file at `path` that a solver wrote, by node and component.
 
     Parameters
@@ -94,7 +94,7 @@ def require_last_line(path: Path) -> None:
         raise FileError(f"{path}: ends within a line; the file is cut short: end each line, the last one too")
 
 
-def _shapes_of_modes_file(path: Path) -> Shapes:
+def _shapes_of_modes_file(path: Path) -> RunModes:
     """Frequencies and shapes from a modes file of any format that structid reads; of complex shapes the real parts."""
     record = read_modes(path)
     require_last_line(path)
@@ -106,7 +106,7 @@ def _shapes_of_modes_file(path: Path) -> Shapes:
 
 def _sorted_shapes(
     path: Path, frequency: Sequence[float] | FloatArray, dofs: IntArray, values: FloatArray, has_mass: bool, suffix: str
-) -> Shapes:
+) -> RunModes:
     """Modes sorted by frequency (Hz), after checks; `dofs` (n_dofs, 2) are node and component, `values` (n_dofs, n_modes).
 
     `has_mass` says that the shapes have unit modal mass; `suffix` is the file's suffix, which decides the rounding of its
@@ -123,10 +123,10 @@ def _sorted_shapes(
             f"{path}: nothing moves in mode {empty[0] + 1}; the solver found no such mode: look into its log, ask for fewer modes"
         )
     order = np.argsort(frequencies, kind="stable")
-    return Shapes(frequencies[order], dofs, values[:, order], has_mass, _ROUNDING.get(suffix, Shapes.rounding))
+    return RunModes(frequencies[order], dofs, values[:, order], has_mass, _ROUNDING.get(suffix, RunModes.rounding))
 
 
-def require_same_dofs(first: Shapes, other: Shapes, words: str) -> None:
+def require_same_dofs(first: RunModes, other: RunModes, words: str) -> None:
     """Raise `InputError` if the shapes of two runs have different nodes or components; `words` describe the run of `other`."""
     if not np.array_equal(first.dofs, other.dofs):
         raise InputError(

@@ -13,7 +13,7 @@ from structid.external.runs import RunCounts, Solver
 from structid.external.tangent import ShapeTie
 from structid.fem.elements import ElementSet
 from structid.fem.elements.solver_model import ModelParameter
-from structid.inversion.search.work import Work
+from structid.inversion.search.work import TaskExecutor
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Units:
 
 
 @dataclass(frozen=True)
-class Checked:
+class SolverCheck:
     """Comparison of one more run of the solver with the model of its results.
 
     Attributes
@@ -50,7 +50,7 @@ class Checked:
 
 
 @dataclass(frozen=True, eq=False)
-class Solved(ABC):
+class SolvedModel(ABC):
     """Model fitted to the runs of a solver, with these runs.
 
     Attributes
@@ -89,7 +89,7 @@ class Solved(ABC):
         """True if the model holds at all parameter values; otherwise it must be made again about the answer."""
 
     @abstractmethod
-    def checked(self, values: Point, work: Work) -> Checked:
+    def checked(self, values: Point, work: TaskExecutor) -> SolverCheck:
         """Comparison of the model with a solver run at `values` (by name).
 
         Raises

@@ -11,7 +11,7 @@ from structid.core.errors import InputError
 from structid.external.deck import DeckParameter
 from structid.external.expansion import Point
 from structid.external.runs import RunCounts, RunFailedError, Solver, needed_runs, point_words, runs
-from structid.inversion.search.work import Work
+from structid.inversion.search.work import TaskExecutor
 
 R = TypeVar("R")
 
@@ -91,7 +91,7 @@ def take_differences(
     read: Callable[[Path], R],
     change: Callable[[R, R, Point], float],
     rules: StepRules,
-    work: Work,
+    work: TaskExecutor,
 ) -> Differences[R]:
     """Results of solver runs at the centre of all parameters and at two steps of each, with steps of usable size.
 
@@ -106,7 +106,7 @@ def take_differences(
         Returns the relative change from the result at the centre (first) to that of a run (second) at a point (third).
     rules : StepRules
         Sizes of steps, and the changes that they should make.
-    work : Work
+    work : TaskExecutor
         Executor of the runs.
 
     Raises

@@ -16,11 +16,11 @@ from scipy.linalg import qr
 from structid.core.arrays import FloatArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
-from structid.external.shapes import Shapes
+from structid.external.shapes import RunModes
 from structid.external.steps import Pair
 from structid.fem.elements.element import dof_code
 from structid.fem.elements.solver_model import Powers
-from structid.fem.supports import Equations
+from structid.fem.supports import DofEquations
 
 #: Motions beside the centre's shapes that are smaller than so many times the rounding of printed shapes are left out.
 _ROUNDINGS = 4.0
@@ -46,7 +46,7 @@ class ShapeTie:
     masters: tuple[Dof, ...]
     matrix: FloatArray
 
-    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
         """See `Tie.equations`."""
         codes = [dof_code(dof.node, dof.direction) for dof in self.masters]
         return {
@@ -80,14 +80,14 @@ class Tangent:
     n_modes: int
 
 
-def tangent(name: str, centre: Shapes, differences: Sequence[Pair[Shapes]]) -> Tangent:
+def tangent(name: str, centre: RunModes, differences: Sequence[Pair[RunModes]]) -> Tangent:
     """A small model (mass and stiffness by powers of the parameters) that has the modes of the solver's runs.
 
     Parameters
     ----------
     name : str
         Name of the tie that gives the other degrees of freedom from the model's.
-    centre : Shapes
+    centre : RunModes
         Modes at the centre of all parameters, in SI units, as all runs.
     differences : sequence of Pair
         Modes at two steps of each parameter.
@@ -146,7 +146,7 @@ def tangent(name: str, centre: Shapes, differences: Sequence[Pair[Shapes]]) -> T
     return Tangent(masters, _symmetric(mass), _symmetric(stiffness), tie, constrained, n_modes)
 
 
-def _count_common_modes(centre: Shapes, runs: Sequence[Shapes], n_moved: int) -> int:
+def _count_common_modes(centre: RunModes, runs: Sequence[RunModes], n_moved: int) -> int:
     """Largest number of lowest modes whose shapes span the same motions at the centre and in all runs.
 
     `n_moved` is the number of degrees of freedom that move in the runs.
@@ -206,23 +206,27 @@ def _run_matrices(frequency: FloatArray, c: FloatArray, d: FloatArray, kappa: fl
 
 
 def _parabola(changes: Sequence[float], differences: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Slope and quadratic coefficient of the parabola that is 0 at no change and has `differences` at both `changes`."""
+    """Slope and quadratic coefficient, shaped as an entry of `differences`, of a parabola through 0 and two points.
+
+    It is 0 at no change and has the two `differences` at the two `changes`.
+    """
     a, b = changes
     square: FloatArray = (differences[1] / b - differences[0] / a) / (b - a)
     return differences[0] / a - a * square, square
 
 
 def _outer_stiffness(
-    centre: Shapes,
-    differences: Sequence[Pair[Shapes]],
+    centre: RunModes,
+    differences: Sequence[Pair[RunModes]],
     n_modes: int,
     coordinates: Sequence[FloatArray],
     free: Sequence[FloatArray],
 ) -> float:
     """Stiffness of the directions outside the centre's shapes that minimizes the second-order changes of K.
 
-    `coordinates` and `free` hold C and D of each run (see `tangent`). The result is limited to a range about the highest
-    eigenvalue, and is its upper end if nothing moves outside.
+    `differences` hold the two runs of each parameter, of which the `n_modes` lowest modes count; `coordinates` and
+    `free` hold C and D of each run (see `tangent`). The result is limited to a range about the highest eigenvalue, and
+    is its upper end if nothing moves outside.
     """
     eigenvalues = [
         (2 * np.pi * run.frequency[:n_modes]) ** 2 for pair_of_runs in differences for run in pair_of_runs.runs

@@ -16,10 +16,17 @@ from structid.core.errors import InputError
 from structid.dynamics.factorization import SingularMatrixError, factorizer
 from structid.dynamics.normal_modes import modes
 from structid.fem.elements import MatrixGroup
-from structid.fem.elements.element import ElementMatrixTerm, Power, Term, dof_code, dof_of_code, joined_codes
+from structid.fem.elements.element import (
+    ElementMatrixTerm,
+    Power,
+    PropertyMatrices,
+    dof_code,
+    dof_of_code,
+    joined_codes,
+)
 from structid.fem.matrices.contribution import MATRIX_KINDS, Property, weigh_properties
 from structid.fem.numbering import Numbering, free_blocks
-from structid.fem.supports import Equations, Following
+from structid.fem.supports import DofEquations, FollowingDofs
 
 #: Modes that are sought first; twice as many until one lies above the limit.
 _FIRST_MODES = 20
@@ -112,17 +119,17 @@ class Reduction:
     component : Component
     group : MatrixGroup
         All of its degrees of freedom with its matrices, nothing reduced: ties reduce them.
-    terms : tuple of Term
+    terms : tuple of PropertyMatrices
         Its properties.
-    following : Following, optional
+    following : FollowingDofs, optional
         How the degrees of freedom inside it follow its interface and some of their own, which stand for its modes.
     n_interface, n_modes : int
     """
 
     component: Component
     group: MatrixGroup
-    terms: tuple[Term, ...]
-    following: Following | None
+    terms: tuple[PropertyMatrices, ...]
+    following: FollowingDofs | None
     n_interface: int
     n_modes: int
 
@@ -146,8 +153,8 @@ class Reduction:
 
 def reductions(
     components: Sequence[Component],
-    terms: Mapping[str, tuple[Term, ...]],
-    equations: Equations,
+    terms: Mapping[str, tuple[PropertyMatrices, ...]],
+    equations: DofEquations,
     constrained: frozenset[int],
     kept: IntArray,
 ) -> tuple[Reduction, ...]:
@@ -156,7 +163,7 @@ def reductions(
     Parameters
     ----------
     components : sequence of Component
-    terms : mapping of str to tuple of Term
+    terms : mapping of str to tuple of PropertyMatrices
         Properties of all element sets, by the name of the set.
     equations : mapping
         Codes of dependent degrees of freedom, each with the codes and weights that it follows.
@@ -198,7 +205,7 @@ def reductions(
     return tuple(found)
 
 
-def _codes_in_ties(equations: Equations, moved: IntArray) -> IntArray:
+def _codes_in_ties(equations: DofEquations, moved: IntArray) -> IntArray:
     """Codes in `moved` that ties make dependent, with all codes that they follow through ties; sorted, (n_codes,).
 
     `equations` maps dependent codes to the codes and weights that they follow. Codes of `moved` without an equation are left
@@ -215,16 +222,16 @@ def _codes_in_ties(equations: Equations, moved: IntArray) -> IntArray:
 
 def _reduce_component(
     component: Component,
-    terms: Mapping[str, tuple[Term, ...]],
+    terms: Mapping[str, tuple[PropertyMatrices, ...]],
     codes: IntArray,
     joined: IntArray,
     constrained: frozenset[int],
 ) -> Reduction:
     """A component reduced to its interface and modes; not reduced, with `following` None, if `component.whole`.
 
-    `terms` are the properties of its element sets, by set. `codes` are its degrees of freedom. `joined` are the codes to keep
-    and `constrained` those held at zero, both of the whole structure. Raises `InputError` if no code is kept or none is
-    inside.
+    `terms` are the properties of its element sets, by set. `codes` are its degrees of freedom. `joined` are the codes
+    to keep and `constrained` those held at zero, both of the whole structure. Raises `InputError` if no code is kept or
+    none is inside. The result has the same order of degrees of freedom as `codes`.
     """
     matrices = _nominal_matrices(component, terms, codes)
     kept, free = np.isin(codes, joined), ~np.isin(codes, list(constrained))
@@ -248,11 +255,11 @@ def _reduce_component(
     matrix = np.concatenate([driven - modal @ driven[chosen], modal], axis=1)
     dependent = np.setdiff1d(np.arange(len(inside)), chosen)
     masters = np.concatenate([codes[border], codes[inside[chosen]]])
-    following = Following(locked(codes[inside[dependent]]), locked(masters), locked(matrix[dependent]))
+    following = FollowingDofs(locked(codes[inside[dependent]]), locked(masters), locked(matrix[dependent]))
     return Reduction(component, group, new_terms, following, len(border), n_modes)
 
 
-def _interface_codes(component: Component, codes: IntArray, equations: Equations) -> IntArray:
+def _interface_codes(component: Component, codes: IntArray, equations: DofEquations) -> IntArray:
     """Codes of a component that its `interface` names, and those that they follow through ties; a subset of `codes`.
 
     `codes` are the component's sorted degrees of freedom. The result is in the order of the names and may repeat codes.
@@ -272,7 +279,7 @@ def _interface_codes(component: Component, codes: IntArray, equations: Equations
 
 
 def _nominal_matrices(
-    component: Component, terms: Mapping[str, tuple[Term, ...]], codes: IntArray
+    component: Component, terms: Mapping[str, tuple[PropertyMatrices, ...]], codes: IntArray
 ) -> dict[str, sparse.csc_array]:
     """Matrices of a component at nominal property values by kind, (n_codes, n_codes) each; all zero where there are none.
 
@@ -300,7 +307,7 @@ def _nominal_matrices(
 
 def _as_matrix_group(
     component: Component, codes: IntArray, matrices: Mapping[str, sparse.csc_array]
-) -> tuple[MatrixGroup, tuple[Term, ...]]:
+) -> tuple[MatrixGroup, tuple[PropertyMatrices, ...]]:
     """The component as a group of matrices with one factor each, and the properties (terms) of that group.
 
     `codes` (n_codes,) are the degrees of freedom of the rows of the `matrices` (by kind). If structural damping is one
@@ -326,7 +333,7 @@ def _as_matrix_group(
         powers=(Power("stiffness", 1.0, 1),),
     )
     undamped = [term for term in terms if term.kind != "loss_factor"]
-    return group, (*undamped, Term("structural_damping", "parameter", "1", np.ones(1), [matrix_term]))
+    return group, (*undamped, PropertyMatrices("structural_damping", "parameter", "1", np.ones(1), [matrix_term]))
 
 
 def _reduction_basis(

@@ -14,7 +14,7 @@ from structid.core.errors import InputError
 from structid.fem.elements import ElementSet
 from structid.fem.elements.element import dof_code, dof_of_code, joined_codes
 from structid.fem.structure import Structure
-from structid.fem.supports import Constraint, Equations
+from structid.fem.supports import Constraint, DofEquations
 
 if TYPE_CHECKING:
     from structid.fem.meshes import Mesh
@@ -58,7 +58,7 @@ class AimedSensor:
         """Degree of freedom that stands for the sensor in the structure."""
         return Dof(self.label, self.seen)
 
-    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
         """The sensor's motion by the translations of its node: {code of the sensor: {code at the node: direction cosine}}.
 
         `positions` are not needed; `active` are the directions in which nodes move, and others are left out. Raises
@@ -173,7 +173,7 @@ class MeshPoint:
     distance: float
     directions: tuple[str, ...]
 
-    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
         """Own codes with those of the node; see `Tie.equations`."""
         return {dof_code(self.label, d): {dof_code(self.node, d): 1.0} for d in self.directions if d in active}
 

@@ -11,7 +11,7 @@ from scipy import linalg, sparse
 
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError, SingularModelError
-from structid.fem.elements.element import Term
+from structid.fem.elements.element import PropertyMatrices
 from structid.fem.matrices.blocks import Blocks
 from structid.fem.matrices.contribution import Contribution, Factor
 
@@ -23,8 +23,8 @@ _MOST_DOFS, _MOST_SLOPES = 1200, 1_000_000_000
 _NOTHING = 1e-13
 
 
-def damping_term(damping_ratio: float) -> Term:
-    """The damping ratio as a property.
+def damping_term(damping_ratio: float) -> PropertyMatrices:
+    """The `damping_ratio` of all modes as a property of the structure.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def damping_term(damping_ratio: float) -> Term:
     """
     if not 0 <= damping_ratio < 1:
         raise InputError(f"`damping_ratio` must be at least 0 and less than 1, as 0.01 for 1 %, got {damping_ratio:g}")
-    return Term("damping_ratio", "damping_ratio", "1", locked([damping_ratio]))
+    return PropertyMatrices("damping_ratio", "damping_ratio", "1", locked([damping_ratio]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +130,7 @@ class ModalDamping(Factor):
         """Derivative of the damping entries by parameters, sparse (n_entries, n_parameters), at property `values`.
 
         `design` (n_values, n_parameters) is the derivative of the values by the parameters; see `Factor.change`.
+        `values` (n_values,) are those of the whole structure.
         """
         state = self.at(values)
         changes = [(part, part.change(values, design).tocsc()) for part in self.parts]
@@ -147,7 +148,7 @@ class ModalDamping(Factor):
         return sparse.coo_array((rows.ravel(), indices), (len(self.rows), design.shape[1])).tocsr()
 
     def at(self, values: FloatArray) -> ModalState:
-        """The modes of the structure at these property `values`; the last result is kept."""
+        """The modes of the structure at the property `values` (n_values,); the last result is kept."""
         key = values[self._values].tobytes()
         if key not in self._known:
             self._known.clear()

@@ -10,7 +10,13 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError
-from structid.fem.elements.element import ElementMatrixTerm, ElementSet, Positions, Term, element_vectors
+from structid.fem.elements.element import (
+    ElementMatrixTerm,
+    ElementSet,
+    NodeCoordinates,
+    PropertyMatrices,
+    element_vectors,
+)
 from structid.fem.supports import RigidLink, Tie
 
 #: Powers of its length that a matrix of a bar or beam has.
@@ -51,7 +57,7 @@ class NodePosition:
         return f"node {self.node}"
 
     @property
-    def term(self) -> Term:
+    def term(self) -> PropertyMatrices:
         """The position as a property of kind "position", m, with limits that keep the elements beside the node from vanishing.
 
         Each stays at least a thousandth of the distance of the neighbours long (of the position, if nothing lies beyond), or
@@ -60,7 +66,7 @@ class NodePosition:
         beyond = self.limit - self.position
         shortest = _SHORTEST * (self.limit if np.isfinite(self.limit) else self.position)
         limits = min(shortest, 0.5 * self.position), self.limit - min(shortest, 0.5 * beyond)
-        return Term("position", "position", "m", locked([self.position]), limits=limits)
+        return PropertyMatrices("position", "position", "m", locked([self.position]), limits=limits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +102,10 @@ class LengthDependence:
         )
 
     def ratio(self, values: FloatArray) -> FloatArray:
-        """Length of each element over its nominal length, (n_elements,), at the property `values` of the whole structure."""
+        """Length of each element over its nominal length, (n_elements,), at the property `values` of the whole structure.
+
+        `values` is (n_values,).
+        """
         ratio = np.ones_like(self.lengths)
         for rows, slope, nominal in zip(self.at, self.slopes, self.nominal, strict=True):
             ratio = ratio + slope * (values[rows] - nominal) / self.lengths
@@ -104,7 +113,7 @@ class LengthDependence:
 
 
 def node_positions(
-    nodes: Sequence[int], elements: Sequence[ElementSet], positions: Positions, ties: Sequence[Tie]
+    nodes: Sequence[int], elements: Sequence[ElementSet], positions: NodeCoordinates, ties: Sequence[Tie]
 ) -> tuple[NodePosition, ...]:
     """The line and nominal position of each of the `nodes` whose position is a property; in their order, repeats dropped.
 
@@ -124,7 +133,7 @@ def node_positions(
     return made
 
 
-def _make_node_position(node: int, elements: Sequence[ElementSet], positions: Positions) -> NodePosition:
+def _make_node_position(node: int, elements: Sequence[ElementSet], positions: NodeCoordinates) -> NodePosition:
     """The line along which `node` may move, from the bars and beams that end there.
 
     The position is measured from the start node of the first element that ends at `node`, or from the end node of the first
@@ -164,8 +173,8 @@ def _make_node_position(node: int, elements: Sequence[ElementSet], positions: Po
 
 
 def split_by_length_power(
-    name: str, terms_of: Callable[[Positions], Sequence[Term]], positions: Positions
-) -> tuple[Term, ...]:
+    name: str, terms_of: Callable[[NodeCoordinates], Sequence[PropertyMatrices]], positions: NodeCoordinates
+) -> tuple[PropertyMatrices, ...]:
     """Terms of bars or beams, with each matrix term split by the power of the element length that it is proportional to.
 
     Matrices are sums of powers from -3 to 3, separated by evaluation at all lengths times 2^k, k from -3 to 3.
@@ -238,7 +247,7 @@ def _power_weights() -> FloatArray:
 _WEIGHTS = _power_weights()
 
 
-def stretched_lengths(element: ElementSet, positions: Positions, index: int) -> LengthDependence:
+def stretched_lengths(element: ElementSet, positions: NodeCoordinates, index: int) -> LengthDependence:
     """The dependence of all lengths of a set on one common factor, nominally 1, at `index` among the values of the structure.
 
     `positions` are those of the nodes, m.
@@ -250,7 +259,7 @@ def stretched_lengths(element: ElementSet, positions: Positions, index: int) -> 
 def length_dependence(
     element: ElementSet,
     position_of_node: Mapping[int, NodePosition],
-    positions: Positions,
+    positions: NodeCoordinates,
     index_of_value: Mapping[str, int],
 ) -> LengthDependence:
     """Dependence of the lengths of a set of lines on the positions of the nodes that slide.

@@ -14,7 +14,7 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem.elements.element import ElementMatrixTerm, dof_code, dof_of_code
 from structid.fem.matrices.blocks import Blocks, ElementMatrices, MatrixBlocks
-from structid.fem.supports import Equations, Following
+from structid.fem.supports import DofEquations, FollowingDofs
 
 #: Part of a map to free degrees of freedom from which on it is full.
 _FULL = 0.2
@@ -50,7 +50,7 @@ class Numbering:
 
 
 def numbering(
-    codes: Sequence[int], constrained: frozenset[int], equations: Equations, following: Sequence[Following] = ()
+    codes: Sequence[int], constrained: frozenset[int], equations: DofEquations, following: Sequence[FollowingDofs] = ()
 ) -> Numbering:
     """Numbering of the free degrees of freedom, with the sparse map u = T q (n_all, n_free) from them to all.
 
@@ -62,7 +62,7 @@ def numbering(
         Codes held at zero.
     equations : mapping
         Dependent codes, each with the codes and weights that it follows; a dependent may follow another dependent.
-    following : sequence of Following
+    following : sequence of FollowingDofs
         Groups of dependent codes that follow common masters by a matrix; no master may depend on its group.
 
     Raises
@@ -87,7 +87,9 @@ def numbering(
     return Numbering(known, sparse.csr_array(matrix), tuple(known[free].tolist()))
 
 
-def _dependence_matrix(codes: IntArray, equations: Equations, following: Sequence[Following]) -> sparse.csr_array:
+def _dependence_matrix(
+    codes: IntArray, equations: DofEquations, following: Sequence[FollowingDofs]
+) -> sparse.csr_array:
     """Sparse matrix D (n_all, n_all) of direct dependences, u = D u in the rows of dependent codes; other rows are empty.
 
     Rows and columns are `codes` (sorted); entries are the weights of `equations` and of the groups `following`.
@@ -104,7 +106,7 @@ def _dependence_matrix(codes: IntArray, equations: Equations, following: Sequenc
     return sparse.coo_array((np.concatenate(values), (rows, columns)), (len(codes), len(codes))).tocsr()
 
 
-def _require_no_circle(equations: Equations) -> None:
+def _require_no_circle(equations: DofEquations) -> None:
     """Raise `InputError` if a degree of freedom depends on itself through `equations`; the message shows the circle.
 
     `equations` maps dependent codes to the codes and weights that they follow.

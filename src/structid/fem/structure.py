@@ -16,7 +16,7 @@ from structid.core.dof import DIRECTIONS, Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.fem.component import Component, Reduction, reductions
 from structid.fem.elements import ElementSet, MatrixGroup
-from structid.fem.elements.element import LENGTH, TRANSLATIONS, Term, dof_code, dof_of_code, joined_codes
+from structid.fem.elements.element import LENGTH, TRANSLATIONS, PropertyMatrices, dof_code, dof_of_code, joined_codes
 from structid.fem.elements.matrix_group import GroupMatrices
 from structid.fem.matrices.blocks import Pattern, pattern
 from structid.fem.matrices.contribution import MATRIX_KINDS, Contribution, Property, rigid_mass, weigh_properties
@@ -32,7 +32,7 @@ from structid.fem.node_positions import (
 )
 from structid.fem.numbering import Numbering, blocks_of_all, free_blocks, numbering, selection
 from structid.fem.subdivision import NumberedTerms, is_divisible, numbered_terms
-from structid.fem.supports import Base, Equations, Tie, tie_equations, tied_codes
+from structid.fem.supports import Base, DofEquations, Tie, tie_equations, tied_codes
 from structid.plotting import StructurePlots
 
 #: Into which one element may be cut; its matrices are dense.
@@ -229,7 +229,11 @@ class Structure(Shown, StructurePlots):
                 items.append(Property(name, term, slice(start, start + len(term.values))))
                 start += len(term.values)
         single = [(one.name, one.term) for one in self._node_positions]
-        single += [(e.name, Term(LENGTH, "length", "1", np.ones(1))) for e in self.elements if e.has_uncertain_length]
+        single += [
+            (e.name, PropertyMatrices(LENGTH, "length", "1", np.ones(1)))
+            for e in self.elements
+            if e.has_uncertain_length
+        ]
         single += [] if self.damping_ratio is None else [(ALL_MODES, damping_term(self.damping_ratio))]
         items += [Property(name, term, slice(start + i, start + i + 1)) for i, (name, term) in enumerate(single)]
         return tuple(items)
@@ -304,7 +308,7 @@ class Structure(Shown, StructurePlots):
         return reductions(self.components, terms, self._equations, constrained, np.array(kept, dtype=np.int64))
 
     @cached_property
-    def _equations(self) -> Equations:
+    def _equations(self) -> DofEquations:
         return tie_equations(self.ties, self.nodes, self.active or ())
 
     @property
@@ -562,7 +566,7 @@ def _require_interfaces(structure: Structure) -> None:
 
 
 def _require_subdivision(structure: Structure) -> None:
-    """Raise `InputError` unless `subdivide` is a whole number from 1 to 100 and, above 1, some lines can be cut."""
+    """Raise `InputError` unless `subdivide` is a whole number from 1 to `MOST_PIECES` and, above 1, some lines can be cut."""
     pieces = structure.subdivide
     if not isinstance(pieces, int) or not 1 <= pieces <= MOST_PIECES:
         raise InputError(f"`subdivide` must be a whole number from 1 to {MOST_PIECES}, got {pieces!r}")

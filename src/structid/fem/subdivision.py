@@ -17,8 +17,8 @@ from structid.fem.elements.element import (
     TRANSLATIONS,
     ElementMatrixTerm,
     ElementSet,
-    Positions,
-    Term,
+    NodeCoordinates,
+    PropertyMatrices,
     dof_code,
     element_vectors,
 )
@@ -35,7 +35,7 @@ class NumberedTerms:
 
     Attributes
     ----------
-    terms : mapping of str to tuple of Term
+    terms : mapping of str to tuple of PropertyMatrices
         By the name of the set, in order.
     owners : mapping of int to str
         What is at each label above those of the nodes: the element or joint.
@@ -44,14 +44,14 @@ class NumberedTerms:
         not turn bends between them.
     """
 
-    terms: Mapping[str, tuple[Term, ...]]
+    terms: Mapping[str, tuple[PropertyMatrices, ...]]
     owners: Mapping[int, str]
     free: IntArray
 
 
 def numbered_terms(
     elements: Sequence[ElementSet],
-    positions: Positions,
+    positions: NodeCoordinates,
     used_codes: IntArray,
     active: Sequence[str],
     pieces: int = 1,
@@ -83,7 +83,7 @@ def numbered_terms(
     InputError
         If a joint cannot be: its element, node or direction is not there, or the element has no stiffness in it.
     """
-    terms: dict[str, tuple[Term, ...]] = {}
+    terms: dict[str, tuple[PropertyMatrices, ...]] = {}
     owners: dict[int, str] = {}
     free: list[IntArray] = [np.zeros(0, dtype=np.int64)]
     first = max(positions) + 1
@@ -117,7 +117,7 @@ def numbered_terms(
     return NumberedTerms(terms, owners, np.concatenate(free))
 
 
-def is_divisible(element: ElementSet, positions: Positions, active: Sequence[str]) -> bool:
+def is_divisible(element: ElementSet, positions: NodeCoordinates, active: Sequence[str]) -> bool:
     """True if the elements of a set are lines whose pieces are held sideways, so that they can be cut.
 
     A node between two bars that moves across them would have mass and no stiffness. Bars on a line have no such motion, and
@@ -145,11 +145,12 @@ def is_divisible(element: ElementSet, positions: Positions, active: Sequence[str
 
 
 def _terms(
-    element: ElementSet, used_codes: IntArray, pieces: int, first: int, positions: Positions
-) -> tuple[Term, ...]:
+    element: ElementSet, used_codes: IntArray, pieces: int, first: int, positions: NodeCoordinates
+) -> tuple[PropertyMatrices, ...]:
     """The terms of a set whose lines are cut into `pieces`, with inner nodes labelled from `first` on.
 
-    Lines stay whole if `pieces` is 1.
+    Lines stay whole if `pieces` is 1. `positions` are node coordinates in m by label; `used_codes` (n_codes,) the
+    degrees of freedom of the other elements.
     """
     if pieces > 1:
         return _cut_into_pieces(element, positions, used_codes, pieces, first)
@@ -157,8 +158,8 @@ def _terms(
 
 
 def _cut_into_pieces(
-    element: ElementSet, positions: Positions, used_codes: IntArray, pieces: int, first: int
-) -> tuple[Term, ...]:
+    element: ElementSet, positions: NodeCoordinates, used_codes: IntArray, pieces: int, first: int
+) -> tuple[PropertyMatrices, ...]:
     """Terms of a set whose lines are each cut into `pieces` elements; new nodes are labelled from `first` on, line by line.
 
     `positions` are those of the nodes, m; `used_codes` are as in `ElementSet.terms`.
@@ -191,7 +192,7 @@ def _chain_matrices(matrix_term: ElementMatrixTerm, between: IntArray) -> Elemen
     return replace(matrix_term, codes=np.concatenate([start, middle.reshape(n, -1), end], axis=1), local=local)
 
 
-def _free_between(terms: Sequence[Term], pieces: int, active: Sequence[str]) -> IntArray:
+def _free_between(terms: Sequence[PropertyMatrices], pieces: int, active: Sequence[str]) -> IntArray:
     """Codes between the pieces of bending lines, in the directions that their stiffness couples with the active ones; sorted.
 
     Empty for lines without rotations, which are bars. `terms` are those of the set, cut into `pieces`; `active` are the
@@ -216,7 +217,9 @@ def _free_between(terms: Sequence[Term], pieces: int, active: Sequence[str]) -> 
     return np.unique(np.concatenate(codes))
 
 
-def _replace_code(terms: Sequence[Term], rows: int | slice, old: int, new: int) -> tuple[Term, ...]:
+def _replace_code(
+    terms: Sequence[PropertyMatrices], rows: int | slice, old: int, new: int
+) -> tuple[PropertyMatrices, ...]:
     """Copy of `terms` with the code `old` replaced by `new` in the element rows `rows`.
 
     Properties that share matrices go on sharing them.
@@ -258,7 +261,7 @@ def _find_element(joint: str, text: str, elements: Sequence[ElementSet]) -> tupl
     return sets[name], number - 1
 
 
-def _stiff_directions(terms: Sequence[Term], row: int, node: int) -> list[str]:
+def _stiff_directions(terms: Sequence[PropertyMatrices], row: int, node: int) -> list[str]:
     """Directions, such as "RZ", in which the element in `row` has stiffness on its diagonal at `node`."""
     axes = set()
     for term in terms:

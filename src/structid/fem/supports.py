@@ -13,11 +13,11 @@ from structid.core.dof import DIRECTIONS, Dof, parse_dof
 from structid.core.errors import InputError
 from structid.fem.elements.element import dof_code, dof_of_code
 
-Equations = dict[int, dict[int, float]]
+DofEquations = dict[int, dict[int, float]]
 
 
 @dataclass(frozen=True, eq=False)
-class Following:
+class FollowingDofs:
     """Very many degrees of freedom that follow the same others.
 
     Attributes
@@ -38,7 +38,7 @@ class Tie(Protocol):
     @property
     def name(self) -> str: ...
 
-    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
         """Equations of the dependent degrees of freedom: {dependent code: {code that it follows: coefficient}}.
 
         `positions` of nodes in m; `active` are the directions in which nodes move.
@@ -95,12 +95,12 @@ class RigidLink:
             raise InputError(f"`directions` of rigid link {name!r} must be among {' '.join(DIRECTIONS)}, got {chosen}")
         object.__setattr__(self, "directions", chosen)
 
-    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
         """Equations of the dependent nodes: {dependent code: {code of the main node: coefficient}}, in the active directions.
 
         `positions` in m; `active` are the directions in which nodes move.
         """
-        result: Equations = {}
+        result: DofEquations = {}
         for node in self.dependents:
             arm = np.zeros(3)
             difference = positions[node] - positions[self.main]
@@ -145,7 +145,7 @@ class Constraint:
         object.__setattr__(self, "dependent", parse_dof(dependent))
         object.__setattr__(self, "depends_on", pairs)
 
-    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
         """Equation of the constraint with the signs of its degrees of freedom: {dependent code: {other code: coefficient}}.
 
         `positions` and `active` are not needed; repeated degrees of freedom are summed.
@@ -176,7 +176,7 @@ class MiddleNode:
     ends: tuple[int, int]
     directions: tuple[str, ...] = ("X", "Y", "Z")
 
-    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
         """Own codes with those of the ends; see `Tie.equations`."""
         return {
             dof_code(self.label, d): {dof_code(end, d): 0.5 for end in self.ends}
@@ -226,7 +226,7 @@ class Base:
         return tuple(Constraint(f"base {self.name}", other, [(first, 1.0)]) for other in others)
 
 
-def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
     """All equations of `ties`: {dependent code: {code that it follows: coefficient}}.
 
     `positions` of nodes in m; `active` are the directions in which nodes move.
@@ -236,7 +236,7 @@ def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], acti
     InputError
         If two ties claim the same degree of freedom.
     """
-    equations: Equations = {}
+    equations: DofEquations = {}
     for tie in ties:
         for code, others in tie.equations(positions, active).items():
             if code in equations:
@@ -247,7 +247,7 @@ def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], acti
     return equations
 
 
-def tied_codes(equations: Equations) -> IntArray:
+def tied_codes(equations: DofEquations) -> IntArray:
     """All codes that take part."""
     codes = {code for dependent, others in equations.items() for code in (dependent, *others)}
     return np.array(sorted(codes), dtype=np.int64)

@@ -23,7 +23,7 @@ import numpy as np
 
 from structid.core.errors import FileError
 from structid.core.isolation import import_paths, kill_child, python_arguments, start_child
-from structid.core.json_types import Plain
+from structid.core.json_types import JsonValue
 from structid.files.worker import __file__ as _SCRIPT
 from structid.files.worker import fill_tree
 
@@ -52,7 +52,7 @@ class _LostError(Exception):
 class _Answer(NamedTuple):
     """Answer of the child process: a tree with numbers in place of its arrays, and the arrays; or its exception."""
 
-    tree: Plain = None
+    tree: JsonValue = None
     arrays: tuple[np.ndarray, ...] = ()
     error: ReaderError | None = None
 
@@ -70,7 +70,7 @@ class _Child:
         )  # fmt: skip
         self._timed(_START_SECONDS, lambda stream: stream.readline())
 
-    def ask(self, request: Mapping[str, Plain], seconds: float) -> _Answer:
+    def ask(self, request: Mapping[str, JsonValue], seconds: float) -> _Answer:
         """Send one request (reader, path, options, seconds) and return its answer; `_LostError` if the child ends or is late.
 
         `seconds` is the time after which it is late and is killed.
@@ -134,7 +134,7 @@ _lock = threading.Lock()
 _running: list[_Child] = []
 
 
-def read_in_child(path: Path, reader: str, seconds: float | None = None, **options: Plain) -> Any:
+def read_in_child(path: Path, reader: str, seconds: float | None = None, **options: JsonValue) -> Any:
     """Run the reader `reader` of `structid.files.worker` on `path` in a child process and return what it returns.
 
     `seconds` limits the time (15 by default), with one second more for each MB of the file; `options` go to the reader.
@@ -147,7 +147,12 @@ def read_in_child(path: Path, reader: str, seconds: float | None = None, **optio
         If the library crashed on the file, or did not come to an end; the message begins with `path`.
     """
     seconds = (_SECONDS if seconds is None else seconds) + path.stat().st_size / _BYTES_A_SECOND
-    request: dict[str, Plain] = {"reader": reader, "path": str(path.resolve()), "options": options, "seconds": seconds}
+    request: dict[str, JsonValue] = {
+        "reader": reader,
+        "path": str(path.resolve()),
+        "options": options,
+        "seconds": seconds,
+    }
     with _lock:
         answer = _ask_child(path, request, seconds)
         if answer.error is not None:
@@ -156,7 +161,7 @@ def read_in_child(path: Path, reader: str, seconds: float | None = None, **optio
     return fill_tree(answer.tree, answer.arrays.__getitem__)
 
 
-def _ask_child(path: Path, request: Mapping[str, Plain], seconds: float) -> _Answer:
+def _ask_child(path: Path, request: Mapping[str, JsonValue], seconds: float) -> _Answer:
     """The answer of the running child, or of a new one if the child that served earlier requests has ended.
 
     Raises `FileError` if a new child ends on the file, or any child is late.

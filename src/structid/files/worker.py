@@ -22,17 +22,17 @@ if TYPE_CHECKING:  # it starts without them
     import h5py
     from scipy import sparse
 
-    from structid.core.json_types import Entry, Plain
+    from structid.core.json_types import JsonValue, StoredEntry
 
 _DENSEST = 1032  # bytes that deflate can make of one
 _MOST_ENTRIES = 4096  # of an attribute that is kept
 _HEADROOM = 2**30
 
 
-def plain(value: Entry, arrays: list[np.ndarray]) -> Plain:
+def plain(value: StoredEntry, arrays: list[np.ndarray]) -> JsonValue:
     """JSON of `value`, a tree of mappings, lists, numbers, texts and arrays; its arrays are appended to `arrays`.
 
-    An array is replaced by its index in `arrays`; see `fill_tree`.
+    An array is replaced by its index in `arrays`; see `fill_tree`. NumPy numbers become those of Python.
     """
     if isinstance(value, np.ndarray):
         arrays.append(value)
@@ -46,7 +46,7 @@ def plain(value: Entry, arrays: list[np.ndarray]) -> Plain:
     return value
 
 
-def fill_tree(value: Plain, array: Callable[[int], np.ndarray]) -> Entry:
+def fill_tree(value: JsonValue, array: Callable[[int], np.ndarray]) -> StoredEntry:
     """The tree that `plain` turned into JSON, `value`; the function `array` returns each array by its index."""
     if not isinstance(value, dict):
         return value
@@ -61,17 +61,17 @@ class UnusableError(Exception):
     """The file is whole, and what is asked for cannot be taken from it."""
 
 
-def hdf5_shapes(path: str) -> dict[str, Entry]:
+def hdf5_shapes(path: str) -> dict[str, StoredEntry]:
     """Shape, type and first byte of every dataset by its path without the leading slash, as [shape, type, byte].
 
     The type is "text" or that of NumPy; the byte is None where the values do not lie in one piece as they are.
     """
     import h5py
 
-    found: dict[str, Entry] = {}
+    found: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        """Note shape, type and first byte of a dataset."""
+        """Read the variable `item` under its `name`, unless it is one of MATLAB's own groups."""
         if isinstance(item, h5py.Dataset) and item.shape is not None:
             dtype = _complex_type(item.dtype)
             text = h5py.check_string_dtype(item.dtype) is not None
@@ -86,11 +86,11 @@ def hdf5_shapes(path: str) -> dict[str, Entry]:
     return found
 
 
-def hdf5_attributes(path: str) -> dict[str, Entry]:
+def hdf5_attributes(path: str) -> dict[str, StoredEntry]:
     """Attributes of datasets, groups and the file itself that are texts or a few numbers, by ``path@name``."""
     import h5py
 
-    found: dict[str, Entry] = {}
+    found: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
         """Note the attributes of a dataset or group that are texts or a few numbers."""
@@ -110,8 +110,8 @@ def hdf5_attributes(path: str) -> dict[str, Entry]:
     return found
 
 
-def hdf5_fields(path: str, names: list[str]) -> dict[str, Entry]:
-    """The datasets called `names` of an HDF5 file: arrays of numbers, a text, or lists of texts."""
+def hdf5_fields(path: str, names: list[str]) -> dict[str, StoredEntry]:
+    """The datasets called `names` of the HDF5 file at `path`, by name: arrays of numbers, a text, or lists of texts."""
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -120,7 +120,10 @@ def hdf5_fields(path: str, names: list[str]) -> dict[str, Entry]:
 
 
 def hdf5_part(path: str, name: str, begin: int, stop: int, axis: int) -> np.ndarray:
-    """Entries `begin` to `stop` (exclusive) along `axis` 0 or 1 of the two-dimensional dataset `name` of an HDF5 file."""
+    """Entries `begin` to `stop` (exclusive) along `axis` 0 or 1 of the two-dimensional dataset `name` of an HDF5 file.
+
+    `path` is the file's. The result is (stop - begin, n) or (n, stop - begin).
+    """
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -130,11 +133,11 @@ def hdf5_part(path: str, name: str, begin: int, stop: int, axis: int) -> np.ndar
         return np.asarray(dataset[begin:stop] if axis == 0 else dataset[:, begin:stop])
 
 
-def matlab_73(path: str) -> dict[str, Entry]:
-    """Every variable of numbers or texts of a MAT file of version 7.3 (HDF5), by name."""
+def matlab_73(path: str) -> dict[str, StoredEntry]:
+    """Every variable of numbers or texts of the MAT file at `path` of version 7.3 (HDF5), by name."""
     import h5py
 
-    found: dict[str, Entry] = {}
+    found: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
         """Read a variable, unless it is one of MATLAB's own groups."""
@@ -149,19 +152,19 @@ def matlab_73(path: str) -> dict[str, Entry]:
     return found
 
 
-def matlab(path: str) -> dict[str, Entry]:
-    """Every variable of numbers or texts of a MAT file before version 7.3, by name; sparse matrices as their parts."""
+def matlab(path: str) -> dict[str, StoredEntry]:
+    """Every variable of numbers or texts of the MAT file at `path` before version 7.3, by name; sparse matrices as parts."""
     from scipy.io import loadmat
 
-    found: dict[str, Entry] = {}
+    found: dict[str, StoredEntry] = {}
     for name, value in loadmat(path).items():
         if not name.startswith("__"):
             _note_matlab(found, name, value)
     return found
 
 
-def _note_matlab(variables: dict[str, Entry], name: str, value: np.ndarray | sparse.csc_array) -> None:
-    """Add a MATLAB variable to `variables` by its name, or each field of a struct as ``name.field``.
+def _note_matlab(variables: dict[str, StoredEntry], name: str, value: np.ndarray | sparse.csc_array) -> None:
+    """Add the MATLAB variable `value` to `variables` by its `name`, or each field of a struct as ``name.field``.
 
     Objects, arrays of structs, and cells of other things than texts are left out; a sparse matrix becomes its parts.
     """
@@ -177,7 +180,7 @@ def _note_matlab(variables: dict[str, Entry], name: str, value: np.ndarray | spa
         for field in value.dtype.names if value.size == 1 else ():
             _note_matlab(variables, f"{name}.{field}", value[field].item())
     elif value.dtype.kind == "O":
-        cells: dict[str, Entry] = {}
+        cells: dict[str, StoredEntry] = {}
         for index, cell in enumerate(value.ravel(order="F")):
             _note_matlab(cells, str(index), cell)
         texts = [cell for cell in cells.values() if isinstance(cell, str)]
@@ -257,15 +260,18 @@ def _complex_type(dtype: np.dtype) -> np.dtype:
 
 
 def _as_complex(array: np.ndarray) -> np.ndarray:
-    """`array` with pairs of real and imaginary parts turned into complex numbers; other arrays unchanged."""
+    """`array` with pairs of real and imaginary parts turned into complex numbers; other arrays unchanged.
+
+    The shape stays.
+    """
     if array.dtype.names and _complex_type(array.dtype) != array.dtype:
         real, imaginary = array.dtype.names
         return np.asarray(array[real] + 1j * array[imaginary])
     return array
 
 
-def ansys(path: str) -> dict[str, Entry]:
-    """Contents of an ANSYS file by name: matrices and their rows from ``.full``, matrices of each element from ``.emat``.
+def ansys(path: str) -> dict[str, StoredEntry]:
+    """Contents of the ANSYS file at `path` by name: matrices and their rows from ``.full``, element matrices from ``.emat``.
 
     A matrix is [shape, column starts, rows, values]; elements are pairs of equation numbers and values by kind.
     """
@@ -274,7 +280,10 @@ def ansys(path: str) -> dict[str, Entry]:
     opened = read_binary(path)
     if path.lower().endswith(".full"):
         dofs, stiffness, mass = opened.load_km(sort=True)
-        assembled: dict[str, Entry] = {"dofs": np.asarray(dofs, np.int64), "held": np.asarray(opened.const, np.int64)}
+        assembled: dict[str, StoredEntry] = {
+            "dofs": np.asarray(dofs, np.int64),
+            "held": np.asarray(opened.const, np.int64),
+        }
         for name, matrix in (("STIFFNESS", stiffness), ("MASS", mass)):
             if matrix is not None:
                 compact = matrix.tocsc()
@@ -289,14 +298,14 @@ def ansys(path: str) -> dict[str, Entry]:
     return {"nodes": nodes, "labels": labels, "n_dof": int(opened.n_dof), "elements": elements}
 
 
-def logger(path: str, kind: str) -> Entry:
+def logger(path: str, kind: str) -> StoredEntry:
     """Channels of a logger's file of the given `kind`, read by its library."""
     from structid.files.loggers import logger as read  # with a library that takes its time: only when it is asked for
 
     return read(path, kind)
 
 
-READERS: dict[str, Callable[..., Entry]] = {
+READERS: dict[str, Callable[..., StoredEntry]] = {
     reader.__name__: reader
     for reader in (hdf5_shapes, hdf5_attributes, hdf5_fields, hdf5_part, matlab, matlab_73, ansys, logger)
 }

@@ -12,7 +12,7 @@ from structid.core.dof import Dof
 from structid.unknowns.named_unknowns import NamedUnknowns
 
 
-class Measured(Protocol):
+class ChannelsOfRecord(Protocol):
     """Sensors, loads and lines of a record of any kind, on which errors of channels are declared."""
 
     @property
@@ -66,7 +66,7 @@ class ChannelErrors(NamedUnknowns):
         members: np.ndarray = self.polarity_outputs[:, :, None] | self.polarity_inputs[:, None, :]
         return members
 
-    def seen_by(self, record: Measured) -> ChannelErrors:
+    def seen_by(self, record: ChannelsOfRecord) -> ChannelErrors:
         """A copy for another record of the same test, with its sensors and loads in place of those of this record.
 
         A channel with the same degree of freedom, in either direction, keeps its errors; one that only `record` has gets none.
@@ -107,7 +107,10 @@ class ChannelErrors(NamedUnknowns):
         return output[:, :, None] / input_[:, None, :]
 
     def lateness(self, physical: FloatArray) -> FloatArray:
-        """Delay of every FRF, s, (n_outputs, n_inputs)."""
+        """Delay of every FRF, s, (n_outputs, n_inputs).
+
+        `physical` are the values of the channel errors, (n_errors,).
+        """
         delays = self.rows("delay")
         late: FloatArray = np.tensordot(physical[delays], self.exponents[delays], 1)
         return late

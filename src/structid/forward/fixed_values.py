@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import locked
-from structid.forward.channel_errors import ChannelErrors, Measured
+from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord
 from structid.forward.channel_unknowns import ChannelUnknown, channel_errors
 from structid.forward.record_problem import RecordProblem
 from structid.inversion.fixed_values import FIXED
@@ -71,7 +71,7 @@ def append_fixed_factors(parameters: Parameters, fixed: tuple[FixedProperty, ...
     )
 
 
-def _with_gain(problem: RecordProblem, measured: Measured, tolerance: float, record: str) -> ChannelErrors:
+def _with_gain(problem: RecordProblem, measured: ChannelsOfRecord, tolerance: float, record: str) -> ChannelErrors:
     """Channel errors of a problem followed by a common gain of all sensors, with `tolerance` as its deviation.
 
     `record` is the name of the record in that of the gain.

@@ -15,7 +15,7 @@ from structid.forward.scatter import scatter_problems
 from structid.identification.alternatives import alternatives
 from structid.identification.fits.missed import missed_parts
 from structid.identification.fits.ratios import ratios, scale_from_force
-from structid.identification.fits.record_fit import Own
+from structid.identification.fits.record_fit import FittedUnknowns
 from structid.identification.identified import Identification, MassEstimate, PriorSummary
 from structid.identification.joint_problem import first_values, freed_problems, harmonize_shared_parameters, indices_of
 from structid.identification.options import IdentifyOptions
@@ -27,7 +27,7 @@ from structid.identification.warning_words import estimate_warnings, ran_away, r
 from structid.inversion import Covariance, Estimate
 from structid.inversion.fixed_values import FIXED, FixedValueInfluence
 from structid.inversion.intervals.intervals import parameter_intervals
-from structid.inversion.search.work import ALONE, StageProgress, Work
+from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import begun_at
@@ -90,7 +90,7 @@ def identify_together(
     setups: Sequence[AnySetup],
     options: IdentifyOptions | None = None,
     progress: StageProgress | None = None,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
 ) -> Identification:
     """Identification of parameters from several records of a structure, with other sensors, loads, supports or masses.
 
@@ -109,7 +109,7 @@ def identify_together(
         For all records alike.
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
-    work : Work
+    work : TaskExecutor
         Where searches and their repeats run, and whether they are kept.
 
     Returns
@@ -136,7 +136,9 @@ def identify_together(
         tests = found.goodness.residual_tests.named(_series_names(setups, problems))
         found = replace(found, goodness=replace(found.goodness, residual_tests=tests))
     ends = parameter_intervals(target or problems[0], found, chosen.intervals, seed=chosen.seed, work=work)
-    seen = list(zip(setups, titles(setups), problems, [_own(problem, found) for problem in problems], strict=True))
+    seen = list(
+        zip(setups, titles(setups), problems, [_fitted_unknowns(problem, found) for problem in problems], strict=True)
+    )
     fits = [setup.response_fit(title, problem, own, chosen) for setup, title, problem, own in seen]
     modal_fits = [setup.modal_fit(title, problem, own, chosen) for setup, title, problem, own in seen]
     lost = [setup.truncation(problem, own.theta) for setup, _, problem, own in seen]
@@ -203,7 +205,7 @@ def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem])
     return own + [f"scatter of {one.name}" for one in scatter_problems(problems)]
 
 
-def _own(problem: RecordProblem, estimate: Estimate) -> Own:
+def _fitted_unknowns(problem: RecordProblem, estimate: Estimate) -> FittedUnknowns:
     """Free variables, values and initial values of the problem's parameters, from the estimate of all parameters.
 
     After a linear fit, which has no free variables, they are made from the values; a value out of range takes that of the
@@ -213,7 +215,7 @@ def _own(problem: RecordProblem, estimate: Estimate) -> Own:
     values, theta = estimate.values[place], estimate.theta[place]
     if estimate.parameters.slope is None:
         theta = begun_at(problem.unknowns, dict(zip(estimate.names, estimate.values.tolist(), strict=True))).theta_start
-    return Own(theta, values, estimate.initial[place])
+    return FittedUnknowns(theta, values, estimate.initial[place])
 
 
 def total_mass(

@@ -33,7 +33,7 @@ from structid.inversion.search.least_squares import minimize as minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt as LevenbergMarquardt
 from structid.inversion.search.matrix_free import MatrixFree as MatrixFree
 from structid.inversion.search.minimum import Minimum as Minimum
-from structid.inversion.search.multistart import Answer as Answer
+from structid.inversion.search.multistart import DistinctMinimum as DistinctMinimum
 from structid.inversion.search.multistart import Search as Search
 from structid.inversion.uncertainty import Covariance as Covariance
 from structid.inversion.uncertainty import DenseCovariance as DenseCovariance

@@ -24,8 +24,9 @@ from structid.inversion.search.least_squares import Method
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.minimum import Minimum, StageCourse, squared
 from structid.inversion.search.multistart import (
-    Answer,
+    DistinctMinimum,
     Search,
+    are_same,
     cost_rank,
     distinct_answers,
     ends_at_other,
@@ -33,7 +34,7 @@ from structid.inversion.search.multistart import (
     searched_minima,
 )
 from structid.inversion.search.within_tolerances import FixedValues
-from structid.inversion.search.work import ALONE, StageProgress, Work
+from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.inversion.uncertainty import Covariance, Spread, Uncertainty
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ class ParameterValues:
     scale: FloatArray | None = None
 
     def free_std(self, std: FloatArray) -> FloatArray:
-        """Standard deviations (n_params,) of the free variables from those in physical units; NaN where a slope is 0."""
+        """Standard deviations (n_params,) of the free variables from `std` in physical units; NaN where a slope is 0."""
         if self.slope is None:
             return std
         return np.divide(std, np.abs(self.slope), out=np.full(len(std), np.nan), where=self.slope != 0)
@@ -201,7 +202,7 @@ class SearchRecord:
         Physical values at each iteration of the last stage.
     stages : tuple of StageCourse
         All stages of the search that led to the answer, the last one included, with physical values and sums of squares.
-    answers : tuple of Answer
+    answers : tuple of DistinctMinimum
         The distinct minima that the searches found, best first; where a sample was searched, those of the sample.
     is_exhaustive : bool
         Whether wide starts were made until no more answers are to be expected.
@@ -211,7 +212,7 @@ class SearchRecord:
     n_starts: int
     n_agreeing: int
     history: FloatArray
-    answers: tuple[Answer, ...] = ()
+    answers: tuple[DistinctMinimum, ...] = ()
     is_exhaustive: bool = False
     stages: tuple[StageCourse, ...] = ()
 
@@ -551,7 +552,7 @@ def estimate(
     misfit_probability: float = 1e-3,
     progress: StageProgress | None = None,
     sample: Problem | None = None,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
     fixed: FixedValues | None = None,
     **moved: object,
 ) -> Estimate:
@@ -578,7 +579,7 @@ def estimate(
     sample : Problem, optional
         The same problem with a part of its data, on which the searches are made; only the last iterations, from the
         best minimum, then take all of the data.
-    work : Work
+    work : TaskExecutor
         Where the searches run, and whether they are kept; in this process by default.
     fixed : FixedValues, optional
         The values that the model holds, where they may be wrong by their tolerances.
@@ -647,7 +648,8 @@ def estimate(
             refit_best()
         columns = fixed.sensitivities_at(problem.names, best.theta, refits.get(best))
         # without a Jacobian, the draws tell first how many degrees of freedom the residual has
-        columns = replace(columns, refit=refit_best) if chosen.is_matrix_free else columns
+        if chosen.is_matrix_free:
+            columns = replace(columns, refit=lambda: fixed.followed(refit_best(), best.theta))
     uncertainty = chosen.uncertainty(problem, best, misfit_probability, search.seed, columns)
     within = refits.get(best)
     theta, residual = best.theta, best.linearization.residual
@@ -697,10 +699,12 @@ def _refit_once(
 ) -> FitWithinTolerances:
     """Refit of `minimum` with fixed values free within their tolerances, cached in `refits`.
 
-    `names` are the names of the parameters in the order of the free variables of `minimum`.
+    Minima that are one answer share one refit. `names` are the names of the parameters in the order of the free variables of
+    `minimum`.
     """
     if minimum not in refits:
-        refits[minimum] = fixed.refit(names, minimum.theta, float(minimum.costs[-1]))
+        shared = next((fit for other, fit in refits.items() if are_same(other, minimum)), None)
+        refits[minimum] = shared or fixed.refit(names, minimum.theta, float(minimum.costs[-1]))
     return refits[minimum]
 
 

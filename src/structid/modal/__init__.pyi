@@ -4,7 +4,7 @@ from structid.modal.full_field import full_field_modes as full_field_modes
 from structid.modal.identification import METHODS as METHODS
 from structid.modal.identification import identify_modes as identify_modes
 from structid.modal.identification import modal_identification as modal_identification
-from structid.modal.merging import Merging as Merging
+from structid.modal.merging import MergedModes as MergedModes
 from structid.modal.merging import merge_modes as merge_modes
 from structid.modal.merging import merged_setups as merged_setups
 from structid.modal.method import ModalIdentification as ModalIdentification

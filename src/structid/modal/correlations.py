@@ -24,7 +24,7 @@ _DEAD = 1e-9  # part of the median rms of channels of its quantity below which a
 
 
 @dataclass(frozen=True, eq=False)
-class Outputs:
+class ScaledMotion:
     """Motion channels of one or more records, each channel scaled to a root mean square of 1.
 
     Attributes
@@ -66,7 +66,7 @@ class Outputs:
 
 
 @dataclass(frozen=True)
-class Piece:
+class RecordPiece:
     """Samples `start` to `stop` - 1 of record number `record`, and their part of all windows."""
 
     record: int
@@ -75,17 +75,17 @@ class Piece:
     part: float
 
 
-def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
+def outputs(records: TimeRecord | Sequence[TimeRecord] | ScaledMotion) -> ScaledMotion:
     """Motion channels of the records, each divided by its root mean square over all records; forces are left out.
 
-    `Outputs` are returned as they are.
+    `ScaledMotion` are returned as they are.
 
     Raises
     ------
     InputError
         If there is no record, channels or sampling rates differ, there are only forces, or a channel is dead or constant.
     """
-    if isinstance(records, Outputs):
+    if isinstance(records, ScaledMotion):
         return records
     given = (records,) if isinstance(records, TimeRecord) else tuple(records)
     if not given or not all(isinstance(record, TimeRecord) for record in given):
@@ -109,7 +109,7 @@ def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
     columns = slice(None) if len(moving) == len(first.quantities) else moving
     series = [record.values[:, columns] for record in given]
     scale = _scale(series, channels, quantities)
-    return Outputs(tuple(y / scale for y in series), scale, channels, quantities, first.sampling_rate)
+    return ScaledMotion(tuple(y / scale for y in series), scale, channels, quantities, first.sampling_rate)
 
 
 def _mean_and_variance(values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -129,8 +129,9 @@ def _mean_and_variance(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> FloatArray:
     """Root mean square of every channel over all records, (n_channels,), without subtracting means.
 
-    `series` are the samples of each record, (n_times, n_channels). Raises `InputError` if the standard deviation of a channel
-    is at most 1e-9 of the median of its quantity or of its own root mean square.
+    `series` are the samples of each record, (n_times, n_channels). Raises `InputError` if the standard deviation of a
+    channel is at most 1e-9 of the median of its quantity or of its own root mean square. `channels` and their
+    `quantities` are for the check and its message.
     """
     n_samples = sum(map(len, series))
     moments = [_mean_and_variance(y) for y in series]
@@ -148,7 +149,7 @@ def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tupl
     return np.asarray(scale)
 
 
-def displacement_rows(data: Outputs, s: ComplexArray) -> tuple[tuple[Dof, ...], ComplexArray]:
+def displacement_rows(data: ScaledMotion, s: ComplexArray) -> tuple[tuple[Dof, ...], ComplexArray]:
     """Degrees of freedom, and weights (n_dofs, n_channels, n_modes) that turn channels of `data` into displacements.
 
     `s` (n_modes,) are the poles in rad/s. A channel of the k-th derivative holds s^k times the displacement, with noise in
@@ -165,7 +166,7 @@ def displacement_rows(data: Outputs, s: ComplexArray) -> tuple[tuple[Dof, ...], 
     return dofs, weight / total
 
 
-def require_length(data: Outputs, lags: int, max_order: int) -> None:
+def require_length(data: ScaledMotion, lags: int, max_order: int) -> None:
     """Raise `InputError` if a record holds fewer than 3 `lags` samples, or all too few for models of order `max_order`.
 
     `lags` is the number of samples that the lags span; all records must hold `max_order` samples beyond it.
@@ -185,12 +186,12 @@ def require_length(data: Outputs, lags: int, max_order: int) -> None:
         )
 
 
-def pieces(data: Outputs, head: int, tail: int, n_pieces: int = 1) -> tuple[Piece, ...]:
+def pieces(data: ScaledMotion, head: int, tail: int, n_pieces: int = 1) -> tuple[RecordPiece, ...]:
     """Consecutive windows of all records, of about equal length, about `n_pieces` in all, as record lengths allow.
 
     Parameters
     ----------
-    data : Outputs
+    data : ScaledMotion
     head, tail : int
         Samples that each record needs before the first and from the last instant of a window on; no window covers them.
     n_pieces : int
@@ -207,7 +208,7 @@ def pieces(data: Outputs, head: int, tail: int, n_pieces: int = 1) -> tuple[Piec
     for number, (length, count) in enumerate(zip(lengths, counts, strict=True)):
         edges = head + np.round(np.linspace(0, length, count + 1)).astype(int)
         for start, stop in pairwise(edges.tolist()):
-            windows.append(Piece(number, start, stop, (stop - start) / float(lengths.sum())))
+            windows.append(RecordPiece(number, start, stop, (stop - start) / float(lengths.sum())))
     return tuple(windows)
 
 
@@ -284,7 +285,7 @@ def window_hankel(y: FloatArray, start: int, stop: int, rows: int, columns: int,
 
 
 def window_hankels(
-    data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int
+    data: ScaledMotion, windows: Sequence[RecordPiece], rows: int, columns: int, offset: int
 ) -> Iterator[FloatArray]:
     """Block Hankel matrix of each window, in order, divided by the number of instants in all windows; they add up to the whole.
 
@@ -297,7 +298,9 @@ def window_hankels(
         yield window_hankel(y, piece.start, piece.stop, rows, columns, offset) / total
 
 
-def lag_hankels(data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int) -> Iterator[FloatArray]:
+def lag_hankels(
+    data: ScaledMotion, windows: Sequence[RecordPiece], rows: int, columns: int, offset: int
+) -> Iterator[FloatArray]:
     """Contribution of each window, in order, to the block Hankel matrix of the lag correlations; their sum is that matrix.
 
     `rows` and `columns` are numbers of blocks, `offset` is the lag of the first block in samples. Each matrix is

@@ -30,13 +30,13 @@ from structid.inversion.diagnostics.design import (
 from structid.inversion.diagnostics.identifiability import identifiability
 from structid.inversion.fixed_values import tolerance_words
 from structid.planning.options import positions, resolve_options, wanted_parameters
-from structid.planning.planned import Enough, Plan, PlannedTest, PlanOptions
+from structid.planning.planned import Plan, PlannedTest, PlanOptions, SmallestTest
 from structid.records import FrfRecord
 from structid.records.record import FrfKind
 from structid.unknowns import Parameters
 from structid.unknowns.tolerances import FixedProperty, Tolerances, fixed_properties
 
-__all__ = ["Enough", "Plan", "PlanOptions", "PlannedTest", "plan"]
+__all__ = ["Plan", "PlanOptions", "PlannedTest", "SmallestTest", "plan"]
 
 _SHOWN_NEXT = 10
 _MOST_ROUNDS, _MOST_STARTS = 10, 8
@@ -92,7 +92,7 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
     """
     options = resolve_options(structure, unknown, options)
     require_sound_model(structure, unknown.values(unknown.start), float(min(options.frequency)))
-    ground = _ground(structure, unknown, options, tolerances or Tolerances())
+    ground = _prepare_selection(structure, unknown, options, tolerances or Tolerances())
     sensors, loads = _best_sensors_and_loads(ground)
     chosen = _at_all_lines(ground, "chosen", sensors, loads)
     installed = None
@@ -119,12 +119,14 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
         next_sensors=_next_sensors(ground, installed or chosen),
         enough=None if lines is None or options.target is None else _smallest_sufficient(ground, chosen, loads, lines),
         identifiability=identifiability(ground.rows(sensors, loads), unknown.start, unknown.names),
-        assumption=tolerance_words(ground.candidates.held_kinds, ground.candidates.tolerance.tolist()),
+        assumption=tolerance_words(
+            ground.candidates.held_names, ground.candidates.held_kinds, ground.candidates.tolerance.tolist()
+        ),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Ground:
+class _TestSelection:
     """All that a choice is made from.
 
     Attributes
@@ -186,7 +188,9 @@ class _Ground:
         return information_root(rows)
 
 
-def _ground(structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances) -> _Ground:
+def _prepare_selection(
+    structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances
+) -> _TestSelection:
     """Information of every pair of candidate sensor and load, and of the priors, at the initial values of `unknown`."""
     held = fixed_properties(structure, unknown, tolerances) if structure.has_matrices else ()
     candidates = Candidates(
@@ -203,10 +207,10 @@ def _ground(structure: Structure, unknown: Parameters, options: PlanOptions, tol
     )
     prior = unknown.prior_rows(unknown.start)[1] * candidates.scale
     pairs, cross = pair_roots(candidates)
-    return _Ground(candidates, options, pairs, prior, wanted_parameters(unknown, options.of_interest), cross)
+    return _TestSelection(candidates, options, pairs, prior, wanted_parameters(unknown, options.of_interest), cross)
 
 
-def _best_sensors_and_loads(ground: _Ground) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _best_sensors_and_loads(ground: _TestSelection) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Indices of the sensors and of the loads of the most informative test, in this order, among the candidates.
 
     The search starts from several choices of loads.
@@ -223,7 +227,7 @@ def _best_sensors_and_loads(ground: _Ground) -> tuple[tuple[int, ...], tuple[int
     return max(sorted(found), key=lambda pair: merit(np.vstack([known, ground.rows(*pair)]), *criterion))
 
 
-def _exchange_until_stable(ground: _Ground, loads: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _exchange_until_stable(ground: _TestSelection, loads: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Indices of sensors and of loads, improved in turn by exchanges until neither changes.
 
     `loads` are the indices of the loads to begin with. The number of rounds is limited.
@@ -240,7 +244,7 @@ def _exchange_until_stable(ground: _Ground, loads: tuple[int, ...]) -> tuple[tup
     return sensors, loads
 
 
-def _kammer_sensors(ground: _Ground, count: int) -> tuple[int, ...]:
+def _kammer_sensors(ground: _TestSelection, count: int) -> tuple[int, ...]:
     """Indices of `count` sensors chosen by effective independence (Kammer) of the modes in the band.
 
     Without a mode in the band, the lowest modes are taken.
@@ -262,11 +266,11 @@ def _kammer_sensors(ground: _Ground, count: int) -> tuple[int, ...]:
 
 
 def _at_all_lines(
-    ground: _Ground, label: str, sensors: tuple[int, ...] | range, loads: tuple[int, ...] | range
+    ground: _TestSelection, label: str, sensors: tuple[int, ...] | range, loads: tuple[int, ...] | range
 ) -> PlannedTest:
     """The test with the candidates of these indices at every line, with its predicted deviations.
 
-    `label` names the test in tables.
+    `label` names the test in tables. `sensors` and `loads` are indices of candidates.
     """
     options = ground.options
     cross = ground.cross[np.ix_(list(sensors), list(loads))].sum(axis=(0, 1))
@@ -283,7 +287,7 @@ def _at_all_lines(
 
 
 def _at_lines(
-    ground: _Ground, test: PlannedTest, label: str, lines: FloatArray, chosen: tuple[int, ...]
+    ground: _TestSelection, test: PlannedTest, label: str, lines: FloatArray, chosen: tuple[int, ...]
 ) -> PlannedTest:
     """The test `test` reduced to some of its lines, with its predicted deviations.
 
@@ -298,11 +302,11 @@ def _at_lines(
 
 
 def _best_lines(
-    ground: _Ground, chosen: PlannedTest, lines: FloatArray | None, count: int | None
+    ground: _TestSelection, chosen: PlannedTest, lines: FloatArray | None, count: int | None
 ) -> tuple[PlannedTest | None, PlannedTest | None]:
     """The test `chosen` at its `count` most informative lines, and at `count` evenly spaced lines; both None if not asked for.
 
-    `lines` are the information roots of `line_roots`, None if they were not needed.
+    `lines` (n_lines, n_rows, n_params) are the information roots of `line_roots`, None if they were not needed.
     """
     if lines is None or count is None:
         return None, None
@@ -315,7 +319,7 @@ def _best_lines(
     )
 
 
-def _next_sensors(ground: _Ground, start: PlannedTest) -> tuple[PlannedTest, ...]:
+def _next_sensors(ground: _TestSelection, start: PlannedTest) -> tuple[PlannedTest, ...]:
     """Tests that add one further candidate sensor to `start`, for those with most information, best first."""
     options = ground.options
     sensors, loads = positions(start.sensors, options.sensors), positions(start.loads, options.loads)
@@ -326,7 +330,9 @@ def _next_sensors(ground: _Ground, start: PlannedTest) -> tuple[PlannedTest, ...
     return tuple(_at_all_lines(ground, f"{start.label} + {options.sensors[i]}", (*sensors, i), loads) for i in order)
 
 
-def _smallest_sufficient(ground: _Ground, chosen: PlannedTest, loads: tuple[int, ...], lines: FloatArray) -> Enough:
+def _smallest_sufficient(
+    ground: _TestSelection, chosen: PlannedTest, loads: tuple[int, ...], lines: FloatArray
+) -> SmallestTest:
     """Fewest sensors, fewest lines and number of averages, each of which alone reaches the target deviation.
 
     Sensors and lines are added greedily; their tests are None if all candidates do not suffice. `loads` are indices, `lines`
@@ -340,7 +346,7 @@ def _smallest_sufficient(ground: _Ground, chosen: PlannedTest, loads: tuple[int,
     def with_lines(indices: tuple[int, ...]) -> PlannedTest:
         return _at_lines(ground, chosen, f"enough for {target:g}: lines", lines, indices)
 
-    return Enough(
+    return SmallestTest(
         target,
         _fewest_reaching(ground, ground.by_sensor(loads), with_sensors, target),
         _fewest_reaching(ground, lines, with_lines, target),
@@ -349,7 +355,7 @@ def _smallest_sufficient(ground: _Ground, chosen: PlannedTest, loads: tuple[int,
 
 
 def _fewest_reaching(
-    ground: _Ground, candidates: FloatArray, make_test: Callable[[tuple[int, ...]], PlannedTest], target: float
+    ground: _TestSelection, candidates: FloatArray, make_test: Callable[[tuple[int, ...]], PlannedTest], target: float
 ) -> PlannedTest | None:
     """The test with the fewest candidates, added greedily, whose worst deviation is at most `target`.
 
@@ -403,6 +409,11 @@ class Candidates:
     def tolerance(self) -> FloatArray:
         """Tolerances of the fixed values and, where it has one, of the gain, (n_held,)."""
         return np.array([item.tolerance for item in self.held] + [self.calibration] * (self.calibration > 0))
+
+    @property
+    def held_names(self) -> tuple[str, ...]:
+        """Name of each value that has an entry in `tolerance`."""
+        return (*(item.label for item in self.held), *(("calibration",) if self.calibration > 0 else ()))
 
     @property
     def held_kinds(self) -> tuple[str, ...]:
@@ -467,8 +478,8 @@ def _row_chunks(
 ) -> Iterator[tuple[slice, slice, FloatArray]]:
     """Chunks of whitened sensitivities, each with the slice of `loads` and the slice of lines that it covers.
 
-    A chunk is (n_lines, n_sensors, n_loads, 2, n_columns): real and imaginary parts, and columns of the parameters, then of the
-    fixed values.
+    A chunk is (n_lines, n_sensors, n_loads, 2, n_columns): real and imaginary parts, and columns of the parameters,
+    then of the fixed values. `sensors` and `loads` are indices of candidates.
     """
     n_params, n_dofs = candidates.parameters.n_params + len(candidates.tolerance), candidates.structure.n_dofs
     has_friction = any(isinstance(element, Friction) for element in candidates.structure.elements)

@@ -130,7 +130,7 @@ class PlannedTest:
 
 
 @dataclass(frozen=True, eq=False)
-class Enough:
+class SmallestTest:
     """Smallest test, by greedy choice, that reaches a wanted accuracy.
 
     Attributes
@@ -204,7 +204,7 @@ class Plan(PlannedTests):
     parameters : Parameters
     options : PlanOptions
         With the candidates filled in.
-    enough : Enough or None
+    enough : SmallestTest or None
     identifiability : Identifiability
         Rank, undetermined directions and collinear groups of the chosen test, from its data alone.
     assumption : str
@@ -214,7 +214,7 @@ class Plan(PlannedTests):
     structure: Structure
     parameters: Parameters
     options: PlanOptions
-    enough: Enough | None
+    enough: SmallestTest | None
     identifiability: Identifiability
     assumption: str = ""
 

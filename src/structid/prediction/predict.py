@@ -32,7 +32,7 @@ from structid.prediction.recovery import is_von_mises
 from structid.unknowns import Parameters
 
 #: A quantity by the identified model, and by each of the random models, (n_draws, ...).
-_Drawn: TypeAlias = tuple[NumberArray, NumberArray]
+_ValueAndDraws: TypeAlias = tuple[NumberArray, NumberArray]
 LEVEL = 0.95
 #: Standard deviations off at which motions are put into a basis, and how many independent errors are.
 _OFF, _MOST_POINTS = 2.0, 12
@@ -236,15 +236,16 @@ def _draw_all(
     quantities: Sequence[Quantity],
     n_draws: int,
     seed: int,
-) -> list[_Drawn]:
+) -> list[_ValueAndDraws]:
     """Base of each quantity by the identified model, and by each of the random models, (n_draws, ...), as pairs.
 
-    `structure` and `parameters` may be those after a change. `InputError` for fewer than 50 draws.
+    `structure` and `parameters` may be those after a change. `InputError` for fewer than `_FEWEST` draws. `seed` fixes the
+    random models.
     """
     if n_draws < _FEWEST:
         raise InputError(f"`n_draws` must be at least {_FEWEST} for a 95 % band, got {n_draws}")
     physical = model.draw_parameters(n_draws, np.random.default_rng(seed))
-    computed: dict[int, _Drawn] = {}
+    computed: dict[int, _ValueAndDraws] = {}
     for quantity in quantities:
         base = _base_of(quantity)
         if id(base) not in computed:
@@ -259,7 +260,7 @@ def _base_of(quantity: Quantity) -> Quantity:
     return quantity.base if isinstance(quantity, DerivedQuantity) else quantity
 
 
-def _derive(quantity: Quantity, drawn: _Drawn) -> _Drawn:
+def _derive(quantity: Quantity, drawn: _ValueAndDraws) -> _ValueAndDraws:
     """Quantity from its base, by the identified model and by the random models; `drawn` as it is if not derived."""
     if not isinstance(quantity, DerivedQuantity):
         return drawn
@@ -267,7 +268,7 @@ def _derive(quantity: Quantity, drawn: _Drawn) -> _Drawn:
     return quantity.derived(nominal), np.stack([quantity.derived(each) for each in draws])
 
 
-def _difference(quantity: Quantity, before: _Drawn, after: _Drawn) -> _Drawn:
+def _difference(quantity: Quantity, before: _ValueAndDraws, after: _ValueAndDraws) -> _ValueAndDraws:
     """Derived quantity after less before, by the identified and by each random model; of complex values that of magnitudes."""
     pairs = zip(_derive(quantity, before), _derive(quantity, after), strict=True)
     nominal, draws = (np.abs(b) - np.abs(a) if np.iscomplexobj(a) else b - a for a, b in pairs)
@@ -286,7 +287,8 @@ def _evaluated(evaluate: Evaluator, physical: FloatArray) -> NumberArray:
 def parameter_points(model: IdentifiedModel) -> list[FloatArray]:
     """Physical parameters for a reduction: the identified ones, and up to 12 that are off by a large independent error each.
 
-    Each of these is off by two standard deviations of one of the largest errors, and at least 0.001 of the identified value.
+    Each of these is off by two standard deviations of one of the largest errors, and at least 0.001 of the identified
+    value. Entries are (n_params,), in physical units.
     """
     order = np.argsort(-np.linalg.norm(model.factor, axis=0))[:_MOST_POINTS]
     lines = _OFF * np.eye(model.factor.shape[1])[order]
@@ -295,11 +297,12 @@ def parameter_points(model: IdentifiedModel) -> list[FloatArray]:
 
 
 def _predict_all(
-    quantities: Sequence[Quantity], drawn: Sequence[_Drawn], words: str, error: ModelError | None, seed: int
+    quantities: Sequence[Quantity], drawn: Sequence[_ValueAndDraws], words: str, error: ModelError | None, seed: int
 ) -> list[Prediction]:
     """Predictions of `quantities` from their bases `drawn` by the identified and the random models, with the model `error`.
 
     The error of a base is drawn once for all quantities that follow from it. `words` say what the uncertainty includes.
+    `seed` fixes the random errors; None for `error` leaves them out.
     """
     missed: dict[int, NumberArray | None] = {}
     predictions = []
@@ -319,7 +322,8 @@ def _with_model_error(
 ) -> NumberArray | None:
     """Draws (n_draws, ...) of FRFs, histories or spectra with random model errors added; None for other quantities.
 
-    `nominal` are the values by the identified model.
+    `nominal` are the values by the identified model. `nominal` are the values by the identified model, `draws` those by
+    the random models, and `seed` fixes the errors.
     """
     rng = np.random.default_rng(seed + 1)
     if isinstance(base, Frf):
@@ -337,7 +341,8 @@ def _with_model_error(
 def _band(quantity: Quantity, nominal: NumberArray, draws: NumberArray, words: str) -> Prediction:
     """Prediction with its 95 % band, from the quantity by the identified model and by the random models (n_draws, ...).
 
-    `words` say what the uncertainty includes. Draws along axes of time or frequency are not kept.
+    `words` say what the uncertainty includes. Draws along axes of time or frequency are not kept. `nominal` is the
+    quantity by the identified model, `draws` (n_draws, ...) those by the random models.
     """
     sizes = np.abs(draws) if np.iscomplexobj(draws) else draws
     # between order statistics so that the truth, which is like one model more, lies inside with the probability LEVEL

@@ -197,7 +197,8 @@ def sense(
         Where motion is wanted, or internal forces and stresses of elements, see `parse_output`.
     motion : {"displacement", "velocity", "acceleration"}
     unknown : UnknownForces, optional
-        Forces that were not measured.
+        Forces that were not measured. Where there are more of them than sensors, as under traffic that may stand anywhere,
+        modes above the sampling rate are left out, with their flexibility.
     leave_out : sequence of Dof or str
         Sensors that are not used, but compared with what is sensed there.
     n_draws : int
@@ -215,9 +216,9 @@ def sense(
     Raises
     ------
     InputError
-        If an output or a force is not part of the structure or named twice, an output is a von Mises stress, there are more
-        unknown forces than sensors, `leave_out` names no sensor of the record, the record holds strains or other quantities that
-        are neither motions nor forces, or a sensor has no noise and reads a constant.
+        If an output or a force is not part of the structure or named twice, an output is a von Mises stress, `leave_out` names
+        no sensor of the record, the record holds strains or other quantities that are neither motions nor forces, or a sensor
+        has no noise and reads a constant.
     NoAnswerError
         If the record cannot tell the motion: nothing holds the structure and accelerations alone are measured, or no sensor sees
         one of the modes.
@@ -243,10 +244,6 @@ def sense(
     forces = () if unknown is None else parse_dofs(unknown.dofs)
     if forces:
         distinct_channels("unknown", tuple(dof.unsigned for dof in forces))
-    if len(forces) > len(channels.sensors):
-        raise InputError(
-            f"{len(forces)} unknown forces cannot be told by {len(channels.sensors)} sensors; name fewer, or use more sensors"
-        )
     if not forces and not channels.loads:
         raise InputError(
             "the record holds no force and none is named as unknown, so that nothing would move the model; name where forces act"
@@ -262,7 +259,10 @@ def sense(
         return Sides(sparse.csc_array(sparse.hstack([sensors, read.rows(values)])), loads)
 
     rate = record.sampling_rate
-    basis = reduction_basis(structure, [model.values], sides_at(model.values), rate / len(record.values), rate / 2)
+    is_distributed = len(forces) > len(channels.sensors)
+    nothing = sparse.csc_array((structure.n_dofs, 0))
+    carried = Sides(nothing, nothing) if is_distributed else sides_at(model.values)
+    basis = reduction_basis(structure, [model.values], carried, rate / len(record.values), rate / 2)
     stated_time = 1.0 if unknown is None else unknown.correlation_time
     driving = _between_samples(channels.known, is_filtered)
     smoother = _Smoother(channels, driving, len(forces), stated_time or 1 / rate, is_filtered, rate, read)
@@ -272,21 +272,23 @@ def sense(
             "the structure is unsupported, so that velocities and accelerations do not determine its position; measure a"
             " displacement too"
         )
-    std, is_trusted = (0.0 if unknown is None else unknown.std), True
+    stated_std = 0.0 if unknown is None else unknown.std
     if stated_time is None:
-        smoother, std, is_trusted = smoother.with_likeliest_time(reduced, std)
-    elif std is None:
-        std, is_trusted = smoother.likeliest_std(reduced)
+        chosen = smoother.with_likeliest_time(reduced, stated_std)
+    elif stated_std is None:
+        chosen = smoother.with_likeliest_std(reduced)
+    else:
+        chosen = _ChosenForces(smoother, stated_std)
     drawn = model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ()
     others = [reduce_structure(structure, v, basis, sides_at(v)) for v in map(model.parameters.values, drawn)]
-    nominal, deviation, verdict = _within_uncertainty(smoother, std, reduced, others, seed)
+    nominal, deviation, verdict = _within_uncertainty(chosen, reduced, others, seed)
     # with as many forces as sensors a frequency would explain the resonance of a wrong model
     is_free = unknown is not None and unknown.correlation_time is None and unknown.std is None
     if verdict.words and is_free and len(channels.sensors) > len(forces):
-        likelier = smoother.with_likeliest_frequency(reduced, std, nominal.mean[:, -len(forces) :])
-        retried = likelier and _within_uncertainty(*likelier, reduced, others, seed)
+        likelier = chosen.with_likeliest_frequency(reduced, nominal.mean[:, -len(forces) :])
+        retried = likelier and _within_uncertainty(likelier, reduced, others, seed)
         if likelier and retried and not retried[2].words:
-            (smoother, std), (nominal, deviation, verdict), is_trusted = likelier, retried, True
+            chosen, (nominal, deviation, verdict) = likelier, retried
     n_out, n_left = len(wanted), len(channels.left)
     out, seen, force = slice(0, n_out), slice(n_out, n_out + n_left), slice(n_out + n_left, None)
     error = (channels.left_values - nominal.mean[:, seen]) ** 2 / (deviation[:, seen] ** 2 + channels.left_variance)
@@ -299,27 +301,32 @@ def sense(
         forces,
         nominal.mean[:, force],
         deviation[:, force],
-        std if forces else float("nan"),
-        smoother.correlation_time if forces else float("nan"),
+        chosen.std if forces else float("nan"),
+        chosen.smoother.correlation_time if forces else float("nan"),
         tuple(zip(channels.left, np.sqrt(error.mean(axis=0)).tolist(), strict=True)),
         (
-            *(() if is_trusted else (_DOUBTED,)),
+            *(() if chosen.is_trusted else (_DOUBTED,)),
             *((verdict.words,) if verdict.words and not verdict.is_contradicted else ()),
-            *_unseen_words(forces, nominal.covariance[force, force], std),
+            *(
+                (_distributed_words(len(forces), len(channels.sensors)),)
+                if is_distributed
+                else _unseen_words(forces, nominal.covariance[force, force], chosen.std)
+            ),
         ),
         verdict.words if verdict.is_contradicted else "",
-        smoother.frequency if forces else float("nan"),
+        chosen.smoother.frequency if forces else float("nan"),
     )
 
 
 def _within_uncertainty(
-    smoother: _Smoother, std: float, reduced: ReducedMatrices, others: Sequence[ReducedMatrices], seed: int
+    chosen: _ChosenForces, reduced: ReducedMatrices, others: Sequence[ReducedMatrices], seed: int
 ) -> tuple[_Smoothed, FloatArray, InnovationVerdict]:
     """Smoothed outputs of a model, their deviation (n_times, n) with that of `others` within its uncertainty, and the verdict.
 
-    Outputs are, in order, the wanted ones, left-out sensors and unknown forces. Unknown forces have the standard deviation
-    `std`, N; `seed` is that of the 20 simulated records with which the innovations are compared.
+    Outputs are, in order, the wanted ones, left-out sensors and unknown forces, whose spectrum is that of `chosen`; `seed` is that
+    of the 20 simulated records with which the innovations are compared.
     """
+    smoother, std = chosen.smoother, chosen.std
     fit, rng = smoother.fit(reduced, std), np.random.default_rng([seed, 1])
     nominal = smoother.run(fit)
     spread = np.zeros_like(nominal.mean)
@@ -339,6 +346,14 @@ _DOUBTED = (
     "the size of the unknown forces is estimated from the motion: the likelihood prefers far larger forces, since the model"
     " misses the record by more than the noise of its sensors; state that noise, or the size of the forces"
 )
+
+
+def _distributed_words(n_forces: int, n_sensors: int) -> str:
+    """A sentence on more unknown forces than sensors."""
+    return (
+        f"{n_forces} unknown forces act and {n_sensors} sensors measure: the record tells what they do to the motion, hardly each"
+        " of them; a wrong model and forces of another spectrum look the same"
+    )
 
 
 def _unseen_words(forces: Sequence[Dof], covariance: FloatArray, std: float) -> tuple[str, ...]:
@@ -490,9 +505,10 @@ class _ForceModel:
 
     @classmethod
     def of(cls, correlation_time: float, frequency: float, filtered_rate: float | None) -> _ForceModel:
-        """Model of a force with a correlation time, s, about a frequency, Hz (0 for none).
+        """Model of a force with this `correlation_time`, s, about a `frequency`, Hz (0 for none).
 
-        It is the force as a record filtered for the sampling rate `filtered_rate`, Hz, holds it; None means without filter.
+        It is the force as a record filtered for the sampling rate `filtered_rate`, Hz, holds it; None means without
+        filter.
         """
         inner, entry, output, direct = _aliasing_filter(filtered_rate)
         n_own = 2 if frequency else 1
@@ -513,6 +529,7 @@ class _StateSpace:
     """z' = transition z + entry (f_k, f_{k+1}) + noise; asked = wanted z + wanted_direct f.
 
     Sensors read reading z + direct f, in standard deviations of their noise; the last rows of `wanted` are the unknown forces.
+    `unmoved` is the covariance of what is asked that moves no mode, so that no reading tells it: (n_asked, n_asked).
     """
 
     transition: FloatArray
@@ -522,6 +539,7 @@ class _StateSpace:
     direct: FloatArray
     wanted: FloatArray
     wanted_direct: FloatArray
+    unmoved: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -602,6 +620,62 @@ class _Filtered:
 
 
 @dataclass(frozen=True, eq=False)
+class _ChosenForces:
+    """The spectrum that unknown forces are taken to have, stated or estimated.
+
+    Attributes
+    ----------
+    smoother : _Smoother
+        With their correlation time and frequency.
+    std : float
+        Standard deviation of each, N.
+    is_trusted : bool
+        False where the likeliest size runs into its upper limit, and the size of the motion decides instead.
+    greatest : float
+        Logarithm of the greatest likelihood of the record that the search met, less a constant; it may exceed that of the
+        chosen forces. NaN where nothing was sought.
+    """
+
+    smoother: _Smoother
+    std: float
+    is_trusted: bool = True
+    greatest: float = float("nan")
+
+    def with_likeliest_frequency(self, reduced: ReducedMatrices, forces: FloatArray) -> _ChosenForces | None:
+        """Forces of a spectrum about the likeliest frequency; None where the frequency is not worth a parameter.
+
+        The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without a frequency. Both
+        searches have a correlation time and a size; the frequency is one parameter more, which must raise the greatest
+        likelihood by enough: Schwarz (1978), Annals of Statistics 6, 461-464. None also for fewer than `_FEWEST` samples.
+        """
+        count, rate = len(forces), self.smoother.rate
+        if count < _FEWEST:
+            return None
+        lines, power = signal.welch(forces, rate, nperseg=max(count // _SEGMENTS, _FEWEST), axis=0)
+        peak = float(lines[1:][np.argmax(power[1:].sum(axis=1))])
+        first = float(forces.std())
+
+        def of_point(point: FloatArray) -> tuple[_Smoother, float]:
+            time, frequency, size = np.exp(point).tolist()
+            return replace(self.smoother, correlation_time=time, frequency=frequency), size
+
+        def unlikely(point: FloatArray) -> float:
+            is_within = _SHORTEST / rate <= np.exp(point[0]) <= _LONGEST * count / rate and np.exp(point[1]) < rate / 2
+            smoother, size = of_point(point)
+            return -smoother.log_likelihood(reduced, size) if is_within else float("inf")
+
+        starts = [np.log([time, peak, first]) for time in (1 / peak, np.sqrt(count / rate / peak), count / rate / 2)]
+        start = min(starts, key=unlikely)
+        simplex = start + np.vstack([np.zeros(3), np.diag([-0.7, 0.02, 0.3])])
+        options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": _MOST_TRIALS}
+        search = minimize(unlikely, start, method="Nelder-Mead", options=options)
+        likeliest = -float(search.fun)
+        smoother, size = of_point(search.x)
+        is_worth = likeliest - self.greatest > 0.5 * np.log(count)
+        return _ChosenForces(smoother, size, True, likeliest) if is_worth else None
+
+
+@dataclass(frozen=True, eq=False)
 class _Smoother:
     """A filter and smoother of modal states for one record.
 
@@ -637,6 +711,16 @@ class _Smoother:
         """The record, filtered under the equations of a model; `std` is the deviation of the unknown forces, N."""
         return self.filtered(self._steady_filter(self._system(reduced, std)))
 
+    def log_likelihood(self, reduced: ReducedMatrices, std: float) -> float:
+        """Logarithm of the likelihood of the record, less a constant; -inf where the filter has no steady gains.
+
+        `std` is the deviation of the unknown forces, N.
+        """
+        try:
+            return self.fit(reduced, std).log_likelihood
+        except NoAnswerError:
+            return -np.inf
+
     def with_replicate(self, fit: _Filtered, rng: np.random.Generator) -> _Smoother:
         """Copy of this smoother whose measured channels are random: a record that the model of `fit` could have given.
 
@@ -657,10 +741,11 @@ class _Smoother:
         covariance = _symmetric(linalg.solve_discrete_lyapunov(back, updated - back @ predicted @ back.T))
         wanted = rows @ covariance @ rows.T
         variance = np.tile(np.maximum(np.diag(wanted), 0.0), (len(mean), 1))
+        unmoved = steady.system.unmoved
         at_end = _variance_beside_end(rows, back, updated - covariance, variance)[::-1]
         onwards = _sum_of_powers(back, steady.keep - back @ steady.step, steady.step)
         at_start = _variance_of_start(rows, onwards, back, fit, variance)
-        return _Smoothed(mean, variance + at_end + at_start, wanted)
+        return _Smoothed(mean, variance + at_end + at_start + np.diag(unmoved), wanted + unmoved)
 
     def smoothed_mean(self, fit: _Filtered) -> tuple[FloatArray, FloatArray]:
         """Smoothed outputs (n_times, n), in the order of `run`, and the smoother gain (n_states, n_states).
@@ -674,8 +759,8 @@ class _Smoother:
         smoothed = stepped(back, drive, after[-1])[::-1]
         return smoothed @ system.wanted.T + self.channels.known @ system.wanted_direct.T, back
 
-    def likeliest_std(self, reduced: ReducedMatrices) -> tuple[float, bool]:
-        """Standard deviation, N, of the unknown forces under which the record is likeliest, and True if it can be trusted.
+    def with_likeliest_std(self, reduced: ReducedMatrices) -> _ChosenForces:
+        """Forces of the correlation time of this smoother and the standard deviation under which the record is likeliest.
 
         A model whose resonances are off by a part of their width makes far larger forces likelier than those that move the
         sensors as much as they do. Where the search runs into its upper limit, the size of the motion decides instead, and the
@@ -683,22 +768,22 @@ class _Smoother:
         """
         size, above = self._first_std(reduced), _decades_above(reduced)
         search = minimize_scalar(
-            lambda decades: -self.fit(reduced, float(size * 10**decades)).log_likelihood,
+            lambda decades: -self.log_likelihood(reduced, float(size * 10**decades)),
             bounds=(-_BELOW, above),
             method="bounded",
             options={"xatol": _SURE},
         )
         if search.x > above - 3 * _SURE:
-            return size, False
-        return float(size * 10**search.x), True
+            return _ChosenForces(self, size, False, -float(search.fun))
+        return _ChosenForces(self, float(size * 10**search.x), True, -float(search.fun))
 
-    def with_likeliest_time(self, reduced: ReducedMatrices, std: float | None) -> tuple[_Smoother, float, bool]:
-        """Smoother with an estimated correlation time, the forces' standard deviation, N, and True if it can be trusted.
+    def with_likeliest_time(self, reduced: ReducedMatrices, std: float | None) -> _ChosenForces:
+        """Forces of an estimated correlation time and standard deviation.
 
-        From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is
-        at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with the square root of
-        the time, so that the spectral density at high frequencies stays; a stated `std`, N, is kept. For the trust see
-        `likeliest_std`.
+        From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's
+        likelihood is at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with
+        the square root of the time, so that the spectral density at high frequencies stays; a stated `std`, N, is kept.
+        For the trust see `with_likeliest_std`. `std` is estimated too if it is None.
         """
         shortest, longest = np.log(_SHORTEST / self.rate), np.log(len(self.channels.measured) / self.rate / 4)
         above = _decades_above(reduced)
@@ -710,7 +795,7 @@ class _Smoother:
             return float((of_time(log_time)._first_std(reduced) if std is None else std) * 10**decades)
 
         def likelihood(log_time: float, decades: float) -> float:
-            return of_time(log_time).fit(reduced, size(log_time, decades)).log_likelihood
+            return of_time(log_time).log_likelihood(reduced, size(log_time, decades))
 
         def unlikely(point: FloatArray) -> float:
             log_time, decades = float(point[0]), float(point[1])
@@ -720,71 +805,32 @@ class _Smoother:
         times = np.linspace(shortest, longest, _TIMES).tolist()
         by_motion = [likelihood(time, 0.0) for time in times]
         first = times[int(np.argmax(by_motion))]
+        if max(by_motion) == -np.inf:
+            of_time(first).fit(reduced, size(first, 0.0))  # raises, with the reason
         if std is None:
             simplex = np.array(
                 [[first, 0.0], [first + (times[0] - times[1]) * (1 if first > shortest else -1), 0.0], [first, -0.3]]
             )
             options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": 60}
-            found = minimize(unlikely, simplex[0], method="Nelder-Mead", options=options)
-            log_time, decades = found.x.tolist()
+            search = minimize(unlikely, simplex[0], method="Nelder-Mead", options=options)
+            log_time, decades = search.x.tolist()
             if decades > above - 3 * _SURE:
-                return of_time(first), size(first, 0.0), False
+                return _ChosenForces(of_time(first), size(first, 0.0), False, -float(search.fun))
             largest = size(log_time, decades)
         else:
             beside = max(first + times[0] - times[1], shortest), min(first + times[1] - times[0], longest)
-            found = minimize_scalar(
+            search = minimize_scalar(
                 lambda log_time: -likelihood(log_time, 0.0), bounds=beside, method="bounded", options={"xatol": _SURE}
             )
-            log_time, largest = float(found.x), std
-        most = -float(found.fun)
+            log_time, largest = float(search.x), std
+        most = -float(search.fun)
         for step in range(_STEPS, 0, -1):
             shorter = log_time + step * np.log(_SHORTER)
             # with the same density beyond the correlation time
             smaller = largest * _SHORTER ** (step / 2) if std is None else std
-            if shorter > shortest and of_time(shorter).fit(reduced, smaller).log_likelihood >= most - _LESS_LIKELY:
-                return of_time(shorter), float(smaller), True
-        return of_time(log_time), largest, True
-
-    def with_likeliest_frequency(
-        self, reduced: ReducedMatrices, std: float, forces: FloatArray
-    ) -> tuple[_Smoother, float] | None:
-        """Smoother with forces about the likeliest frequency, and their standard deviation, N; None where none is likelier.
-
-        `std`, N, is that of the forces without a frequency. The search starts at the largest line of the `forces` (n_times,
-        n_forces) that were sensed without one. A frequency is one parameter more, which must be worth it: Schwarz (1978),
-        Annals of Statistics 6, 461-464. None also for fewer than 16 samples.
-        """
-        count = len(forces)
-        if count < _FEWEST:
-            return None
-        lines, power = signal.welch(forces, self.rate, nperseg=max(count // _SEGMENTS, _FEWEST), axis=0)
-        peak = float(lines[1:][np.argmax(power[1:].sum(axis=1))])
-        first = float(forces.std())
-
-        def of_point(point: FloatArray) -> tuple[_Smoother, float]:
-            time, frequency, size = np.exp(point).tolist()
-            return replace(self, correlation_time=time, frequency=frequency), size
-
-        def unlikely(point: FloatArray) -> float:
-            is_within = (
-                _SHORTEST / self.rate <= np.exp(point[0]) <= _LONGEST * count / self.rate
-                and np.exp(point[1]) < self.rate / 2
-            )
-            smoother, size = of_point(point)
-            try:
-                return -smoother.fit(reduced, size).log_likelihood if is_within else float("inf")
-            except NoAnswerError:  # of forces so near to a sine that the filter never settles
-                return float("inf")
-
-        starts = [
-            np.log([time, peak, first]) for time in (1 / peak, np.sqrt(count / self.rate / peak), count / self.rate / 2)
-        ]
-        start = min(starts, key=unlikely)
-        simplex = start + np.vstack([np.zeros(3), np.diag([-0.7, 0.02, 0.3])])
-        options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": _MOST_TRIALS}
-        search = minimize(unlikely, start, method="Nelder-Mead", options=options)
-        gain = -float(search.fun) - self.fit(reduced, std).log_likelihood
-        return of_point(search.x) if gain > 0.5 * np.log(count) else None
+            if shorter > shortest and of_time(shorter).log_likelihood(reduced, smaller) >= most - _LESS_LIKELY:
+                return _ChosenForces(of_time(shorter), float(smaller), True, most)
+        return _ChosenForces(of_time(log_time), largest, True, most)
 
     def _first_std(self, reduced: ReducedMatrices) -> float:
         """First guess of the standard deviation of the unknown forces, N, from the size of the measured motion.
@@ -815,6 +861,11 @@ class _Smoother:
         keep = np.eye(len(predicted)) - gain @ system.reading
         step = system.transition @ keep
         sizes, directions = np.linalg.eigh(innovation)
+        if not sizes[0] > 0:
+            raise NoAnswerError(
+                "the forces move the sensors by so much more than the noise that is stated that the filter loses its digits; state"
+                " the noise that the sensors really have"
+            )
         whiten = directions / np.sqrt(sizes)
         seen = whiten.T @ system.reading
         constant, rising = np.hsplit(system.entry, 2)
@@ -898,11 +949,13 @@ class _Smoother:
         States are in scaled units. `std` is the standard deviation of the unknown forces, N; the inputs of `reduced` are the
         known forces, then the unknown ones.
         """
-        n, n_forces, n_known = len(reduced.omega), self.n_forces, reduced.inputs.shape[1] - self.n_forces
+        n, n_known = len(reduced.omega), reduced.inputs.shape[1] - self.n_forces
+        known = reduced.inputs[:, :n_known]
+        unknown, parts_of_forces = _combined_forces(reduced.inputs[:, n_known:])
+        n_forces = unknown.shape[1]
         force = _ForceModel.of(self.correlation_time, self.frequency, self.rate if self.is_filtered else None)
         n_each = len(force.output)
         step, size = 1 / self.rate, 2 * n + n_forces * n_each
-        known, unknown = reduced.inputs[:, :n_known], reduced.inputs[:, n_known:]
         elastic = reduced.omega[~reduced.is_rigid & (reduced.omega > 0)]
         reference = max(float(elastic.min(initial=np.inf)) if len(elastic) else 0.0, float(-force.dynamics[0, 0]))
         speed = max(float(np.abs(unknown).max(initial=0.0)) * std / reference, _SPEED)
@@ -927,9 +980,12 @@ class _Smoother:
             parts = _output_matrices(group, np.full(len(group), order), acceleration, known)
             asked, asked_direct = asked + parts[0], asked_direct + parts[1]
         left = slice(n_sensors, n_sensors + n_left)
-        forces = np.hstack([np.zeros((n_forces, 2 * n)), pushing])
+        forces = np.hstack([np.zeros((self.n_forces, 2 * n)), parts_of_forces @ pushing])
         wanted = np.vstack([asked, rows[left], forces]) * units
-        wanted_direct = np.vstack([asked_direct, direct[left], np.zeros((n_forces, n_known))])
+        wanted_direct = np.vstack([asked_direct, direct[left], np.zeros((self.n_forces, n_known))])
+        unmoved = np.zeros((len(wanted), len(wanted)))
+        among_forces = slice(len(wanted) - self.n_forces, None)
+        unmoved[among_forces, among_forces] = std**2 * (np.eye(self.n_forces) - parts_of_forces @ parts_of_forces.T)
         dynamics = dynamics * units / units[:, None]
         random = np.diag(
             np.full(size, _STRAY * reference) + np.concatenate([np.zeros(2 * n), np.tile(force.noise, n_forces)])
@@ -949,6 +1005,7 @@ class _Smoother:
             direct[:n_sensors] / deviation,
             wanted,
             wanted_direct,
+            unmoved,
         )
 
 
@@ -964,6 +1021,18 @@ def _between_samples(known: FloatArray, is_filtered: bool) -> FloatArray:
     both = np.fft.rfft(np.concatenate([known, known[::-1]]), axis=0)
     weakened = np.sinc(np.linspace(0, 0.5, len(both))) ** 2
     return np.asarray(np.fft.irfft(both / weakened[:, None], 2 * len(known), axis=0)[: len(known)])
+
+
+def _combined_forces(inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """As few independent forces of one spectrum as do to the modes what `inputs` (n_modes, n_forces) of that spectrum do.
+
+    Returns the modal forces of each combination, (n_modes, n_combined), and the part of each in the forces,
+    (n_forces, n_combined). Combinations of more forces than modes that move no mode are left out.
+    """
+    if inputs.shape[1] <= inputs.shape[0]:
+        return inputs, np.eye(inputs.shape[1])
+    modal, sizes, parts = np.linalg.svd(inputs, full_matrices=False)
+    return modal * sizes, parts.T
 
 
 def _decades_above(reduced: ReducedMatrices) -> float:

@@ -18,7 +18,7 @@ FORWARD = "taken as the mean product of the response at t + lag and the referenc
 _EVEN, _SYMMETRIC = 1e-2, 1e-3
 
 
-class Halves(NamedTuple):
+class TwoSidedCorrelations(NamedTuple):
     """Functions from lag 0 on by pair, and those of the reverse pairs (none where the file has no negative lags), and words."""
 
     forward: dict[tuple[Dof, Dof], FloatArray]
@@ -40,7 +40,7 @@ def step_of(path: Path, lag: FloatArray) -> float:
     return float((lag[-1] - lag[0]) / (len(lag) - 1))
 
 
-def lag_halves(path: Path, lag: FloatArray, values: Mapping[tuple[Dof, Dof], FloatArray]) -> Halves:
+def lag_halves(path: Path, lag: FloatArray, values: Mapping[tuple[Dof, Dof], FloatArray]) -> TwoSidedCorrelations:
     """Correlation functions split at lag 0 into non-negative and negative lags, both ordered from lag 0 outwards.
 
     Returns forward and backward functions by pair of channels, each beginning with lag 0, and words on the lags. The
@@ -71,19 +71,19 @@ def lag_halves(path: Path, lag: FloatArray, values: Mapping[tuple[Dof, Dof], Flo
     if zero == 0:
         wrapped = [_is_even(value[1:], value[0]) for value in autocorrelations.values()]
         if not wrapped or not all(wrapped):
-            return Halves(dict(values), {}, f"lags from 0 to {lag[-1]:.6g} s")
+            return TwoSidedCorrelations(dict(values), {}, f"lags from 0 to {lag[-1]:.6g} s")
         half = (len(lag) + 1) // 2
         forward = {pair: value[:half] for pair, value in values.items()}
         backward = {pair: np.concatenate([value[:1], value[:-half:-1]]) for pair, value in values.items()}
         words = f"lags beyond {lag[half - 1]:.6g} s are negative ones, since autocorrelations are symmetric about the middle"
-        return Halves(forward, backward, words)
+        return TwoSidedCorrelations(forward, backward, words)
     count = min(zero + 1, len(lag) - zero)
     for pair, value in autocorrelations.items():
         if not _is_even(value[zero - count + 1 : zero + count], value[zero]):
             raise FileError(f"{path}: the autocorrelation of {pair[0]} is not symmetric about lag 0 s; export it again")
     forward = {pair: value[zero : zero + count] for pair, value in values.items()}
     backward = {pair: value[zero - count + 1 : zero + 1][::-1] for pair, value in values.items()}
-    return Halves(forward, backward, f"lags from {lag[0]:.6g} to {lag[-1]:.6g} s")
+    return TwoSidedCorrelations(forward, backward, f"lags from {lag[0]:.6g} to {lag[-1]:.6g} s")
 
 
 def _is_even(values: FloatArray, start: float) -> bool:

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from structid.core.display import as_sentence, first_warnings, plural
 from structid.core.quantities import exact, percent, value_words, with_std
-from structid.modal.merging import Merging
+from structid.modal.merging import MergedModes
 from structid.modal.shape_uncertainty import collinearity_with_std, phase_deviation_with_std
 from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult, dies_out
 from structid.modal.tracking import ModeTracks
@@ -51,7 +51,7 @@ def modes_text(result: ModesResult) -> list[RenderableType]:
     return [*parts, *(printed(table) for table in tables if table is not None), Text(scale_sentence(result))]
 
 
-def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
+def merged_text(names: Sequence[str], merging: MergedModes) -> list[RenderableType]:
     """Terminal text of modes merged from several set-ups: heading, warnings and table; `names` are those of the set-ups."""
     modes, n = merging.modes, merging.modes.n_modes
     heading = f"{', '.join(names)}: {plural(n, 'mode')} at {plural(len(modes.channels), 'sensor')}"

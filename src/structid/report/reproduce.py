@@ -11,12 +11,12 @@ import numpy as np
 
 from structid._version import __version__
 from structid.core.arrays import FloatArray
-from structid.core.json_types import Plain, json_text, plain
+from structid.core.json_types import JsonValue, json_text, plain
 from structid.core.quantities import MINUS, NOTHING, number, unit_text
 from structid.files import atomic_write, make_folder
 from structid.report.figures.reproduction import panels_figure
 from structid.report.page import Page
-from structid.reproduce.item import Curve, Item, Table, Verdict
+from structid.reproduce.item import Curve, ReproducedItem, Table, Verdict
 
 _CLASSES = {
     Verdict.AGREES: "agrees",
@@ -29,12 +29,12 @@ _JSON_DIGITS = 10
 _MORE_DECIMALS = 2
 
 
-def write_reproduction(items: Sequence[Item], folder: Path, png: bool = False) -> Path:
+def write_reproduction(items: Sequence[ReproducedItem], folder: Path, png: bool = False) -> Path:
     """Write ``reproduction.html`` and ``reproduction.json`` into `folder`, and return the path of the page.
 
     Parameters
     ----------
-    items : sequence of Item
+    items : sequence of ReproducedItem
         Published results with the values computed here.
     folder : Path
         Created if missing. Files of the same names are replaced, each whole or not at all; other files stay.
@@ -57,13 +57,13 @@ def write_reproduction(items: Sequence[Item], folder: Path, png: bool = False) -
     return reproduction_page(items).write(folder, png)
 
 
-def reproduction_summary(items: Sequence[Item]) -> dict[str, Plain]:
+def reproduction_summary(items: Sequence[ReproducedItem]) -> dict[str, JsonValue]:
     """The content of reproduction.json: `printed` and `computed` are those of the first table, row by row."""
     return {"structid": __version__, "items": [_item_summary(item) for item in items]}
 
 
-def _item_summary(item: Item) -> dict[str, Plain]:
-    blank: dict[str, Plain] = {"rows": [], "columns": [], "printed": [], "computed": []}
+def _item_summary(item: ReproducedItem) -> dict[str, JsonValue]:
+    blank: dict[str, JsonValue] = {"rows": [], "columns": [], "printed": [], "computed": []}
     return {
         "item": item.name,
         "title": item.title,
@@ -84,19 +84,19 @@ def _item_summary(item: Item) -> dict[str, Plain]:
     }
 
 
-def _rounded_fields(part: Table | Curve) -> dict[str, Plain]:
+def _rounded_fields(part: Table | Curve) -> dict[str, JsonValue]:
     """Fields of a table or a curve that are not None, rounded."""
     return {name: _rounded(plain(value)) for name, value in asdict(part).items() if value is not None}
 
 
-def _rounded(value: Plain) -> Plain:
+def _rounded(value: JsonValue) -> JsonValue:
     """A number, or the numbers in nested lists, rounded to the digits of the JSON file; other values are unchanged."""
     if isinstance(value, list):
         return [_rounded(entry) for entry in value]
     return float(f"{value:.{_JSON_DIGITS}g}") if isinstance(value, float) else value
 
 
-def reproduction_page(items: Sequence[Item]) -> Page:
+def reproduction_page(items: Sequence[ReproducedItem]) -> Page:
     """Report page of reproduced published results, with its figures."""
     counts = [(verdict, sum(item.verdict is verdict for item in items)) for verdict in Verdict]
     words = {
@@ -107,7 +107,7 @@ def reproduction_page(items: Sequence[Item]) -> Page:
     return Page("reproduction.html", "reproduction.html.j2", figures, words)
 
 
-def _item_view(item: Item) -> dict[str, object]:
+def _item_view(item: ReproducedItem) -> dict[str, object]:
     """Template values for one reproduced result: title, verdict, largest difference, paragraphs and tables."""
     largest = item.max_abs_difference
     return {
@@ -122,7 +122,7 @@ def _item_view(item: Item) -> dict[str, object]:
     }
 
 
-def _slug(item: Item) -> str:
+def _slug(item: ReproducedItem) -> str:
     """Name of `item` in files and links: lower case, and one underscore for what is no letter or digit."""
     return re.sub(r"\W+", "_", item.name.lower()).strip("_")
 
@@ -161,7 +161,7 @@ def table_text(table: Table) -> TableText:
         if not np.isfinite(printed).any():
             groups.append((unit_text(heading), 1))
             subheadings.append("")
-            columns.append([_whole(value) for value in computed.tolist()])
+            columns.append([_unpaired_text(value) for value in computed.tolist()])
             continue
         groups.append((unit_text(heading), 3))
         subheadings += ["printed", "computed", "difference"]
@@ -169,7 +169,7 @@ def table_text(table: Table) -> TableText:
         columns.append([digits.text(value) for value in printed.tolist()])
         more = 0 if digits.decimals == 0 and _is_whole(computed) else _MORE_DECIMALS
         columns.append([digits.text(value, more) for value in computed.tolist()])
-        columns.append([_signed(value) for value in table.difference[:, j].tolist()])
+        columns.append([_difference_text(value) for value in table.difference[:, j].tolist()])
     cells = zip(*columns, strict=True) if columns else [()] * len(table.rows)
     rows = zip(map(unit_text, table.rows), cells, strict=True)
     return TableText(tuple(groups), tuple(subheadings), tuple(rows))
@@ -208,15 +208,15 @@ class _Digits:
         return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", MINUS)
 
 
-def _whole(value: float) -> str:
-    """Text of a number without a printed partner: whole numbers below 1e5 with all digits, others with four digits."""
+def _unpaired_text(value: float) -> str:
+    """Text of `value` without a printed partner: whole numbers below 1e5 with all digits, others with four digits."""
     if np.isfinite(value) and value == round(value) and abs(value) < 1e5:
         return f"{value:.0f}".replace("-", MINUS)
     return number(value)
 
 
-def _signed(value: float) -> str:
-    """Text of a difference with its sign and two significant digits; a dash if it is not finite."""
+def _difference_text(value: float) -> str:
+    """Text of the difference `value` with its sign and two significant digits; a dash if it is not finite."""
     if not np.isfinite(value):
         return NOTHING
     if value == 0:

@@ -80,7 +80,7 @@ class Panel:
 
 
 @dataclass(frozen=True, eq=False)
-class Item:
+class ReproducedItem:
     """One table or figure.
 
     Attributes
@@ -120,16 +120,16 @@ def unprinted(rows: tuple[str, ...], columns: tuple[str, ...], computed: FloatAr
 #: Called with the name of the item in work and the part of the chapter that is done, 0 to 1.
 Progress = Callable[[str, float], None]
 #: The part of a chapter that is done before a step, its name, and what makes its items, told how to report its own part.
-Step = tuple[float, str, Callable[[Callable[[float], None]], Sequence[Item]]]
+Step = tuple[float, str, Callable[[Callable[[float], None]], Sequence[ReproducedItem]]]
 
 
-def made(steps: Sequence[Step], progress: Progress | None) -> tuple[Item, ...]:
+def made(steps: Sequence[Step], progress: Progress | None) -> tuple[ReproducedItem, ...]:
     """Items that the steps make, in order.
 
     A step is (fraction done before it, name, function); the function takes a callable for its progress, 0 to 1, and returns
     items. `progress`, if not None, is called with the name and the fraction of all steps that is done.
     """
-    items: list[Item] = []
+    items: list[ReproducedItem] = []
     report = progress or (lambda _name, _done: None)
     for (begin, name, make), end in zip(steps, [*(step[0] for step in steps[1:]), 1.0], strict=True):
         report(name, begin)

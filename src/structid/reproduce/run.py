@@ -9,12 +9,12 @@ from types import ModuleType
 from threadpoolctl import threadpool_limits
 
 from structid.core.errors import InputError
-from structid.reproduce.item import Item, Progress
+from structid.reproduce.item import Progress, ReproducedItem
 
 CHAPTERS = (3, 4, 5)
 
 
-def reproduce(chapters: Iterable[int] = CHAPTERS, progress: Progress | None = None) -> tuple[Item, ...]:
+def reproduce(chapters: Iterable[int] = CHAPTERS, progress: Progress | None = None) -> tuple[ReproducedItem, ...]:
     """Tables and figures of `chapters`, in the order of the dissertation.
 
     Parameters
@@ -41,7 +41,7 @@ def reproduce(chapters: Iterable[int] = CHAPTERS, progress: Progress | None = No
             raise InputError(f"`chapter` must be one of {known}, got {chapter}")
     if not wanted:
         raise InputError(f"`chapters` must name at least one of {known}, got none")
-    found: list[Item] = []
+    found: list[ReproducedItem] = []
     with threadpool_limits(1, user_api="blas"):
         for i, module in enumerate(map(_module, wanted)):
             found += module.items(_part(progress, i, len(wanted)))

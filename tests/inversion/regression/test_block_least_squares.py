@@ -10,12 +10,12 @@ from scipy import sparse
 from structid import InputError
 from structid.inversion.regression import no_rows
 from structid.inversion.regression.block_least_squares import WIDEST_BAND, band_layout, block_solution
-from structid.inversion.regression.local_reduction import Kernels, has_numba, shared_out
+from structid.inversion.regression.local_reduction import FoldingKernels, has_numba, shared_out
 
 ENGINES = [
-    Kernels("numpy"),
+    FoldingKernels("numpy"),
     pytest.param(
-        Kernels("numba") if has_numba() else None, marks=pytest.mark.skipif(not has_numba(), reason="no numba")
+        FoldingKernels("numba") if has_numba() else None, marks=pytest.mark.skipif(not has_numba(), reason="no numba")
     ),
 ]
 SIZES = np.array([1.0, 1e3, 1e-4])
@@ -124,7 +124,8 @@ def test_numpy_and_compiled_kernels_agree_on_any_number_of_threads(seed):
     columns = chain(11, np.random.default_rng(seed), shuffled=True)
     operator, fields, *_ = problem(columns, 40, seed=seed)
     plain, single, double = (
-        reduced(columns, operator, fields, w) for w in (Kernels("numpy"), Kernels("numba"), Kernels("numba", 2))
+        reduced(columns, operator, fields, w)
+        for w in (FoldingKernels("numpy"), FoldingKernels("numba"), FoldingKernels("numba", 2))
     )
     assert np.array_equal(single.triangles, double.triangles)
     answers = [block_solution(state) for state in (plain, single)]
@@ -243,15 +244,15 @@ def test_threads_share_out_everything_once():
 @pytest.mark.parametrize(
     ("act", "words"),
     [
-        (lambda: Kernels("fortran"), "`engine` must be"),
-        (lambda: Kernels("numpy", 0), "`threads` must be 1 or more"),
+        (lambda: FoldingKernels("fortran"), "`engine` must be"),
+        (lambda: FoldingKernels("numpy", 0), "`threads` must be 1 or more"),
         (
             lambda: no_rows(np.array([[0]]), 1).reduced(sparse.csr_array((3, 2)), np.ones((2, 1))),
             "`operator` must have",
         ),
         pytest.param(
             lambda: no_rows(np.array([[-1, 0]]), 1).reduced(
-                sparse.csr_array((3, 2)), np.ones((2, 1)), Kernels("numba")
+                sparse.csr_array((3, 2)), np.ones((2, 1)), FoldingKernels("numba")
             ),
             "must come last",
             marks=pytest.mark.skipif(not has_numba(), reason="no numba"),

@@ -5,10 +5,10 @@ import pytest
 from scipy import sparse
 
 from structid.inversion.regression import no_rows
-from structid.inversion.regression.local_reduction import Kernels, has_numba, row_maker
+from structid.inversion.regression.local_reduction import FoldingKernels, has_numba, row_maker
 
 pytestmark = pytest.mark.skipif(not has_numba(), reason="no numba")
-ONE, NUMPY = Kernels("numba"), Kernels("numpy")
+ONE, NUMPY = FoldingKernels("numba"), FoldingKernels("numpy")
 
 
 def nodes(n=5, together=3, span=5, seed=0):
@@ -64,7 +64,9 @@ def test_threads_do_not_change_a_bit(threads):
     columns, operator = nodes(n=7)
     fields = np.random.default_rng(2).standard_normal((operator.shape[1], 900))
     single = reduced(columns, operator, fields)
-    assert np.array_equal(single.triangles, reduced(columns, operator, fields, Kernels("numba", threads)).triangles)
+    assert np.array_equal(
+        single.triangles, reduced(columns, operator, fields, FoldingKernels("numba", threads)).triangles
+    )
 
 
 def values_of(triangle):

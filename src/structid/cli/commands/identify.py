@@ -30,7 +30,7 @@ from structid.cli.base import (
 )
 
 if TYPE_CHECKING:
-    from structid.diagnose.refits import Fitted
+    from structid.diagnose.refits import FittedModel
     from structid.study.results.result import StudyResult
     from structid.study.run.checkpoint import Checkpoint
     from structid.study.run.long_run import LongRun
@@ -134,7 +134,7 @@ def identify(
     owner = fingerprint(read)
     is_answered = False
 
-    def write(answer: StudyResult, fits: Sequence[Fitted]) -> str:
+    def write(answer: StudyResult, fits: Sequence[FittedModel]) -> str:
         """Write results and suggested studies into the results folder, and return the name of the file to read first."""
         with staged_folder(folder) as staged:
             page = _write(answer, staged, report, png)
@@ -185,7 +185,10 @@ def identify(
 
 
 def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
-    """Write the results into `folder`, with a report if `report`, and return the name of the file to read first."""
+    """Write the results into `folder`, with a report if `report`, and return the name of the file to read first.
+
+    With `png` the figures of the report are written as PNG files too.
+    """
     from structid.study.results.folder import write_results
 
     write_results(result, folder)

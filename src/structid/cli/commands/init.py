@@ -11,7 +11,15 @@ import typer
 
 from structid.cli.base import beside_call, say
 from structid.core.errors import InputError
-from structid.study.templates import TEMPLATES, Asked, Template, asked_of, asked_value, template_with, write_study
+from structid.study.templates import (
+    TEMPLATES,
+    Template,
+    TemplateQuestion,
+    asked_of,
+    asked_value,
+    template_with,
+    write_study,
+)
 
 
 def init(
@@ -50,7 +58,7 @@ def init(
 
 
 def _parse_settings(pairs: list[str]) -> dict[str, str]:
-    """Values by name from texts ``NAME=VALUE``; hyphens in names become underscores.
+    """Values by name from `pairs`, texts ``NAME=VALUE`` of a flag; hyphens in names become underscores.
 
     Raises `InputError` if a text has no "=".
     """
@@ -75,7 +83,7 @@ def _ask_values(kind: type[Template], answered: set[str]) -> dict[str, str]:
     return found
 
 
-def _check_answer(question: Asked, text: str) -> str:
+def _check_answer(question: TemplateQuestion, text: str) -> str:
     """Answer `text` unchanged if it is valid for the question; else raises the error after which typer asks again."""
     try:
         asked_value(question, text)

@@ -51,11 +51,11 @@ def motion(
       structid motion bridge.toml --workers 4 --checkpoint bridge.npz
     """
     from structid.files import claim_path  # the help needs none of these
-    from structid.inversion.regression.local_reduction import Engine, Kernels
+    from structid.inversion.regression.local_reduction import Engine, FoldingKernels
     from structid.study.results.folder import staged_folder
     from structid.study.run.motion import MOTION_SUMMARY, MOTION_TABLE, MotionOptions, motion_of_study, write_motion
 
-    work = Kernels(cast(Engine, engine), threads)
+    work = FoldingKernels(cast(Engine, engine), threads)
     options = MotionOptions(work, chunk, checkpoint, workers, scheduler)
     try:
         with claim_path(checkpoint) if checkpoint is not None else nullcontext():

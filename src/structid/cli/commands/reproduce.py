@@ -13,7 +13,7 @@ from structid.cli.base import Png, say
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from structid.reproduce.item import Item
+    from structid.reproduce.item import ReproducedItem
 
 
 def reproduce(
@@ -43,7 +43,7 @@ def reproduce(
     say(page)
 
 
-def _summary(items: Iterable[Item]) -> list[RenderableType]:
+def _summary(items: Iterable[ReproducedItem]) -> list[RenderableType]:
     """Table of all items with verdict and largest difference between computed and printed numbers, in a list."""
     from structid.cli.tables import new_table
     from structid.core.display import format_number

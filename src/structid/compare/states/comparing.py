@@ -14,7 +14,7 @@ from structid.compare.states.options import CompareOptions, least_part
 from structid.compare.states.state import State, carried, state_of, stored_state, unchanged_parameters
 from structid.core.display import join_words
 from structid.core.errors import InputError, SingularModelError
-from structid.core.json_types import Plain, plain_table
+from structid.core.json_types import JsonValue, plain_table
 from structid.forward import RecordProblem
 from structid.forward.fixed_values import tolerances_of
 from structid.identification.joint_problem import fixed_values, joint_problem
@@ -235,6 +235,8 @@ def _state(path: Path, progress: StageProgress | None) -> State:
 def _run_study(study: Study, progress: StageProgress | None) -> State:
     """The state that a run of `study` gives; its mesh and solver are refined as in `structid identify`.
 
+    `progress` is called as in `run_prepared`; None for no reports.
+
     Raises
     ------
     InputError
@@ -330,7 +332,7 @@ def _warnings(comparison: Comparison, baseline: State, later: State) -> tuple[st
     return tuple(warnings)
 
 
-def comparison_summary(result: ComparisonResult) -> dict[str, Plain]:
+def comparison_summary(result: ComparisonResult) -> dict[str, JsonValue]:
     """Content of compare.json in types of JSON; numbers that are not finite become None."""
     comparison = result.comparison
     z = 1.959963984540054

@@ -52,7 +52,7 @@ class StoredEstimate:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class DrawableStructure:
     """Structure, parameters and channels for a drawing of the state.
 
     Attributes
@@ -84,7 +84,7 @@ class State:
         Of a study that was run just now.
     regularizations : tuple of str
         Names of the regularizations that hold its parameters.
-    drawn : Drawn or None
+    drawn : DrawableStructure or None
         None where the study of a results folder cannot be read without the files beside it.
     judgement : Judgement
         The verdict, and its words.
@@ -98,7 +98,7 @@ class State:
     inputs: Mapping[str, str]
     result: StudyResult | None
     regularizations: tuple[str, ...]
-    drawn: Drawn | None
+    drawn: DrawableStructure | None
     judgement: Judgement
     mesh_warnings: tuple[str, ...] = ()
 
@@ -116,7 +116,9 @@ class State:
 def state_of(result: StudyResult) -> State:
     """The state of a study, from the result of a run; its verdict is without a search for causes."""
     identification = result.identification
-    drawn = Drawn(identification.structure, identification.parameters, identification.sensors, identification.loads)
+    drawn = DrawableStructure(
+        identification.structure, identification.parameters, identification.sensors, identification.loads
+    )
     study = result.study
     regularizations = tuple(item.name for item in identification.priors.regularizations)
     judgement = judged(identification, untried=NOT_TRIED)
@@ -215,7 +217,7 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
     return estimate, channels
 
 
-def _read_drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | None:
+def _read_drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> DrawableStructure | None:
     """Structure, parameters and channels of study.toml in `folder`, for a drawing; None if they cannot be read.
 
     `channels` has the names of the channels under ``outputs`` and ``inputs``.
@@ -228,7 +230,7 @@ def _read_drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | N
             return None
         structure = read_structure(section, InputFiles(folder))
         unknown = read_parameters(root, structure)
-        return Drawn(structure, unknown, parse_dofs(channels["outputs"]), parse_dofs(channels["inputs"]))
+        return DrawableStructure(structure, unknown, parse_dofs(channels["outputs"]), parse_dofs(channels["inputs"]))
     except InputError:
         return None
 

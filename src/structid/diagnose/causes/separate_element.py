@@ -25,7 +25,7 @@ PARTS = np.array([-0.9, -0.7, -0.5, -0.3, -0.15, -0.05, 0.05, 0.2, 0.4, 0.8, 1.5
 AS_A_WHOLE = 0.25
 
 #: An element matrix and the positions of the parameters that move it.
-Moved: TypeAlias = tuple[ElementMatrix, tuple[int, ...]]
+MatrixOnNodes: TypeAlias = tuple[ElementMatrix, tuple[int, ...]]
 
 
 class DifferingProperty(NamedTuple):
@@ -99,7 +99,8 @@ class DifferingElement(Differing):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidates for the stiffness, the mass, and all stiffnesses of each element in a set of several, and for mounts.
 
-        Of many, at most 300 for a single property and 150 for all stiffnesses are tried, evenly chosen.
+        Of many, at most 300 for a single property and 150 for all stiffnesses are tried, evenly chosen. `records` are
+        the receptances of each record of one structure, `record_names` their names.
         """
         first = records[0]
         moved = list(moved_elements(first))
@@ -147,7 +148,7 @@ class DifferingElement(Differing):
         return self.matrices[0].kind if self.matrices else "stiffness"
 
     def sentence(self, value: float | None) -> str:
-        """A clause that says which element or mount differs from its group; `value` is not used."""
+        """A clause that says which element or mount differs from its group; `value`, the factor or None, is not used."""
         if self.nodes:
             ends = " and ".join(map(str, self.nodes))
             ends = f"at node {ends}" if len(self.nodes) == 1 else f"between nodes {ends}"
@@ -178,7 +179,7 @@ def _label(one: ElementMatrix) -> str:
     return f"{one.element}:{one.number + 1}"
 
 
-def _of_elements(moved: Sequence[Moved]) -> Iterator[ElementMatrix]:
+def _of_elements(moved: Sequence[MatrixOnNodes]) -> Iterator[ElementMatrix]:
     """Element matrices of stiffness and mass, summed over the properties of an element that the same parameters change.
 
     `moved` are pairs of an element matrix and the positions of the parameters that change it. Properties that no parameter
@@ -204,7 +205,7 @@ def _mounts(structure: Structure) -> dict[tuple[str, int], tuple[int, ...]]:
     }
 
 
-def stiff_parts(receptances: Receptances, moved: Sequence[Moved]) -> list[Moved]:
+def stiff_parts(receptances: Receptances, moved: Sequence[MatrixOnNodes]) -> list[MatrixOnNodes]:
     """Element matrices among `moved` that are stiffnesses, are not zero, and act on something that moves."""
     return [
         (one, moved_by)
@@ -214,10 +215,10 @@ def stiff_parts(receptances: Receptances, moved: Sequence[Moved]) -> list[Moved]
 
 
 def groups_of_stiffnesses(
-    stiff: Sequence[Moved],
+    stiff: Sequence[MatrixOnNodes],
     unit_of: Callable[[ElementMatrix], Hashable],
     label: Callable[[ElementMatrix], str],
-) -> Iterator[list[Moved]]:
+) -> Iterator[list[MatrixOnNodes]]:
     """Groups of stiffness matrices, one group for each element, set or mount that can change in two ways or more.
 
     Groups with a separate parameter already are left out. A single fixed stiffness does not count (a beam's axial one hardly
@@ -231,7 +232,7 @@ def groups_of_stiffnesses(
     label : callable
         Returns the name of a matrix's element or set.
     """
-    groups: dict[Hashable, list[Moved]] = {}
+    groups: dict[Hashable, list[MatrixOnNodes]] = {}
     moving: dict[int, set[Hashable]] = {}
     for one, moved_by in stiff:
         groups.setdefault(unit_of(one), []).append((one, moved_by))
@@ -247,7 +248,7 @@ def groups_of_stiffnesses(
 
 
 def differing_properties(
-    group: Sequence[Moved], label: Callable[[ElementMatrix], str]
+    group: Sequence[MatrixOnNodes], label: Callable[[ElementMatrix], str]
 ) -> tuple[DifferingProperty, ...]:
     """Properties of one group of stiffness matrices, each with the parameter whose factor it shares, if any.
 

@@ -16,7 +16,7 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import Dof
 from structid.core.units import MISTAKEN_FORCES, STANDARD_GRAVITY, mistaken_motions, mistaken_unit
-from structid.diagnose.checks.aligned_responses import Aligned, accord, median
+from structid.diagnose.checks.aligned_responses import AlignedFrf, accord, median
 from structid.records import FrfRecord
 
 #: Accord that the others must reach, and well; below which a channel is reversed, or fits far worse than the others.
@@ -57,7 +57,7 @@ class ChannelWarnings(NamedTuple):
         return (*self.of_loads, *self.of_sensors, *self.of_pairs)
 
 
-def channel_warnings(comparison: Aligned) -> ChannelWarnings:
+def channel_warnings(comparison: AlignedFrf) -> ChannelWarnings:
     """Warnings about channels of a record, from its comparison with the initial model and from reciprocity of the record.
 
     Of FRFs per motion of a support all but those of reciprocity count as warnings of sensors.
@@ -73,7 +73,7 @@ def channel_warnings(comparison: Aligned) -> ChannelWarnings:
     return ChannelWarnings(of_loads, of_sensors, of_pairs)
 
 
-def _whole_record(comparison: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
+def _whole_record(comparison: AlignedFrf, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
     """Sentences on a factor or a sign that all channels share; a power of ten in units hides the others.
 
     `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
@@ -163,7 +163,7 @@ def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -
                 yield f"{told}: {f'the force looks to be {unit}' if unit else _LOAD_REMEDY}"
 
 
-def _sensors(comparison: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
+def _sensors(comparison: AlignedFrf, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
     """Sentences on sensors whose level or sign differs from that of the others, that look exchanged, or that fit far worse.
 
     `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
@@ -226,7 +226,7 @@ def _faults(
             yield o, "apart", size
 
 
-def _exchanged(comparison: Aligned, misfits: Sequence[int]) -> list[tuple[int, int]]:
+def _exchanged(comparison: AlignedFrf, misfits: Sequence[int]) -> list[tuple[int, int]]:
     """Pairs of sensors, by position, that agree with the model once exchanged, each sensor in one pair at most.
 
     Candidates are the positions `misfits`, those of sensors that fit far worse than the others.

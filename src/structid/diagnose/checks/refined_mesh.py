@@ -17,10 +17,10 @@ from structid.fem.measuring_points import MeshPoint
 from structid.fem.structure import MOST_PIECES
 
 #: Nodes of a child by the corners of its parent that each lies in the middle of.
-Child = tuple[tuple[int, ...], ...]
+ChildCorners = tuple[tuple[int, ...], ...]
 
 
-def _boxes(corners: Sequence[tuple[int, ...]]) -> tuple[Child, ...]:
+def _boxes(corners: Sequence[tuple[int, ...]]) -> tuple[ChildCorners, ...]:
     """Elements into which a line, quadrilateral or hexahedron is halved along each edge, one at each of its corners.
 
     `corners` are parametric coordinates, 0 or 1. A child is a tuple of its nodes; each node is the tuple of parent corners
@@ -38,7 +38,7 @@ def _boxes(corners: Sequence[tuple[int, ...]]) -> tuple[Child, ...]:
     return tuple(tuple(middle_of(at, to) for to in corners) for at in corners)
 
 
-def _at_corners(n: int) -> tuple[Child, ...]:
+def _at_corners(n: int) -> tuple[ChildCorners, ...]:
     """One child at each of the `n` corners of a triangle or tetrahedron, its nodes in the order of the parent's corners.
 
     A node is the tuple of one or two parent corners in whose middle it lies.
@@ -48,7 +48,7 @@ def _at_corners(n: int) -> tuple[Child, ...]:
 
 _RING = [(0, 0), (1, 0), (1, 1), (0, 1)]
 #: How each kind of cell is split; a tetrahedron's inner octahedron about its diagonal from the middle of 0-2 to that of 1-3.
-_CHILDREN: dict[str, tuple[Child, ...]] = {
+_CHILDREN: dict[str, tuple[ChildCorners, ...]] = {
     "line": _boxes([(0,), (1,)]),
     "triangle": (*_at_corners(3), ((0, 1), (1, 2), (0, 2))),
     "quad": _boxes(_RING),
@@ -69,7 +69,7 @@ _SIDES: dict[str, tuple[tuple[int, ...], ...]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Refined:
+class RefinedStructure:
     """A structure with smaller elements.
 
     Attributes
@@ -129,7 +129,7 @@ def obstacle(structure: Structure) -> str | None:
     return None
 
 
-def refined(structure: Structure, values: FloatArray, times: int, most_dofs: int) -> Refined | None:
+def refined(structure: Structure, values: FloatArray, times: int, most_dofs: int) -> RefinedStructure | None:
     """The structure with elements 1/`times` as long; None where it then has more than `most_dofs` degrees of freedom.
 
     A new node is supported if it lies between nodes of a free side that are all supported in that direction.
@@ -148,16 +148,18 @@ def refined(structure: Structure, values: FloatArray, times: int, most_dofs: int
         more = (times - 1) * n_split(structure) * len(structure.active or DIRECTIONS)
         if structure.n_dofs + more > most_dofs or structure.subdivide * times > MOST_PIECES:
             return None
-        return Refined(replace(structure, subdivide=structure.subdivide * times), values, _inside(structure, times))
+        return RefinedStructure(
+            replace(structure, subdivide=structure.subdivide * times), values, _inner_labels(structure, times)
+        )
     if structure.n_dofs * times ** split_power(structure) > most_dofs:
         return None
-    finer = Refined(structure, values, {})
+    finer = RefinedStructure(structure, values, {})
     for _ in range(times.bit_length() - 1):
-        finer = _split(finer)
+        finer = _halve_cells(finer)
     return finer
 
 
-def _inside(structure: Structure, times: int) -> dict[int, int]:
+def _inner_labels(structure: Structure, times: int) -> dict[int, int]:
     """New labels by old ones, for nodes inside subdivided elements and at released ends.
 
     Each piece is cut into `times` pieces.
@@ -214,7 +216,7 @@ class _Middles:
         return self.labels[corners]
 
 
-def _split(refined: Refined) -> Refined:
+def _halve_cells(refined: RefinedStructure) -> RefinedStructure:
     """The structure with all areas and solids halved along each edge, and lines where their halves stay stable.
 
     Lines are halved if they may be subdivided, or lie along an edge of an area or solid.
@@ -243,7 +245,7 @@ def _split(refined: Refined) -> Refined:
         }
         elements.append(replace(made, nodes=np.array(rows), **each))
         parents[made.name] = parent_of
-    held = (*structure.fixed, *_held(structure, middles))
+    held = (*structure.fixed, *_supports_of_middles(structure, middles))
     finer = replace(structure, nodes=middles.positions, elements=tuple(elements), fixed=held)
     old = {(p.element, p.term.property): refined.values[p.values] for p in structure.properties}
     parts = []
@@ -251,7 +253,7 @@ def _split(refined: Refined) -> Refined:
         values, of_element = old[p.element, p.term.property], parents.get(p.element)
         by_element = of_element is not None and len(p.term.values) == len(of_element)
         parts.append(values[of_element] if by_element else values)
-    return Refined(finer, np.concatenate(parts), {})
+    return RefinedStructure(finer, np.concatenate(parts), {})
 
 
 def _edges(structure: Structure) -> set[frozenset[int]]:
@@ -267,7 +269,7 @@ def _edges(structure: Structure) -> set[frozenset[int]]:
     }
 
 
-def _held(structure: Structure, middles: _Middles) -> list[Dof]:
+def _supports_of_middles(structure: Structure, middles: _Middles) -> list[Dof]:
     """Supports of the new nodes in `middles` on free sides between nodes that are all supported in the same direction.
 
     A side is free if it belongs to a single area or solid.

@@ -6,7 +6,7 @@ from structid.fem.elements.connector import Dashpot as Dashpot
 from structid.fem.elements.connector import Spring as Spring
 from structid.fem.elements.element import ElementSet as ElementSet
 from structid.fem.elements.element import Kind as Kind
-from structid.fem.elements.element import Term as Term
+from structid.fem.elements.element import PropertyMatrices as PropertyMatrices
 from structid.fem.elements.friction import Friction as Friction
 from structid.fem.elements.inertia import PointMass as PointMass
 from structid.fem.elements.inertia import RotaryInertia as RotaryInertia

@@ -18,9 +18,9 @@ from structid.fem.elements.element import (
     ElementMatrixTerm,
     ElementSet,
     Matrices,
+    NodeCoordinates,
     Nodes,
     OptionalSignedValues,
-    Positions,
     Values,
     declared,
     element,
@@ -54,14 +54,15 @@ class Bar(ElementSet):
         default=None,
     )
 
-    def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
+    def section_directions(self, positions: NodeCoordinates) -> Mapping[str, FloatArray]:
         """Axial force N; see `ElementSet.section_directions`."""
         return {"N": element_vectors(self.name, self.nodes, positions)[1]}
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices of mass, axial stiffness and, if it is stated, axial force, by property.
 
-        `positions` of nodes in m; `used_codes` are not needed. Raises `InputError` for an axial force of bars on a line.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not
+        needed. Raises `InputError` for an axial force of bars on a line.
         """
         length, direction = element_vectors(self.name, self.nodes, positions)
         dimensions = direction.shape[1]

@@ -17,10 +17,10 @@ from structid.fem.elements.element import (
     ElementMatrixTerm,
     ElementSet,
     Matrices,
+    NodeCoordinates,
     Nodes,
     OptionalSignedValues,
     OptionalValues,
-    Positions,
     ShearRatio,
     Values,
     declared,
@@ -242,7 +242,7 @@ class Beam(ElementSet):
     rotary_inertia: OptionalValues = declared(ROTARY_INERTIA, "rotary_inertia", "kg m", optional=True, default=None)
     axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
 
-    def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
+    def section_directions(self, positions: NodeCoordinates) -> Mapping[str, FloatArray]:
         """Unit vectors of the internal forces on the motions of a node: V and M on a line, N, V and M in a plane.
 
         They are (n_elements, 2) on Y RZ or (n_elements, 3) on X Y RZ, by the name of the force; `positions` of nodes in m.
@@ -254,10 +254,10 @@ class Beam(ElementSet):
         along, across = _plane_maps(direction)
         return {"N": along[:, 0, :3], "V": across[:, 0, :3], "M": across[:, 1, :3]}
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices by property: mass, bending stiffness, and in a plane or where stated the others.
 
-        `positions` of nodes in m; `used_codes` are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
 
         Raises
         ------

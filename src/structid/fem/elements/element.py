@@ -35,7 +35,7 @@ Kind = Literal[
 Symbol = Literal["line", "spring", "dashpot", "friction", "disc", "ring", "flat", "shell", "solid", "square"]
 #: Name of the common factor on the lengths of a set of bars or beams, a property where a tolerance of it is stated.
 LENGTH = "length"
-Positions = Mapping[int, FloatArray]
+NodeCoordinates = Mapping[int, FloatArray]
 
 TRANSLATIONS = DIRECTIONS[:3]
 
@@ -268,7 +268,7 @@ class ElementMatrixTerm:
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
+class PropertyMatrices:
     """One property of an element set and the matrices that it weighs.
 
     Parameters
@@ -378,14 +378,14 @@ class ElementSet:
         """
         return None
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices by the name of the property that multiplies them.
 
         `positions` of nodes in m; `used_codes` are the degrees of freedom that other elements use.
         """
         raise NotImplementedError
 
-    def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
+    def section_directions(self, positions: NodeCoordinates) -> Mapping[str, FloatArray]:
         """Unit vector of each internal force on the coordinates of a node, (n_elements, n_coordinates), by name of the force.
 
         Empty except for lines. Local x runs from the first node to the second; a force is that on the section whose normal is
@@ -393,7 +393,7 @@ class ElementSet:
         """
         return {}
 
-    def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
+    def terms(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
         """The properties of the set, in the order of their declaration, each with the element matrices that it multiplies.
 
         Optional properties that are not stated are left out.
@@ -411,19 +411,23 @@ class ElementSet:
         found = []
         for name, what in declarations(self).items():
             if what.kind in ("loss_factor", "thickness"):
-                found.append(Term(name, what.kind, self.unit(what), getattr(self, name)))
+                found.append(PropertyMatrices(name, what.kind, self.unit(what), getattr(self, name)))
             elif what.kind is not None and (what.of or name) in made:
                 limits = (-np.inf, np.inf) if what.kind == "axial_force" else None
                 values, layers = getattr(self, name), made[what.of or name]
-                found.append(Term(name, what.kind, self.unit(what), values, layers, limits))
+                found.append(PropertyMatrices(name, what.kind, self.unit(what), values, layers, limits))
         return tuple(found)
 
     def unit(self, what: Declared) -> str:
         """The unit of a property."""
         return what.unit
 
-    def codes(self, positions: Positions) -> IntArray:
-        """Sorted codes of the degrees of freedom that the set uses if no other elements are present."""
+    def codes(self, positions: NodeCoordinates) -> IntArray:
+        """Sorted codes of the degrees of freedom that the set uses if no other elements are present.
+
+        `positions` are node coordinates by label. The result is (n_codes,); a code is one integer for node and
+        direction, see `dof_code`.
+        """
         if self.moves:  # so that no matrices are made, which are dear on a mesh
             return joined_codes([node_codes(np.unique(self.nodes)[:, None], self.moves)])
         terms = self.terms(positions, joined_codes([]))
@@ -517,7 +521,7 @@ def property_values(
     return locked(array)
 
 
-def element_vectors(name: str, nodes: IntArray, positions: Positions) -> tuple[FloatArray, FloatArray]:
+def element_vectors(name: str, nodes: IntArray, positions: NodeCoordinates) -> tuple[FloatArray, FloatArray]:
     """Lengths in m (n_elements,) and unit vectors (n_elements, n_dimensions) from first to second node.
 
     `nodes` (n_elements, 2 or more) are labels and `positions` theirs, m. Raises `InputError`, which names the set, if two

@@ -14,8 +14,8 @@ from structid.fem.elements.element import (
     ElementMatrixTerm,
     ElementSet,
     Matrices,
+    NodeCoordinates,
     Nodes,
-    Positions,
     Translations,
     Values,
     declared,
@@ -25,8 +25,8 @@ from structid.fem.elements.element import (
 )
 
 
-def _checked_translations(name: str, directions_given: Iterable[str]) -> tuple[str, ...] | None:
-    """`directions_given` as a tuple; raises `InputError`, which names the set, unless all are among X, Y, Z."""
+def _checked_translations(name: str, directions_given: Iterable[str]) -> tuple[str, ...]:
+    """`directions_given` as a tuple; raises `InputError`, which names the set `name`, unless all are among X, Y, Z."""
     directions = tuple(directions_given)
     if not set(directions) <= set(TRANSLATIONS):
         raise InputError(f"`directions` of {name!r} must be among X Y Z, got {directions}")
@@ -49,7 +49,7 @@ class PointMass(ElementSet):
         default=None,
     )
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Diagonal 3 x 3 mass matrices, with ones in the translations in which the node moves and code -1 in the others.
 
         These are the `directions` if stated, else those in `used_codes`, which other elements use; a node without any has all
@@ -75,7 +75,7 @@ class RotaryInertia(ElementSet):
     rotary_inertia: Values = declared("Mass moment of inertia", "rotary_inertia", "kg m^2")
     direction: Literal["RX", "RY", "RZ"] = declared("Axis of rotation")
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         codes = node_codes(self.nodes, (self.direction,))
         return {"rotary_inertia": (ElementMatrixTerm(codes, np.ones((len(self.nodes), 1, 1))),)}

@@ -13,8 +13,8 @@ from structid.fem.elements.element import (
     ElementMatrixTerm,
     ElementSet,
     Matrices,
+    NodeCoordinates,
     Nodes,
-    Positions,
     Values,
     declared,
     dof_code,
@@ -49,7 +49,7 @@ class Joint(ElementSet):
         """The element and the degree of freedom."""
         return self.element, self.at
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """The spring between the node and the end, which the structure numbers; see `ElementSet.loosened`."""
         codes = np.array([[dof_code(self.at.node, self.at.direction), -1]])
         return {"stiffness": (ElementMatrixTerm(codes, np.array([[[1.0, -1.0], [-1.0, 1.0]]])),)}

@@ -18,9 +18,9 @@ from structid.fem.elements.element import (
     Given,
     Kind,
     Matrices,
+    NodeCoordinates,
     Nodes,
-    Positions,
-    Term,
+    PropertyMatrices,
     Values,
     declared,
     dof_code,
@@ -80,17 +80,23 @@ class MatrixGroup(ElementSet):
         every = {"mass": self.mass, "stiffness": self.stiffness, "damping": self.damping}
         return {key: matrix for key, matrix in every.items() if matrix is not None}
 
-    def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
+    def terms(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
         """The group's factors as properties, nominally 1, with the matrices that they multiply; then its loss factor.
 
         A group without stiffness has no loss factor. The arguments have no influence.
         """
         matrix_terms_of, unit = self.matrices(positions, used_codes), np.ones(1)
-        terms = [Term(key, _KINDS[key], "1", unit, matrix_terms) for key, matrix_terms in matrix_terms_of.items()]
-        loss = [Term("loss_factor", "loss_factor", "1", self.loss_factor)] if "stiffness" in matrix_terms_of else []
+        terms = [
+            PropertyMatrices(key, _KINDS[key], "1", unit, matrix_terms) for key, matrix_terms in matrix_terms_of.items()
+        ]
+        loss = (
+            [PropertyMatrices("loss_factor", "loss_factor", "1", self.loss_factor)]
+            if "stiffness" in matrix_terms_of
+            else []
+        )
         return (*terms, *loss)
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """The group's matrices by "mass", "stiffness" and "damping", each as one element; signs of the rows are taken out.
 
         The arguments have no influence.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from functools import partial
 
 import numpy as np
@@ -23,8 +24,8 @@ from structid.fem.elements.element import (
     PER_STRAIN_RATE,
     PER_VELOCITY,
     Matrices,
+    NodeCoordinates,
     Nodes,
-    Positions,
     Values,
     declared,
     element,
@@ -54,14 +55,14 @@ class ThinSet(CellSet):
     mass_damping: Values = declared(*PER_VELOCITY, "N s/m^4", "density", default=0.0)
     stiffness_damping: Values = declared(*PER_STRAIN_RATE, "Pa s", "youngs_modulus", default=0.0)
 
-    def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
+    @abstractmethod
+    def centre_strains(self, positions: NodeCoordinates, row: int) -> tuple[FloatArray, FloatArray]:
         """Maps from an element's motion to the strains of its middle surface at its centre, and to those per height.
 
         Both are (3, n_coordinates): strains xx, yy and engineering xy, from what its corners move in, corner by corner. The axis x
         is the part of global X in the plane of the element, or of global Y where X is normal to it; height counts along the
         normal, about which the corners run counter-clockwise, and along Z in a plate.
         """
-        raise NotImplementedError
 
 
 @element
@@ -83,10 +84,10 @@ class Plate(ThinSet):
     moves = ("Z", "RX", "RY")
     symbol = "flat"
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices of density (mass) and Young's modulus (bending stiffness), by property.
 
-        `positions` of nodes in m; `used_codes` are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
         """
         corners = cell_positions(self.name, self.nodes, positions, 2)
         bending = partial(bending_stiffness, elasticity=plane_elasticity(self.poisson, strain=False))
@@ -95,7 +96,7 @@ class Plate(ThinSet):
             "youngs_modulus": (self.matrix_term(corners, bending, power=3),),
         }
 
-    def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
+    def centre_strains(self, positions: NodeCoordinates, row: int) -> tuple[FloatArray, FloatArray]:
         """Maps from the motion of the element in `row` to in-plane strains, which are zero, and to strains per height (1/m).
 
         Both are (3, 3 n_corners), at the centre, as in `ThinSet.centre_strains`; `positions` of nodes in m.

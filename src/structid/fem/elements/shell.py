@@ -16,7 +16,7 @@ from structid.fem.elements.cells.drilling_membrane import drilling_stiffness, me
 from structid.fem.elements.cells.elastic import plane_elasticity, unit_mass
 from structid.fem.elements.cells.isoparametric import require_none
 from structid.fem.elements.cells.kirchhoff import bending_stiffness, centre_curvatures, plate_mass
-from structid.fem.elements.element import Matrices, Positions, declared, element
+from structid.fem.elements.element import Matrices, NodeCoordinates, declared, element
 from structid.fem.elements.plate import ThinSet
 
 _FLAT = 1e-12
@@ -146,10 +146,10 @@ class Shell(ThinSet):
         default=0.1,
     )
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices by property: density for mass and rotary inertia, Young's modulus for stretching and bending.
 
-        `positions` of nodes in m; `used_codes` are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
         """
         corners = cell_positions(self.name, self.nodes, positions, 3)
         elasticity = plane_elasticity(self.poisson, strain=False)
@@ -167,7 +167,7 @@ class Shell(ThinSet):
             ),
         }
 
-    def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
+    def centre_strains(self, positions: NodeCoordinates, row: int) -> tuple[FloatArray, FloatArray]:
         """Maps from the motion of the element in `row` to in-plane strains, and to strains per height, at its centre.
 
         Both are (3, 6 n_corners), 1 and 1/m, as in `ThinSet.centre_strains`; `positions` of nodes in m.

@@ -23,8 +23,8 @@ from structid.fem.elements.element import (
     PER_VELOCITY,
     TRANSLATIONS,
     Matrices,
+    NodeCoordinates,
     Nodes,
-    Positions,
     Values,
     declared,
     element,
@@ -57,10 +57,10 @@ class Solid(CellSet):
     stiffness_damping: Values = declared(*PER_STRAIN_RATE, "Pa s", "youngs_modulus", default=0.0)
     formulation: Formulation = declared("Of eight-node hexahedra; see `elastic_stiffness`", default="incompatible")
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices of density (mass) and Young's modulus (stiffness), by property.
 
-        `positions` of nodes in m; `used_codes` are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
         """
         corners = cell_positions(self.name, self.nodes, positions, 3)
         stiffness = partial(elastic_stiffness, elasticity=solid_elasticity(self.poisson), formulation=self.formulation)

@@ -17,10 +17,10 @@ from structid.fem.elements.element import (
     ElementMatrixTerm,
     ElementSet,
     Kind,
+    NodeCoordinates,
     Nodes,
-    Positions,
     Power,
-    Term,
+    PropertyMatrices,
     Values,
     declared,
     dof_code,
@@ -90,7 +90,7 @@ class SolverModel(ElementSet):
                     f"a parameter of {self.name!r} must not be called {parameter.name!r}; give it another name"
                 )
 
-    def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
+    def terms(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
         """The model's properties with the matrices that they multiply: its parameters, then its factors, then the loss factor.
 
         A part that depends on parameters is multiplied by the first of them; its other powers weigh it besides. The arguments
@@ -117,10 +117,14 @@ class SolverModel(ElementSet):
                 )
             )
         one = np.ones(1)
-        terms = [Term(name, kind, "1", one, matrix_terms[name]) for name, kind in kinds.items() if matrix_terms[name]]
-        terms.append(Term("loss_factor", "loss_factor", "1", self.loss_factor))
+        terms = [
+            PropertyMatrices(name, kind, "1", one, matrix_terms[name])
+            for name, kind in kinds.items()
+            if matrix_terms[name]
+        ]
+        terms.append(PropertyMatrices("loss_factor", "loss_factor", "1", self.loss_factor))
         parameter_terms = [
-            Term(
+            PropertyMatrices(
                 p.name,
                 "parameter" if self.own_modes else _kind_of_parameter(p.name, self.parts),
                 p.unit,
@@ -239,7 +243,7 @@ class SolverFrfs(ElementSet):
         """Degrees of freedom of sensors and loads, each once, in their order."""
         return tuple(dict.fromkeys(dof.unsigned for dof in (*self.table.outputs, *self.table.inputs)))
 
-    def terms(self, positions: Positions, used_codes: IntArray) -> tuple[Term, ...]:
+    def terms(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
         """The parameters as properties with zero matrices, since the model has FRFs alone.
 
         The arguments have no influence.
@@ -250,7 +254,8 @@ class SolverFrfs(ElementSet):
             codes, np.zeros((1, 0, 0)), whole=nothing, matrix_kind="stiffness", reduced=True
         )
         return tuple(
-            Term(p.name, "parameter", p.unit, locked([p.value], float), [matrix_term]) for p in self.parameters
+            PropertyMatrices(p.name, "parameter", p.unit, locked([p.value], float), [matrix_term])
+            for p in self.parameters
         )
 
     def channel_indices(self, dofs: tuple[Dof, ...], role: str) -> tuple[IntArray, FloatArray]:
@@ -287,10 +292,10 @@ def _split_powers(part: Part) -> tuple[str, Powers]:
 
 
 def _kind_of_parameter(name: str, parts: Sequence[Part]) -> Kind:
-    """Kind of the property of a parameter: that of the one matrix that is proportional to it, else ``parameter``.
+    """Kind of the property of the parameter `name`: that of the one matrix that is proportional to it, else ``parameter``.
 
-    ``mass``, ``viscous_damping`` or ``stiffness`` if all parts with the parameter belong to that matrix and have it to the
-    first power, alone.
+    ``mass``, ``viscous_damping`` or ``stiffness`` if all parts with the parameter belong to that matrix and have it to
+    the first power, alone.
     """
     of_parameter = [part for part in parts if any(name == other for other, _ in part.powers)]
     kinds = {part.matrix_of for part in of_parameter}

@@ -26,10 +26,10 @@ from structid.fem.elements.element import (
     ElementMatrixTerm,
     ElementSet,
     Matrices,
+    NodeCoordinates,
     Nodes,
     OptionalSignedValues,
     OptionalValues,
-    Positions,
     Values,
     Vector,
     declared,
@@ -42,7 +42,10 @@ from structid.fem.elements.element import (
 
 
 def _checked_direction(name: str, orientation: ArrayLike) -> FloatArray:
-    """The `orientation` of a set as a locked vector (3,); `InputError` unless it is finite and not zero."""
+    """The `orientation` of a set as a locked vector (3,); `InputError` unless it is finite and not zero.
+
+    `name` is that of the set, for the message.
+    """
     vector = locked(orientation, np.float64)
     require_shape("orientation", vector, (3,))
     if not (np.isfinite(vector).all() and vector.any()):
@@ -97,7 +100,7 @@ class SpaceBeam(ElementSet):
 
     axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
 
-    def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
+    def section_directions(self, positions: NodeCoordinates) -> Mapping[str, FloatArray]:
         """Unit vectors of N, shear forces VY and VZ, torque T and moments MY and MZ on the motions X Y Z RX RY RZ of a node.
 
         They are (n_elements, 6) by the name of the force, in local axes; `positions` of nodes in m.
@@ -107,7 +110,7 @@ class SpaceBeam(ElementSet):
         wide[:, :3, :3] = wide[:, 3:, 3:] = axes
         return {name: wide[:, row] for row, name in enumerate(("N", "VY", "VZ", "T", "MY", "MZ"))}
 
-    def matrices(self, positions: Positions, used_codes: IntArray) -> Matrices:
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices by property: mass, axial, torsional and bending stiffness, polar inertia, and where stated others.
 
         `positions` of nodes in m, which must be in space, else `InputError`; `used_codes` are not needed.
@@ -146,8 +149,9 @@ class SpaceBeam(ElementSet):
 def _local_axes(name: str, x: FloatArray, orientation: FloatArray | None) -> FloatArray:
     """Local axes as rows, (n_elements, 3, 3), from unit vectors `x` (n_elements, 3) along the beams.
 
-    Local y is the part of `orientation` (3,) across the beam; by default (None) of global Y, or of global X for beams along
-    Y. Raises `InputError`, which names the set, if `orientation` runs along a beam.
+    Local y is the part of `orientation` (3,) across the beam; by default (None) of global Y, or of global X for beams
+    along Y. Raises `InputError`, which names the set, if `orientation` runs along a beam. `name` is that of the element
+    set.
     """
     if orientation is not None:
         guide = np.broadcast_to(orientation, x.shape)

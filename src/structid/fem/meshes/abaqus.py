@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
-from structid.fem.meshes.abaqus_assembly import Assembly, Scope
+from structid.fem.meshes.abaqus_assembly import Assembly, PartData
 from structid.fem.meshes.abaqus_keywords import KeywordBlock, keyword_blocks
 from structid.fem.meshes.abaqus_offsets import SectionOffsets
 from structid.fem.meshes.abaqus_parts import displacement_axes, is_part, read_parts
@@ -64,7 +64,7 @@ class _Reader:
     def __init__(self, path: Path) -> None:
         """A reader of the input file at `path` that has read nothing yet."""
         self._path = path
-        self._root, self._parts = Scope(), dict[str, Scope]()
+        self._root, self._parts = PartData(), dict[str, PartData]()
         self._assembly = Assembly([])
         self._scope = self._root
         self._placing: list[list[str]] = []
@@ -92,9 +92,9 @@ class _Reader:
         """
         own, name = self._assembly.own, block.options.get("NAME", "")
         if block.keyword == "PART":
-            self._scope = self._parts.setdefault(name.upper(), Scope(name))
+            self._scope = self._parts.setdefault(name.upper(), PartData(name))
         elif block.keyword == "ASSEMBLY":
-            self._assembly.own = self._scope = Scope()
+            self._assembly.own = self._scope = PartData()
         elif block.keyword == "INSTANCE":
             self._begin_instance(block, name)
         elif block.keyword == "END INSTANCE":
@@ -108,7 +108,7 @@ class _Reader:
             self._scope.take(block, _node_counts(block))
 
     def _begin_instance(self, block: KeywordBlock, name: str) -> None:
-        """Enter an instance called `name`, with a copy of the mesh of its part; its data lines are kept for `Scope.move`.
+        """Enter an instance called `name`, with a copy of the mesh of its part; its data lines are kept for `PartData.move`.
 
         Raises `ValueError` if it is imported, or its part has not been read.
         """
@@ -117,7 +117,7 @@ class _Reader:
         part = block.options.get("PART", "")
         if part and part.upper() not in self._parts:
             raise ValueError(f"there is no part {part!r} before this line")
-        instance = self._parts[part.upper()].instance(name) if part else Scope(name)
+        instance = self._parts[part.upper()].instance(name) if part else PartData(name)
         self._assembly.scopes.append(instance)
         self._scope, self._placing = instance, block.rows
         self._owners[name.upper()] = part or name
@@ -143,7 +143,7 @@ class _Reader:
                 self._root.overlong |= part.overlong
             self._assembly.scopes.append(self._root)
         else:  # what stands behind the assembly works on the whole model
-            own = self._assembly.own = self._assembly.own or Scope()
+            own = self._assembly.own = self._assembly.own or PartData()
             own.blocks.extend(self._root.blocks)
         if not any(scope.nodes and scope.elements for scope in self._assembly.scopes):
             raise FileError(f"{self._path}: holds no *NODE and *ELEMENT lines; export the mesh, not only the steps")
@@ -158,7 +158,7 @@ def _node_counts(block: KeywordBlock) -> Mapping[str, int]:
 
 
 def _kind(name: str) -> tuple[str, int]:
-    """Cell type and number of nodes of an Abaqus element type; the type itself and 0 if structid does not know it."""
+    """Cell type and number of nodes of the Abaqus element type `name`; the type itself and 0 if structid does not know it."""
     for pattern, kind, count in _KINDS:
         if re.fullmatch(rf"{pattern}[A-Z]*5?", name.upper()):
             return kind, count
@@ -234,7 +234,7 @@ def _mesh_nodes(assembly: Assembly, blocks: Iterable[CellBlock], factor: float) 
 def _reference_points(assembly: Assembly, factor: float) -> dict[int, FloatArray]:
     """Positions in m of the nodes of the assembly itself (reference points), by label.
 
-    `factor` turns lengths of the file into m.
+    `factor` turns lengths of the file into m. Each is (3,).
     """
     own = assembly.own
     if own is None:

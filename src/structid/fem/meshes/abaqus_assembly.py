@@ -19,7 +19,7 @@ _NUMBER = re.compile(r"-?\d+")
 
 
 @dataclass(eq=False)
-class Scope:
+class PartData:
     """Data read so far of a flat file, a part, an instance or the assembly itself.
 
     Attributes
@@ -87,8 +87,10 @@ class Scope:
     def _take_nodes(self, options: dict[str, str], rows: list[list[str]]) -> None:
         """Take up the data lines of a *NODE, in the current coordinate system.
 
-        `options` are those of the keyword, `rows` the words of its data lines. Raises `ValueError` if a node repeats.
+        `options` are those of the keyword, `rows` the words of its data lines. Raises `ValueError` if a node repeats, or
+        coordinates may have decimal commas.
         """
+        _require_decimal_points(rows)
         labels = [int(row[0]) for row in rows]
         for label in labels:
             if label in self.nodes:
@@ -140,9 +142,9 @@ class Scope:
         wanted = set(labels)
         return {int(n) for table in self.elements.values() for label in wanted & set(table) for n in table[label]}
 
-    def instance(self, name: str) -> Scope:
+    def instance(self, name: str) -> PartData:
         """A copy of a part."""
-        return Scope(
+        return PartData(
             name,
             dict(self.nodes),
             {kind: dict(table) for kind, table in self.elements.items()},
@@ -170,6 +172,22 @@ class Scope:
             self.turn = _rotation_matrix(end - start, degrees)
             positions = start + (positions - start) @ self.turn.T
         self.nodes = dict(zip(self.nodes, positions.tolist(), strict=True))
+
+
+def _require_decimal_points(rows: list[list[str]]) -> None:
+    """Raise `ValueError` if lines of nodes may have decimal commas, which Abaqus takes as the ends of numbers.
+
+    `rows` are the words of each line: label, three coordinates and, if given, the direction of the normal. Decimal commas
+    leave no point in any of them, and what follows the third number is no unit vector.
+    """
+    if any("." in word for row in rows for word in row[1:]):
+        return
+    for row in rows:
+        normal = [float(word or 0) for word in row[4:]]
+        if any(normal) and sum(x * x for x in normal) != 1.0:
+            raise ValueError(
+                f"node {row[0]} has {len(row) - 1} numbers and none has a decimal point, as where decimals are written with commas"
+            )
 
 
 def _read_system(rows: list[list[str]]) -> CoordinateSystem | None:
@@ -238,9 +256,9 @@ class Assembly:
 
     Attributes
     ----------
-    scopes : list of Scope
+    scopes : list of PartData
         The instances in order; one alone for a flat file.
-    own : Scope, optional
+    own : PartData, optional
         The assembly itself: reference points, elements between instances and sets of its own.
     node_sets, cell_sets : dict of str to dict of str to set of int
         Sets of the assembly: labels by instance, by name in capitals.
@@ -250,8 +268,8 @@ class Assembly:
         Name of the part of a single instance, under which its sets go.
     """
 
-    scopes: list[Scope]
-    own: Scope | None = None
+    scopes: list[PartData]
+    own: PartData | None = None
     node_sets: dict[str, dict[str, set[int]]] = field(default_factory=dict)
     cell_sets: dict[str, dict[str, set[int]]] = field(default_factory=dict)
     shifts: dict[str, int] = field(default_factory=dict)
@@ -274,22 +292,22 @@ class Assembly:
             for labels_used, new in zip(used, pair, strict=True):
                 labels_used.update(label + shift for label in new)
 
-    def scope(self, name: str) -> Scope:
+    def scope(self, name: str) -> PartData:
         """The instance called `name`, in upper or lower case; raises `ValueError` if there is none."""
         for scope in self.scopes:
             if scope.name.upper() == name.upper():
                 return scope
         raise ValueError(f"there is no instance {name!r}")
 
-    def shift(self, scope: Scope) -> int:
+    def shift(self, scope: PartData) -> int:
         return self.shifts[scope.name.upper()]
 
-    def node(self, scope: Scope, word: str) -> int:
+    def node(self, scope: PartData, word: str) -> int:
         """The label in the mesh of the node that `word` names in a scope: ``12``, or ``INSTANCE.12`` in an assembly."""
         owner, dot, label = word.strip('"').rpartition(".")
         return int(label) + self.shift(self.scope(owner) if dot else scope)
 
-    def nodes(self, scope: Scope, word: str) -> list[int]:
+    def nodes(self, scope: PartData, word: str) -> list[int]:
         """Labels in the mesh, sorted, of the node or node set called `word` in a scope: ``12``, ``TOP``, ``PART-1.TOP``.
 
         Raises
@@ -355,5 +373,5 @@ class Assembly:
         return {holder.name.upper(): set(sets[name])}
 
 
-def _labels(scope: Scope) -> tuple[set[int], set[int]]:
+def _labels(scope: PartData) -> tuple[set[int], set[int]]:
     return set(scope.nodes), {label for table in scope.elements.values() for label in table}

@@ -13,7 +13,7 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError
-from structid.fem.meshes.abaqus_assembly import Assembly, Scope
+from structid.fem.meshes.abaqus_assembly import Assembly, PartData
 from structid.fem.meshes.abaqus_keywords import KeywordBlock
 from structid.fem.meshes.abaqus_surfaces import Footpoint, Surface, Surfaces, footpoint, mean_side, nodal_areas
 from structid.fem.meshes.averages import (
@@ -71,7 +71,7 @@ _UNREAD = {
     "MATRIX ASSEMBLE": "matrices",
 }
 #: Why a part cannot be taken, "" where it can, and the part.
-Items = list[tuple[str, DeckPart]]
+ReasonsAndParts = list[tuple[str, DeckPart]]
 #: Part of the mean side of faces within which a node is tied where a file does not say it, as in Abaqus.
 _NEAR = 0.05
 _TURNED = "it stands in a turned instance"
@@ -84,7 +84,7 @@ def is_part(kind: str) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class _Deck:
+class _AssemblyContext:
     """An assembly with what its parts refer to.
 
     Attributes
@@ -114,23 +114,25 @@ class _Deck:
         )
 
     @property
-    def scopes(self) -> list[Scope]:
+    def scopes(self) -> list[PartData]:
         own = self.assembly.own
         return [*self.assembly.scopes, *([own] if own is not None else [])]
 
-    def blocks(self, *keywords: str) -> Iterator[tuple[Scope, KeywordBlock]]:
+    def blocks(self, *keywords: str) -> Iterator[tuple[PartData, KeywordBlock]]:
         """Every block with one of the `keywords`, with the scope that it stands in."""
         for scope in self.scopes:
             for block in scope.blocks:
                 if block.keyword in keywords:
                     yield scope, block
 
-    def read(self, keyword: str, reader: Callable[[_Deck, Scope, KeywordBlock], Items]) -> list[DeckPart]:
+    def read(
+        self, keyword: str, reader: Callable[[_AssemblyContext, PartData, KeywordBlock], ReasonsAndParts]
+    ) -> list[DeckPart]:
         """Deck parts that `reader` makes of the blocks of a keyword: one for all that can be taken, one for each obstacle.
 
         Blocks that cannot be read count as parts with that obstacle.
         """
-        items: Items = []
+        items: ReasonsAndParts = []
         for scope, block in self.blocks(keyword):
             try:
                 items += reader(self, scope, block)
@@ -138,7 +140,7 @@ class _Deck:
                 items.append((f"line {block.line} cannot be read: {error}", DeckPart(keyword, 1)))
         return split_by_obstacle(keyword, items)
 
-    def elements_of(self, scope: Scope, name: str, kinds: Sequence[str]) -> list[tuple[str, list[int]]]:
+    def elements_of(self, scope: PartData, name: str, kinds: Sequence[str]) -> list[tuple[str, list[int]]]:
         """Type and node labels of each element in the set `name` of a scope that is of one of the types `kinds`.
 
         Raises `ValueError` if there is no such set.
@@ -170,7 +172,7 @@ def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, Fl
     FileError
         If the points of a *TRANSFORM lie on a line, or its node set is not there.
     """
-    deck = _Deck(path, assembly, positions, {}, DeckUnits(), Surfaces(assembly, lambda name: (name, 0)))
+    deck = _AssemblyContext(path, assembly, positions, {}, DeckUnits(), Surfaces(assembly, lambda name: (name, 0)))
     axes: dict[int, FloatArray] = {}
     for scope, block in deck.blocks("TRANSFORM"):
         try:
@@ -191,7 +193,8 @@ def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, Fl
 def _axes_at(form: str, a: FloatArray, b: FloatArray, position: FloatArray) -> FloatArray:
     """Directions (3, 3), as rows, of a *TRANSFORM at a node in `position`; `ValueError` if its points lie on a line.
 
-    `form` R: points `a` on x and `b` in x-y; C: `a` and `b` on the axis; S: centre `a` and pole `b`.
+    `form` R: points `a` on x and `b` in x-y; C: `a` and `b` on the axis; S: centre `a` and pole `b`. `a`, `b` and
+    `position` are (3,), in one unit.
     """
     if form == "R":
         directions = axes_of_points(np.zeros(3), np.cross(a, b), a)
@@ -221,7 +224,7 @@ def read_parts(
     `positions` (m) and `axes` (displacement axes, those that differ from the global ones) are by node label; `units` are
     those of the file. Blocks that cannot be read become parts with that obstacle.
     """
-    deck = _Deck(path, assembly, positions, axes, units, surfaces)
+    deck = _AssemblyContext(path, assembly, positions, axes, units, surfaces)
     parts = [
         *deck.read("MASS", _read_point_masses),
         *deck.read("ROTARY INERTIA", _read_rotary_inertias),
@@ -246,7 +249,7 @@ def read_parts(
     return [*parts, *(DeckPart(kind, count, obstacle="no element for it") for kind, count in counts.items())]
 
 
-def _read_point_masses(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+def _read_point_masses(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
     """Parts of a *MASS block, each with its obstacle ("" if none): one point mass for each element of its set."""
     name = block.options.get("ELSET", "")
     values = [float(word) for word in block.rows[0] if word]
@@ -257,7 +260,7 @@ def _read_point_masses(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
     return [(obstacle, DeckPart("MASS", 1, mass, (NodalMass(node, matrix, name),))) for node in nodes]
 
 
-def _read_rotary_inertias(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+def _read_rotary_inertias(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
     """Parts of a *ROTARY INERTIA block, each with its obstacle ("" if none): one for each element, turned with the instance."""
     name = block.options.get("ELSET", "")
     values = [deck.units.inertia * float(word) for word in block.rows[0] if word]
@@ -270,7 +273,7 @@ def _read_rotary_inertias(deck: _Deck, scope: Scope, block: KeywordBlock) -> Ite
     return [(obstacle, DeckPart("ROTARY INERTIA", 1, masses=(NodalMass(node, turned, name),))) for node in nodes]
 
 
-def _read_springs(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+def _read_springs(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
     """Parts of a *SPRING or *DASHPOT block, each with its obstacle ("" if none): one for each element of its set.
 
     Types ending in 1 act between a node and the ground, in 2 between two degrees of freedom, in A along the line of two
@@ -281,7 +284,7 @@ def _read_springs(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
     obstacle = "it is nonlinear" if "NONLINEAR" in block.options else ""
     obstacle = "its directions have an orientation" if block.options.get("ORIENTATION") else obstacle
     obstacle = "its stiffness has a loss" if "COMPLEX STIFFNESS" in block.options else obstacle
-    items: Items = []
+    items: ReasonsAndParts = []
     for kind, nodes in deck.elements_of(scope, name, _SPRINGS[block.keyword]):
         table = rows if kind.endswith("A") else rows[1:]
         tabled = "its values depend on frequency, temperature or fields" if len(table) > 1 else ""
@@ -295,7 +298,7 @@ def _read_springs(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 
 
 def _spring_weights(
-    deck: _Deck, scope: Scope, kind: str, nodes: Sequence[int], row: Sequence[str]
+    deck: _AssemblyContext, scope: PartData, kind: str, nodes: Sequence[int], row: Sequence[str]
 ) -> tuple[dict[tuple[int, str], float], str, bool]:
     """Weights by (node, direction) of the displacements that a spring acts on, an obstacle ("" if none), True if rotational.
 
@@ -324,12 +327,12 @@ def _spring_weights(
 Ties = list[RigidLink | Constraint]
 
 
-def _read_equations(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+def _read_equations(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
     """Parts of an *EQUATION block, each with its obstacle ("" if none); the first term of an equation is the dependent one.
 
     Raises `ValueError` if terms are missing.
     """
-    items: Items = []
+    items: ReasonsAndParts = []
     rows = [[word for word in row if word] for row in block.rows if any(row)]
     while rows:
         count, words = int(float(rows.pop(0)[0])), list[str]()
@@ -341,7 +344,7 @@ def _read_equations(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
     return items
 
 
-def _make_equation(deck: _Deck, scope: Scope, terms: Sequence[Sequence[str]]) -> Items:
+def _make_equation(deck: _AssemblyContext, scope: PartData, terms: Sequence[Sequence[str]]) -> ReasonsAndParts:
     """Parts of an equation, each with its obstacle ("" if none): one for each node where terms name node sets.
 
     `terms` are (node or set, component from 1, factor) in words. Raises `ValueError` if the sets differ in size.
@@ -371,12 +374,12 @@ def _make_equation(deck: _Deck, scope: Scope, terms: Sequence[Sequence[str]]) ->
     return items
 
 
-def _read_multi_point(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+def _read_multi_point(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
     """Parts of an *MPC block, each with its obstacle ("" if none); types BEAM, TIE and PIN are taken.
 
     The first node or set of a line is the dependent one.
     """
-    items: Items = []
+    items: ReasonsAndParts = []
     for row in block.rows:
         words = [word for word in row if word]
         if not words:
@@ -393,7 +396,11 @@ def _read_multi_point(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 
 
 def _make_ties(kind: str, main: int, dependent: int) -> Ties:
-    """Ties of a dependent node to a main node: rigid (BEAM), all directions (TIE) or translations (PIN)."""
+    """Ties of a dependent node to a main node: rigid (BEAM), all directions (TIE) or translations (PIN).
+
+    `kind` is the word in brackets; other words count as PIN. A rigid tie is one `RigidLink`, others a `Constraint` for
+    each direction.
+    """
     name = f"mpc {kind.lower()} {dependent}"
     if kind == "BEAM":
         return [RigidLink(name, main, [dependent])]
@@ -401,7 +408,7 @@ def _make_ties(kind: str, main: int, dependent: int) -> Ties:
     return [Constraint(name, Dof(dependent, d), [(Dof(main, d), 1.0)]) for d in directions]
 
 
-def _read_rigid_body(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+def _read_rigid_body(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
     """One part, with its obstacle ("" if none), of a *RIGID BODY block: nodes of its sets move with the reference node.
 
     Nodes of the pinned set follow in translations only.
@@ -422,11 +429,11 @@ def _read_rigid_body(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
     return [("", DeckPart("RIGID BODY", 1, ties=tuple(ties)))]
 
 
-def _named_nodes(deck: _Deck, scope: Scope, name: str) -> list[int]:
+def _named_nodes(deck: _AssemblyContext, scope: PartData, name: str) -> list[int]:
     return deck.assembly.nodes(scope, name) if name else []
 
 
-def _nodes_of_elements(deck: _Deck, scope: Scope, name: str) -> list[int]:
+def _nodes_of_elements(deck: _AssemblyContext, scope: PartData, name: str) -> list[int]:
     """Labels of the nodes of all elements in the set `name` of a scope, sorted.
 
     Empty if `name` is ""; raises `ValueError` if there is no such set.
@@ -437,13 +444,13 @@ def _nodes_of_elements(deck: _Deck, scope: Scope, name: str) -> list[int]:
     return sorted({node for _, nodes in deck.elements_of(scope, name, kinds) for node in nodes})
 
 
-def _read_kinematic_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+def _read_kinematic_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
     """Parts of a *KINEMATIC COUPLING block, each with its obstacle ("" if none): one for each data line.
 
     Its nodes follow the reference node in the components of the line.
     """
     [main] = deck.assembly.nodes(scope, block.options["REF NODE"])
-    items: Items = []
+    items: ReasonsAndParts = []
     for row in block.rows:
         words = [word for word in row if word]
         nodes = deck.assembly.nodes(scope, words[0])
@@ -451,7 +458,7 @@ def _read_kinematic_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> 
     return items
 
 
-def _read_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+def _read_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
     """One part, with its obstacle ("" if none), of a *COUPLING block with the *KINEMATIC or *DISTRIBUTING keyword behind it."""
     next_blocks = scope.blocks[scope.blocks.index(block) + 1 :][:1]
     law = next_blocks[0].keyword if next_blocks else ""
@@ -473,7 +480,7 @@ def _read_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 
 
 def _mean_constraints(
-    deck: _Deck, main: int, weights: Mapping[int, float], chosen: Sequence[int]
+    deck: _AssemblyContext, main: int, weights: Mapping[int, float], chosen: Sequence[int]
 ) -> tuple[str, DeckPart]:
     """Obstacle ("" if none) and deck part of a reference node that moves as the weighted mean of other nodes.
 
@@ -495,14 +502,14 @@ def _mean_constraints(
     return "", DeckPart("COUPLING", 1, ties=tuple(ties))
 
 
-def _read_surface_tie(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+def _read_surface_tie(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
     """Parts of a *TIE block, each with its obstacle ("" if none), for each pair of surfaces.
 
     Nodes of the first surface that are near the faces of the second move with these; others are counted as left free.
     """
     if block.options.keys() & {"CYCLIC SYMMETRY", "MULTIPHYSICS", "FLUID-STRUCTURE", "TIED NSET"}:
         return [("it ties something other than two surfaces", DeckPart("TIE", 1))]
-    items: Items = []
+    items: ReasonsAndParts = []
     for row in block.rows:
         words = [word for word in row if word]
         if len(words) < 2:
@@ -521,7 +528,7 @@ def _read_surface_tie(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 
 
 def _tie_near_nodes(
-    deck: _Deck, block: KeywordBlock, followers: Sequence[int], carriers: Surface
+    deck: _AssemblyContext, block: KeywordBlock, followers: Sequence[int], carriers: Surface
 ) -> tuple[list[RigidLink | Constraint], int, float]:
     """Constraints of the nodes that lie near a surface, the number of nodes that do not, and the distance that is near, m.
 
@@ -586,7 +593,12 @@ def _component_range(words: Sequence[str]) -> list[int]:
 
 
 def _follow_rigidly(
-    deck: _Deck, block: KeywordBlock, scope: Scope, main: int, nodes: Sequence[int], components: Sequence[int]
+    deck: _AssemblyContext,
+    block: KeywordBlock,
+    scope: PartData,
+    main: int,
+    nodes: Sequence[int],
+    components: Sequence[int],
 ) -> tuple[str, DeckPart]:
     """Obstacle ("" if none) and deck part of `nodes` that follow the node `main` rigidly in some components (0 to 5)."""
     kind = block.keyword

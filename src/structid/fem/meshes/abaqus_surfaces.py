@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.fem.elements.cells.isoparametric import CELLS, CellShape
-from structid.fem.meshes.abaqus_assembly import Assembly, Scope
+from structid.fem.meshes.abaqus_assembly import Assembly, PartData
 from structid.fem.meshes.abaqus_keywords import KeywordBlock
 
 #: Corners of the faces S1, S2, ... of solids, counted from 0.
@@ -63,7 +63,7 @@ class Surfaces:
     def __init__(self, assembly: Assembly, kind_of: Callable[[str], tuple[str, int]]) -> None:
         self._assembly, self._kind_of = assembly, kind_of
 
-    def read(self, scope: Scope, name: str) -> Surface:
+    def read(self, scope: PartData, name: str) -> Surface:
         """The surface that a scope calls `name`, ``INSTANCE.NAME`` in an assembly.
 
         Raises
@@ -89,7 +89,7 @@ class Surfaces:
                 faces.append(self._face(owner, label, row[1].upper()))
         return Surface(faces, list(dict.fromkeys(node for face, _ in faces for node in face)))
 
-    def _block(self, scope: Scope, name: str) -> tuple[Scope, KeywordBlock]:
+    def _block(self, scope: PartData, name: str) -> tuple[PartData, KeywordBlock]:
         """The scope and *SURFACE block called `name`, looked for in `scope` first, then in the assembly and its instances.
 
         Raises `ValueError` if there is none.
@@ -104,7 +104,7 @@ class Surfaces:
                     return holder, block
         raise ValueError(f"there is no surface {name!r}")
 
-    def _members(self, scope: Scope, word: str) -> Iterable[tuple[Scope, int]]:
+    def _members(self, scope: PartData, word: str) -> Iterable[tuple[PartData, int]]:
         """Elements that `word` names, a set or a label, as pairs of the scope that the label belongs to and the label.
 
         Raises `ValueError` if there is no such set.
@@ -125,11 +125,11 @@ class Surfaces:
             raise ValueError(f"there is no element set {word!r}")
         return [(holder, label) for label in sorted(holder.cell_sets[key])]
 
-    def _face(self, scope: Scope, label: int, side: str) -> tuple[tuple[int, ...], bool]:
+    def _face(self, scope: PartData, label: int, side: str) -> tuple[tuple[int, ...], bool]:
         """Labels in the mesh of the nodes of a face, corners before middles, and True if the element is a shell.
 
-        `side` is S1, S2, ... of a solid, or a side of a shell such as SPOS. Raises `ValueError` if there is no such element
-        or face.
+        `side` is S1, S2, ... of a solid, or a side of a shell such as SPOS. Raises `ValueError` if there is no such
+        element or face. `label` is that of the element in its `scope`.
         """
         for name, table in scope.elements.items():
             if label in table:
@@ -217,7 +217,10 @@ def footpoint(point: FloatArray, corners: FloatArray) -> Footpoint:
 
 
 def _nearest(shape: CellShape, point: FloatArray, corners: FloatArray) -> FloatArray:
-    """Reference coordinates (2,) of the point of a face nearest to `point`, by Gauss-Newton steps that stay on it."""
+    """Reference coordinates (2,) of the point of a face nearest to `point`, by Gauss-Newton steps that stay on it.
+
+    `point` is (3,), `corners` (n_nodes, 3) are the positions of the nodes of the face, whose interpolation is `shape`.
+    """
     local = shape.corners.mean(axis=0)
     for _ in range(_STEPS):
         tangents = shape.slopes(local[None])[0] @ corners
@@ -233,7 +236,7 @@ def _nearest(shape: CellShape, point: FloatArray, corners: FloatArray) -> FloatA
 def _on_face(shape: CellShape, local: FloatArray, tangents: FloatArray) -> FloatArray:
     """The point (2,) of the reference square or triangle nearest to `local`, itself if it is inside.
 
-    Distances are those that `tangents` (2, 3), the derivatives of the position, give.
+    Distances are those that `tangents` (2, 3), the derivatives of the position, give. `local` is (2,).
     """
     is_square = shape.name.startswith("quad")
     sides = [((-1, -1), (1, -1)), ((1, -1), (1, 1)), ((1, 1), (-1, 1)), ((-1, 1), (-1, -1))]

@@ -49,7 +49,8 @@ def mean_motion(
     """Map (6, n_components) from components to the rigid motion at `reference` (3,) that fits them best by least squares.
 
     Weights of rotations are multiplied by the square of the mean distance of the nodes, as in Nastran, so that those of
-    translations and rotations compare. None if the components do not determine the motion.
+    translations and rotations compare. None if the components do not determine the motion. `positions` are those of all
+    nodes by label, (3,) each.
     """
     nodes = list(dict.fromkeys(component.node for component in components))
     distances = [float(np.linalg.norm(positions[node] - reference)) for node in nodes]
@@ -86,12 +87,12 @@ def global_directions(axes: FloatArray, components: Sequence[int]) -> list[str] 
     return directions
 
 
-Row = dict[tuple[int, str], float]
+EquationRow = dict[tuple[int, str], float]
 
 
 def mean_rows(
     reference: int, axes: FloatArray, chosen: Sequence[int], components: Sequence[Component], mean: FloatArray
-) -> list[Row]:
+) -> list[EquationRow]:
     """Equations, each a sum that is 0: a component of the reference node less that of the mean motion.
 
     A row maps (node, direction) to its factor. `axes` are the reference node's own directions (rows), `chosen` its components
@@ -100,7 +101,7 @@ def mean_rows(
     rows = []
     for component in chosen:
         axis, is_rotation = axes[component % 3], component > 2
-        row: Row = dict(weights_along(reference, axis, is_rotation))
+        row: EquationRow = dict(weights_along(reference, axis, is_rotation))
         factors = axis @ (mean[3:] if is_rotation else mean[:3])
         for factor, averaged in zip(factors, components, strict=True):
             for key, part in weights_along(averaged.node, averaged.axis, averaged.is_rotation, -float(factor)).items():
@@ -110,11 +111,12 @@ def mean_rows(
 
 
 def solved_constraints(
-    name: str, rows: Sequence[Row], dependents: Sequence[tuple[int, str]]
+    name: str, rows: Sequence[EquationRow], dependents: Sequence[tuple[int, str]]
 ) -> list[Constraint] | None:
     """Equations, each a sum of `rows` that is 0, solved for `dependents` (node, direction): one constraint for each.
 
-    None if there are not as many equations as dependents, or these are not determined.
+    A row maps (node, direction) to its factor; every constraint is called `name`. None if there are not as many
+    equations as dependents, or these are not determined.
     """
     others = list(dict.fromkeys(key for row in rows for key in row if key not in set(dependents)))
     table = np.array([[row.get(key, 0.0) for key in (*dependents, *others)] for row in rows])

@@ -109,7 +109,7 @@ PART_CARDS = (*_READ, *_PROPERTIES, "PARAM", *_UNREAD)
 
 
 @dataclass(frozen=True, eq=False)
-class _Deck:
+class _DeckContext:
     """A deck with what its parts refer to.
 
     Attributes
@@ -170,7 +170,7 @@ def read_parts(
         If PARAM,WTMASS has several values.
     """
     units = DeckUnits(units.length, units.force, _mass_factor(text, cards))
-    deck = _Deck(cards, systems, positions, axes, units)
+    deck = _DeckContext(cards, systems, positions, axes, units)
     parts = [
         part
         for name, make in _readers(deck).items()
@@ -184,7 +184,10 @@ def read_parts(
 
 
 def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
-    """The value of PARAM,WTMASS in the bulk data or in case control, 1 without it; `FileError` if there are several."""
+    """The value of PARAM,WTMASS in the bulk data or in case control, 1 without it; `FileError` if there are several.
+
+    `cards` are those of the deck by name; the unit is that of the deck.
+    """
     stated = [words[1] for words in _words_of_cards(cards, "PARAM") if words[0] == "WTMASS"]
     stated += [word.decode("latin-1").upper() for word in _WTMASS.findall(text.case_control)]
     factors = {_real(word) for word in stated}
@@ -197,13 +200,13 @@ def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
 
 
 #: Why a part cannot be taken, "" where it can, and the part.
-Item = tuple[str, DeckPart]
+ReasonAndPart = tuple[str, DeckPart]
 #: Stiffness and damping (6,) of a property, its loss factor, and why it cannot be taken, by its number.
 Values = dict[int, tuple[FloatArray, FloatArray, float, str]]
-Reader = Callable[[Sequence[str]], Item]
+Reader = Callable[[Sequence[str]], ReasonAndPart]
 
 
-def _readers(deck: _Deck) -> dict[str, Reader]:
+def _readers(deck: _DeckContext) -> dict[str, Reader]:
     """Reader of one card, by the name of the card."""
     tables = {name: _property_fields(deck, name, width) for name, width in (("PELAS", 4), ("PDAMP", 2), ("PMASS", 2))}
     bushes = {"CBUSH": _read_pbush(deck), "CBUSH1D": _read_pbush1d(deck), "CVISC": _read_pvisc(deck)}
@@ -228,7 +231,7 @@ def _read_cards(name: str, rows: Sequence[Sequence[str]], reader: Reader) -> lis
 
     `rows` are the fields of each card. Unreadable cards become a part with that obstacle.
     """
-    items: list[Item] = []
+    items: list[ReasonAndPart] = []
     for words in rows:
         try:
             items.append(reader(words))
@@ -254,17 +257,17 @@ def _pad_words(words: Sequence[str], count: int) -> list[str]:
 
 
 def _component_indices(word: str) -> list[int]:
-    """Components such as 123 as indices 0, 1, 2."""
+    """The digits of `word`, components such as "123", as indices 0, 1, 2; `ValueError` unless all are 1 to 6."""
     components = [int(digit) - 1 for digit in word]
     if not set(components) <= set(range(6)):
         raise ValueError(f"components must be among 1 to 6, got {word!r}")
     return components
 
 
-def _read_body(deck: _Deck, name: str, row: Sequence[str]) -> Item:
+def _read_body(deck: _DeckContext, name: str, row: Sequence[str]) -> ReasonAndPart:
     """Refusal ("" if none) and deck part from a CONM1 or CONM2 card: the mass matrix of a grid point.
 
-    `row` are the fields of the card.
+    `row` are the fields of the card. `name` is that of the card.
     """
     words = _pad_words(row, 24)
     node = _whole(words[1])
@@ -274,7 +277,7 @@ def _read_body(deck: _Deck, name: str, row: Sequence[str]) -> Item:
     return "", DeckPart(name, 1, float(np.trace(matrix[:3, :3])) / 3, (NodalMass(node, matrix),))
 
 
-def _read_scalar_mass(deck: _Deck, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
+def _read_scalar_mass(deck: _DeckContext, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> ReasonAndPart:
     """Refusal ("" if none) and deck part from a CMASS1 or CMASS2 card: mass of one component of a grid point.
 
     `table` has the property values by number, None for CMASS2; `row` are the fields of the card.
@@ -296,7 +299,7 @@ def _read_scalar_mass(deck: _Deck, table: Mapping[int, list[str]] | None, row: S
     return "", DeckPart(kind, 1, 0.0 if axis > 2 else deck.units.mass * value, (mass,))
 
 
-def _conm2_matrix(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
+def _conm2_matrix(deck: _DeckContext, node: int, words: Sequence[str]) -> FloatArray:
     """Mass matrix (6, 6) of a CONM2 card in global directions and SI units.
 
     `words` are the fields of the card of `node`.
@@ -310,7 +313,7 @@ def _conm2_matrix(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
     return turned_matrix(mass_matrix(mass, arm, inertia), deck.axes_of(system, node))
 
 
-def _conm1_matrix(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
+def _conm1_matrix(deck: _DeckContext, node: int, words: Sequence[str]) -> FloatArray:
     """Mass matrix (6, 6) of a CONM1 card in global directions and SI units.
 
     `words` are the fields of the card of `node`.
@@ -322,7 +325,7 @@ def _conm1_matrix(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
     return turned_matrix(deck.units.mass * scale[:, None] * matrix * scale, deck.axes_of(_whole(words[2]), node))
 
 
-def _property_fields(deck: _Deck, name: str, width: int) -> dict[int, list[str]]:
+def _property_fields(deck: _DeckContext, name: str, width: int) -> dict[int, list[str]]:
     """Fields of each property, by its number, from cards `name` that hold several properties of `width` fields each.
 
     The number itself is the first of these, and is left out.
@@ -334,7 +337,9 @@ def _property_fields(deck: _Deck, name: str, width: int) -> dict[int, list[str]]
     return table
 
 
-def _read_scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
+def _read_scalar_spring(
+    deck: _DeckContext, name: str, table: Mapping[int, list[str]] | None, row: Sequence[str]
+) -> ReasonAndPart:
     """Refusal ("" if none) and deck part from a CELAS1, CELAS2, CDAMP1 or CDAMP2 card `name`.
 
     `table` has the property values by number, None for CELAS2 and CDAMP2; `row` are the fields of the card.
@@ -366,10 +371,10 @@ def _read_scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] |
     return "", DeckPart(name, 1, springs=(spring,))
 
 
-def _read_bush(deck: _Deck, name: str, values: Values, row: Sequence[str]) -> Item:
+def _read_bush(deck: _DeckContext, name: str, values: Values, row: Sequence[str]) -> ReasonAndPart:
     """Refusal ("" if none) and deck part from a CBUSH, CBUSH1D or CVISC card: springs and dashpots along its axes.
 
-    `values` are the properties by number, `row` the fields of the card.
+    `values` are the properties by number, `row` the fields of the card. `name` is that of the card.
     """
     words = _pad_words(row, 16)
     first, second = _whole(words[2]), _whole(words[3])
@@ -395,7 +400,7 @@ def _read_bush(deck: _Deck, name: str, values: Values, row: Sequence[str]) -> It
 
 
 def _bush_weights(
-    deck: _Deck, first: int, second: int, axis: FloatArray, is_rotation: bool, fraction: float
+    deck: _DeckContext, first: int, second: int, axis: FloatArray, is_rotation: bool, fraction: float
 ) -> dict[tuple[int, str], float]:
     """Weights, by (node, direction), of the displacement of the second end less the first along `axis` at the spring.
 
@@ -418,7 +423,9 @@ def _bush_weights(
     return weights
 
 
-def _bush_axes(deck: _Deck, name: str, first: int, second: int, words: Sequence[str]) -> tuple[FloatArray | None, str]:
+def _bush_axes(
+    deck: _DeckContext, name: str, first: int, second: int, words: Sequence[str]
+) -> tuple[FloatArray | None, str]:
     """Axes of the element as rows (3, 3), zero where it does not state them, and an obstacle ("" if none).
 
     The axes are None with an obstacle, or if a CBUSH has no orientation and no length. `first` and `second` (0 for the
@@ -448,7 +455,7 @@ def _bush_axes(deck: _Deck, name: str, first: int, second: int, words: Sequence[
     return np.stack([x, np.cross(z, x), z]), ""
 
 
-def _read_pbush(deck: _Deck) -> Values:
+def _read_pbush(deck: _DeckContext) -> Values:
     """Stiffness (6,), damping (6,), loss factor and obstacle of each PBUSH card, by number."""
     values: Values = {}
     for words in deck.rows("PBUSH"):
@@ -469,7 +476,7 @@ def _read_pbush(deck: _Deck) -> Values:
     return values
 
 
-def _read_pbush1d(deck: _Deck) -> Values:
+def _read_pbush1d(deck: _DeckContext) -> Values:
     """Axial stiffness and damping (6,), loss factor and obstacle of each PBUSH1D card, by number."""
     values: Values = {}
     for row in deck.rows("PBUSH1D"):
@@ -479,7 +486,7 @@ def _read_pbush1d(deck: _Deck) -> Values:
     return values
 
 
-def _read_pvisc(deck: _Deck) -> Values:
+def _read_pvisc(deck: _DeckContext) -> Values:
     """Axial and torsional damping (6,) of each PVISC card, by number."""
     values: Values = {}
     for row in deck.rows("PVISC"):
@@ -499,12 +506,12 @@ def _axial(word: str) -> FloatArray:
 
 
 #: Why a rigid element cannot be taken, "" where it can, and its ties.
-Ties = tuple[str, list[RigidLink | Constraint]]
+ReasonAndTies = tuple[str, list[RigidLink | Constraint]]
 
 
 def _make_rigid_element(
-    deck: _Deck, name: str, make: Callable[[_Deck, Sequence[str]], Ties], row: Sequence[str]
-) -> Item:
+    deck: _DeckContext, name: str, make: Callable[[_DeckContext, Sequence[str]], ReasonAndTies], row: Sequence[str]
+) -> ReasonAndPart:
     """Refusal ("" if none) and deck part `name` with the rigid links and constraints that `make` makes of a card.
 
     `row` are the fields of the card.
@@ -513,7 +520,7 @@ def _make_rigid_element(
     return obstacle, DeckPart(name, 1, ties=tuple(ties))
 
 
-def _read_rbe2(deck: _Deck, words: Sequence[str]) -> Ties:
+def _read_rbe2(deck: _DeckContext, words: Sequence[str]) -> ReasonAndTies:
     """Refusal ("" if none) and ties from an RBE2 card: nodes that follow a main node.
 
     `words` are the fields of the card.
@@ -525,10 +532,13 @@ def _read_rbe2(deck: _Deck, words: Sequence[str]) -> Ties:
     return _follow_rigidly(deck, f"rbe2 {words[0]}", main, dependents, words[2])
 
 
-def _follow_rigidly(deck: _Deck, name: str, main: int, dependents: Sequence[int], components: str) -> Ties:
+def _follow_rigidly(
+    deck: _DeckContext, name: str, main: int, dependents: Sequence[int], components: str
+) -> ReasonAndTies:
     """Refusal ("" if none) and ties of nodes that follow the node `main` rigidly in some of their components.
 
-    `components` are digits from 1 to 6, such as "123"; with all six the tie is a rigid link called `name`.
+    `components` are digits from 1 to 6, such as "123"; with all six the tie is a rigid link called `name`. `dependents`
+    are node labels.
     """
     if set(_component_indices(components)) == set(range(6)):
         return "", [RigidLink(name, main, dependents)]
@@ -542,7 +552,7 @@ def _follow_rigidly(deck: _Deck, name: str, main: int, dependents: Sequence[int]
     return "", ties
 
 
-def _read_rbar(deck: _Deck, words: Sequence[str]) -> Ties:
+def _read_rbar(deck: _DeckContext, words: Sequence[str]) -> ReasonAndTies:
     """Refusal ("" if none) and ties from an RBAR card, where all independent components are at one node.
 
     `words` are the fields of the card.
@@ -560,7 +570,7 @@ def _read_rbar(deck: _Deck, words: Sequence[str]) -> Ties:
     return "its independent components are at both nodes", []
 
 
-def _read_rbe3(deck: _Deck, words: Sequence[str]) -> Ties:
+def _read_rbe3(deck: _DeckContext, words: Sequence[str]) -> ReasonAndTies:
     """Refusal ("" if none) and ties from an RBE3 card: a reference node moves as the weighted mean of others.
 
     The mean is the least-squares fit of a rigid motion; the constraints are solved for the components that UM names.
@@ -616,7 +626,7 @@ def _is_listed(word: str) -> bool:
 
 
 def _is_number(word: str) -> bool:
-    """True if a field is a real number or blank."""
+    """True if the field `word` is a real number or blank."""
     try:
         _real(word)
     except ValueError:
@@ -625,7 +635,7 @@ def _is_number(word: str) -> bool:
 
 
 def _node_list(words: Sequence[str]) -> list[int]:
-    """Node labels in fields of a card, in order, with all those from one THRU another, BY steps.
+    """Node labels in `words`, fields of a card, in order, with all those from one THRU another, BY steps.
 
     Raises `ValueError` if a range is too long or a field is no whole number.
     """
@@ -643,10 +653,11 @@ def _node_list(words: Sequence[str]) -> list[int]:
     return labels
 
 
-def _read_mpc_set(deck: _Deck, case_control: bytes) -> list[DeckPart]:
+def _read_mpc_set(deck: _DeckContext, case_control: bytes) -> list[DeckPart]:
     """Parts of the MPC cards of the set that case control asks for, or of the only set where there is no case control.
 
-    [] if there are no MPC cards; a part with an obstacle if it is not clear which set is meant.
+    [] if there are no MPC cards; a part with an obstacle if it is not clear which set is meant. `case_control` is the
+    text above the bulk data.
     """
     if "MPC" not in deck.cards:
         return []
@@ -666,7 +677,7 @@ def _read_mpc_set(deck: _Deck, case_control: bytes) -> list[DeckPart]:
     return _read_cards("MPC", rows, partial(_make_rigid_element, deck, "MPC", _read_mpc))
 
 
-def _read_mpc(deck: _Deck, words: Sequence[str]) -> Ties:
+def _read_mpc(deck: _DeckContext, words: Sequence[str]) -> ReasonAndTies:
     """Refusal ("" if none) and tie from one MPC card: factors times components add up to 0, the first is dependent.
 
     `words` are the fields of the card.

@@ -18,7 +18,7 @@ ORDINATES = {2: (4, 1), 4: (8, 1), 5: (4, 2), 6: (8, 2)}
 
 
 @dataclass(frozen=True)
-class Block:
+class UffDataset:
     """One dataset.
 
     Attributes
@@ -54,7 +54,7 @@ class Block:
         return [line.decode(encoding) for line in content.rstrip(b"\r\n \t").splitlines()]
 
 
-def read_blocks(path: Path) -> list[Block]:
+def read_blocks(path: Path) -> list[UffDataset]:
     """Every dataset of the universal file at `path`, in order.
 
     Raises
@@ -67,7 +67,7 @@ def read_blocks(path: Path) -> list[Block]:
         data = path.read_bytes()
     except OSError as error:
         raise FileError(f"{path}: cannot be read ({error}); check the disk") from error
-    blocks: list[Block] = []
+    blocks: list[UffDataset] = []
     at = _skip_blank(data, 0)
     while at < len(data):
         tag = _TAG.match(data, max(at - 4, 0))
@@ -103,10 +103,11 @@ def _truncation_error(path: Path, ordinal: int) -> FileError:
     return FileError(f"{path}: ends within dataset {ordinal}; the file is truncated, copy or export it again")
 
 
-def _read_block(path: Path, data: bytes, begin_of_head: int, count: int) -> tuple[Block, int]:
+def _read_block(path: Path, data: bytes, begin_of_head: int, count: int) -> tuple[UffDataset, int]:
     """The dataset whose number (its kind) stands at byte `begin_of_head`, and the byte after its closing tag.
 
-    `count` is its place in the file, from 1. Raises `FileError` if it has no number or is cut short.
+    `count` is its place in the file, from 1. Raises `FileError` if it has no number or is cut short. `data` is the
+    whole file.
     """
     if not data[begin_of_head : begin_of_head + 6].strip().isdigit():
         raise FileError(f"{path}: dataset {count} has no number (byte {begin_of_head}); the file is damaged")
@@ -121,7 +122,7 @@ def _read_block(path: Path, data: bytes, begin_of_head: int, count: int) -> tupl
             end += 1
         tag = _TAG.match(data, end)
         assert tag is not None
-        return Block(count, number, head, data[begin : values_at + size], values_at - begin), tag.end()
+        return UffDataset(count, number, head, data[begin : values_at + size], values_at - begin), tag.end()
     begin_of_head = begin - 1  # the tag may follow the number
     while True:
         end = data.find(b"    -1", begin_of_head)
@@ -129,7 +130,7 @@ def _read_block(path: Path, data: bytes, begin_of_head: int, count: int) -> tupl
             raise _truncation_error(path, count)
         tag = _TAG.match(data, end)
         if tag is not None and data[end - 1 : end] in (b"\n", b"\r"):
-            return Block(count, number, head, data[begin:end]), tag.end()
+            return UffDataset(count, number, head, data[begin:end]), tag.end()
         begin_of_head = end + 1
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from structid.core.errors import FileError
-from structid.files.uff.blocks import Block
+from structid.files.uff.blocks import UffDataset
 from structid.files.uff.fields import integers
 
 #: Order in which the nodes of the cells stand in a file, as places among those of VTK; mid-side nodes stand between corners.
@@ -91,7 +91,7 @@ class UniversalElements:
         return list(dict.fromkeys((min(pair), max(pair)) for pair in pairs))
 
 
-def read_elements(path: Path, blocks: Sequence[Block]) -> UniversalElements:
+def read_elements(path: Path, blocks: Sequence[UffDataset]) -> UniversalElements:
     """The elements in the datasets 2412 of the universal file at `path`.
 
     Raises

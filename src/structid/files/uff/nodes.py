@@ -19,7 +19,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.errors import FileError
-from structid.files.uff.blocks import Block, read_blocks
+from structid.files.uff.blocks import UffDataset, read_blocks
 from structid.files.uff.fields import integers, read_reals, real_number, reals
 from structid.files.uff.units import read_unit_factors
 
@@ -125,6 +125,8 @@ class UniversalNodes:
     def axes(self, node: int, remedy: str = "export the coordinate systems too (dataset 2420)") -> FloatArray | None:
         """Axes of the motion at `node` as rows, None where they are the global ones or the file has no such node.
 
+        Axes are (3, 3).
+
         Raises
         ------
         FileError
@@ -135,7 +137,7 @@ class UniversalNodes:
         return self.turned.get(node)
 
 
-def read_nodes(path: Path, blocks: Sequence[Block] | None = None) -> UniversalNodes:
+def read_nodes(path: Path, blocks: Sequence[UffDataset] | None = None) -> UniversalNodes:
     """The nodes of datasets 15, 781 and 2411 of the universal file at `path`, in m and global axes.
 
     A node in 15 and in one of the others is taken from the other, which has more digits. Labels 0 and 1 stand for the global
@@ -144,7 +146,7 @@ def read_nodes(path: Path, blocks: Sequence[Block] | None = None) -> UniversalNo
     Parameters
     ----------
     path : Path
-    blocks : sequence of Block, optional
+    blocks : sequence of UffDataset, optional
         Datasets of the file, if they were read already.
 
     Raises
@@ -202,7 +204,7 @@ class _Node:
     coordinates: tuple[float, ...]
 
 
-def _read_node_rows(path: Path, tables: Sequence[Block]) -> dict[int, _Node]:
+def _read_node_rows(path: Path, tables: Sequence[UffDataset]) -> dict[int, _Node]:
     """Nodes by label in `tables`, datasets of the same number (15, 781 or 2411), as the file has them.
 
     Raises `FileError` if a line cannot be read, or a node has two positions.
@@ -258,9 +260,9 @@ def _short_node(line: str) -> list[float]:
 
 
 def _long_node(first: str, second: str) -> list[float]:
-    """Label, two coordinate systems (definition, displacement) and three coordinates of two lines of dataset 2411 or 781.
+    """Label, two coordinate systems (definition, displacement) and three coordinates of a node of dataset 2411 or 781.
 
-    Raises `ValueError` if they cannot be read.
+    Raises `ValueError` if they cannot be read. `first` and `second` are its two lines.
     """
     coordinates = read_reals(second.encode("ascii", errors="replace"))
     if coordinates.size != 3:
@@ -268,7 +270,7 @@ def _long_node(first: str, second: str) -> list[float]:
     return [*integers(first, (10,) * 4)[:3], *coordinates.tolist()]
 
 
-def _read_systems(path: Path, blocks: Sequence[Block], scale: float) -> dict[int, CoordinateSystem]:
+def _read_systems(path: Path, blocks: Sequence[UffDataset], scale: float) -> dict[int, CoordinateSystem]:
     """Coordinate systems of datasets 18 and 2420 by their labels, in global axes; `scale` turns the file's lengths into m.
 
     Raises `FileError` if one is damaged, or defined twice in different ways.
@@ -311,7 +313,7 @@ def _kind(where: str, label: int, kind: int) -> int:
     return kind
 
 
-def _matrix_systems(path: Path, block: Block, scale: float) -> list[CoordinateSystem]:
+def _matrix_systems(path: Path, block: UffDataset, scale: float) -> list[CoordinateSystem]:
     """Coordinate systems of one dataset 2420, in m and global axes; its matrices have the axes in rows, then the origin.
 
     `scale` turns lengths of the file into m. Raises `FileError` unless the axes are of length 1, at right angles and
@@ -339,7 +341,7 @@ def _matrix_systems(path: Path, block: Block, scale: float) -> list[CoordinateSy
     return systems
 
 
-def _point_systems(path: Path, block: Block) -> list[tuple[int, tuple[str, int, int, FloatArray]]]:
+def _point_systems(path: Path, block: UffDataset) -> list[tuple[int, tuple[str, int, int, FloatArray]]]:
     """Definitions in one dataset 18, in order, as label and (place for errors, type, reference system, points (3, 3)).
 
     The points are in the unit of the file and in the reference system: origin, one on +x, one in the +xz plane.
@@ -371,8 +373,9 @@ def _resolve_point_system(
 ) -> CoordinateSystem:
     """The coordinate system `label` of dataset 18 in global axes and m, resolved through its chain of reference systems.
 
-    `by_points` has the definitions of dataset 18, `systems` the systems that are known, `above` the labels on the way here.
-    Raises `FileError` if the chain is not closed, or the points lie on a line.
+    `by_points` has the definitions of dataset 18, `systems` the systems that are known, `above` the labels on the way
+    here. Raises `FileError` if the chain is not closed, or the points lie on a line. `scale` is the unit of the file in
+    m.
     """
     where, kind, reference, numbers = by_points[label]
     if label in above:

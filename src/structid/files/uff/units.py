@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from structid.core.errors import FileError
 from structid.core.units import FORCES, LENGTHS
-from structid.files.uff.blocks import Block
+from structid.files.uff.blocks import UffDataset
 from structid.files.uff.fields import read_reals
 
 _POUNDAL = 0.3048 * 0.45359237
@@ -33,7 +33,7 @@ class UnitFactors(NamedTuple):
     force: float
 
 
-def read_unit_factors(path: Path, blocks: Sequence[Block]) -> UnitFactors | None:
+def read_unit_factors(path: Path, blocks: Sequence[UffDataset]) -> UnitFactors | None:
     """The unit factors that dataset 164 states, by which numbers are divided to become m and N; None without dataset 164.
 
     `blocks` are the datasets of the file at `path`.
@@ -51,7 +51,7 @@ def read_unit_factors(path: Path, blocks: Sequence[Block]) -> UnitFactors | None
     return stated.pop() if stated else None
 
 
-def _read_dataset_164(path: Path, block: Block) -> UnitFactors:
+def _read_dataset_164(path: Path, block: UffDataset) -> UnitFactors:
     """The unit factors of one dataset 164; `FileError` if they are damaged or contradict their units code."""
     where = f"{path}: dataset {block.ordinal} (164)"
     lines = block.content.splitlines()

@@ -15,7 +15,7 @@ from structid.forward.motion.equations import TimeEquations, time_equations
 from structid.forward.motion.motion import MOTION_QUANTITIES, Motion, Rule, recorded_motion
 from structid.forward.motion.words import motion_estimate
 from structid.inversion import Estimate
-from structid.inversion.regression.local_reduction import Kernels, RowMaker
+from structid.inversion.regression.local_reduction import FoldingKernels, RowMaker
 from structid.inversion.regression.streaming_qr import LinearFit, StreamingQr, no_rows
 from structid.records import TimeRecord
 from structid.unknowns import Parameters
@@ -51,7 +51,7 @@ class RecursiveMotionFit:
     n_samples: int
 
     def updated(
-        self, chunk: Motion, variance: MotionVariance | None = None, work: Kernels | None = None
+        self, chunk: Motion, variance: MotionVariance | None = None, work: FoldingKernels | None = None
     ) -> RecursiveMotionFit:
         """Fit after one more chunk of motion; `variance` is the error variance of its quantities, where known."""
         fields = self.equations.fields(chunk)
@@ -111,7 +111,8 @@ class RecursiveMotionFit:
     def bias(self, values: FloatArray | None = None, exact_motion: bool = False) -> FloatArray:
         """Predicted bias (n_params,) of the fit by noise of the motion, for parameters `values`, by default the fitted ones.
 
-        With `exact_motion` the fitted motion has no noise, and the noise is added to its normal equations.
+        With `exact_motion` the fitted motion has no noise, and the noise is added to its normal equations. `values` is
+        (n_params,).
         """
         found = self.solution()
         p = found.values if values is None else np.asarray(values, dtype=np.float64)
@@ -132,7 +133,11 @@ class RecursiveMotionFit:
 
 
 def reduced_state(
-    equations: TimeEquations, state: StreamingQr, rows: RowMaker | None, fields: FloatArray, work: Kernels | None = None
+    equations: TimeEquations,
+    state: StreamingQr,
+    rows: RowMaker | None,
+    fields: FloatArray,
+    work: FoldingKernels | None = None,
 ) -> StreamingQr:
     """QR `state` updated by the equation rows of the samples `fields` (n_fields, n_times).
 

@@ -28,7 +28,7 @@ from structid.forward.motion.motion import MOTION_QUANTITIES, NO_FORCE, NO_MOTIO
 from structid.forward.motion.words import solution_words
 from structid.inversion import Status
 from structid.inversion.regression.block_least_squares import BlockFit, block_solution
-from structid.inversion.regression.local_reduction import Kernels, RowMaker, only_operator, row_maker
+from structid.inversion.regression.local_reduction import FoldingKernels, RowMaker, only_operator, row_maker
 from structid.records.on_disk import ChunkedRecord
 from structid.unknowns import Parameters
 
@@ -97,7 +97,7 @@ def identify_motion_by_chunks(
     unknown: Parameters,
     record: ChunkedRecord,
     row_weights: ArrayLike | None = None,
-    work: Kernels | None = None,
+    work: FoldingKernels | None = None,
     longest: int | None = None,
     checkpoint: Path | None = None,
     progress: Progress | None = None,
@@ -116,7 +116,7 @@ def identify_motion_by_chunks(
         Acceleration, velocity and displacement, as far as the equations hold them, of every free degree of freedom,
         and the forces; see `open_record`.
     row_weights : (n_dofs,) array, optional
-    work : Kernels, optional
+    work : FoldingKernels, optional
         Compiled or not, and on how many threads.
     longest : int, optional
         Samples a chunk; by default about a 64th of the record or 32 MB, whichever is less, and at least 24.
@@ -143,7 +143,7 @@ def reduced_by_chunks(
     fit: RecursiveMotionFit,
     structure: Structure,
     record: ChunkedRecord,
-    work: Kernels | None = None,
+    work: FoldingKernels | None = None,
     longest: int | None = None,
     checkpoint: Path | None = None,
     progress: Progress | None = None,
@@ -192,8 +192,13 @@ class RecordRows:
     rows: RowMaker
     gross: sparse.csr_array
 
-    def reduced(self, fit: RecursiveMotionFit, chunk: FloatArray, work: Kernels | None = None) -> RecursiveMotionFit:
-        """Fit updated by `chunk`, samples of the channels, (n_channels, n_times)."""
+    def reduced(
+        self, fit: RecursiveMotionFit, chunk: FloatArray, work: FoldingKernels | None = None
+    ) -> RecursiveMotionFit:
+        """Fit updated by `chunk`, samples of the channels, (n_channels, n_times).
+
+        `work` folds the rows, by default as `FoldingKernels` does.
+        """
         state = reduced_state(fit.equations, fit.state, self.rows, chunk, work)
         channels = np.sqrt(np.einsum("ct,ct->c", chunk, chunk))
         energy = locked(fit.energy + (self.gross @ channels) ** 2)
@@ -255,7 +260,7 @@ class FitKeeper:
         self.taken, self.kept = self.ended - begun, fit.n_samples
 
 
-def motion_solution(fit: RecursiveMotionFit, work: Kernels | None = None) -> MotionSolution:
+def motion_solution(fit: RecursiveMotionFit, work: FoldingKernels | None = None) -> MotionSolution:
     """Solution of a motion fit with very many parameters, by sparse factors; `work` gives the name of the engine only.
 
     Raises
@@ -265,7 +270,7 @@ def motion_solution(fit: RecursiveMotionFit, work: Kernels | None = None) -> Mot
     """
     fit.require_content()
     _give_back_memory()
-    chosen = work or Kernels()
+    chosen = work or FoldingKernels()
     found = block_solution(fit.state, fit.equations.sizes(fit.energy))
     size = fit.n_samples * len(fit.state.columns)
     engine = chosen.words(size) if len(fit.state.columns) == fit.equations.n_dofs else "NumPy"

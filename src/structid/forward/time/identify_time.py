@@ -9,7 +9,7 @@ from structid.forward.time.options import TimeOptions
 from structid.forward.time.output_error_search import identified_by_output_error
 from structid.forward.time.weak_form import identified_by_weak_form
 from structid.inversion import Estimate
-from structid.inversion.search.work import ALONE, StageProgress, Work
+from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.records import TimeRecord
 from structid.unknowns import Parameters
 
@@ -19,7 +19,7 @@ def identify_time(
     unknown: Parameters,
     record: TimeRecord,
     options: TimeOptions | None = None,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
     progress: StageProgress | None = None,
 ) -> Estimate:
     """Masses, viscous dampings and stiffnesses from time histories, consistent under noise in every channel.
@@ -46,7 +46,7 @@ def identify_time(
         (``instrumental``, ``weak``), or, for an `Oscillation`, its amplitude is. Channels with variance 0 can only
         serve ``instrumental``, or to start from.
     options : TimeOptions, optional
-    work : Work
+    work : TaskExecutor
         Where the searches of ``output_error`` run, and whether they and the iterations of ``instrumental`` are kept.
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.

@@ -24,7 +24,7 @@ from structid.inversion.search.minimum import residual_at, squared
 from structid.inversion.search.multistart import named
 from structid.inversion.search.posterior_linearization import posterior_linearized
 from structid.inversion.search.within_tolerances import FixedValues
-from structid.inversion.search.work import ALONE, StageProgress, Tools, Work
+from structid.inversion.search.work import SERIAL, StageProgress, TaskContext, TaskExecutor
 from structid.records import TimeRecord
 from structid.unknowns import Parameters
 
@@ -49,7 +49,7 @@ class _Start(NamedTuple):
 
 
 #: Stages passed, chi-square per degree of freedom of the last with a minus, and free variables where it ended.
-_Way = tuple[int, float, FloatArray]
+_PathEnd = tuple[int, float, FloatArray]
 
 
 def identified_by_output_error(
@@ -57,7 +57,7 @@ def identified_by_output_error(
     unknown: Parameters,
     record: TimeRecord,
     options: TimeOptions,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
     progress: StageProgress | None = None,
 ) -> Estimate:
     """Maximum-likelihood estimate from time histories, fitted to few samples first and then to more and more.
@@ -68,9 +68,9 @@ def identified_by_output_error(
     """
     problem = output_error_problem(structure, unknown, record, options)
     sizes = _stages(problem, options)
-    ways: list[_Way] = []
+    ways: list[_PathEnd] = []
     iterations = 0
-    for way, spent in _tried(
+    for way, spent in _search_starts(
         _rounds(problem, record, options, sizes, ways, work, progress), (problem, sizes, options), work, progress
     ):
         iterations += spent
@@ -79,8 +79,8 @@ def identified_by_output_error(
             break
     reached, _, theta = _furthest(ways)
     if reached < len(sizes):
-        tools = Tools(work.minimize, progress)
-        _, _, theta, spent = _followed(problem, sizes[reached:], theta, options, False, tools)
+        tools = TaskContext(work.minimize, progress)
+        _, _, theta, spent = _follow_stages(problem, sizes[reached:], theta, options, False, tools)
         iterations += spent
     elif options.restarts and len(ways) > 1:
         theta, spent = _confirmed(problem, options, sizes, theta, work, progress)
@@ -103,33 +103,36 @@ def identified_by_output_error(
     return replace(found.with_initial(locked(unknown.start)), spread=spread, search=search)
 
 
-def _tried(
+def _search_starts(
     rounds: Iterator[list[_Start]],
     shared: tuple[OutputErrorProblem, list[int], TimeOptions],
-    work: Work,
+    work: TaskExecutor,
     progress: StageProgress | None,
-) -> Iterator[tuple[_Way, int]]:
+) -> Iterator[tuple[_PathEnd, int]]:
     """Result of the search from each starting point in turn, with its iterations; a further round is made when needed.
 
-    `shared` is the problem, the numbers of samples of the stages, and the options.
+    `shared` is the problem, the numbers of samples of the stages, and the options. `rounds` give the starting points of
+    each round.
     """
     count = 0
     for starts in rounds:
         for first in range(0, len(starts), work.n_workers):
             ahead = starts[first : first + work.n_workers]
-            for found in work.map("starts", _way, shared, ahead, progress, first=count):
+            for found in work.map("starts", _search_from_start, shared, ahead, progress, first=count):
                 yield (int(found["reached"]), -float(found["excess"]), np.asarray(found["theta"])), int(found["spent"])
             count += len(ahead)
 
 
-def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], start: _Start, tools: Tools) -> dict[str, Any]:
+def _search_from_start(
+    shared: tuple[OutputErrorProblem, list[int], TimeOptions], start: _Start, tools: TaskContext
+) -> dict[str, Any]:
     """Result of the search from one start, as a parallel task.
 
     Keys are ``reached`` (stages passed), ``excess`` (chi-square per degree of freedom), ``theta`` and ``spent`` (iterations).
     `shared` is the problem, the numbers of samples of the stages, and the options.
     """
     problem, sizes, options = shared
-    reached, excess, theta, spent = _followed(problem, sizes[start.first :], start.theta, options, True, tools)
+    reached, excess, theta, spent = _follow_stages(problem, sizes[start.first :], start.theta, options, True, tools)
     reached += start.first if reached else 0
     return {"reached": reached, "excess": excess, "theta": theta, "spent": spent}
 
@@ -151,18 +154,19 @@ def _samples(problem: OutputErrorProblem, rows: int) -> int:
     return min(n_times, -(-rows * (problem.parameters.n_params + n_initial) // n_sensors))
 
 
-def _followed(
+def _follow_stages(
     problem: OutputErrorProblem,
     sizes: list[int],
     theta: FloatArray,
     options: TimeOptions,
     strict: bool,
-    tools: Tools,
+    tools: TaskContext,
 ) -> tuple[int, float, FloatArray, int]:
     """A search through stages with more and more samples, from the free variables `theta`.
 
     With `strict`, it ends at the first stage that misses the noise. In all stages but the last, parameters have a prior
     at where the stage begins, with half of each value as deviation. `sizes` are the numbers of samples of the stages.
+    `theta` is (n_params,).
 
     Returns
     -------
@@ -194,7 +198,7 @@ def _misfit(problem: OutputErrorProblem, linearization: Linearization | Operator
     return chi_square / freedom, float(special.gammaincc(freedom / 2, chi_square / 2))
 
 
-def _furthest(ways: list[_Way]) -> _Way:
+def _furthest(ways: list[_PathEnd]) -> _PathEnd:
     return max(ways, key=lambda way: way[:2])
 
 
@@ -203,8 +207,8 @@ def _rounds(
     record: TimeRecord,
     options: TimeOptions,
     sizes: list[int],
-    ways: list[_Way],
-    work: Work,
+    ways: list[_PathEnd],
+    work: TaskExecutor,
     progress: StageProgress | None,
 ) -> Iterator[list[_Start]]:
     """Starting points of the search in rounds, each made when all before have failed.
@@ -235,8 +239,8 @@ def _far_rounds(
     problem: OutputErrorProblem,
     options: TimeOptions,
     sizes: list[int],
-    ways: list[_Way],
-    work: Work,
+    ways: list[_PathEnd],
+    work: TaskExecutor,
     progress: StageProgress | None,
 ) -> Iterator[list[_Start]]:
     """Starting points by posterior linearization, in turn from the initial values and twice from the best minimum.
@@ -264,18 +268,19 @@ def _confirmed(
     options: TimeOptions,
     sizes: list[int],
     theta: FloatArray,
-    work: Work,
+    work: TaskExecutor,
     progress: StageProgress | None,
 ) -> tuple[FloatArray, int]:
     """Free variables of the better of `theta` and an answer near it by posterior linearization, and the iterations.
 
-    The other answer counts if its sum of squares is less by more than 1. `sizes` are the numbers of samples of the stages.
+    The other answer counts if its sum of squares is less by more than 1. `sizes` are the numbers of samples of the
+    stages. `theta` is (n_params,), and so is the result.
     """
     first = _first_far(problem, sizes)
     short, task = problem.first(sizes[first]), (theta, _NEAR_SPREAD, options.seed + _MOST_FAR)
     [found] = work.map("confirming starts", _far_start, short, [task], progress)
     starts = [_Start(np.asarray(found["theta"]), first)]
-    [way] = work.map("confirming ways", _way, (problem, sizes, options), starts, progress)
+    [way] = work.map("confirming ways", _search_from_start, (problem, sizes, options), starts, progress)
     beside = np.asarray(way["theta"])
     is_better = int(way["reached"]) == len(sizes) and _cost(problem, beside) < _cost(problem, theta) - _BETTER
     return beside if is_better else theta, int(way["spent"])
@@ -290,12 +295,12 @@ def _cost(problem: OutputErrorProblem, theta: FloatArray) -> float:
     return squared(residual_at(problem, theta))
 
 
-def _best(short: OutputErrorProblem, ways: Sequence[_Way]) -> tuple[float, FloatArray]:
+def _best(short: OutputErrorProblem, ways: Sequence[_PathEnd]) -> tuple[float, FloatArray]:
     """Least sum of squares of the samples of `short` where a way ended, and free variables there."""
     return min(((_cost(short, theta), theta) for _, _, theta in ways), key=lambda end: end[0])
 
 
-def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], tools: Tools) -> dict[str, Any]:
+def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], tools: TaskContext) -> dict[str, Any]:
     """Start point that posterior linearization reaches from a centre with a spread and a seed, as a task."""
     progress = named(tools.progress, f"far start, {short.n_times} samples")
     return {"theta": posterior_linearized(short, *task, progress)}

@@ -16,7 +16,7 @@ from structid.identification.options import IdentifyOptions
 from structid.records import FrfRecord
 
 
-class Own(NamedTuple):
+class FittedUnknowns(NamedTuple):
     """Unknowns of one problem: free variables at the end, and physical values after and before."""
 
     theta: FloatArray
@@ -125,7 +125,9 @@ class RecordFit:
         return (*words, *rounding_warnings(response_rounding(self.modes)))
 
 
-def record_fit(title: str, measured: FrfRecord, problem: FrfProblem, own: Own, options: IdentifyOptions) -> RecordFit:
+def record_fit(
+    title: str, measured: FrfRecord, problem: FrfProblem, own: FittedUnknowns, options: IdentifyOptions
+) -> RecordFit:
     """Initial and identified model beside one record of responses: FRFs, modes and resonances.
 
     Parameters
@@ -136,7 +138,7 @@ def record_fit(title: str, measured: FrfRecord, problem: FrfProblem, own: Own, o
         Record with all lines.
     problem : FrfProblem
         Problem of the lines that were used.
-    own : Own
+    own : FittedUnknowns
         Free variables and values of the problem's own parameters.
     options : IdentifyOptions
     """

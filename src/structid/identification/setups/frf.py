@@ -13,10 +13,10 @@ from structid.core.errors import InputError, NoLinesError
 from structid.dynamics.reduced_sweep import FEWEST_LINES
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, FrfProblem, ResponseCache, measures_everything, one_step_values
-from structid.forward.channel_errors import ChannelErrors, Measured
+from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord
 from structid.forward.channel_unknowns import channel_errors
 from structid.identification.checks import record_warnings
-from structid.identification.fits.record_fit import Own, RecordFit, record_fit
+from structid.identification.fits.record_fit import FittedUnknowns, RecordFit, record_fit
 from structid.identification.fits.truncation import Truncation, frf_truncation
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import Prepared, RecordSetup
@@ -94,7 +94,9 @@ class Setup(RecordSetup[FrfProblem]):
         )
         return Prepared(problem, tuple(warnings), tuple(_measured_warnings(self.structure, options)))
 
-    def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
+    def channel_errors(
+        self, unknowns: Sequence[ChannelUnknown], lines: ChannelsOfRecord | None = None
+    ) -> ChannelErrors | None:
         return channel_errors(lines or self.record, unknowns) if unknowns else None
 
     def modelled_by(
@@ -144,7 +146,7 @@ class Setup(RecordSetup[FrfProblem]):
         inside = (solved > unknown.transforms.lower) & (solved < unknown.transforms.upper)
         return problem.with_parameters(unknown.started_at(np.where(inside, solved, unknown.start)))
 
-    def response_fit(self, title: str, problem: FrfProblem, own: Own, options: IdentifyOptions) -> RecordFit:
+    def response_fit(self, title: str, problem: FrfProblem, own: FittedUnknowns, options: IdentifyOptions) -> RecordFit:
         return record_fit(title, self.record, problem, own, options)
 
 
@@ -180,6 +182,8 @@ def used_lines(record: FrfRecord, options: IdentifyOptions) -> FrfRecord:
 
 def inside(frequency: FloatArray, options: IdentifyOptions) -> np.ndarray:
     """Mask (n_frequencies,) of the frequencies (Hz) inside the band and outside the excluded stretches.
+
+    `options` state the band and the exclusions.
 
     Raises
     ------

@@ -13,10 +13,10 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, ModalProblem, ModalSettings
-from structid.forward.channel_errors import ChannelErrors, Measured
+from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord
 from structid.forward.channel_unknowns import channel_errors
 from structid.identification.fits.modal_fit import ModalFit, modal_fit
-from structid.identification.fits.record_fit import Own
+from structid.identification.fits.record_fit import FittedUnknowns
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import Prepared, RecordSetup
 from structid.modal import ModalRecord
@@ -76,7 +76,9 @@ class ModalSetup(RecordSetup[ModalProblem]):
     ) -> ModalSetup:
         return replace(self, structure=structure, parameters=parameters, channel_unknowns=channel_unknowns)
 
-    def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
+    def channel_errors(
+        self, unknowns: Sequence[ChannelUnknown], lines: ChannelsOfRecord | None = None
+    ) -> ChannelErrors | None:
         sensors = lines or _Sensors(self.record.channels, (), self.record.frequency)
         return channel_errors(sensors, unknowns) if unknowns else None
 
@@ -89,7 +91,7 @@ class ModalSetup(RecordSetup[ModalProblem]):
         span = f"{record.frequency[0]:.5g} to {record.frequency[-1]:.5g} Hz"
         return f"{record.n_modes} modes from {span} at {len(record.channels)} sensors{record.unknown_words}, {record.source}"
 
-    def modal_fit(self, title: str, problem: ModalProblem, own: Own, options: IdentifyOptions) -> ModalFit:
+    def modal_fit(self, title: str, problem: ModalProblem, own: FittedUnknowns, options: IdentifyOptions) -> ModalFit:
         return modal_fit(title, problem, own, options.n_modes)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABCMeta, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -14,17 +14,19 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward import ChannelErrors, ChannelUnknown, FrfProblem, RecordProblem
-from structid.forward.channel_errors import Measured
-from structid.identification.fits.modal_fit import ModalFit
-from structid.identification.fits.record_fit import Own, RecordFit
+from structid.forward.channel_errors import ChannelsOfRecord
+from structid.identification.fits.record_fit import FittedUnknowns, RecordFit
 from structid.identification.fits.truncation import Truncation, modes_truncation
 from structid.identification.options import IdentifyOptions
 from structid.inversion import Estimate
-from structid.inversion.search.work import StageProgress, Work
-from structid.modal import ModalRecord
+from structid.inversion.search.work import StageProgress, TaskExecutor
 from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.findings import Finding
 from structid.unknowns import Parameters
+
+if TYPE_CHECKING:
+    from structid.identification.fits.modal_fit import ModalFit
+    from structid.modal import ModalRecord
 
 P = TypeVar("P", bound=RecordProblem)
 
@@ -80,7 +82,9 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
     ) -> RecordSetup[P]:
         """A copy with another model, and other errors of channels where the record can have some."""
 
-    def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
+    def channel_errors(
+        self, unknowns: Sequence[ChannelUnknown], lines: ChannelsOfRecord | None = None
+    ) -> ChannelErrors | None:
         """Unknown errors of its sensors and loads, for all lines or those given; None where none is declared.
 
         Raises
@@ -114,7 +118,7 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
         """Name of an estimator that takes this record alone; "" where it is fitted by a search together with other records."""
         return ""
 
-    def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Estimate:
+    def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: TaskExecutor) -> Estimate:
         """The estimate by `own_estimator`."""
         raise TypeError("the record has no estimator of its own; search its problem")
 
@@ -127,11 +131,11 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
         """The problem of averaged FRFs that shows the fit of histories; None where the record shows it itself."""
         return None
 
-    def response_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> RecordFit | None:
+    def response_fit(self, title: str, problem: P, own: FittedUnknowns, options: IdentifyOptions) -> RecordFit | None:
         """The answer beside its responses, where it has some."""
         return None
 
-    def modal_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> ModalFit | None:
+    def modal_fit(self, title: str, problem: P, own: FittedUnknowns, options: IdentifyOptions) -> ModalFit | None:
         """The answer beside its modes, where it has some."""
         return None
 

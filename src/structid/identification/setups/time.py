@@ -26,18 +26,18 @@ from structid.forward import (
     TimeOptions,
     output_error_problem,
 )
-from structid.forward.channel_errors import ChannelErrors, Measured
+from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord
 from structid.forward.channel_unknowns import channel_errors
 from structid.forward.time.options import Hold, Initial, TimeMethod
 from structid.forward.time.spectra import NO_WINDOW, transient_order
 from structid.identification.checks import record_warnings
-from structid.identification.fits.record_fit import Own, RecordFit, record_fit
+from structid.identification.fits.record_fit import FittedUnknowns, RecordFit, record_fit
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import inside, used_lines
 from structid.identification.setups.histories_as_frfs import frfs_of
 from structid.identification.setups.setup import Prepared, RecordSetup
 from structid.inversion import Estimate
-from structid.inversion.search.work import StageProgress, Work
+from structid.inversion.search.work import StageProgress, TaskExecutor
 from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.findings import Finding
 from structid.records.record import LOADS, Quantity
@@ -176,7 +176,9 @@ class TimeSetup(RecordSetup[RecordProblem]):
         """Warning about modes behind the samples, where inputs run straight between these."""
         return _modes_behind_the_samples(problem)
 
-    def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
+    def channel_errors(
+        self, unknowns: Sequence[ChannelUnknown], lines: ChannelsOfRecord | None = None
+    ) -> ChannelErrors | None:
         """Unknown errors of sensors and loads; None if none is declared.
 
         Raises
@@ -227,10 +229,11 @@ class TimeSetup(RecordSetup[RecordProblem]):
     def own_estimator(self) -> str:
         return "" if self.settings.fit == "spectra" else f"fit {self.settings.fit!r}"
 
-    def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Estimate:
+    def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: TaskExecutor) -> Estimate:
         """Estimate by `identify_time` (output error, instrumental variables or weak form).
 
-        The calibration of the set-up replaces that of the options' tolerances.
+        The calibration of the set-up replaces that of the options' tolerances. `progress` is called with the name of
+        the stage, its iteration and the sum of squares; None for no reports.
         """
         tolerances = options.tolerances
         if self.calibration is not None:
@@ -238,7 +241,9 @@ class TimeSetup(RecordSetup[RecordProblem]):
         chosen = replace(_options(self.settings, options), tolerances=tolerances)
         return forward.identify_time(self.structure, self.parameters, self.record, chosen, work, progress)
 
-    def response_fit(self, title: str, problem: RecordProblem, own: Own, options: IdentifyOptions) -> RecordFit:
+    def response_fit(
+        self, title: str, problem: RecordProblem, own: FittedUnknowns, options: IdentifyOptions
+    ) -> RecordFit:
         """The fitted model beside averaged FRFs of the record."""
         return record_fit(title, self._averaged.frfs, self.shown_problem(options, problem.channels), own, options)
 
@@ -247,7 +252,10 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return AveragedHistories(self.structure, self.record, self.shown)
 
     def shown_problem(self, options: IdentifyOptions, channels: ChannelErrors | None) -> FrfProblem:
-        """Problem of averaged FRFs that only shows the fit, with the channel errors `channels` as far as they concern it."""
+        """Problem of averaged FRFs that only shows the fit, with the channel errors `channels` as far as they concern it.
+
+        `channels` is None where the record has no channel errors.
+        """
         used = used_lines(self._averaged.frfs, options)
         error = _SHOWN_ERROR if used.variance is None else 0.0
         seen = None if channels is None else channels.seen_by(used)

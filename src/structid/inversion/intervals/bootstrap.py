@@ -17,7 +17,7 @@ from structid.inversion.estimate import Estimate, Status, require_level
 from structid.inversion.problem import Problem
 from structid.inversion.problems.wrapped import ShiftedResidual
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
-from structid.inversion.search.work import ALONE, Tools, Work
+from structid.inversion.search.work import SERIAL, TaskContext, TaskExecutor
 
 BootstrapKind = Literal["noise", "blocks"]
 Record = TypeVar("Record")
@@ -68,7 +68,10 @@ class Bootstrap:
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance of the replicates about their mean; NaN where they are not reliable."""
+        """Covariance of the replicates about their mean; NaN where they are not reliable.
+
+        The result is (n_params, n_params), in physical units.
+        """
         n_params = len(self.names)
         if not self.is_reliable:
             return np.full((n_params, n_params), np.nan)
@@ -88,9 +91,9 @@ class Bootstrap:
     def interval(self, level: float = 0.95) -> FloatArray:
         """Bias-corrected percentile interval, (n_params, 2): NaN where the replicates are not reliable.
 
-        With z0 the normal quantile of the part of replicates below the original, the ends are the quantiles of
-        Phi(2 z0 -+ t) (Efron 1981), where t is Student's quantile instead of the normal one (Hesterberg 2015); the
-        same in any transformation of the parameter.
+        With z0 the normal quantile of the part of replicates below the original, the ends are the quantiles of Phi(2 z0
+        -+ t) (Efron 1981), where t is Student's quantile instead of the normal one (Hesterberg 2015); the same in any
+        transformation of the parameter. `level` is the probability of the interval.
         """
         require_level(level)
         if not self.is_reliable:
@@ -126,7 +129,7 @@ def bootstrap(
     kind: BootstrapKind | None = None,
     n_replicates: int = 200,
     rng: np.random.Generator | None = None,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
 ) -> Bootstrap:
     """Bootstrap replicates of an estimate: refits of `problem` to data simulated from the fit.
 
@@ -146,7 +149,7 @@ def bootstrap(
     n_replicates : int
     rng : numpy Generator, optional
         Seed 0 by default. The answer does not depend on where the refits run.
-    work : Work
+    work : TaskExecutor
         Where they run: in this process by default; `structid.study.run.long_run` has others.
 
     Returns
@@ -176,15 +179,15 @@ def bootstrap(
     at_minimum = problem.residual(estimate.theta)
     children = (rng or np.random.default_rng(0)).spawn(n_replicates)
     shared = (problem, np.array(estimate.theta), at_minimum, chosen)
-    results = work.map("bootstrap replicates", _refitted, shared, children)
+    results = work.map("bootstrap replicates", _refit_replicate, shared, children)
     freedom = np.full(len(estimate.names), np.inf)
     if chosen == "blocks":
         freedom = np.maximum(effective_blocks(problem, problem.linearize(estimate.theta)) - 1, LEAST_FREEDOM)
-    return _gathered(estimate, chosen, results, freedom)
+    return _collect_replicates(estimate, chosen, results, freedom)
 
 
 def bootstrap_ends(
-    problem: Problem, estimate: Estimate, level: float, seed: int, work: Work
+    problem: Problem, estimate: Estimate, level: float, seed: int, work: TaskExecutor
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Interval ends (n_params, 2) in physical units from 400 bootstrap replicates, and warnings as a tuple of sentences.
 
@@ -194,8 +197,8 @@ def bootstrap_ends(
     return found.interval(level), found.words
 
 
-def _refitted(
-    shared: tuple[Problem, FloatArray, FloatArray, str], rng: np.random.Generator, tools: Tools
+def _refit_replicate(
+    shared: tuple[Problem, FloatArray, FloatArray, str], rng: np.random.Generator, tools: TaskContext
 ) -> FloatArray | str:
     """Physical values (n_params,) of one bootstrap replicate, or a sentence on why its refit failed.
 
@@ -271,15 +274,16 @@ def bootstrap_repeats(
             continue
         good = found.status is not Status.NOT_CONVERGED and bool(np.isfinite(found.values).all())
         results.append(np.array(found.values) if good else f"{found.status.value}: {found.message}")
-    return _gathered(original, "repeats", results, np.full(len(original.names), len(repeats) - 1.0))
+    return _collect_replicates(original, "repeats", results, np.full(len(original.names), len(repeats) - 1.0))
 
 
-def _gathered(
+def _collect_replicates(
     original: Estimate, kind: str, results: Sequence[FloatArray | str], degrees_of_freedom: FloatArray
 ) -> Bootstrap:
     """`Bootstrap` of the replicates in `results`: physical values (n_params,), or a sentence for one that failed.
 
-    `original` is the estimate from the data themselves, `degrees_of_freedom` (n_params,) those of the intervals.
+    `original` is the estimate from the data themselves, `degrees_of_freedom` (n_params,) those of the intervals. `kind`
+    is "noise" or "blocks".
     """
     values = [result for result in results if not isinstance(result, str)]
     failures = [f"replicate {i + 1}: {result}" for i, result in enumerate(results) if isinstance(result, str)]

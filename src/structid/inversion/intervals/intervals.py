@@ -13,7 +13,7 @@ from structid.core.arrays import FloatArray, locked
 from structid.core.errors import InputError
 from structid.inversion.estimate import Estimate
 from structid.inversion.problem import Problem
-from structid.inversion.search.work import ALONE, Work
+from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.lazy import LoadedByKey
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def parameter_intervals(
     kind: IntervalKind = "laplace",
     level: float = 0.95,
     seed: int = 0,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
 ) -> Intervals:
     """Intervals of every parameter at probability `level`, by the method that `kind` names.
 
@@ -70,7 +70,7 @@ def parameter_intervals(
     level : float
     seed : int
         Of bootstrap and sampling.
-    work : Work
+    work : TaskExecutor
         Where profiles, refits and chains run.
 
     Returns
@@ -114,7 +114,7 @@ def _with_tolerances(ends: FloatArray, estimate: Estimate, level: float) -> Floa
 #: Interval ends (n_params, 2) in physical units, and notes on them.
 IntervalEnds: TypeAlias = tuple[FloatArray, tuple[str, ...]]
 #: Functions of problem, estimate, level, seed and work that give the ends; the module of a kind loads when it is asked for.
-_ENDS: LoadedByKey[Callable[[Problem, Estimate, float, int, Work], IntervalEnds]] = LoadedByKey(
+_ENDS: LoadedByKey[Callable[[Problem, Estimate, float, int, TaskExecutor], IntervalEnds]] = LoadedByKey(
     {
         "laplace": "structid.inversion.intervals.intervals:laplace_ends",
         "profile": "structid.inversion.intervals.profile:profile_ends",
@@ -124,12 +124,12 @@ _ENDS: LoadedByKey[Callable[[Problem, Estimate, float, int, Work], IntervalEnds]
 )
 
 
-def laplace_ends(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> IntervalEnds:
+def laplace_ends(problem: Problem, estimate: Estimate, level: float, seed: int, work: TaskExecutor) -> IntervalEnds:
     """Interval ends from the covariance of the estimate, and no notes."""
     return estimate.interval(level), ()
 
 
-class Drawn(Protocol):
+class DrawSource(Protocol):
     """Sources of draws: an `Estimate` (its Laplace interval), a `Profile`, a `Bootstrap`, `Samples`."""
 
     @property
@@ -140,7 +140,7 @@ class Drawn(Protocol):
         ...
 
 
-def to_arviz(found: Drawn, n_draws: int = 4000, seed: int = 0) -> InferenceData:
+def to_arviz(found: DrawSource, n_draws: int = 4000, seed: int = 0) -> InferenceData:
     """Posterior draws as ``arviz.InferenceData``, one variable for each parameter.
 
     Parameters

@@ -32,7 +32,7 @@ _SHORTEST, _LONGEST, _ENTRIES = 64, 2048, 60_000  # samples, and numbers of a bl
 
 
 @dataclass(frozen=True, eq=False)
-class Kernels:
+class FoldingKernels:
     """Folding of rows.
 
     Parameters
@@ -154,7 +154,7 @@ def only_operator(operator: sparse.csr_array) -> RowMaker:
 def _groups(columns: IntArray) -> IntArray:
     """Index of the first block of each group of neighbours with equal columns, and the number of blocks as last entry.
 
-    A group has three blocks at most.
+    A group has three blocks at most. `columns` is (n_blocks, k), the result (n_groups + 1,).
     """
     fresh = np.ones(len(columns), dtype=bool)
     fresh[1:] = (columns[1:] != columns[:-1]).any(axis=1)
@@ -163,7 +163,7 @@ def _groups(columns: IntArray) -> IntArray:
     return np.append(np.flatnonzero(since % _TOGETHER == 0), len(columns))
 
 
-def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, work: Kernels) -> FloatArray:
+def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, work: FoldingKernels) -> FloatArray:
     """New block triangles (n_blocks, k + 1, k + 1): the old ones updated by the rows that `maker` forms of `fields`.
 
     Compiled if `work` says so and the operator goes block by block, else by NumPy.
@@ -173,7 +173,7 @@ def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, wo
     triangles : (n_blocks, k + 1, k + 1) float array
     maker : RowMaker
     fields : (n_fields, n_times) float array
-    work : Kernels
+    work : FoldingKernels
 
     Raises
     ------

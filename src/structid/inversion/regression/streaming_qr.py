@@ -16,7 +16,7 @@ from scipy import linalg, sparse
 
 from structid.core.arrays import FloatArray, IntArray, locked, require_finite, require_shape
 from structid.core.errors import InputError
-from structid.inversion.regression.local_reduction import Kernels, RowMaker, folded_fields, row_maker
+from structid.inversion.regression.local_reduction import FoldingKernels, RowMaker, folded_fields, row_maker
 
 #: A column, or a direction of unit columns, below this part of what it could be is lost in rounding.
 RANK_TOLERANCE = 1e-10
@@ -99,7 +99,7 @@ class StreamingQr:
         return replace(self, triangles=locked(triangles), n_rows=self.n_rows + rows.shape[0] * rows.shape[1])
 
     def reduced(
-        self, rows: RowMaker | sparse.csr_array, fields: FloatArray, work: Kernels | None = None
+        self, rows: RowMaker | sparse.csr_array, fields: FloatArray, work: FoldingKernels | None = None
     ) -> StreamingQr:
         """New QR state after the equations that `rows` forms of the samples in `fields`, made in pieces to save memory.
 
@@ -110,11 +110,11 @@ class StreamingQr:
         rows : RowMaker or (n_blocks (n_columns + 1), n_fields) sparse array
             Regressors of every block, its right-hand side last, from the fields of one sample.
         fields : (n_fields, n_times) float array
-        work : Kernels, optional
+        work : FoldingKernels, optional
             Compiled or not, and on how many threads.
         """
         maker = rows if isinstance(rows, RowMaker) else row_maker(rows, self.columns)
-        triangles = folded_fields(self.triangles, maker, fields, work or Kernels())
+        triangles = folded_fields(self.triangles, maker, fields, work or FoldingKernels())
         triangles.setflags(write=False)
         return replace(self, triangles=triangles, n_rows=self.n_rows + len(self.columns) * fields.shape[1])
 

@@ -11,7 +11,7 @@ from structid.core.arrays import FloatArray
 from structid.core.constraints import Count, Positive
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import Problem
-from structid.inversion.search.least_squares import Damping, End, Point, Trial
+from structid.inversion.search.least_squares import Damping, End, IterationResult, Point
 from structid.inversion.search.levenberg_marquardt import WithJacobian
 from structid.inversion.search.minimum import residual_at, squared
 
@@ -46,7 +46,7 @@ class GaussNewton(WithJacobian):
         none = np.zeros(len(theta))
         return Point(theta, problem.linearize(theta), none, none + np.inf)
 
-    def tried(self, problem: Problem, point: Point[Linearization], damping: Damping) -> Trial:
+    def tried(self, problem: Problem, point: Point[Linearization], damping: Damping) -> IterationResult:
         """Trial with the Gauss-Newton step from `point`, or without a step and with the reason to end the search.
 
         With `step_control` the step is halved until the sum of squares does not grow. `damping` is not used.
@@ -61,9 +61,9 @@ class GaussNewton(WithJacobian):
             size /= 2
             cost = cost_at(point.theta + size * step)
         if not np.isfinite(cost):
-            return Trial(None, end=End(False, "the step leads where the model cannot be evaluated"))
+            return IterationResult(None, end=End(False, "the step leads where the model cannot be evaluated"))
         if self.step_control and cost > point.cost:
             is_small = bool(np.abs(step).max(initial=0.0) < 1e3 * self.step_tolerance)
-            return Trial(None, end=End(is_small, "no shorter step lowers the residual"))
+            return IterationResult(None, end=End(is_small, "no shorter step lowers the residual"))
         arrived = np.abs(size * step).max(initial=0.0) < self.step_tolerance
-        return Trial(size * step, end=End(True, "the step fell below its tolerance") if arrived else None)
+        return IterationResult(size * step, end=End(True, "the step fell below its tolerance") if arrived else None)

@@ -13,7 +13,7 @@ from structid.core.arrays import FloatArray
 from structid.inversion.fixed_values import FixedColumns
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
-from structid.inversion.search.minimum import Keeper, Minimum, Progress, State
+from structid.inversion.search.minimum import Minimum, Progress, SearchStateStore, State
 from structid.inversion.uncertainty import Uncertainty
 
 _LEAST_DAMPING, _MOST_DAMPING = 1e-20, 1e40
@@ -21,6 +21,8 @@ _LEAST_DAMPING, _MOST_DAMPING = 1e-20, 1e40
 _ACCEPTED = 1e-4
 #: With more damping than this a small promise says nothing.
 _MUCH_DAMPING = 1e3
+#: Memory that a search with a Jacobian may take; it takes some arrays of the Jacobian's size, and three of n_params squared.
+_DENSE_BYTES, _DENSE_COPIES = 2_000_000_000, 4
 #: The message of searches that end early, as others are better.
 LEFT = "left where other searches are better"
 
@@ -32,7 +34,7 @@ class End(NamedTuple):
     message: str
 
 
-class Trial(NamedTuple):
+class IterationResult(NamedTuple):
     """Result of one iteration.
 
     `step` is made where `gain`, the decrease in parts of what the linear model promises, is large enough; where there
@@ -142,7 +144,7 @@ class Method(Protocol[P]):
         """A `Point`: the problem linearized at free variables."""
         ...
 
-    def tried(self, problem: Problem, point: P, damping: Damping) -> Trial:
+    def tried(self, problem: Problem, point: P, damping: Damping) -> IterationResult:
         """The next step from a point."""
         ...
 
@@ -183,7 +185,7 @@ def minimize(
     method: Method[P],
     theta: FloatArray | None = None,
     progress: Progress | None = None,
-    keeper: Keeper | None = None,
+    keeper: SearchStateStore | None = None,
 ) -> Minimum:
     """Nearest minimum of the sum of squared residuals, from `theta` by `method`.
 
@@ -195,7 +197,7 @@ def minimize(
         Start; the problem's own by default.
     progress : callable, optional
         Called with the iteration and the sum of squares.
-    keeper : Keeper, optional
+    keeper : SearchStateStore, optional
         Takes the state of the search after each iteration; where it has one already, the search goes on from there.
     """
     begun = None if keeper is None else keeper.state
@@ -257,7 +259,7 @@ def _state(damping: Damping, history: Sequence[FloatArray], costs: Sequence[floa
 
 
 def sizes_at(problem: Problem, theta: FloatArray) -> FloatArray:
-    """`Point.size` at free variables."""
+    """`Point.size` of each free variable, (n_params,), at the free variables `theta` (n_params,)."""
     slope = np.maximum(np.abs(problem.slope(theta)), 1e-100)  # 0 where a bounded parameter is at its bound
     size: FloatArray = problem.unknowns.sizes(problem.physical(theta)) / slope
     return size
@@ -281,3 +283,19 @@ def damped_end(
 def shortened(step: FloatArray, limit: FloatArray) -> FloatArray:
     """Step scaled down as a whole so that no entry exceeds its `limit` in magnitude; as it is if none does."""
     return step / max(1.0, float((np.abs(step) / limit).max(initial=0.0)))
+
+
+def dense_search_fits(n_params: int, n_data: int, dense_bytes: float = _DENSE_BYTES) -> tuple[bool, str]:
+    """True if a search with a dense Jacobian fits in `dense_bytes` of memory, and a sentence with the reason.
+
+    Parameters
+    ----------
+    n_params, n_data : int
+    dense_bytes : float
+        Memory that a dense search may take.
+    """
+    size = 8.0 * _DENSE_COPIES * n_params * (n_data + n_params)
+    figures = f"{n_params} parameters and {n_data} data: a dense search would take {size / 1e9:.2g} GB"
+    if size <= dense_bytes:
+        return True, f"{figures}, which is within {dense_bytes / 1e9:.2g} GB"
+    return False, f"{figures}, more than {dense_bytes / 1e9:.2g} GB; steps are solved without forming J'J"

@@ -13,7 +13,16 @@ from structid.core.constraints import Count, NotNegative, Positive
 from structid.inversion.fixed_values import FixedColumns
 from structid.inversion.linearization import Linearization, solve_upper
 from structid.inversion.problem import Problem
-from structid.inversion.search.least_squares import LEFT, Damping, End, Point, Trial, damped_end, shortened, sizes_at
+from structid.inversion.search.least_squares import (
+    LEFT,
+    Damping,
+    End,
+    IterationResult,
+    Point,
+    damped_end,
+    shortened,
+    sizes_at,
+)
 from structid.inversion.search.minimum import Minimum, residual_at, squared
 from structid.inversion.uncertainty import Uncertainty, dense_uncertainty, misfits
 
@@ -101,7 +110,7 @@ class _Damped:
     def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
         """Damped step (n_params,) with the entries `held` (mask) fixed at those of `values` (n_params,).
 
-        `projected` is Q'r, the residual in the coordinates of the triangle.
+        `projected` is Q'r, the residual in the coordinates of the triangle. `projected` is (n_params,).
         """
         right = self.orthogonal[: len(projected)].T @ projected + self.triangle[:, held] @ values[held]
         orthogonal, factor = np.linalg.qr(self.triangle[:, ~held])
@@ -207,17 +216,17 @@ class LevenbergMarquardt(WithJacobian):
             projected=projected,
         )
 
-    def tried(self, problem: Problem, point: FactoredPoint, damping: Damping) -> Trial:
+    def tried(self, problem: Problem, point: FactoredPoint, damping: Damping) -> IterationResult:
         """Trial with the damped step from `point` and its gain ratio, or without a step and with the reason to end.
 
-        If the step keeps at most 0.7 of the predicted decrease, it is also tried with acceleration and the better one taken.
+        If the step keeps at most `_KEPT` of the predicted decrease, it is also tried with acceleration and the better one taken.
         """
         damped = _damped(point.triangle, damping.factor, damping.scale)
         velocity = _velocity(point, damped, damping)
         promised = point.promised(velocity)
         end = damped_end(point, damping, velocity, promised, self.step_tolerance, self.gain_tolerance)
         if end is not None:
-            return Trial(None, end=end)
+            return IterationResult(None, end=end)
         low, high = damping.reach.T - point.theta
         step = np.clip(shortened(velocity, damping.limit), low, high)
         residual = residual_at(problem, point.theta + step)
@@ -229,14 +238,15 @@ class LevenbergMarquardt(WithJacobian):
                 bent = np.clip(shortened(bent, damping.limit), low, high)
                 bent_cost = squared(residual_at(problem, point.theta + bent))
                 step, cost = (bent, bent_cost) if bent_cost < cost else (step, cost)
-        return Trial(step, (point.cost - cost) / promised if promised > 0 else -1.0)
+        return IterationResult(step, (point.cost - cost) / promised if promised > 0 else -1.0)
 
     def _bent_step(
         self, point: FactoredPoint, damped: _Damped, step: FloatArray, residual: FloatArray
     ) -> FloatArray | None:
         """Step with half of its geodesic acceleration, (n_params,), from the `residual` after `step`.
 
-        None without acceleration, if the curvature is below rounding, or if the acceleration is too long.
+        None without acceleration, if the curvature is below rounding, or if the acceleration is too long. `step` is
+        (n_params,), `residual` (n_residuals,).
         """
         if self.acceleration <= 0:
             return None
@@ -264,9 +274,9 @@ class Raced(LevenbergMarquardt):
     above: float = np.inf
     left_at: Positive = _LEFT_AT
 
-    def tried(self, problem: Problem, point: FactoredPoint, damping: Damping) -> Trial:
+    def tried(self, problem: Problem, point: FactoredPoint, damping: Damping) -> IterationResult:
         """Trial from `point` as in Levenberg-Marquardt, or the end of a search that will probably stay above `above`."""
         promised = float(point.projected @ point.projected)
         if promised < self.left_at * point.cost and point.cost - _MOST_GAINED * promised > self.above:
-            return Trial(None, end=End(False, LEFT))
+            return IterationResult(None, end=End(False, LEFT))
         return super().tried(problem, point, damping)

@@ -16,13 +16,9 @@ from structid.inversion.linearization import OperatorLinearization
 from structid.inversion.posterior_draws import drawn_uncertainty
 from structid.inversion.problem import Problem
 from structid.inversion.search.conjugate_gradients import conjugate_gradients, preconditioner
-from structid.inversion.search.least_squares import Damping, Point, Trial, damped_end, shortened, sizes_at
+from structid.inversion.search.least_squares import Damping, IterationResult, Point, damped_end, shortened, sizes_at
 from structid.inversion.search.minimum import Minimum, residual_at, squared
 from structid.inversion.uncertainty import Uncertainty
-
-#: A dense search takes some arrays of the Jacobian's size, and three of n_params squared.
-DENSE_BYTES = 2_000_000_000
-_DENSE_COPIES = 4
 
 
 @dataclass(frozen=True)
@@ -81,7 +77,7 @@ class MatrixFree:
         at = problem.linearize_operator(theta)
         return Point(theta, at, np.sqrt(at.squares), sizes_at(problem, theta))
 
-    def tried(self, problem: Problem, point: Point[OperatorLinearization], damping: Damping) -> Trial:
+    def tried(self, problem: Problem, point: Point[OperatorLinearization], damping: Damping) -> IterationResult:
         """Trial with the damped step from `point` by conjugate gradients and its gain ratio, or with the reason to end."""
         at, weight = point.at, damping.factor * damping.scale**2
         gradient = at.transposed(at.residual)
@@ -96,10 +92,10 @@ class MatrixFree:
         promised = -float(linear @ linear + 2 * step @ gradient)
         end = damped_end(point, damping, step, promised, self.step_tolerance, self.gain_tolerance)
         if end is not None:
-            return Trial(None, end=end)
+            return IterationResult(None, end=end)
         step = shortened(step, damping.limit)
         cost = squared(residual_at(problem, point.theta + step))
-        return Trial(step, (point.cost - cost) / promised if promised > 0 else -1.0, count)
+        return IterationResult(step, (point.cost - cost) / promised if promised > 0 else -1.0, count)
 
     def for_stages(self) -> MatrixFree:
         return replace(self, max_iterations=20, gain_tolerance=1e-3, inner_tolerance=1e-3)
@@ -133,19 +129,3 @@ class MatrixFree:
         """Covariance and rank at the minimum from draws of the posterior; see `drawn_uncertainty`."""
         at = cast(OperatorLinearization, minimum.linearization)
         return drawn_uncertainty(problem, minimum.theta, at, self.draws, self.solved, misfit_probability, seed, fixed)
-
-
-def dense_search_fits(n_params: int, n_data: int, dense_bytes: float = DENSE_BYTES) -> tuple[bool, str]:
-    """True if a search with a dense Jacobian fits in `dense_bytes` of memory, and a sentence with the reason.
-
-    Parameters
-    ----------
-    n_params, n_data : int
-    dense_bytes : float
-        Memory that a dense search may take.
-    """
-    size = 8.0 * _DENSE_COPIES * n_params * (n_data + n_params)
-    figures = f"{n_params} parameters and {n_data} data: a dense search would take {size / 1e9:.2g} GB"
-    if size <= dense_bytes:
-        return True, f"{figures}, which is within {dense_bytes / 1e9:.2g} GB"
-    return False, f"{figures}, more than {dense_bytes / 1e9:.2g} GB; steps are solved without forming J'J"

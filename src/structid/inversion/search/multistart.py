@@ -16,13 +16,13 @@ from structid.inversion.diagnostics.bounds import at_bounds
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import ContinuationPath, Problem, Schedule
 from structid.inversion.search.least_squares import LEFT, Method, sizes_at
-from structid.inversion.search.minimum import Minimum, Progress, StageCourse, Stored, residual_at, squared
+from structid.inversion.search.minimum import Minimum, Progress, StageCourse, StoredValues, residual_at, squared
 from structid.inversion.search.work import (
-    ALONE,
+    SERIAL,
     Minimizer,
     StageProgress,
-    Tools,
-    Work,
+    TaskContext,
+    TaskExecutor,
     restored_minimum,
     stored_minimum,
 )
@@ -43,7 +43,7 @@ _MISSES, _MISSES_AT_LEAST, _NEAR_BEST = 4.0, 30.0, 1.01
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class DistinctMinimum:
     """One minimum of the sum of squares, and how many searches ended there.
 
     Attributes
@@ -130,7 +130,7 @@ def searched_minima(
     search: Search,
     fits: Callable[[Minimum], bool],
     progress: StageProgress | None = None,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
 ) -> SearchedMinima:
     """Minima found by all searches, with the iterations of each.
 
@@ -151,7 +151,7 @@ def searched_minima(
     fits : callable
         True where the data allow a minimum.
     progress : callable, optional
-    work : Work
+    work : TaskExecutor
     """
     start = np.array(problem.theta_start if search.start is None else search.start)
     chosen: Sequence[ContinuationPath] = paths or ((),)
@@ -174,18 +174,18 @@ def searched_minima(
     while not good and len(minima) < len(starts):
         ahead = starts[len(minima) : len(minima) + work.n_workers]
         for task in work.map("restarts", _search, shared, ahead, progress, first=len(minima) - 1):
-            minima.append(_found(problem, method, task))
+            minima.append(_read_minimum(problem, method, task))
             good = fits(minima[-1][0])
             if good:
                 break
-    minima = _ended(problem, method, minima, progress, work)
+    minima = _complete_searches(problem, method, minima, progress, work)
     used = max(0, len(minima) - len(chosen))
     best = min((minimum for minimum, _ in minima), key=lambda minimum: float(minimum.costs[-1]))
     doubtful = good and _is_doubtful(problem, method, best, start, search)
     count = most if doubtful else search.uniqueness_starts
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
     found = work.map("uniqueness starts", _search, (problem, method, tuple(chosen)), more, progress) if more else []
-    minima += [_found(problem, method, task) for task in found]
+    minima += [_read_minimum(problem, method, task) for task in found]
     if not search.wide_starts or (good and not _is_determined_somewhere(problem, best, start)):
         return SearchedMinima(minima)
     grouped = _GroupedMinima(fits)
@@ -226,7 +226,7 @@ class _GroupedMinima:
         if not minimum.converged:
             return False
         for other, is_fitting in self.distinct:
-            if _distance(other, minimum) <= _SAME:
+            if are_same(other, minimum):
                 return is_fitting
         self.distinct.append((minimum, self.fits(minimum)))
         return self.distinct[-1][1]
@@ -245,12 +245,13 @@ def _wide_minima(
     search: Search,
     grouped: _GroupedMinima,
     progress: StageProgress | None,
-    work: Work,
+    work: TaskExecutor,
 ) -> tuple[list[tuple[Minimum, int]], bool]:
     """All minima of searches from distant random starts and along the weakest directions, and True if they are complete.
 
-    Each minimum comes with its number of iterations. They are complete if no further one is expected before `wide_starts` run
-    out. `path` is the continuation path of each search, `start` the centre of the starts; `grouped` takes the new minima.
+    Each minimum comes with its number of iterations. They are complete if no further one is expected before
+    `wide_starts` run out. `path` is the continuation path of each search, `start` the centre of the starts; `grouped`
+    takes the new minima. `start` (n_params,) are free variables.
     """
     rng = np.random.default_rng([search.seed, search.wide_starts])
     reach, size = problem.unknowns.reach, np.log(_WIDE) * sizes_at(problem, start)
@@ -258,12 +259,12 @@ def _wide_minima(
     n_made, n_ended, n_followed = 0, 0, 0
 
     def run(points: Sequence[FloatArray]) -> int:
-        """Search from each of `points`, and return how many of the searches ended at minima that the data allow."""
+        """Search from each of `points` (n_params,), and return how many of the searches ended at minima that the data allow."""
         nonlocal n_made
         items = [(n_made + k, 0, np.clip(point, *reach.T)) for k, point in enumerate(points)]
         tasks = work.map("wide starts", _search_widely, (problem, method, (path,)), items, progress, first=n_made)
         n_made += len(items)
-        ends = [_found(problem, method, task) for task in tasks if "failed" not in task]
+        ends = [_read_minimum(problem, method, task) for task in tasks if "failed" not in task]
         minima.extend(ends)
         return sum(grouped.add(minimum) for minimum, _ in ends)
 
@@ -282,9 +283,12 @@ def _wide_minima(
 
 
 def _search_widely(
-    shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: Tools
-) -> Stored:
-    """One search from a wide start, as a task; it may come to where the data cannot be held against the model."""
+    shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: TaskContext
+) -> StoredValues:
+    """One search from a wide start, as a task; it may come to where the data cannot be held against the model.
+
+    Arguments and result are those of `_search`.
+    """
     try:
         return _search(shared, item, tools)
     except InputError as error:
@@ -292,7 +296,10 @@ def _search_widely(
 
 
 def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
-    """Starting points on both sides of an answer along its two worst-determined directions, a factor of five away at most."""
+    """Starting points on both sides of an answer along its two worst-determined directions, a factor of five away at most.
+
+    Points are free variables, (n_params,) each.
+    """
     size = sizes_at(problem, answer.theta)
     rows = np.linalg.svd(cast(Linearization, answer.linearization).jacobian * size)[2][-_WEAKEST:]
     steps = [np.log(_WIDE) * row / np.abs(row).max() * size for row in rows]
@@ -302,7 +309,8 @@ def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
 def _is_determined_somewhere(problem: Problem, minimum: Minimum, start: FloatArray) -> bool:
     """True if data and priors determine every direction of the parameters at a minimum, or at the start.
 
-    A search may end between several answers, where the data do not see the way from one to the next.
+    A search may end between several answers, where the data do not see the way from one to the next. `start`
+    (n_params,) are free variables.
     """
     if _is_determined(problem, minimum.theta, cast(Linearization, minimum.linearization)):
         return True
@@ -322,10 +330,14 @@ def _is_determined(problem: Problem, theta: FloatArray, at: Linearization) -> bo
     return bool(singular[-1] > _SEEN * singular[0])
 
 
-def _ended(
-    problem: Problem, method: Method, minima: list[tuple[Minimum, int]], progress: StageProgress | None, work: Work
+def _complete_searches(
+    problem: Problem,
+    method: Method,
+    minima: list[tuple[Minimum, int]],
+    progress: StageProgress | None,
+    work: TaskExecutor,
 ) -> list[tuple[Minimum, int]]:
-    """Minima with their iterations, after the stopped searches near the best were completed.
+    """`minima` with their numbers of iterations, after the stopped searches near the best were completed.
 
     A search that was stopped early is continued if its sum of squares is at most 1.01 times the smallest.
     """
@@ -354,7 +366,8 @@ def _after(first: Minimum, last: Minimum) -> Minimum:
 def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatArray, search: Search) -> bool:
     """True if the best answer is doubtful enough for more searches: far from the start, or pushed beyond a bound.
 
-    False without `doubt_starts` or for a matrix-free method. See `Search`.
+    False without `doubt_starts` or for a matrix-free method. See `Search`. `start` (n_params,) are the free variables
+    at the start.
     """
     if not search.doubt_starts or method.is_matrix_free:
         return False
@@ -366,8 +379,8 @@ def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatAr
 
 
 def _search(
-    shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: Tools
-) -> Stored:
+    shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: TaskContext
+) -> StoredValues:
     """Minimum of one search as stored arrays with its iterations, as a parallel task; ``failed`` holds the error instead.
 
     `shared` is the problem, the method and the continuation paths; `item` is the number of the search (from 0), the index of
@@ -384,7 +397,7 @@ def _search(
     return {**stored_minimum(minimum), "iterations": iterations}
 
 
-def _found(problem: Problem, method: Method, task: Stored) -> tuple[Minimum, int]:
+def _read_minimum(problem: Problem, method: Method, task: StoredValues) -> tuple[Minimum, int]:
     """Minimum of a stored task and its number of iterations; `SingularModelError` if the task failed."""
     if "failed" in task:
         raise SingularModelError(task["failed"])
@@ -398,12 +411,13 @@ def staged(
     theta: FloatArray,
     progress: StageProgress | None,
     prefix: str = "",
-    minimize: Minimizer = ALONE.minimize,
+    minimize: Minimizer = SERIAL.minimize,
 ) -> tuple[Minimum, int]:
     """Minimum of `problem` after the searches of its easier `stages`, and the number of iterations of all of them.
 
     If the problem has a larger sum of squares at the end of the stages than at `theta`, its search starts from `theta`.
-    `prefix` begins the names of stages in progress messages.
+    `prefix` begins the names of stages in progress messages. `theta` (n_params,) are free variables; `progress` is
+    called with the name of a stage, its iteration and the sum of squares, None for no reports.
     """
     start, iterations = theta, 0
     courses: list[StageCourse] = []
@@ -428,7 +442,7 @@ def distinct_answers(
     fits: Callable[[Minimum], bool],
     least_cost: Callable[[Minimum], float],
     probability: float,
-) -> tuple[Answer, ...]:
+) -> tuple[DistinctMinimum, ...]:
     """Distinct converged minima, best first, and for each if it fits the data within noise.
 
     Minima at most three posterior standard deviations apart are one answer.
@@ -446,7 +460,7 @@ def distinct_answers(
     """
     groups: list[list[Minimum]] = []
     for minimum in sorted((m for m in minima if m.converged), key=cost_rank):
-        own = next((g for g in groups if _distance(g[0], minimum) <= _SAME), None)
+        own = next((g for g in groups if are_same(g[0], minimum)), None)
         if own is None:
             groups.append([minimum])
         else:
@@ -457,7 +471,7 @@ def distinct_answers(
         most = float(special.chdtri(max(len(first.theta), 1), probability))
         fit = fits(first) and (first is best or least_cost(first) - least_cost(best) <= most)
         values, theta = locked(problem.physical(first.theta)), locked(first.theta)
-        answers.append(Answer(values, theta, float(first.costs[-1]), len(group), _distance(best, first), fit))
+        answers.append(DistinctMinimum(values, theta, float(first.costs[-1]), len(group), _distance(best, first), fit))
     return tuple(answers)
 
 
@@ -478,11 +492,16 @@ def ends_at_other(problem: Problem, minimum: Minimum, end: FloatArray, other: Mi
     end, other_end : (n_params,) float arrays
         Free variables of their refits.
     """
-    if _distance(other, minimum) <= _SAME:
+    if are_same(other, minimum):
         return False
     size = sizes_at(problem, minimum.theta)
     begun, apart = ((end - point) / np.where(size > 0, size, 1.0) for point in (minimum.theta, other_end))
     return bool(np.linalg.norm(apart) < np.linalg.norm(begun))
+
+
+def are_same(first: Minimum, second: Minimum) -> bool:
+    """True if two minima are one answer: within three posterior standard deviations of each other."""
+    return _distance(first, second) <= _SAME
 
 
 def _distance(first: Minimum, second: Minimum) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.inversion.problem import Problem
 from structid.inversion.search.least_squares import Method, minimize
-from structid.inversion.search.minimum import Keeper, Minimum, Progress, StageCourse, Stored
+from structid.inversion.search.minimum import Minimum, Progress, SearchStateStore, StageCourse, StoredValues
 
 StageProgress = Callable[[str, int, float], None]
 
@@ -24,7 +24,7 @@ class Minimizer(Protocol):
     ) -> Minimum: ...
 
 
-class Tools(NamedTuple):
+class TaskContext(NamedTuple):
     """Context of a task beside its own data; `progress` is None in another process."""
 
     minimize: Minimizer
@@ -32,17 +32,17 @@ class Tools(NamedTuple):
 
 
 #: Of tasks in another process, and of those that make no search.
-PLAIN_TOOLS = Tools(minimize, None)
+PLAIN_CONTEXT = TaskContext(minimize, None)
 
 Shared = TypeVar("Shared")
 Item = TypeVar("Item")
-Found = TypeVar("Found")
+TaskResult = TypeVar("TaskResult")
 #: A function of a module (not a closure) of what all tasks share, the item, and the tools; gives numbers, texts,
 #: arrays, or lists and mappings of them.
-Task: TypeAlias = Callable[[Shared, Item, Tools], Found]
+Task: TypeAlias = Callable[[Shared, Item, TaskContext], TaskResult]
 
 
-class Work(Protocol):
+class TaskExecutor(Protocol):
     """Executor of searches and repeated tasks; the answer does not depend on it."""
 
     @property
@@ -56,19 +56,19 @@ class Work(Protocol):
         """Search for the minimum, as `structid.inversion.minimize`."""
         ...
 
-    def keeper(self, problem: Problem) -> Keeper | None:
+    def keeper(self, problem: Problem) -> SearchStateStore | None:
         """Store for the state of a search after each iteration; None where nothing is kept."""
         ...
 
     def map(
         self,
         name: str,
-        task: Task[Shared, Item, Found],
+        task: Task[Shared, Item, TaskResult],
         shared: Shared,
         items: Sequence[Item],
         progress: StageProgress | None = None,
         first: int = 0,
-    ) -> list[Found]:
+    ) -> list[TaskResult]:
         """`task` of every item, in their order.
 
         Parameters
@@ -89,7 +89,7 @@ class Work(Protocol):
 
 
 @dataclass(frozen=True)
-class Alone:
+class SerialExecutor:
     """Everything in this process, one after another, nothing kept."""
 
     n_workers: int = 1
@@ -99,25 +99,25 @@ class Alone:
     ) -> Minimum:
         return minimize(problem, method, theta, progress)
 
-    def keeper(self, problem: Problem) -> Keeper | None:
+    def keeper(self, problem: Problem) -> SearchStateStore | None:
         return None
 
     def map(
         self,
         name: str,
-        task: Task[Shared, Item, Found],
+        task: Task[Shared, Item, TaskResult],
         shared: Shared,
         items: Sequence[Item],
         progress: StageProgress | None = None,
         first: int = 0,
-    ) -> list[Found]:
-        return [task(shared, item, Tools(minimize, progress)) for item in items]
+    ) -> list[TaskResult]:
+        return [task(shared, item, TaskContext(minimize, progress)) for item in items]
 
 
-ALONE = Alone()
+SERIAL = SerialExecutor()
 
 
-def stored_minimum(minimum: Minimum) -> Stored:
+def stored_minimum(minimum: Minimum) -> StoredValues:
     """A minimum without its linearization, in plain arrays."""
     return {
         "theta": minimum.theta,
@@ -130,7 +130,7 @@ def stored_minimum(minimum: Minimum) -> Stored:
     }
 
 
-def restored_minimum(problem: Problem, method: Method, stored: Stored) -> Minimum:
+def restored_minimum(problem: Problem, method: Method, stored: StoredValues) -> Minimum:
     """Minimum restored from the arrays `stored` by `stored_minimum`, linearized anew."""
     theta = np.asarray(stored["theta"], dtype=np.float64)
     history, costs, inner = (np.asarray(stored[name]) for name in ("history", "costs", "inner"))

@@ -16,7 +16,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
 from structid.core.errors import InputError, NoModesError
-from structid.modal.correlations import Outputs
+from structid.modal.correlations import ScaledMotion
 from structid.modal.method import ModalOptions
 from structid.modal.modal_record import ModalRecord
 from structid.records.correlation import CorrelationRecord
@@ -82,7 +82,7 @@ class Band:
         return len(self.peaks)
 
 
-def centred(data: Outputs) -> Outputs:
+def centred(data: ScaledMotion) -> ScaledMotion:
     """`data` without the mean of each record, which would leak into the low lines."""
     return replace(data, series=tuple(y - y.mean(axis=0) for y in data.series))
 
@@ -92,7 +92,7 @@ def hann(segment: int) -> FloatArray:
     return np.asarray(np.sin(np.pi * np.arange(segment) / segment) ** 2)
 
 
-def segments(data: Outputs, segment: int) -> Iterator[FloatArray]:
+def segments(data: ScaledMotion, segment: int) -> Iterator[FloatArray]:
     """Half-overlapping stretches of `segment` samples of all records, (segment, n_channels) each.
 
     Raises
@@ -110,13 +110,13 @@ def segments(data: Outputs, segment: int) -> Iterator[FloatArray]:
             yield y[start : start + segment]
 
 
-def default_segment(data: Outputs) -> int:
+def default_segment(data: ScaledMotion) -> int:
     """Number of samples in a segment: a power of two that leaves about 40 half-overlapping segments in all, at least 8."""
     total, shortest = sum(len(y) for y in data.series), min(len(y) for y in data.series)
     return int(2 ** max(3, np.floor(np.log2(max(min(2 * total / (_AVERAGES + 1), shortest), 8)))))
 
 
-def singular_spectrum(data: Outputs, segment: int) -> Spectrum:
+def singular_spectrum(data: ScaledMotion, segment: int) -> Spectrum:
     """Singular value decomposition of the Welch spectral matrix at every line, with Hann windows and half overlap.
 
     `segment` is the number of samples in a segment. The mean of each record is removed; `matrix` of the result is empty.
@@ -156,6 +156,8 @@ def coherence(spectrum: Spectrum, line: int) -> float:
 def automatic_peaks(spectrum: Spectrum, level: int = 0) -> IntArray:
     """Line indices of significant peaks of a singular value of the spectrum, lowest first, without two lines at either end.
 
+    The result is (n_peaks,).
+
     Parameters
     ----------
     spectrum : Spectrum
@@ -176,7 +178,7 @@ def automatic_peaks(spectrum: Spectrum, level: int = 0) -> IntArray:
 def peaks_by_hand(spectrum: Spectrum, frequencies: Sequence[float]) -> IntArray:
     """Line index of the highest peak of the first singular value near each of `frequencies` (Hz), lowest first.
 
-    Near is within two lines or 2 %, whichever is more.
+    Near is within two lines or 2 %, whichever is more. The result is (n_peaks,), increasing.
 
     Raises
     ------
@@ -203,7 +205,7 @@ def peaks_by_hand(spectrum: Spectrum, frequencies: Sequence[float]) -> IntArray:
     return np.array(sorted(chosen), dtype=int)
 
 
-def chosen_peaks(data: Outputs, options: ModalOptions) -> tuple[Spectrum, IntArray]:
+def chosen_peaks(data: ScaledMotion, options: ModalOptions) -> tuple[Spectrum, IntArray]:
     """Singular spectrum of the records, and line indices of its peaks within the criteria, lowest first.
 
     Peaks are those near `options.frequencies`, or automatic ones.
@@ -219,8 +221,8 @@ def chosen_peaks(data: Outputs, options: ModalOptions) -> tuple[Spectrum, IntArr
     return spectrum, peaks_within(spectrum, options)
 
 
-def stored_spectrum(record: SpectrumRecord | CorrelationRecord) -> tuple[Outputs, Spectrum]:
-    """Channels of a record of spectra (`Outputs` without samples), scaled to equal power, and its singular spectrum.
+def stored_spectrum(record: SpectrumRecord | CorrelationRecord) -> tuple[ScaledMotion, Spectrum]:
+    """Channels of a record of spectra (`ScaledMotion` without samples), scaled to equal power, and its singular spectrum.
 
     Where the references are not all channels, the singular vectors on the side of the channels are taken. Correlation functions
     are transformed under a Hann window of twice their length: with the lags before 0 where the references are all channels,
@@ -231,7 +233,7 @@ def stored_spectrum(record: SpectrumRecord | CorrelationRecord) -> tuple[Outputs
     InputError
         If the spectra of a channel are 0.
     """
-    frequency, matrix = _lines(record)
+    frequency, matrix = _stored_lines(record)
     power = np.sqrt((np.abs(matrix) ** 2).sum(axis=0))
     of_channel, of_reference = np.sqrt(power.max(axis=1)), np.sqrt(power.max(axis=0))
     if not (of_channel > 0).all():
@@ -240,12 +242,12 @@ def stored_spectrum(record: SpectrumRecord | CorrelationRecord) -> tuple[Outputs
         raise InputError(f"the {words} of channel {dead} are 0; leave this channel out, or repair the sensor")
     matrix = matrix / (of_channel[:, None] * of_reference)
     vectors, values, _ = np.linalg.svd(matrix, full_matrices=False)
-    data = Outputs((), of_channel, record.channels, record.quantities, np.inf)
+    data = ScaledMotion((), of_channel, record.channels, record.quantities, np.inf)
     averages = np.nan if record.averages is None else float(record.averages)
     return data, Spectrum(frequency, values, vectors, averages, 0, matrix)
 
 
-def _lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArray, ComplexArray]:
+def _stored_lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArray, ComplexArray]:
     """Frequencies (Hz) and spectral matrices (n_lines, n_channels, n_references) of stored spectra or correlation functions."""
     if isinstance(record, SpectrumRecord):
         return record.frequency, record.values
@@ -262,6 +264,8 @@ def _lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArray, Comp
 
 def peaks_within(spectrum: Spectrum, options: ModalOptions) -> IntArray:
     """Line indices of the peaks within the frequency limits, by hand or automatic, lowest first; see `chosen_peaks`.
+
+    The result is (n_peaks,).
 
     Raises
     ------

@@ -26,7 +26,7 @@ from structid.core.arrays import ComplexArray, FloatArray
 from structid.inversion.linearization import solve_upper
 from structid.inversion.problems.eliminated import EliminatedProblem, NormalEquations, minimize_eliminated
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
-from structid.modal.correlations import Outputs, displacement_rows
+from structid.modal.correlations import ScaledMotion, displacement_rows
 from structid.modal.modal_record import ModalRecord, by_frequency
 from structid.modal.poles.poles import frequency_damping_slope
 
@@ -51,7 +51,7 @@ class DecayFit:
     poles : (n_modes,) complex array
         rad/s.
     amplitudes : tuple of (n_modes, n_channels) complex arrays
-        a_k of every record at its first sample, in the scaled unit of `Outputs`.
+        a_k of every record at its first sample, in the scaled unit of `ScaledMotion`.
     pole_covariance : (2 n_modes, 2 n_modes) float array
         Of all Re s, then all Im s.
     slopes : tuple of (2 n_modes, n_modes, n_channels) complex arrays
@@ -71,7 +71,7 @@ class DecayFit:
 
 
 @dataclass(frozen=True, eq=False)
-class _Projected:
+class _RecordAtPoles:
     """One record at given poles, its amplitudes eliminated."""
 
     basis: FloatArray  # (n_times, 2 n_modes), orthonormal
@@ -87,12 +87,12 @@ class _Projected:
         return solve_upper(self.triangle, self.along)
 
 
-def decay_fit(data: Outputs, start: ComplexArray) -> DecayFit | None:
+def decay_fit(data: ScaledMotion, start: ComplexArray) -> DecayFit | None:
     """Maximum-likelihood fit of free decays with common poles to all records; None if it does not converge.
 
     Parameters
     ----------
-    data : Outputs
+    data : ScaledMotion
         Free decays.
     start : (n_modes,) complex array
         Poles of a subspace method, rad/s, in the upper half plane.
@@ -106,7 +106,7 @@ def decay_fit(data: Outputs, start: ComplexArray) -> DecayFit | None:
     -----
     Cost of one step: 24 N n^2 for N samples and n modes, and 4 N n m for m channels.
     """
-    first = _projected(data, start)
+    first = _project_records(data, start)
     sigma = _noise(first)
     if (sigma < _ROUNDING).any():
         return None
@@ -120,13 +120,13 @@ def decay_fit(data: Outputs, start: ComplexArray) -> DecayFit | None:
     return _with_covariance(data, poles, parts)
 
 
-def energy_fractions(data: Outputs, poles: ComplexArray) -> FloatArray:
+def energy_fractions(data: ScaledMotion, poles: ComplexArray) -> FloatArray:
     """Energy of each mode's fitted decay over that of all records, (n_modes,), channels scaled to equal power.
 
     `poles` (n_modes,) are in rad/s. Fractions need not add up to 1.
     """
     n, found = len(poles), np.zeros(len(poles))
-    for p in _projected(data, poles):
+    for p in _project_records(data, poles):
         gram = p.triangle.T @ p.triangle
         for k in range(n):
             own = p.coefficients[[k, n + k]]
@@ -134,9 +134,9 @@ def energy_fractions(data: Outputs, poles: ComplexArray) -> FloatArray:
     return found / sum(float(np.sum(y**2)) for y in data.series)
 
 
-def strength(data: Outputs, poles: ComplexArray) -> FloatArray:
+def strength(data: ScaledMotion, poles: ComplexArray) -> FloatArray:
     """Wald's F statistic of the amplitudes of each mode with `poles` (rad/s), (n_modes,); about 1 for mere noise."""
-    parts = _projected(data, poles)
+    parts = _project_records(data, poles)
     sigma, n = _noise(parts), len(poles)
     found = np.zeros(n)
     for p in parts:
@@ -147,7 +147,7 @@ def strength(data: Outputs, poles: ComplexArray) -> FloatArray:
     return found / (2 * len(sigma) * len(parts))
 
 
-def stands_out(data: Outputs, poles: ComplexArray) -> NDArray[np.bool_]:
+def stands_out(data: ScaledMotion, poles: ComplexArray) -> NDArray[np.bool_]:
     """Mask (n_modes,) of the modes of a free decay whose `strength` is above that of noise; `poles` in rad/s.
 
     Poles that a method has chosen to follow the noise reach a `strength` of some 1 + 5 / sqrt(n) for n series; the limit is
@@ -156,22 +156,22 @@ def stands_out(data: Outputs, poles: ComplexArray) -> NDArray[np.bool_]:
     return np.asarray(strength(data, poles) > noise_strength(data))
 
 
-def noise_strength(data: Outputs) -> float:
+def noise_strength(data: ScaledMotion) -> float:
     """The `strength` that poles of noise do not reach."""
     return float(1 + 9 / np.sqrt(len(data.series) * data.n_channels))
 
 
-def schwarz(data: Outputs, poles: ComplexArray) -> float:
+def schwarz(data: ScaledMotion, poles: ComplexArray) -> float:
     """Schwarz's (1978) information criterion of a free decay with `poles` (rad/s); the lowest value marks the best set."""
     n_samples = sum(len(y) for y in data.series)
     unknowns = 2 * len(poles) * (1 + len(data.series) * data.n_channels)
-    misfit = 2 * n_samples * float(np.sum(np.log(_noise(_projected(data, poles)))))
+    misfit = 2 * n_samples * float(np.sum(np.log(_noise(_project_records(data, poles)))))
     return float(misfit + unknowns * np.log(n_samples * data.n_channels))
 
 
-def left_over(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> FloatArray:
+def left_over(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) -> FloatArray:
     """F statistic (see `strength`) of each of the poles `candidates` if added alone to `poles`, (n_candidates,); rad/s."""
-    parts = _projected(data, poles)
+    parts = _project_records(data, poles)
     sigma = _noise(parts)
     found = np.zeros(len(candidates))
     for p in parts:
@@ -184,7 +184,7 @@ def left_over(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> F
     return found / (2 * len(sigma) * len(parts))
 
 
-def is_left_over(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> bool:
+def is_left_over(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) -> bool:
     """True if at least one of `candidates` (rad/s), added to `poles`, would exceed `noise_strength`."""
     return bool((left_over(data, poles, candidates) > noise_strength(data)).any())
 
@@ -194,8 +194,8 @@ def is_near(poles: ComplexArray, start: ComplexArray) -> bool:
     return bool((np.abs(poles - start) <= _FAR * np.abs(start)).all())
 
 
-def _projected(data: Outputs, poles: ComplexArray) -> list[_Projected]:
-    """Projection of each record onto the decays of `poles` (rad/s), one `_Projected` for each record."""
+def _project_records(data: ScaledMotion, poles: ComplexArray) -> list[_RecordAtPoles]:
+    """Projection of each record onto the decays of `poles` (rad/s), one `_RecordAtPoles` for each record."""
     found = []
     for y in data.series:
         time = np.arange(len(y))[:, None] / data.sampling_rate
@@ -206,7 +206,7 @@ def _projected(data: Outputs, poles: ComplexArray) -> list[_Projected]:
         slope = time * basis
         part = q.T @ slope
         found.append(
-            _Projected(
+            _RecordAtPoles(
                 q,
                 triangle,
                 solve_upper(triangle, along),
@@ -218,13 +218,13 @@ def _projected(data: Outputs, poles: ComplexArray) -> list[_Projected]:
     return found
 
 
-def _inverse_gram(part: _Projected) -> FloatArray:
+def _inverse_gram(part: _RecordAtPoles) -> FloatArray:
     """Covariance of the coefficients for unit noise, (2 n_modes, 2 n_modes)."""
     inverse = solve_upper(part.triangle, np.eye(len(part.triangle)))
     return np.asarray(inverse @ inverse.T)
 
 
-def _noise(parts: Sequence[_Projected]) -> FloatArray:
+def _noise(parts: Sequence[_RecordAtPoles]) -> FloatArray:
     """Standard deviation of the residual of each channel over all records, (n_channels,), by degrees of freedom."""
     freedom = sum(max(p.residual.shape[0] - len(p.triangle), 1) for p in parts)
     return np.asarray(np.sqrt(sum(np.sum(p.residual**2, axis=0) for p in parts) / freedom))
@@ -245,7 +245,7 @@ def _directions(coefficients: FloatArray) -> FloatArray:
     return slopes
 
 
-def _normal(parts: Sequence[_Projected], sigma: FloatArray) -> NormalEquations:
+def _normal(parts: Sequence[_RecordAtPoles], sigma: FloatArray) -> NormalEquations:
     """Normal equations, in all Re s, then all Im s, of residuals divided by `sigma` (n_channels,).
 
     `parts` are the projections of the records at the present poles.
@@ -259,12 +259,14 @@ def _normal(parts: Sequence[_Projected], sigma: FloatArray) -> NormalEquations:
     return NormalEquations(matrix, gradient, _cost(parts, sigma))
 
 
-def _cost(parts: Sequence[_Projected], sigma: FloatArray) -> float:
+def _cost(parts: Sequence[_RecordAtPoles], sigma: FloatArray) -> float:
     """Sum of squares of residuals divided by `sigma` (n_channels,)."""
     return sum(float(np.sum((p.residual / sigma) ** 2)) for p in parts)
 
 
-def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[ComplexArray, list[_Projected]] | None:
+def _minimum(
+    data: ScaledMotion, start: ComplexArray, sigma: FloatArray
+) -> tuple[ComplexArray, list[_RecordAtPoles]] | None:
     """Poles (n_modes,), rad/s, of least squared residual, and the projections there; None without convergence.
 
     `start` are the poles to begin with, `sigma` (n_channels,) the standard deviation of the noise. None also if a pole of
@@ -273,7 +275,7 @@ def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[Com
     n = len(start)
 
     @lru_cache(maxsize=1)  # a step is tried and taken at the same poles
-    def project(changes: bytes) -> tuple[ComplexArray, list[_Projected]] | None:
+    def project(changes: bytes) -> tuple[ComplexArray, list[_RecordAtPoles]] | None:
         """Poles (rad/s) after changes of all Re s, then all Im s (a float array as bytes), and the projections.
 
         None where a pole does not oscillate, decays or grows too fast, or the projection is singular.
@@ -284,7 +286,7 @@ def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[Com
         if (poles.imag <= 0).any() or (poles.real * data.duration > _GROWTH).any() or is_fast:
             return None
         try:
-            return poles, _projected(data, poles)
+            return poles, _project_records(data, poles)
         except np.linalg.LinAlgError:
             return None
 
@@ -308,7 +310,7 @@ def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[Com
     return project(changes.tobytes()) if has_converged else None
 
 
-def _with_covariance(data: Outputs, poles: ComplexArray, parts: list[_Projected]) -> DecayFit | None:
+def _with_covariance(data: ScaledMotion, poles: ComplexArray, parts: list[_RecordAtPoles]) -> DecayFit | None:
     """Decay fit at its minimum `poles` (rad/s), with covariance from the noise around each mode; None if that is singular.
 
     `parts` are the projections at these poles, one for each record.
@@ -344,7 +346,9 @@ def _with_covariance(data: Outputs, poles: ComplexArray, parts: list[_Projected]
     )
 
 
-def _local_noise(data: Outputs, poles: ComplexArray, parts: Sequence[_Projected], level: FloatArray) -> FloatArray:
+def _local_noise(
+    data: ScaledMotion, poles: ComplexArray, parts: Sequence[_RecordAtPoles], level: FloatArray
+) -> FloatArray:
     """Residual power near each mode's frequency, relative to white noise of standard deviation `level`, (n_modes,).
 
     `poles` are in rad/s, `level` is (n_channels,). The mean over 4 to 16 Hann-windowed segments per record, half overlapping,
@@ -405,12 +409,12 @@ def decay_shapes(fit: DecayFit, scale: FloatArray, merge: ComplexArray) -> tuple
     return shapes, std
 
 
-def decay_modes(data: Outputs, modes: ModalRecord) -> ModalRecord:
+def decay_modes(data: ScaledMotion, modes: ModalRecord) -> ModalRecord:
     """Modes of free decays, with those that stand out of the noise refined by maximum likelihood.
 
     Parameters
     ----------
-    data : Outputs
+    data : ScaledMotion
         Records that `modes` come from.
     modes : ModalRecord
         By a subspace method; for refined modes, frequencies, damping ratios, shapes and their covariance are replaced.
@@ -446,7 +450,7 @@ def decay_modes(data: Outputs, modes: ModalRecord) -> ModalRecord:
     )  # fmt: skip
 
 
-def _shown_decay(data: Outputs, s: ComplexArray) -> tuple[str, ...]:
+def _shown_decay(data: ScaledMotion, s: ComplexArray) -> tuple[str, ...]:
     """Warning, in a tuple, that the records are too short to show that their motion dies out; () if they do show it.
 
     They do if the fastest of the poles `s` (rad/s) decays by a factor e within the longest record.

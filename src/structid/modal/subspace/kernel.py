@@ -20,11 +20,11 @@ from scipy import linalg
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import InputError
-from structid.modal.correlations import Outputs, Piece
+from structid.modal.correlations import RecordPiece, ScaledMotion
 from structid.modal.poles.poles import Poles, state_poles
 
 _LARGE, _FEW = 200, 4  # rows or columns, and times the vectors wanted, from which on Lanczos bidiagonalization pays
-Parts = Callable[[Outputs, Sequence[Piece]], Iterator[FloatArray]]
+MatrixParts = Callable[[ScaledMotion, Sequence[RecordPiece]], Iterator[FloatArray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Subspace:
 
     Attributes
     ----------
-    data : Outputs
+    data : ScaledMotion
         Channels the first block row stands for.
     left, singular, right : arrays (n_rows, rank), (rank,), (n_columns, rank)
         Singular value decomposition of the matrix, complete where there are `windows` for a covariance.
@@ -41,20 +41,20 @@ class Subspace:
         A_n = inverse[:n, :n] moved[:n, :n]; the inverse is that of a triangular matrix, whose leading parts are inverses too.
     parts : function of (data, windows), or None
         Yields what each piece of the records contributes to the matrix; their sum is the matrix.
-    windows : tuple of Piece
+    windows : tuple of RecordPiece
         The pieces.
     method : str
         Name of the method.
     """
 
-    data: Outputs
+    data: ScaledMotion
     left: FloatArray
     singular: FloatArray
     right: FloatArray
     inverse: FloatArray
     moved: FloatArray
-    parts: Parts | None
-    windows: tuple[Piece, ...]
+    parts: MatrixParts | None
+    windows: tuple[RecordPiece, ...]
     method: str
 
     @property
@@ -72,11 +72,11 @@ class Subspace:
 
 def shift_invariant(
     matrix: FloatArray,
-    data: Outputs,
+    data: ScaledMotion,
     method: str,
     max_order: int,
-    parts: Parts | None = None,
-    windows: Sequence[Piece] = (),
+    parts: MatrixParts | None = None,
+    windows: Sequence[RecordPiece] = (),
     complete: bool = False,
 ) -> Subspace:
     """Subspace from the singular value decomposition of a block Hankel `matrix` whose block rows are one sample apart.
@@ -85,7 +85,7 @@ def shift_invariant(
     ----------
     matrix : (n_rows, n_columns) float array
         A block row holds all channels of `data`.
-    data : Outputs
+    data : ScaledMotion
         The records behind it.
     method : str
         Name of the subspace method.
@@ -93,7 +93,7 @@ def shift_invariant(
         Largest model order; lowered where the matrix has less room.
     parts : callable, optional
         Gives the parts of the matrix from windows of the data.
-    windows : sequence of Piece
+    windows : sequence of RecordPiece
         Windows for a covariance; with several the decomposition is complete.
     complete : bool
         Whether all singular vectors are computed.
@@ -114,7 +114,8 @@ def shift_invariant(
 def _singular_vectors(matrix: FloatArray, rank: int, complete: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Singular value decomposition (U, s, V') of `matrix`, values decreasing: complete, or the leading `rank` of a large one.
 
-    It is complete if `complete`, or if the smaller side is below 200 or 4 `rank`.
+    It is complete if `complete`, or if the smaller side is below 200 or 4 `rank`. U is (n_rows, k), s (k,) and V' (k,
+    n_columns), with k the number of values.
     """
     if complete or min(matrix.shape) < max(_LARGE, _FEW * rank):
         return tuple(linalg.svd(matrix, full_matrices=False))
@@ -131,7 +132,7 @@ def _require_full(triangle: FloatArray, order: int) -> None:
 
 
 def poles_of_orders(subspace: Subspace, orders: Sequence[int] | IntArray) -> tuple[Poles, ...]:
-    """Poles and shapes of the model of every order, one `Poles` for each of `orders`.
+    """Poles and shapes of the model of every order, one `Poles` for each of `orders`, numbers of states.
 
     Raises
     ------

@@ -27,8 +27,8 @@ from scipy import linalg
 
 from structid.core.arrays import FloatArray
 from structid.modal.correlations import (
-    Outputs,
-    Piece,
+    RecordPiece,
+    ScaledMotion,
     lag_hankels,
     pieces,
     require_length,
@@ -40,12 +40,12 @@ from structid.modal.subspace.kernel import Subspace, shift_invariant
 _REGULAR = 1e-4
 
 
-def pencil(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
+def pencil(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
     """Subspace of the matrix pencil of output covariances (block Hankel matrix).
 
     Parameters
     ----------
-    data : Outputs
+    data : ScaledMotion
         Free decays or ambient motion; covariances of several records add up, which separates repeated modes.
     block_rows : int
         Delays i on either side, at least 2.
@@ -66,12 +66,12 @@ def pencil(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) ->
     return shift_invariant(matrix, data, "covariance pencil", max_order, parts, windows)
 
 
-def ssi_cov(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
+def ssi_cov(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
     """Subspace by covariance-driven stochastic subspace identification.
 
     Parameters
     ----------
-    data : Outputs
+    data : ScaledMotion
         Free decays or ambient motion.
     block_rows : int
         Delays on either side, at least 2.
@@ -92,7 +92,7 @@ def ssi_cov(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -
     return shift_invariant(matrix, data, "covariance-driven SSI", max_order, parts, windows)
 
 
-def ssi_data(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
+def ssi_data(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
     """Subspace by data-driven stochastic subspace identification.
 
     With L L' the sum of P P' over the window, the projection is the pencil's sum of F P' times L^-T. Where the past
@@ -102,7 +102,7 @@ def ssi_data(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) 
 
     Parameters
     ----------
-    data : Outputs
+    data : ScaledMotion
         Free decays or ambient motion.
     block_rows : int
         Delays on either side, at least 2.
@@ -128,7 +128,7 @@ def ssi_data(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) 
         size = np.abs(np.diag(past))
         if len(triangle) < 2 * width or size.min() <= 1e-10 * size.max():
             return shift_invariant(matrix, data, "data-driven SSI", max_order)
-    parts = partial(_projected, rows=block_rows, past=past)
+    parts = partial(_window_projections, rows=block_rows, past=past)
     matrix = np.sum(list(parts(data, whole)), axis=0) if matrix is None else matrix
     return shift_invariant(matrix, data, "data-driven SSI", max_order, parts, windows)
 
@@ -139,7 +139,10 @@ def _forward(matrix: FloatArray, rows: int) -> FloatArray:
 
 
 def _cholesky(gram: FloatArray, least: float) -> FloatArray | None:
-    """Upper triangle R with R' R = `gram`; None if not positive definite, or if its diagonal spans more than 1 / `least`."""
+    """Upper triangle R with R' R = `gram`; None if not positive definite, or if its diagonal spans more than 1 / `least`.
+
+    R and `gram` are (n, n); `least` is the smallest allowed ratio of diagonal entries.
+    """
     try:
         triangle = np.asarray(linalg.cholesky(gram))
     except np.linalg.LinAlgError:
@@ -148,7 +151,9 @@ def _cholesky(gram: FloatArray, least: float) -> FloatArray | None:
     return triangle if size.min() > least * size.max() else None
 
 
-def _projected(data: Outputs, windows: Sequence[Piece], rows: int, past: FloatArray) -> Iterator[FloatArray]:
+def _window_projections(
+    data: ScaledMotion, windows: Sequence[RecordPiece], rows: int, past: FloatArray
+) -> Iterator[FloatArray]:
     """Contribution of each window, in order, to the projection of future on past samples: F P' times the inverse of R.
 
     `rows` is the number of block rows, `past` the upper triangle R with R' R the sum of P P' over all windows. Each matrix is
@@ -159,7 +164,7 @@ def _projected(data: Outputs, windows: Sequence[Piece], rows: int, past: FloatAr
         yield total * linalg.solve_triangular(past.T, _forward(part, rows).T, lower=True).T
 
 
-def delayed_triangle(data: Outputs, rows: int) -> FloatArray:
+def delayed_triangle(data: ScaledMotion, rows: int) -> FloatArray:
     """Triangle R of the QR decomposition of delayed samples [y(t), ..., y(t + rows - 1)] of all instants.
 
     Returns

@@ -21,7 +21,7 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import ComplexArray, FloatArray
-from structid.modal.correlations import Outputs, Piece
+from structid.modal.correlations import RecordPiece, ScaledMotion
 from structid.modal.poles.poles import oscillating
 from structid.modal.subspace.kernel import Subspace
 
@@ -35,7 +35,7 @@ _OVERFLOW = 300.0  # exponent of a growing pole
 
 
 @dataclass(frozen=True, eq=False)
-class Deviations:
+class SingularVectorChanges:
     """Changes of G seen through its singular vectors, scaled so that covariances are plain sums over them.
 
     Attributes
@@ -73,7 +73,7 @@ class FreeDecay:
     explains_all: bool
 
 
-def free_decay(data: Outputs, poles: ComplexArray) -> FreeDecay:
+def free_decay(data: ScaledMotion, poles: ComplexArray) -> FreeDecay:
     """Records split into the least-squares free decay with `poles` (rad/s) and the rest, and how much the decay explains.
 
     The split is left out (empty lists) if a quick estimate finds less than 20 % of the power explained.
@@ -98,7 +98,7 @@ def free_decay(data: Outputs, poles: ComplexArray) -> FreeDecay:
     return FreeDecay(decay, rest, explains_most=True, explains_all=all(still))
 
 
-def _decay_fraction(data: Outputs, poles: ComplexArray) -> float:
+def _decay_fraction(data: ScaledMotion, poles: ComplexArray) -> float:
     """Fraction (0 to 1) of the records' power that free decays with `poles` (rad/s) explain, estimated from a few channel sums.
 
     Normal equations are used, whose matrix is a geometric series. 1 where a pole grows so fast that it would overflow, or the
@@ -146,11 +146,11 @@ def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
     return float(at.max(initial=0.0) / level) if level > 0 else 0.0
 
 
-def deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_modes: int) -> Deviations | None:
+def deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_modes: int) -> SingularVectorChanges | None:
     """Deviations of the subspace matrix: by noise if `motion` is a free decay throughout, else by windows of the records.
 
-    None if there are fewer than two windows, or the method gives no parts of the matrix. `n_modes` sets the least number of
-    noise deviations, 4 `n_modes`.
+    None if there are fewer than two windows, or the method gives no parts of the matrix. `n_modes` sets the least
+    number of noise deviations, 4 `n_modes`. `max_order` is the number of singular vectors that count.
     """
     if len(subspace.windows) < 2 or subspace.parts is None:
         return None
@@ -159,7 +159,7 @@ def deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_modes: i
     return noise_deviations(subspace, max_order, motion, max(len(subspace.windows), 4 * n_modes))
 
 
-def piece_deviations(subspace: Subspace, max_order: int) -> Deviations:
+def piece_deviations(subspace: Subspace, max_order: int) -> SingularVectorChanges:
     """Deviation of each window's part of the subspace matrix from its share of the whole, for stationary motion.
 
     There is one deviation per window, through the leading `max_order` singular vectors.
@@ -173,7 +173,7 @@ def piece_deviations(subspace: Subspace, max_order: int) -> Deviations:
     for window, part in zip(subspace.windows, parts, strict=True):
         right.append(factor * (part @ v - window.part * u * s))
         left.append(factor * (part.T @ u - window.part * v * s))
-    return Deviations(np.array(right), np.array(left))
+    return SingularVectorChanges(np.array(right), np.array(left))
 
 
 def overlapping_batches(
@@ -258,11 +258,11 @@ def frequency_widening(poles: ComplexArray, seconds: float, n_pieces: int, memor
     return np.asarray(special.stdtrit(np.minimum(batches, damping), 0.975) / special.stdtrit(batches, 0.975))
 
 
-def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_changes: int) -> Deviations:
+def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_changes: int) -> SingularVectorChanges:
     """Deviations of the subspace matrix by noise, `n_changes` in number, from shifted residuals of a free decay.
 
-    The residual of each record is shifted cyclically and added to its fitted decay. Pieces of a decay cannot serve, since
-    they are no repeats of each other.
+    The residual of each record is shifted cyclically and added to its fitted decay. Pieces of a decay cannot serve,
+    since they are no repeats of each other. `max_order` is the number of singular vectors that count.
     """
     assert subspace.parts is not None
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]
@@ -279,28 +279,28 @@ def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_ch
         change = (matrix(drawn) - clean) / np.sqrt(n_changes)
         right.append(change @ v)
         left.append(change.T @ u)
-    return Deviations(np.array(right), np.array(left))
+    return SingularVectorChanges(np.array(right), np.array(left))
 
 
-def _whole_windows(windows: Sequence[Piece]) -> tuple[Piece, ...]:
+def _whole_windows(windows: Sequence[RecordPiece]) -> tuple[RecordPiece, ...]:
     """Windows that join all pieces of each record, one for each record, by record number."""
     joined = []
     for number in sorted({piece.record for piece in windows}):
         pieces = [piece for piece in windows if piece.record == number]
         ends = min(p.start for p in pieces), max(p.stop for p in pieces)
-        joined.append(Piece(number, *ends, sum(p.part for p in pieces)))
+        joined.append(RecordPiece(number, *ends, sum(p.part for p in pieces)))
     return tuple(joined)
 
 
 def pole_deviations(
-    subspace: Subspace, spread: Deviations, order: int, chosen: Sequence[int]
+    subspace: Subspace, spread: SingularVectorChanges, order: int, chosen: Sequence[int]
 ) -> tuple[ComplexArray, ComplexArray]:
     """Changes of poles (rad/s) and shapes of the model of `order` states by each deviation in `spread`.
 
     Parameters
     ----------
     subspace : Subspace
-    spread : Deviations
+    spread : SingularVectorChanges
         Of its matrix, through at least `order` singular vectors.
     order : int
         Number of states.

@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.errors import InputError, NoModesError
-from structid.modal.correlations import Outputs, displacement_rows, hankel
+from structid.modal.correlations import ScaledMotion, displacement_rows, hankel
 from structid.modal.method import ModalIdentification, ModalOptions, by_rising_frequency
 from structid.modal.modal_record import ModalRecord, unit_largest
 from structid.modal.poles.poles import modal_phase_collinearity
 from structid.modal.subspace.kernel import Subspace, poles_of_orders, shift_invariant
-from structid.modal.subspace.pole_uncertainty import Deviations
+from structid.modal.subspace.pole_uncertainty import SingularVectorChanges
 from structid.modal.subspace.subspace_modes import (
     BLOCK_ROWS,
     MAX_ORDER,
@@ -67,8 +67,8 @@ _NO_AVERAGES = (
 )
 
 
-def correlation_outputs(record: CorrelationRecord) -> Outputs:
-    """`Outputs` without samples for the channels of a correlation record, scaled by the root mean square of their functions.
+def correlation_outputs(record: CorrelationRecord) -> ScaledMotion:
+    """`ScaledMotion` without samples for the channels of a correlation record, scaled by the root mean square of their functions.
 
     The scale of a channel is that of its largest function, (n_channels,).
 
@@ -84,7 +84,7 @@ def correlation_outputs(record: CorrelationRecord) -> Outputs:
         raise InputError(
             f"the correlation functions of channel {dead} are 0; leave this channel out, or repair the sensor"
         )
-    return Outputs((), size, record.channels, record.quantities, record.sampling_rate)
+    return ScaledMotion((), size, record.channels, record.quantities, record.sampling_rate)
 
 
 def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> ModalIdentification:
@@ -166,7 +166,7 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
         return ModalIdentification(modes, "ssi_cov", sweep, found, options)
     left_out = by_rising_frequency(left_out_clusters(selection.others, frequency, ratio))
     result = ModalIdentification(modes, "ssi_cov", sweep, found, options, left_out)
-    is_split = _split(poles, shapes / data.scale[:, None], result.probability)
+    is_split = _is_split_pole(poles, shapes / data.scale[:, None], result.probability)
     result = result.kept(
         ~is_split, "stable poles with the shape and, to within its bandwidth, the frequency of a surer one"
     )
@@ -181,8 +181,8 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
 
 def error_deviations(
     record: CorrelationRecord, averages: int, subspace: Subspace, rows: int, columns: int, max_order: int
-) -> Deviations:
-    """Deviations of the block Hankel matrix by 100 drawn errors of correlation functions whose references are all channels.
+) -> SingularVectorChanges:
+    """Deviations of the block Hankel matrix by `_DRAWS` drawn errors of correlation functions whose references are all channels.
 
     `averages` is the number of averages behind each function; `rows` and `columns` are numbers of blocks of the matrix, and
     `max_order` is the number of singular vectors.
@@ -197,7 +197,7 @@ def error_deviations(
         change = hankel(stack, rows, columns)
         right.append(change @ v)
         left.append(change.T @ u)
-    return Deviations(np.array(right), np.array(left))
+    return SingularVectorChanges(np.array(right), np.array(left))
 
 
 def drawn_errors(functions: FloatArray, averages: float, n_draws: int) -> Iterator[FloatArray]:
@@ -221,7 +221,7 @@ def drawn_errors(functions: FloatArray, averages: float, n_draws: int) -> Iterat
         yield np.fft.irfft(root @ hermitian @ root.conj().transpose(0, 2, 1), 2 * n, axis=0)[:n]
 
 
-def _split(poles: ComplexArray, shapes: ComplexArray, probability: FloatArray) -> NDArray[np.bool_]:
+def _is_split_pole(poles: ComplexArray, shapes: ComplexArray, probability: FloatArray) -> NDArray[np.bool_]:
     """Mask (n_modes,) of poles near a more probable pole of the same shape, as when noise splits a mode in two.
 
     Near is within the half-power bandwidth, the same shape a MAC above 0.9. `poles` (n_modes,) are in rad/s, `shapes`

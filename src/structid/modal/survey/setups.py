@@ -13,7 +13,7 @@ from structid.core.display import file_names
 from structid.core.errors import NoModesError
 from structid.modal.full_field import at_all_channels
 from structid.modal.identification import modal_identification
-from structid.modal.merging import Merging, merged_setups
+from structid.modal.merging import MergedModes, merged_setups
 from structid.modal.method import ModalIdentification
 from structid.modal.modal_record import ModalRecord, joined
 from structid.modal.survey.options import ModesOptions
@@ -39,8 +39,9 @@ def modes_of_setups(
 ) -> ModesResult:
     """Modes of one structure from several set-ups with common reference sensors, identified and merged.
 
-    A mode that two set-ups or more have, and one has not, is looked for in that one's record at the others' frequency. The
-    record and the spectra of the result are those of the first set-up.
+    A mode that two set-ups or more have, and one has not, is looked for in that one's record at the others' frequency.
+    The record and the spectra of the result are those of the first set-up. `geometry` is a file of node positions or
+    None; None for `options` and `read` takes their defaults.
 
     Raises
     ------
@@ -82,7 +83,7 @@ def modes_of_setups(
     )
 
 
-def recovered_modes(result: ModesResult, merging: Merging, number: int) -> ModalRecord | None:
+def recovered_modes(result: ModesResult, merging: MergedModes, number: int) -> ModalRecord | None:
     """Modes that set-up `number` (from 0) lacks in `merging` but its record shows near the merged frequency; None if none.
 
     `result` is that of the set-up. Only modes within its frequency limits are looked for, and only in time records and FRFs.
@@ -112,8 +113,9 @@ def recovered_modes(result: ModesResult, merging: Merging, number: int) -> Modal
 def _wanted_modes(again: ModalRecord, merged: ModalRecord, lost: IntArray, present: ModalRecord) -> IntArray:
     """Indices, increasing, of modes of `again` that match the `lost` modes of `merged` and are not among `present`.
 
-    A match is within 2 % in frequency, has a MAC of 0.7 or more over the known entries, and a standard deviation of frequency
-    below the half-power bandwidth. `lost` are mode numbers of `merged`; `present` are modes the set-up already has.
+    A match is within 2 % in frequency, has a MAC of `_ONE_SHAPE` or more over the known entries, and a standard deviation of
+    frequency below the half-power bandwidth. `lost` are mode numbers of `merged`; `present` are modes the set-up
+    already has. The result is (n_wanted,), `lost` (n_lost,).
     """
     places = {dof.unsigned: i for i, dof in enumerate(merged.channels)}
     rows = np.array([places[dof.unsigned] for dof in again.channels])

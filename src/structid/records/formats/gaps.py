@@ -16,7 +16,7 @@ from structid.records.formats.selection import sample_range
 from structid.records.quality.sample_faults import fill_missing, flagged_runs
 
 
-class Whole(NamedTuple):
+class GaplessSamples(NamedTuple):
     """Samples without a gap, (n_times, n_channels), the time of the first in s, and words on what was done, or none."""
 
     values: FloatArray
@@ -40,7 +40,7 @@ def whole(
     options: ReadOptions,
     named: bool = True,
     lines: Lines | None = None,
-) -> Whole:
+) -> GaplessSamples:
     """Samples between `options.start` and `options.stop`, with gaps up to `options.longest_gap` samples filled by cubics.
 
     Returns the samples (n_kept, n_channels), the time of the first of them in s, and a note on filled samples ("" for none).
@@ -77,7 +77,7 @@ def whole(
         others = [j for j, channel in enumerate(channels) if channel not in chosen]
         kept[:, others], missing[:, others] = np.where(missing[:, others], 0.0, kept[:, others]), False
     if not missing.any():
-        return Whole(kept, begins, "")
+        return GaplessSamples(kept, begins, "")
     longest = options.longest_gap or 0
     gaps = {j: flagged_runs(missing[:, j]) for j in np.flatnonzero(missing.any(axis=0)).tolist()}
     if any(b - a > longest or a == 0 or b == len(kept) for found in gaps.values() for a, b in found):
@@ -86,7 +86,7 @@ def whole(
     for j in gaps:
         kept[:, j] = fill_missing(kept[:, j], missing[:, j])
     counts = ", ".join(f"{channels[j]} {missing[:, j].sum()}" for j in gaps)
-    return Whole(kept, begins, f"samples invented to fill gaps, of {len(kept)}: {counts}")
+    return GaplessSamples(kept, begins, f"samples invented to fill gaps, of {len(kept)}: {counts}")
 
 
 def source_with_note(path: Path, note: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from structid.core.errors import FileError, InputError
 from structid.files import damage_told, require_readable
-from structid.files.uff.blocks import Block, read_blocks
+from structid.files.uff.blocks import UffDataset, read_blocks
 from structid.files.uff.elements import read_elements
 from structid.files.uff.fields import integers
 from structid.files.uff.nodes import Point, read_nodes
@@ -88,7 +88,7 @@ def _read_universal_file(path: Path) -> Geometry:
     return Geometry(nodes, lines or tuple(read_elements(path, blocks).edges()), has_unit)
 
 
-def _trace_line(path: Path, block: Block) -> tuple[int, ...]:
+def _trace_line(path: Path, block: UffDataset) -> tuple[int, ...]:
     """Node labels of the trace line in a block of dataset 82, in drawing order; 0 lifts the pen.
 
     Raises `FileError` if the block is damaged.

@@ -12,7 +12,7 @@ from structid.records.formats.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
 Record = FrfRecord | TimeRecord
-Mark = tuple[Path, int, int, ReadOptions]
+FileVersion = tuple[Path, int, int, ReadOptions]
 
 
 class _Kept:
@@ -20,7 +20,7 @@ class _Kept:
 
     def __init__(self) -> None:
         self.most = 0
-        self.records = OrderedDict[Mark, Record]()
+        self.records = OrderedDict[FileVersion, Record]()
 
 
 _kept = _Kept()
@@ -49,7 +49,7 @@ def kept_or_read(path: Path, options: ReadOptions, read: Callable[[], Record]) -
     return record
 
 
-def _mark(path: Path, options: ReadOptions) -> Mark:
+def _mark(path: Path, options: ReadOptions) -> FileVersion:
     """Key of a file's content and of the way it is read."""
     stamp = path.stat()
     return path.absolute(), stamp.st_mtime_ns, stamp.st_size, options

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from structid.compare.states.comparing import ComparisonResult
-from structid.compare.states.state import Drawn
+from structid.compare.states.state import DrawableStructure
 from structid.core.quantities import percent
 from structid.inversion.comparison.comparison import Comparison
 from structid.report.drawing import palette
@@ -71,7 +71,7 @@ def _axis_limit(comparison: Comparison) -> float:
     )
 
 
-def map_figure(comparison: Comparison, drawn: Drawn) -> plot.Figure:
+def map_figure(comparison: Comparison, drawn: DrawableStructure) -> plot.Figure:
     """Figure of the structure with each element coloured by its declared change, white without; one panel for each kind.
 
     Kinds of property without compared parameters are left out.
@@ -81,7 +81,7 @@ def map_figure(comparison: Comparison, drawn: Drawn) -> plot.Figure:
     return structure_figure(picture, tuple(shade for shade in shown if shade is not None))
 
 
-def _shading(comparison: Comparison, drawn: Drawn, name: str, kinds: tuple[str, ...]) -> Shading | None:
+def _shading(comparison: Comparison, drawn: DrawableStructure, name: str, kinds: tuple[str, ...]) -> Shading | None:
     """Shading of elements by the declared changes of one kind of property; None if none of its parameters was compared.
 
     `name` is the kind's name in the title, `kinds` are the kinds of property that belong to it. Changes not declared count as

@@ -11,7 +11,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.report.drawing import palette, symbols
-from structid.report.drawing.changes import Look, Shading, look
+from structid.report.drawing.changes import ElementStyle, Shading, look
 from structid.report.drawing.drawing import MOST_INCHES, PANEL_INCHES, WIDE_INCHES
 from structid.report.drawing.picture import Mark, Picture, curve, points
 from structid.report.rendering import plot
@@ -71,11 +71,12 @@ def _traces(picture: Picture, shade: Shading | None) -> Iterator[plot.Trace]:
 def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]:
     """Yield plot traces that draw all elements, one for each appearance: cell faces, then lines, then other areas.
 
-    Faces keep their order from far to near; with more than 300 changes of colour, only by 12 slices.
+    Faces keep their order from far to near; with more than `_MOST_RUNS` changes of colour, only by 12 slices. None for `shade`
+    draws all elements in grey.
     """
     looks = [(mark, look(shade, mark.element, mark.index)) for mark in marks]
     changes = sum(a[1] != b[1] for a, b in pairwise(looks) if b[0].nodes)
-    groups: dict[tuple[int, int, Look], list[FloatArray]] = {}
+    groups: dict[tuple[int, int, ElementStyle], list[FloatArray]] = {}
     run, last = 0, None
     for k, (mark, shown) in enumerate(looks):
         run, last = run + int(bool(mark.nodes) and shown != last), shown

@@ -27,7 +27,7 @@ from structid.reproduce.chapter_3.data import (
     unknown_values,
 )
 from structid.reproduce.chapter_3.noise import claims, noisy_table
-from structid.reproduce.item import Curve, Item, Panel, Progress, Step, Table, Verdict, made, unprinted
+from structid.reproduce.item import Curve, Panel, Progress, ReproducedItem, Step, Table, Verdict, made, unprinted
 
 #: Seeds 0, 1, ... of the random studies of Tables 3.2 and 3.3.
 N_SEEDS = 500
@@ -35,7 +35,7 @@ _SAMPLES = (1, 2, 4, 8, 64, 256)
 _HALF_A_DIGIT = 5e-7
 
 
-def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[Item, ...]:
+def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[ReproducedItem, ...]:
     """Tables 3.1 to 3.4 and Figures 3.1 and 3.2 beside what is printed, and the text's claims on noise.
 
     Random studies use the seeds 0 to n_seeds - 1, those of long records fewer, as their notes state. `progress` is called with
@@ -51,7 +51,7 @@ def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[Ite
     return made(steps, progress)
 
 
-def table_3_1() -> Item:
+def table_3_1() -> ReproducedItem:
     """Table 3.1: the 30 parameters of the beam, identified from exact motion; with damping 45 parameters."""
     rows, results = [], []
     for label, damping in _dampings().items():
@@ -68,7 +68,7 @@ def table_3_1() -> Item:
     agrees = errors[1 : len(_SAMPLES)].max() < 1e-11 and errors[len(_SAMPLES) :].max() < 1e-10
     columns = ("mass m (kg/m)", "stiffness k (N/m)")
     supporting = ("parameters", "largest relative error", "condition, unit columns")
-    return Item(
+    return ReproducedItem(
         "Table 3.1",
         "Mass and stiffness distributions of the free-free beam",
         Verdict.AGREES if agrees else Verdict.REFUTED,
@@ -85,7 +85,10 @@ def table_3_1() -> Item:
 
 
 def _dampings() -> dict[str, dict[str, FloatArray]]:
-    """Damping properties of the beam by a label: none, two strain-rate dampings and a viscous damping."""
+    """Damping properties of the beam by a label: none, two strain-rate dampings and a viscous damping.
+
+    Each is a dict of keyword arguments of `Beam`, (15,) each.
+    """
     mass, stiffness = ACTUAL[:N_ELEMENTS], ACTUAL[N_ELEMENTS:]
     uneven = 1 + 0.3 * np.sin(np.arange(1, N_ELEMENTS + 1))
     return {
@@ -109,7 +112,7 @@ def _identify_noise_free(
     return float(np.abs(solution.values / unknown.start - 1).max()), solution.condition, solution.values
 
 
-def table_3_4() -> Item:
+def table_3_4() -> ReproducedItem:
     """Table 3.4: natural frequencies (rad/s) from the parameters of Tables 3.1 and 3.2, and their relative differences."""
     actual, estimated = natural_frequencies(ACTUAL), natural_frequencies(ESTIMATED[4])
     relative = np.full(10, np.nan)
@@ -120,7 +123,7 @@ def table_3_4() -> Item:
     as_stated = difference[:, 0].max() <= _HALF_A_DIGIT and difference[:, 1].max() <= 3.5e-6 and wrong.tolist() == [6]
     other = np.abs(natural_frequencies(ESTIMATED[8]) - FREQUENCIES[:, 1]).max()
     columns = ("actual (rad/s)", "estimated (rad/s)", "relative error")
-    return Item(
+    return ReproducedItem(
         "Table 3.4",
         "First ten natural frequencies of the free-free beam",
         Verdict.MISPRINT if as_stated else Verdict.REFUTED,
@@ -140,7 +143,7 @@ def natural_frequencies(values: FloatArray) -> FloatArray:
     return np.where(found < 1e-5, 0.0, found)
 
 
-def figure_3_1() -> Item:
+def figure_3_1() -> ReproducedItem:
     """Figure 3.1: sizes of the finite element model as a table, and its distributions of mass and stiffness as panels."""
     structure = beam(ACTUAL)
     positions = np.array([float(x[0]) for x in structure.nodes.values()])
@@ -158,7 +161,7 @@ def figure_3_1() -> Item:
     force = Curve("force 0.1 cos t N at node 7", np.full(2, structure.nodes[FORCED_NODE][0]), np.array([0.0, 9.0]))
     mass = Curve("mass", x, np.repeat(ACTUAL[:N_ELEMENTS], 2))
     stiffness = Curve("stiffness", x, np.repeat(ACTUAL[N_ELEMENTS:], 2))
-    return Item(
+    return ReproducedItem(
         "Figure 3.1",
         "The finite element model",
         Verdict.AGREES if np.array_equal(printed, computed) else Verdict.REFUTED,
@@ -172,7 +175,7 @@ def figure_3_1() -> Item:
     )
 
 
-def figure_3_2() -> Item:
+def figure_3_2() -> ReproducedItem:
     """Figure 3.2: interpolation functions of the beam element, and the element matrices integrated from them."""
     points, weights = np.polynomial.legendre.leggauss(6)
     xi, weights = 0.5 * (points + 1), 0.5 * weights
@@ -184,7 +187,7 @@ def figure_3_2() -> Item:
     x = np.linspace(0, 1, 101)
     labels = ("w at the left node", "h theta at the left node", "w at the right node", "h theta at the right node")
     curves = tuple(Curve(label, x, y) for label, y in zip(labels, hermite(1 - x), strict=True))
-    return Item(
+    return ReproducedItem(
         "Figure 3.2",
         "A typical finite element showing nodal displacements",
         Verdict.AGREES if np.abs(printed - computed).max() < 1e-10 else Verdict.REFUTED,

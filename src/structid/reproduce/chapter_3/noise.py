@@ -26,7 +26,7 @@ from structid.reproduce.chapter_3.data import (
     sampling_times,
     unknown_values,
 )
-from structid.reproduce.item import Curve, Item, Panel, Table, Verdict, unprinted
+from structid.reproduce.item import Curve, Panel, ReproducedItem, Table, Verdict, unprinted
 
 #: Time step of the integration of noisy accelerations, s.
 FINE_STEP = 1e-3
@@ -147,8 +147,9 @@ def batched_values(equations: TimeEquations, fields: FloatArray) -> FloatArray:
 def predicted_bias(reading: str, n_samples: int) -> float:
     """First-order prediction of the relative bias of the estimates due to noise in the motion, as RMS over the 30 parameters.
 
-    `reading` is a key of `READINGS`. For "integrated", the error of the displacement after k steps of h = 1 ms has the variance
-    s^2 h^4 k^3 / 3, where s is the noise of the acceleration.
+    `reading` is a key of `READINGS`. For "integrated", the error of the displacement after k steps of h = 1 ms has the
+    variance s^2 h^4 k^3 / 3, where s is the noise of the acceleration. `n_samples` is the number of samples, 1 ms
+    apart.
     """
     structure = beam(ACTUAL)
     exact = driven(structure, sampling_times(n_samples))
@@ -199,7 +200,7 @@ def _rms(values: FloatArray) -> FloatArray:
     return np.sqrt((values**2).mean(axis=0))
 
 
-def noisy_table(name: str, n_samples: int, n_seeds: int) -> Item:
+def noisy_table(name: str, n_samples: int, n_seeds: int) -> ReproducedItem:
     """Table 3.2 or 3.3 beside medians and 5-95 % bands of repeats under readings A and B of the noise.
 
     `name` is the table's, `n_samples` is 4 or 8, and `n_seeds` is the number of repeats.
@@ -218,7 +219,7 @@ def noisy_table(name: str, n_samples: int, n_seeds: int) -> Item:
     bands = ("m, 5 %", "m, 95 %", "k, 5 %", "k, 95 %")
     band = np.column_stack([part.reshape(2, -1)[i] for i in (0, 1) for part in (low, high)])
     rows = tuple(f"element {i}" for i in range(1, N_ELEMENTS + 1))
-    return Item(
+    return ReproducedItem(
         name,
         f"Estimated parameters for m = {n_samples} sampling times",
         Verdict.READING if abs(both - rms) < 5e-4 and plausible else Verdict.REFUTED,
@@ -256,7 +257,7 @@ def _rms_table(rms: float, both: float, all_30: float, studies: dict[str, Errors
     return Table(tuple(rows), headings, printed, np.array(computed))
 
 
-def claims(n_seeds: int, report: Callable[[float], None]) -> Item:
+def claims(n_seeds: int, report: Callable[[float], None]) -> ReproducedItem:
     """Claims of the text on noise: the effect of more samples, with exact and with integrated displacements.
 
     Parameters
@@ -283,7 +284,7 @@ def claims(n_seeds: int, report: Callable[[float], None]) -> Item:
     floor = bool(abs(exact[-1, 4] / exact[-1, 3] - 1) < 0.1 and exact[-1, 1] < 1.2 * exact[-1, 3])
     displacement, acceleration = rigid_body_fractions(4.0)
     headings = ("5 %", "median", "95 %", "bias", "predicted bias", "seeds")
-    return Item(
+    return ReproducedItem(
         "Claims on noise",
         "More samples reduce the effect of noise; displacements integrated from accelerations; rigid-body motion",
         Verdict.REFUTED if grows and floor else Verdict.AGREES,
@@ -306,7 +307,8 @@ def claims(n_seeds: int, report: Callable[[float], None]) -> Item:
 def _error_panel(exact: FloatArray, integrated: FloatArray) -> Panel:
     """Panel of the RMS error against the number of samples, for exact and for integrated displacements.
 
-    Each row of `exact` and `integrated` is 5 %, median, 95 %, bias and predicted bias for one number of samples.
+    Each row of `exact` and `integrated` is 5 %, median, 95 %, bias and predicted bias for one number of samples. Both
+    are (n_numbers, 5).
     """
     curves = []
     for label, samples, part in (

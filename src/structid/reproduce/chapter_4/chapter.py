@@ -42,7 +42,7 @@ from structid.reproduce.chapter_4.cantilever import (
     unknowns,
 )
 from structid.reproduce.chapter_4.noise import figure_4_4, figure_4_5
-from structid.reproduce.item import Curve, Item, Panel, Progress, Step, Table, Verdict, made, unprinted
+from structid.reproduce.item import Curve, Panel, Progress, ReproducedItem, Step, Table, Verdict, made, unprinted
 
 #: Seeds 0, 1, ... of the random studies.
 N_SEEDS = 200
@@ -54,10 +54,10 @@ _START_COLUMNS = (
 )
 
 
-def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[Item, ...]:
+def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[ReproducedItem, ...]:
     """Table 4.1 and Figures 4.1 to 4.5, computed beside what is printed; random studies use the seeds 0 to n_seeds - 1.
 
-    `progress` is called with the name of an item and the fraction done.
+    `progress` is called with the name of an item and the fraction done. None for `progress` reports nothing.
     """
     seeds = range(n_seeds)
     steps: tuple[Step, ...] = (
@@ -70,7 +70,7 @@ def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[Ite
     return made(steps, progress)
 
 
-def table_4_1() -> Item:
+def table_4_1() -> ReproducedItem:
     """Table 4.1: the actual parameters of cases 1 and 2, identified from the postulated ones."""
     all_motions = exact_record(CASE_1.actual, Reading("", in_rad_per_s(GRID[0]), ALL_MOTIONS))
     tip_in_hz = exact_record(CASE_2.actual, Reading("", GRID, (TIP,)))
@@ -90,7 +90,7 @@ def table_4_1() -> Item:
     printed_start = start.copy()
     printed_start[:, [1, 3]] = np.nan
     headings = ("Case 1, postulated", "error (%)", "Case 2, postulated", "error of it (%)")
-    return Item(
+    return ReproducedItem(
         "Table 4.1",
         "Actual and postulated parameters for cases 1 and 2",
         Verdict.READING if is_recovered else Verdict.REFUTED,
@@ -107,7 +107,7 @@ def _rows() -> tuple[str, ...]:
     return tuple(f"{symbol} ({'kg/m' if symbol[0] == 'm' else 'N/m'})" for symbol in SYMBOLS)
 
 
-def figure_4_1() -> Item:
+def figure_4_1() -> ReproducedItem:
     """Figure 4.1: sizes of the finite element model as a table, and its distributions of mass and stiffness as panels."""
     structure = cantilever(CASE_1.actual)
     length = float(structure.nodes[N_ELEMENTS][0])
@@ -124,7 +124,7 @@ def figure_4_1() -> Item:
         )
     ]
     printed = np.array([[6.0], [6.0], [12.0], [6.0], [12.0]])
-    return Item(
+    return ReproducedItem(
         "Figure 4.1",
         "Finite element model of a structure",
         Verdict.AGREES if np.array_equal(computed, printed) else Verdict.REFUTED,
@@ -154,7 +154,7 @@ def errors_of(case: Case, reading: Reading) -> FloatArray:
     return classical_errors(case, exact_record(case.actual, reading), _N_ITERATIONS)
 
 
-def figure_4_2() -> Item:
+def figure_4_2() -> ReproducedItem:
     """Figure 4.2: convergence in case 1 with all motions measured without noise, by iteration and by one linear solve."""
     main = errors_of(CASE_1, ALL_AT_HALF)
     solved = np.full(len(main), np.nan)
@@ -169,7 +169,7 @@ def figure_4_2() -> Item:
     history = unprinted(_iterations(len(main)), columns, np.column_stack([main, solved]))
     converging = [reading.label for reading, path in zip(others, paths, strict=True) if iterations_to(path) > 0]
     failing = [reading.label for reading in others if reading.label not in converging]
-    return Item(
+    return ReproducedItem(
         "Figure 4.2",
         "RMS error, all motions measured, no noise (case 1)",
         Verdict.READING if agrees else Verdict.REFUTED,
@@ -187,7 +187,7 @@ def figure_4_2() -> Item:
     )
 
 
-def figure_4_3() -> Item:
+def figure_4_3() -> ReproducedItem:
     """Figure 4.3: convergence in case 2 with one sensor and no noise, under several readings of the data."""
     readings = [TIP_PRINTED, TIP_IN_HZ, TIP_NODE, TWO_DEFLECTIONS]
     paths = [errors_of(CASE_2, reading) for reading in readings]
@@ -196,7 +196,7 @@ def figure_4_3() -> Item:
     start = _start_table(CASE_2, 3.0, paths[1])
     condition = np.linalg.cond(relative_jacobian(CASE_2, TIP_PRINTED))
     verdict = Verdict.READING if start.computed[0, 2] == 5 else Verdict.REFUTED
-    return Item(
+    return ReproducedItem(
         "Figure 4.3",
         "RMS error, one motion measured, no noise (case 2)",
         Verdict.AGREES if printed_converges else verdict,

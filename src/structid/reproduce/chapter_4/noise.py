@@ -25,7 +25,7 @@ from structid.reproduce.chapter_4.cantilever import (
     exact_record,
     relative_jacobian,
 )
-from structid.reproduce.item import Curve, Item, Panel, Table, Verdict, unprinted
+from structid.reproduce.item import Curve, Panel, ReproducedItem, Table, Verdict, unprinted
 
 _N_ITERATIONS = 5
 _COLUMNS = (
@@ -122,7 +122,7 @@ STUDIES_2 = (
 )
 
 
-def figure_4_4(seeds: range, report: Callable[[float], None]) -> Item:
+def figure_4_4(seeds: range, report: Callable[[float], None]) -> ReproducedItem:
     """Figure 4.4: convergence in case 1, all motions measured with noise, under several readings of the noise.
 
     `report` is called with the fraction done.
@@ -130,7 +130,7 @@ def figure_4_4(seeds: range, report: Callable[[float], None]) -> Item:
     results = outcomes(STUDIES_1, seeds, report)
     printed, everywhere = results[0], results[-1]
     excitation, gain = results[4], results[5]
-    return Item(
+    return ReproducedItem(
         "Figure 4.4",
         "RMS error, all motions measured, noise (case 1)",
         Verdict.AGREES if _improves(printed) else Verdict.REFUTED,
@@ -151,7 +151,7 @@ def figure_4_4(seeds: range, report: Callable[[float], None]) -> Item:
     )
 
 
-def figure_4_5(seeds: range, report: Callable[[float], None]) -> Item:
+def figure_4_5(seeds: range, report: Callable[[float], None]) -> ReproducedItem:
     """Figure 4.5: convergence in case 2, one motion measured with noise, with frequencies read in rad/s and in Hz.
 
     `report` is called with the fraction done.
@@ -159,7 +159,7 @@ def figure_4_5(seeds: range, report: Callable[[float], None]) -> Item:
     results = outcomes(STUDIES_2, seeds, report)
     printed, in_hz, typo, node, two = results
     verdict = Verdict.READING if _improves(in_hz) else Verdict.REFUTED
-    return Item(
+    return ReproducedItem(
         "Figure 4.5",
         "RMS error, one motion measured, noise (case 2)",
         Verdict.AGREES if _improves(printed) else verdict,

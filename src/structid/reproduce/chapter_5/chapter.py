@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from structid.reproduce.chapter_5.simple_beam import claim_ten_modes, figures_5_1_and_5_2, table_5_1
 from structid.reproduce.chapter_5.square_membrane import claim_close_frequencies, figure_5_3, figure_5_4, table_5_2
-from structid.reproduce.item import Item, Progress, Step, made
+from structid.reproduce.item import Progress, ReproducedItem, Step, made
 
 
-def items(progress: Progress | None = None) -> tuple[Item, ...]:
+def items(progress: Progress | None = None) -> tuple[ReproducedItem, ...]:
     """Every table and figure of chapter 5, in its order, then the claims of its text that do not hold; nothing is random."""
     steps: tuple[Step, ...] = (
         (0.0, "Table 5.1", lambda _: [table_5_1()]),

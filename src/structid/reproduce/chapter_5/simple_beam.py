@@ -18,7 +18,7 @@ from structid.modal import StationaryValues, stationary_values
 from structid.modal.rayleigh.pseudo_rayleigh import Form, Pair, Rule
 from structid.records import TimeRecord
 from structid.records.record import Quantity
-from structid.reproduce.item import Curve, Item, Panel, Table, Verdict, unprinted
+from structid.reproduce.item import Curve, Panel, ReproducedItem, Table, Verdict, unprinted
 from structid.similarity import mac
 
 #: Table 5.1, simply supported beam, rad/s.
@@ -90,7 +90,7 @@ def _values(form: Form, rule: Rule, n_modes: int = N_SIMULATED) -> StationaryVal
     return stationary_values(beam_record(n_modes=n_modes), pairs.get(form, "displacement-acceleration"), form, rule)
 
 
-def table_5_1() -> Item:
+def table_5_1() -> ReproducedItem:
     """Table 5.1: actual and identified frequencies (rad/s) of the simply supported beam, under several readings of the text."""
     actual, identified_omega = beam_omega(N_SENSORS), identified()
     columns = ("actual (rad/s)", "identified (rad/s)")
@@ -118,10 +118,12 @@ def table_5_1() -> Item:
         "omega^2 = 2 / (1/omega_r^2 + 1/omega_(22-r)^2) gives the printed values to "
         f"{np.abs(folded_omega() / BEAM_IDENTIFIED[6:] - 1).max():.1e}."
     )
-    return Item("Table 5.1", "Frequencies of the simple beam", Verdict.READING, note, (main, error, other, folded))
+    return ReproducedItem(
+        "Table 5.1", "Frequencies of the simple beam", Verdict.READING, note, (main, error, other, folded)
+    )
 
 
-def figures_5_1_and_5_2() -> tuple[Item, Item]:
+def figures_5_1_and_5_2() -> tuple[ReproducedItem, ReproducedItem]:
     """Figures 5.1 and 5.2: identified and normalized eigenvectors of the beam, modes 1-5 and 6-10."""
     result = _values("symmetric_acceleration", "interior")
     actual, fine = beam_shapes(SENSORS, N_SENSORS), np.linspace(0, LENGTH, 101)
@@ -154,11 +156,11 @@ def figures_5_1_and_5_2() -> tuple[Item, Item]:
                 "have the same shapes at the sensors. No picture of shapes can show it."
             )
         title = f"Identified and normalized eigenvectors of the beam, modes {part[0] + 1}-{part[-1] + 1}"
-        items.append(Item(name, title, Verdict.READING, note, (table,), panels))
+        items.append(ReproducedItem(name, title, Verdict.READING, note, (table,), panels))
     return items[0], items[1]
 
 
-def claim_ten_modes() -> Item:
+def claim_ten_modes() -> ReproducedItem:
     """Claim of the text that the ten lowest modes of the beam are identified and agree well, beside what is computed."""
     actual = beam_omega(N_SENSORS)
     ten, fifteen = identified(n_modes=N_SENSORS), identified()
@@ -172,4 +174,4 @@ def claim_ten_modes() -> Item:
         "response and ten sensors, modes 12-15 fold onto 10-7. With ten modes in it all ten are found."
     )
     table = unprinted(_ROWS, columns, values)
-    return Item("Claim: ten modes", "Ten modes of the beam from ten sensors", Verdict.REFUTED, note, (table,))
+    return ReproducedItem("Claim: ten modes", "Ten modes of the beam from ten sensors", Verdict.REFUTED, note, (table,))

@@ -23,7 +23,7 @@ from structid.modal import StationaryValues, stationary_values
 from structid.modal.rayleigh.pseudo_rayleigh import Form, Rule
 from structid.records import TimeRecord
 from structid.reproduce.chapter_5.simple_beam import free_record
-from structid.reproduce.item import Curve, Item, Panel, Table, Verdict, unprinted
+from structid.reproduce.item import Curve, Panel, ReproducedItem, Table, Verdict, unprinted
 from structid.similarity import mac, subspace_angles
 
 #: Table 5.2, free square membrane, labelled rad/s.
@@ -112,7 +112,7 @@ def under_reading(start_node: int = START_NODE) -> StationaryValues:
     return identified(membrane_record(membrane_eigenvalues(), start_node))
 
 
-def table_5_2() -> Item:
+def table_5_2() -> ReproducedItem:
     """Table 5.2: eigenvalues of the membrane, (rad/s)^2, which the table labels as frequencies, beside identified values."""
     eigenvalues = membrane_eigenvalues()
     true = membrane_record(np.sqrt(eigenvalues))
@@ -140,10 +140,12 @@ def table_5_2() -> Item:
         f"{np.abs(values[1] - MEMBRANE_IDENTIFIED).max():.1e}. The last "
         f"{np.abs(identified_values - MEMBRANE_IDENTIFIED).max():.0e} in mode 2 is not explained."
     )
-    return Item("Table 5.2", "Frequencies of the free membrane", Verdict.READING, note, (main, error, readings, units))
+    return ReproducedItem(
+        "Table 5.2", "Frequencies of the free membrane", Verdict.READING, note, (main, error, readings, units)
+    )
 
 
-def figure_5_3() -> Item:
+def figure_5_3() -> ReproducedItem:
     """Figure 5.3: mesh of the membrane, with the deviation from Table 5.2 of the three best among 1024 candidate meshes."""
     deviations = np.array(sorted(_pattern_deviations()))
     column = ("largest deviation from the eigenvalues of Table 5.2 ((rad/s)^2)",)
@@ -161,7 +163,9 @@ def figure_5_3() -> Item:
         "the nine squares, with consistent or lumped mass, only this one and its mirror image have the eigenvalues of "
         f"Table 5.2 (to {deviations[1]:.1e}); the next misses them by {deviations[2]:.2f}."
     )
-    return Item("Figure 5.3", "Finite element model of the membrane", Verdict.READING, note, (table,), (panel,))
+    return ReproducedItem(
+        "Figure 5.3", "Finite element model of the membrane", Verdict.READING, note, (table,), (panel,)
+    )
 
 
 def _pattern_deviations() -> list[float]:
@@ -186,7 +190,7 @@ def _pattern_deviations() -> list[float]:
     return deviations
 
 
-def figure_5_4() -> Item:
+def figure_5_4() -> ReproducedItem:
     """Figure 5.4: identified and normalized eigenvectors of the membrane.
 
     A table adds the MAC for every starting node, and the angle (rad) between identified and true plane of the close modes 2 and
@@ -223,12 +227,12 @@ def figure_5_4() -> Item:
         f"found but not the vectors in it; the better of all starts has a MAC of {worst:.2f} for one of them. The text "
         "finds that the vectors agree well."
     )
-    return Item(
+    return ReproducedItem(
         "Figure 5.4", "Identified and normalized eigenvectors of the membrane", Verdict.REFUTED, note, (table,), panels
     )
 
 
-def claim_close_frequencies() -> Item:
+def claim_close_frequencies() -> ReproducedItem:
     """Claim of the text that close or repeated frequencies are no problem, beside what is computed for the membrane."""
     eigenvalues = membrane_eigenvalues()
     omega, rows, values = np.sqrt(eigenvalues), [], []
@@ -251,4 +255,6 @@ def claim_close_frequencies() -> Item:
         "without noise. Of the exactly repeated pair (lambda = 12) one record shows one mode, whatever the method; two "
         "records from different starting nodes show both."
     )
-    return Item("Claim: close frequencies", "Close and repeated frequencies", Verdict.REFUTED, note, (pair, repeated))
+    return ReproducedItem(
+        "Claim: close frequencies", "Close and repeated frequencies", Verdict.REFUTED, note, (pair, repeated)
+    )

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.json_types import Entry
+from structid.core.json_types import StoredEntry
 from structid.files import csv_text
 from structid.inversion import Estimate
-from structid.inversion.search.matrix_free import dense_search_fits
+from structid.inversion.search.least_squares import dense_search_fits
 
 PARAMETERS = "parameters.csv"
 #: How many of the largest changes estimate.json names.
 _MOST_CHANGES = 50
 
 
-def search_summary(estimate: Estimate) -> dict[str, Entry]:
+def search_summary(estimate: Estimate) -> dict[str, StoredEntry]:
     """Entries on a matrix-free search: its kind, the reason for it, and how many parameters are determined."""
     return {"search": "matrix_free", "reason": search_reason(estimate), "n_determined": estimate.spread.determined}
 
@@ -25,7 +25,7 @@ def search_reason(estimate: Estimate) -> str:
     return dense_search_fits(len(estimate.names), estimate.goodness.n_data)[1]
 
 
-def changes_summary(estimate: Estimate) -> dict[str, Entry]:
+def changes_summary(estimate: Estimate) -> dict[str, StoredEntry]:
     """Entries of estimate.json for very many parameters: those that moved most, and the name of the file with all of them."""
     beyond, limit = estimate.beyond_chance()
     rows = _columns(estimate)
@@ -53,7 +53,7 @@ def changes_table(estimate: Estimate) -> str:
     return csv_text(columns, (["" if isinstance(v, float) and not np.isfinite(v) else v for v in row] for row in rows))
 
 
-def _columns(estimate: Estimate) -> dict[str, list[Entry]]:
+def _columns(estimate: Estimate) -> dict[str, list[StoredEntry]]:
     """Columns of the table of parameters: name, unit, values, deviations and changes of each."""
     return {
         "name": list(estimate.names),

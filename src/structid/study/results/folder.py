@@ -9,16 +9,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from structid.core.errors import FileError
-from structid.core.json_types import Entry, json_text
+from structid.core.json_types import StoredEntry, json_text
 from structid.core.quantities import with_unit
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity
 from structid.files import claim_path, require_no_file
 from structid.identification.alternatives import Alternatives
-from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.regularizing import AppliedRegularization
@@ -28,6 +28,9 @@ from structid.study.results.changes import PARAMETERS, changes_summary, changes_
 from structid.study.results.hdf5 import hdf5_bytes
 from structid.study.results.result import StudyResult
 from structid.study.results.view import ParameterResult, ResultsView
+
+if TYPE_CHECKING:
+    from structid.identification.fits.modal_fit import ModalFit
 
 _REPORT = "report.html"
 #: File of a results folder that says where its study is.
@@ -102,12 +105,12 @@ def write_results(result: StudyResult, folder: Path) -> None:
         (folder / PARAMETERS).write_text(changes_table(result.identification.estimate), encoding="utf-8")
     (folder / "estimate.h5").write_bytes(hdf5_bytes(result))
     (folder / "study.toml").write_bytes(result.study.text.encode("utf-8"))
-    (folder / STUDY_PATH).write_text(_way_to(result.study.path, folder) + "\n", encoding="utf-8")
+    (folder / STUDY_PATH).write_text(_relative_path(result.study.path, folder) + "\n", encoding="utf-8")
     if result.solver is not None:
         result.solver.write(folder)
 
 
-def _way_to(path: Path, folder: Path) -> str:
+def _relative_path(path: Path, folder: Path) -> str:
     """The relative path from `folder` to the file `path`; "" if there is none, as between two drives."""
     try:
         return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
@@ -115,7 +118,7 @@ def _way_to(path: Path, folder: Path) -> str:
         return ""
 
 
-def estimate_summary(result: StudyResult) -> dict[str, Entry]:
+def estimate_summary(result: StudyResult) -> dict[str, StoredEntry]:
     """Content of estimate.json as a dictionary, in which numbers may still be NaN or infinite; the file has null for these."""
     view, answer = result.view, result.identification
     estimate, identifiability = answer.estimate, answer.estimate.identifiability
@@ -180,7 +183,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
     }  # fmt: skip
 
 
-def _fixed_values(sensitivities: Sequence[FixedValueSensitivity]) -> dict[str, Entry]:
+def _fixed_values(sensitivities: Sequence[FixedValueSensitivity]) -> dict[str, StoredEntry]:
     """The entry ``fixed_values``: sensitivity of the parameters to each fixed value; {} if that was not computed."""
     if not sensitivities:
         return {}
@@ -197,7 +200,7 @@ def _fixed_values(sensitivities: Sequence[FixedValueSensitivity]) -> dict[str, E
     }
 
 
-def _tolerances(estimate: Estimate) -> dict[str, Entry]:
+def _tolerances(estimate: Estimate) -> dict[str, StoredEntry]:
     """The entry ``tolerances``: each fixed value with its tolerance and the shift, in tolerances, that the data ask for.
 
     An empty dictionary if no tolerances were taken into account.
@@ -213,7 +216,7 @@ def _tolerances(estimate: Estimate) -> dict[str, Entry]:
     }
 
 
-def _alternatives(sets: Alternatives | None) -> dict[str, Entry]:
+def _alternatives(sets: Alternatives | None) -> dict[str, StoredEntry]:
     """The entry ``alternatives``: sets of values that fit the data equally well; {} where there is one set only."""
     if sets is None:
         return {}
@@ -236,7 +239,7 @@ def _alternatives(sets: Alternatives | None) -> dict[str, Entry]:
     }
 
 
-def reduction_summary(identification: Identification) -> dict[str, Entry]:
+def reduction_summary(identification: Identification) -> dict[str, StoredEntry]:
     """The entry ``reduction``: texts on reduced components and on the error of the reduction; {} if nothing is reduced."""
     parts, changes = (
         [one.words for one in told] for told in (identification.structure.reductions, identification.truncations)
@@ -244,7 +247,7 @@ def reduction_summary(identification: Identification) -> dict[str, Entry]:
     return {"reduction": {"components": parts, "changes": changes}} if changes else {}
 
 
-def varied_summary(answer: Identification) -> dict[str, Entry]:
+def varied_summary(answer: Identification) -> dict[str, StoredEntry]:
     """The entry ``varied``: scatter of parameters that vary between records, and the value in each record; {} if none do."""
     if not answer.priors.varied:
         return {}
@@ -266,7 +269,7 @@ def varied_summary(answer: Identification) -> dict[str, Entry]:
     }  # fmt: skip
 
 
-def _verdict(view: ResultsView) -> dict[str, Entry]:
+def _verdict(view: ResultsView) -> dict[str, StoredEntry]:
     """The entries on the verdict: its reasons, the next step, advice, causes and suggestions."""
     diagnosis, judgement = view.diagnosis, view.diagnosis.judgement
     causes, suggestions = (
@@ -280,7 +283,7 @@ def _verdict(view: ResultsView) -> dict[str, Entry]:
     }  # fmt: skip
 
 
-def _strengths(item: AppliedRegularization, has_matrix: bool) -> dict[str, Entry]:
+def _strengths(item: AppliedRegularization, has_matrix: bool) -> dict[str, StoredEntry]:
     """Strength of each row of a regularization; one number for a smoothness over very many rows, which all have the same."""
     return (
         {"strengths": item.strengths}
@@ -289,7 +292,7 @@ def _strengths(item: AppliedRegularization, has_matrix: bool) -> dict[str, Entry
     )
 
 
-def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Entry]:
+def record_summaries(fits: Sequence[RecordFit]) -> dict[str, StoredEntry]:
     """The entry ``records`` with the fit of each record if there are several; else ``polarities`` if the data decided any."""
     if len(fits) > 1:
         rows = [
@@ -301,10 +304,10 @@ def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Entry]:
     return {"polarities": polarities} if polarities else {}
 
 
-def fit_summary(fit: RecordFit) -> dict[str, Entry]:
+def fit_summary(fit: RecordFit) -> dict[str, StoredEntry]:
     """Fit of the identified model to a record: relative errors, over all lines of the evaluation band and for each channel."""
     error, record, fitted = fit.relative_error, fit.evaluation, fit.problem.record
-    channels: list[Entry] = [
+    channels: list[StoredEntry] = [
         {"output": str(output), "input": str(load), "median_relative_error": float(np.median(error[:, o, i]))}
         for o, output in enumerate(record.outputs)
         for i, load in enumerate(record.inputs)
@@ -322,7 +325,7 @@ def fit_summary(fit: RecordFit) -> dict[str, Entry]:
     }
 
 
-def _at_bound(bound: AtBound | None) -> dict[str, Entry] | None:
+def _at_bound(bound: AtBound | None) -> dict[str, StoredEntry] | None:
     """The entry of a parameter at a bound: its side, limit, and how hard the data push it beyond; None if it is at none."""
     if bound is None:
         return None
@@ -336,7 +339,7 @@ def _at_bound(bound: AtBound | None) -> dict[str, Entry] | None:
     }
 
 
-def _parameter(parameter: ParameterResult) -> dict[str, Entry]:
+def _parameter(parameter: ParameterResult) -> dict[str, StoredEntry]:
     return {
         "name": parameter.name,
         "kind": parameter.kind,
@@ -362,7 +365,7 @@ def _parameter(parameter: ParameterResult) -> dict[str, Entry]:
     }
 
 
-def modal_summary(identification: Identification) -> dict[str, Entry]:
+def modal_summary(identification: Identification) -> dict[str, StoredEntry]:
     """The entries ``modal_records`` and ``ratios`` of estimate.json; {} if no record holds modes."""
     if not identification.modal_fits:
         return {}
@@ -382,7 +385,7 @@ def modal_summary(identification: Identification) -> dict[str, Entry]:
     }
 
 
-def _record(fit: ModalFit) -> dict[str, Entry]:
+def _record(fit: ModalFit) -> dict[str, StoredEntry]:
     """The entry of one record of modes: each measured mode beside its partners in the initial and the fitted model.
 
     Modes are numbered from 1.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.core.json_types import Entry, json_text
+from structid.core.json_types import StoredEntry, json_text
 from structid.modal.formats.files import modal_fields, write_modes
 from structid.modal.modal_record import ModalRecord
 from structid.modal.shape_uncertainty import collinearity_with_std, phase_deviation_with_std
@@ -39,8 +39,11 @@ def write_merged(modes: ModalRecord, folder: Path, geometry: Geometry | None = N
         write_modes(folder / f"modes.{suffix}", modes, geometry)
 
 
-def modes_summary(result: ModesResult) -> dict[str, Entry]:
-    """The content of modes.json, in which numbers may still be NaN or infinite; `read_modes` reads the file."""
+def modes_summary(result: ModesResult) -> dict[str, StoredEntry]:
+    """The content of modes.json, in which numbers may still be NaN or infinite; `read_modes` reads the file.
+
+    Keys are those of the file.
+    """
     identification = result.identification
     fields = modal_fields(result.modes)
     collinearity, deviation = collinearity_with_std(result.modes), phase_deviation_with_std(result.modes)
@@ -72,7 +75,7 @@ def modes_summary(result: ModesResult) -> dict[str, Entry]:
     }
 
 
-def _tone(tone: Tone) -> dict[str, Entry]:
+def _tone(tone: Tone) -> dict[str, StoredEntry]:
     """A tone that was taken off: frequencies in Hz, and amplitude and part of the variance of each channel."""
     return {
         "frequency_hz": tone.frequency,
@@ -86,7 +89,7 @@ def _tone(tone: Tone) -> dict[str, Entry]:
     }
 
 
-def _clusters(result: ModesResult) -> dict[str, Entry]:
+def _clusters(result: ModesResult) -> dict[str, StoredEntry]:
     """For each mode, statistics of the poles of all model orders behind it; all None where the method has no orders."""
     clusters = result.identification.clusters
     names = ("count", "n_orders", "cluster_frequency_hz", "cluster_frequency_spread_hz", "cluster_damping_ratio",
@@ -104,7 +107,7 @@ def _clusters(result: ModesResult) -> dict[str, Entry]:
     return dict(zip(names, columns, strict=True))
 
 
-def options_used(result: ModesResult) -> dict[str, Entry]:
+def options_used(result: ModesResult) -> dict[str, StoredEntry]:
     """The settings of the identification as plain values, with the orders that were used, and None for no upper frequency."""
     options = result.identification.options
     used = asdict(options)
@@ -115,7 +118,7 @@ def options_used(result: ModesResult) -> dict[str, Entry]:
     return used
 
 
-def _record(result: ModesResult) -> dict[str, Entry]:
+def _record(result: ModesResult) -> dict[str, StoredEntry]:
     """The entry of modes.json on the record: its kind, lines or samples, channels and references."""
     record = result.record
     if isinstance(record, FrfRecord):
@@ -147,7 +150,7 @@ def _record(result: ModesResult) -> dict[str, Entry]:
 
 def write_tracks(tracks: ModeTracks, folder: Path) -> None:
     """Write tracks.json into the existing `folder`: frequencies and damping ratios by record and mode, null where unseen."""
-    content: dict[str, Entry] = {
+    content: dict[str, StoredEntry] = {
         "records": list(tracks.names),
         "members": tracks.members,
         "frequency_hz": tracks.frequency,

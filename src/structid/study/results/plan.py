@@ -7,8 +7,8 @@ from pathlib import Path
 
 from structid._version import __version__
 from structid.core.dof import Dof
-from structid.core.json_types import Entry, json_text
-from structid.planning.planned import Enough, Plan, PlannedTest
+from structid.core.json_types import StoredEntry, json_text
+from structid.planning.planned import Plan, PlannedTest, SmallestTest
 from structid.study.schema.plan import PlanStudy
 
 #: Name of the page that is written beside plan.json.
@@ -24,7 +24,7 @@ def write_plan(plan: Plan, study: PlanStudy, folder: Path) -> None:
 
 def plan_summary(
     plan: Plan, title: str = "", notes: tuple[str, ...] = (), inputs: Mapping[str, str] | None = None
-) -> dict[str, Entry]:
+) -> dict[str, StoredEntry]:
     """The content of plan.json, in which numbers may still be NaN or infinite.
 
     Parameters
@@ -94,7 +94,7 @@ def plan_summary(
     }
 
 
-def _test(plan: Plan, test: PlannedTest) -> dict[str, Entry]:
+def _test(plan: Plan, test: PlannedTest) -> dict[str, StoredEntry]:
     return {
         "label": test.label,
         "sensors": _texts(test.sensors),
@@ -111,7 +111,7 @@ def _test(plan: Plan, test: PlannedTest) -> dict[str, Entry]:
     }
 
 
-def _enough(plan: Plan, enough: Enough) -> dict[str, Entry]:
+def _enough(plan: Plan, enough: SmallestTest) -> dict[str, StoredEntry]:
     return {
         "target": enough.target,
         "sensors": None if enough.sensors is None else _test(plan, enough.sensors),

@@ -13,7 +13,7 @@ import scipy
 
 from structid._version import __version__
 from structid.core.display import Overview, Shown
-from structid.core.json_types import Entry
+from structid.core.json_types import StoredEntry
 from structid.core.provenance import Provenance
 from structid.diagnose.verdict import Diagnosis
 from structid.dynamics.receptance import factorizer_words
@@ -58,7 +58,7 @@ class SolverAnswer:
     check: str
     difference: float
 
-    def summary(self) -> dict[str, Entry]:
+    def summary(self) -> dict[str, StoredEntry]:
         """Entries of estimate.json on the solver."""
         return {
             "command": self.command,

@@ -18,7 +18,7 @@ from structid.study.schema.study import Study
 
 if TYPE_CHECKING:
     from structid.diagnose.modified_model import Change
-    from structid.diagnose.refits import Fitted
+    from structid.diagnose.refits import FittedModel
 
 FOLDER = "suggestions"
 
@@ -42,7 +42,7 @@ def suggestion_text(study: Study, changes: Sequence[Change]) -> tuple[str, tuple
     return text, tuple(line for line in lines if line[:2] in ("+ ", "- ") and line[2:].strip())
 
 
-def with_suggestions(study: Study, diagnosis: Diagnosis, fits: Sequence[Fitted]) -> Diagnosis:
+def with_suggestions(study: Study, diagnosis: Diagnosis, fits: Sequence[FittedModel]) -> Diagnosis:
     """The diagnosis with the name of a suggested study, and the lines that differ, for each cause with a refit.
 
     `fits` are the refits in the order of these causes. A cause is unchanged if the study file cannot hold its change.
@@ -67,7 +67,7 @@ def with_suggestions(study: Study, diagnosis: Diagnosis, fits: Sequence[Fitted])
     return replace(diagnosis, causes=named) if diagnosis.causes else replace(diagnosis, suggestions=named)
 
 
-def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path, target: Path) -> None:
+def write_suggestions(result: StudyResult, fits: Sequence[FittedModel], folder: Path, target: Path) -> None:
     """Write a study file for each cause that has one into `folder`, whose content will later be moved to `target`.
 
     `fits` are the refits behind the causes, in their order. Nothing is written if no cause has a study.

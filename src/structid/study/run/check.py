@@ -10,10 +10,11 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
 from structid.diagnose.checks.loose_parts import PlacedFinding, coarse_elements, structure_findings
-from structid.diagnose.checks.mesh import MeshErrors
+from structid.diagnose.checks.mesh import MeshErrors, checked_mesh
 from structid.dynamics import Modes
 from structid.fem.measuring_points import AimedSensor, MeshPoint
-from structid.forward import ModalProblem, RecordProblem
+from structid.forward import RecordProblem
+from structid.forward.modal import compares_modes
 from structid.identification.fits.model_modes import response_rounding, rounding_warnings, structure_modes
 from structid.identification.fits.ratios import common_scale, scale_words
 from structid.identification.identify import mass_deviation
@@ -34,7 +35,7 @@ from structid.inversion.diagnostics.identifiability import identifiability
 from structid.inversion.fixed_values import FixedValueInfluence
 from structid.inversion.posterior_draws import counted_draws, drawn_covariance, solved_influence
 from structid.inversion.uncertainty import relative_jacobian
-from structid.study.run.before import RecordCheck, checked_mesh, checked_record
+from structid.study.run.before import RecordCheck, checked_record
 from structid.study.run.run import is_matrix_free
 from structid.study.run.start import PreparedStudy, prepare_study
 from structid.study.schema.study import Study
@@ -90,7 +91,7 @@ class ModeCheck:
 
 
 @dataclass(frozen=True, eq=False)
-class Predicted:
+class PredictedIdentification:
     """Prediction of an identification before it is made, from a linearization at the initial values.
 
     Attributes
@@ -149,7 +150,7 @@ class Predicted:
 
 
 @dataclass(frozen=True, eq=False)
-class CheckResult(Predicted):
+class CheckResult(PredictedIdentification):
     """Result of `check_study`: the prediction, and the checks of records, channels and modes behind it.
 
     Attributes
@@ -256,7 +257,7 @@ def _with_strengths(ready: PreparedStudy, terms: Sequence[Regularization], stren
     return joint_problem(coupled(ready.problems, [row.scaled(s) for row, s in zip(rows, strengths, strict=True)]))
 
 
-def _predict_by_jacobian(ready: PreparedStudy) -> Predicted:
+def _predict_by_jacobian(ready: PreparedStudy) -> PredictedIdentification:
     """Predicted covariance, identifiability and warnings from the Jacobian at the initial values.
 
     The covariance is the bound of Cramér and Rao plus the influence of tolerances of fixed values.
@@ -282,7 +283,7 @@ def _predict_by_jacobian(ready: PreparedStudy) -> Predicted:
     not_included = [term_name(term) for term in ready.study.options.regularization if term not in terms]
     warnings += _direction_warnings(identified_directions)
     warnings += [f"predicted without the {' and '.join(not_included)} that `identify` will use"] if not_included else []
-    return Predicted(
+    return PredictedIdentification(
         problem,
         _start(problem, ready),
         covariance,
@@ -294,7 +295,7 @@ def _predict_by_jacobian(ready: PreparedStudy) -> Predicted:
     )
 
 
-def _predict_by_draws(ready: PreparedStudy) -> Predicted:
+def _predict_by_draws(ready: PreparedStudy) -> PredictedIdentification:
     """Predicted covariance for very many parameters, from posterior draws at the initial values.
 
     Every regularization is included at its given strength, or at a usual one where the data would choose it.
@@ -321,7 +322,9 @@ def _predict_by_draws(ready: PreparedStudy) -> Predicted:
         covariance = of_data.with_changes(influence.changes)
         assumption = tolerances_clause(influence, ready.problems, ready.study.options.tolerances)
     rank = Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ())
-    return Predicted(problem, _start(problem, ready), covariance, rank, tuple(words), of_data, assumption, influence)
+    return PredictedIdentification(
+        problem, _start(problem, ready), covariance, rank, tuple(words), of_data, assumption, influence
+    )
 
 
 def _start(problem: Problem, ready: PreparedStudy) -> FloatArray:
@@ -379,7 +382,7 @@ def _mode_checks(modes: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
     lines = (2 * modes.damping_ratio * modes.frequency + facts.window_bandwidth[nearest_line]) / facts.line_spacing[
         nearest_line
     ]
-    rounding = modes.rounding if isinstance(problem, ModalProblem) else response_rounding(modes)
+    rounding = modes.rounding if compares_modes(problem) else response_rounding(modes)
     rows = zip(modes.frequency, modes.damping_ratio, in_band, lines, rounding, strict=True)
     return tuple(ModeCheck(float(f), float(d), bool(i), float(n), float(r)) for f, d, i, n, r in rows)
 

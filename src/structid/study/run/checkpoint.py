@@ -17,7 +17,7 @@ import numpy as np
 
 from structid._version import __version__
 from structid.core.errors import FileError
-from structid.core.json_types import Entry, Plain, json_text
+from structid.core.json_types import JsonValue, StoredEntry, json_text
 from structid.files import atomic_write, claim, damage_told, make_folder, release
 from structid.files.npy import npz_arrays
 from structid.files.worker import fill_tree, plain
@@ -31,7 +31,7 @@ _WHOLE, _ANEW = "a whole checkpoint", "run without --resume to begin anew"
 _MOST_FILES = 64
 
 
-class Owner(TypedDict):
+class RunIdentity(TypedDict):
     """Versions and contents of all input files, which decide about every digit of a run."""
 
     layout: str
@@ -44,7 +44,7 @@ def checkpoint_folder(results: Path) -> Path:
     return results.parent / f"{results.name}.checkpoint"
 
 
-def fingerprint(study: Study) -> Owner:
+def fingerprint(study: Study) -> RunIdentity:
     """Description of the run of a study by which its checkpoint is recognized: layout, versions and digests of input files."""
     import scipy
 
@@ -58,7 +58,7 @@ class Checkpoint:
     Parameters
     ----------
     folder : Path
-    owner : Owner
+    owner : RunIdentity
         The `fingerprint` of the study.
     resume : bool
         Whether to go on from what is there; otherwise it is removed.
@@ -72,7 +72,7 @@ class Checkpoint:
         writes to it.
     """
 
-    def __init__(self, folder: Path, owner: Owner, resume: bool = False, seconds: float = 0.0) -> None:
+    def __init__(self, folder: Path, owner: RunIdentity, resume: bool = False, seconds: float = 0.0) -> None:
         """Claim `folder` for the run that `owner` describes; read its entries with `resume`, else remove an old checkpoint.
 
         The checkpoint is written at most once in `seconds`.
@@ -123,7 +123,7 @@ class Checkpoint:
         self._latest = name, state
         self._write_if_due()
 
-    def write(self, so_far: Mapping[str, Entry] | None = None) -> None:
+    def write(self, so_far: Mapping[str, StoredEntry] | None = None) -> None:
         """Write all entries that are not written yet, and the state of the search under way.
 
         `so_far` are the values reached so far, by name; if given, they are written as JSON for people to read.
@@ -166,7 +166,7 @@ class Checkpoint:
         """Create the folder with the description of its run, unless this object has done so."""
         if not self._is_made:
             make_folder(self.folder)
-            _write_json(self.folder / _RUN, cast(Mapping[str, Entry], self.owner))
+            _write_json(self.folder / _RUN, cast(Mapping[str, StoredEntry], self.owner))
             self._is_made = True
 
     def _write_all(self) -> None:
@@ -206,7 +206,7 @@ def _part(folder: Path, number: int) -> Path:
     return folder / f"done-{number:05d}.npz"
 
 
-def _require_same_run(folder: Path, this_run: Owner, owner: Plain) -> None:
+def _require_same_run(folder: Path, this_run: RunIdentity, owner: JsonValue) -> None:
     """Raise `FileError` if the checkpoint in `folder` is of another run, and name what differs: layout, an input or a version.
 
     `this_run` describes the present run, `owner` is the description read from the checkpoint.
@@ -241,12 +241,12 @@ def _require_checkpoint(folder: Path) -> None:
         raise FileError(f"{folder}: holds {foreign[0]}, which is no checkpoint; move it, or give another --out")
 
 
-def _write_json(path: Path, value: Mapping[str, Entry]) -> None:
+def _write_json(path: Path, value: Mapping[str, StoredEntry]) -> None:
     with atomic_write(path) as temporary:
         temporary.write_text(json_text(value), encoding="utf-8")
 
 
-def _save(path: Path, tree: Mapping[str, Entry]) -> None:
+def _save(path: Path, tree: Mapping[str, StoredEntry]) -> None:
     """Write nested mappings and lists of numbers, texts and arrays to an NPZ file: the tree as JSON, arrays bit for bit."""
     arrays: list[np.ndarray] = []
     text = json.dumps(plain(tree, arrays))
@@ -255,8 +255,11 @@ def _save(path: Path, tree: Mapping[str, Entry]) -> None:
         np.savez(stream, tree=np.array(text), **named)
 
 
-def _load(path: Path) -> dict[str, Entry]:
-    """The nested entries that `_save` wrote to `path`; `FileError` if the file is damaged."""
+def _load(path: Path) -> dict[str, StoredEntry]:
+    """The nested entries that `_save` wrote to `path`; `FileError` if the file is damaged.
+
+    Keys are those that were given to `_save`.
+    """
     arrays = npz_arrays(path, _WHOLE, _ANEW)
     with damage_told(path, _WHOLE, _ANEW):
         entries = fill_tree(json.loads(str(arrays["tree"])), lambda number: arrays[f"a{number}"])

@@ -18,7 +18,7 @@ from distributed.core import rpc
 from threadpoolctl import ThreadpoolController
 
 from structid.core.errors import InputError
-from structid.inversion.search.work import Found, Item, Shared, Task
+from structid.inversion.search.work import Item, Shared, Task, TaskResult
 from structid.study.run.workers import (
     Answer,
     Batch,
@@ -72,7 +72,7 @@ class Cluster(RemoteWorkers):
         self.words = f"{self.n_workers} workers of the Dask scheduler {address}"
 
     @staticmethod
-    def answer(name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
+    def answer(name: str, task: Task[Shared, Item, TaskResult], batch: Batch[Item]) -> Answer[TaskResult]:
         """Results of a batch of items and the seconds they took, computed on one thread of a worker.
 
         This runs on the worker; `name` is the name under which the shared object was sent to it.

@@ -11,16 +11,15 @@ from structid.diagnose.search_budget import UNLIMITED, SearchBudget
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import Diagnosis, Judgement, is_sound
 from structid.identification.fits.model_modes import structure_modes
-from structid.inversion.search.work import ALONE, Work
+from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.study.results.result import StudyResult
 from structid.study.results.suggestions import with_suggestions
-from structid.study.run.before import leaking_windows
 from structid.study.run.start import PreparedStudy
 from structid.study.run.workers import threads_for
 from structid.study.schema.records.record import read_histories
 
 if TYPE_CHECKING:
-    from structid.diagnose.refits import Fitted
+    from structid.diagnose.refits import FittedModel
 
 #: Modes of a model that windows may blur.
 _MOST_MODES = 12
@@ -30,10 +29,10 @@ def diagnose_study(
     ready: PreparedStudy,
     result: StudyResult,
     explain: bool | None = None,
-    work: Work = ALONE,
+    work: TaskExecutor = SERIAL,
     budget: SearchBudget = UNLIMITED,
     before_search: Callable[[StudyResult], None] | None = None,
-) -> tuple[StudyResult, tuple[Fitted, ...]]:
+) -> tuple[StudyResult, tuple[FittedModel, ...]]:
     """The result with its diagnosis, and the refits behind its causes, in the order of the causes.
 
     Parameters
@@ -44,7 +43,7 @@ def diagnose_study(
         Result of the identification.
     explain : bool, optional
         True to search for causes, False not to; by default they are searched for where the answer is not sound.
-    work : Work
+    work : TaskExecutor
         The way in which candidates are computed and refitted: in this process, or on workers with a checkpoint.
     budget : SearchBudget
         Limits of the search for causes, counted from its beginning; unlimited by default.
@@ -82,6 +81,11 @@ def _window_warnings(ready: PreparedStudy) -> tuple[str, ...]:
     told: list[str] = []
     for source, setup, problem in zip(ready.study.setups, ready.setups, ready.problems, strict=True):
         if source.record.frf is not None and source.record.time is None and setup.structure.has_modes:
+            histories = read_histories(source.record)
+            if not histories:
+                continue
+            from structid.study.run.before import leaking_windows  # for spectra averaged from histories alone
+
             modes = structure_modes(setup.structure, setup.parameters.values(setup.parameters.start), _MOST_MODES)
-            told += leaking_windows(source.record, read_histories(source.record), problem, modes)
+            told += leaking_windows(source.record, histories, problem, modes)
     return tuple(dict.fromkeys(told))

@@ -11,19 +11,19 @@ from typing import Literal, NotRequired, TypedDict
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.json_types import Entry
+from structid.core.json_types import StoredEntry
 from structid.forward import FrfProblem
 from structid.inversion import JointProblem, Linearization, Minimum, Problem, minimize
 from structid.inversion.problems.wrapped import Wrapped
 from structid.inversion.search.least_squares import Method
-from structid.inversion.search.minimum import Keeper, Progress, State
+from structid.inversion.search.minimum import Progress, SearchStateStore, State
 from structid.inversion.search.work import (
-    Found,
     Item,
     Shared,
     StageProgress,
     Task,
-    Tools,
+    TaskContext,
+    TaskResult,
     restored_minimum,
     stored_minimum,
 )
@@ -61,12 +61,12 @@ class Reached:
         self.search, self.iteration, self.cost = name, len(minimum.costs) - 1, float(minimum.costs[-1])
         self.problem, self.theta = problem, minimum.theta
 
-    def summary(self) -> dict[str, Entry]:
+    def summary(self) -> dict[str, StoredEntry]:
         """The values reached so far, without uncertainty, as plain values for JSON.
 
         There is no entry ``parameters`` before the first iteration.
         """
-        summary: dict[str, Entry] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
+        summary: dict[str, StoredEntry] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
         summary["sum_of_squares"] = self.cost
         if self.tasks:
             summary["tasks"] = self.tasks
@@ -79,7 +79,7 @@ class Reached:
 
 
 class LongRun:
-    """The `Work` of a study: numbered searches and tasks, those done before an interruption taken from the checkpoint.
+    """The `TaskExecutor` of a study: numbered searches and tasks, those done before an interruption taken from the checkpoint.
 
     Searches and tasks follow from the study alone, so that the n-th of a resumed run is the n-th of the one before.
 
@@ -124,8 +124,9 @@ class LongRun:
     ) -> Minimum:
         """Minimum of a problem as `structid.inversion.minimize` gives it, continued from the checkpoint if there is one.
 
-        A search that the checkpoint holds as finished is not repeated. Workers evaluate the lines of a large problem; within a
-        task, for which `scope` is the task's name, this process does.
+        A search that the checkpoint holds as finished is not repeated. Workers evaluate the lines of a large problem;
+        within a task, for which `scope` is the task's name, this process does. `theta` (n_params,) are the free
+        variables at the start, by default the problem's.
         """
         self._searches[scope] += 1
         name = f"{scope}search {self._searches[scope]}"
@@ -142,7 +143,7 @@ class LongRun:
         checkpoint.finished(name, stored_minimum(minimum))
         return minimum
 
-    def keeper(self, problem: Problem) -> Keeper:
+    def keeper(self, problem: Problem) -> SearchStateStore:
         """The store for the state of a new search in this process; the search of the previous call counts as finished."""
         checkpoint = self.checkpoint
         if self._keeper is not None and self._keeper.latest is not None and checkpoint is not None:
@@ -154,12 +155,12 @@ class LongRun:
     def map(
         self,
         name: str,
-        task: Task[Shared, Item, Found],
+        task: Task[Shared, Item, TaskResult],
         shared: Shared,
         items: Sequence[Item],
         progress: StageProgress | None = None,
         first: int = 0,
-    ) -> list[Found]:
+    ) -> list[TaskResult]:
         """Results of `task` for every item, in the order of `items`; results that the checkpoint holds are not computed again.
 
         `name` says what the tasks are, `shared` is an argument for all of them, and `first` is the index of `items[0]` if the
@@ -169,11 +170,11 @@ class LongRun:
         call = f"{name} {self._calls[name]}"
         names = [f"{call}, {first + number + 1}" for number in range(len(items))]
         done = {} if self.checkpoint is None else self.checkpoint.entries
-        results: dict[int, Found] = {number: done[own] for number, own in enumerate(names) if own in done}
+        results: dict[int, TaskResult] = {number: done[own] for number, own in enumerate(names) if own in done}
         missing = {number: item for number, item in enumerate(items) if number not in results}
 
-        def tools(number: int) -> Tools:
-            return Tools(partial(self.minimize, scope=f"{names[number]}, "), progress)
+        def tools(number: int) -> TaskContext:
+            return TaskContext(partial(self.minimize, scope=f"{names[number]}, "), progress)
 
         self._tell(name, len(results), len(items))
         if missing:
@@ -190,7 +191,7 @@ class LongRun:
         if self.progress is not None and total > 1:
             self.progress(name, done, total)
 
-    def so_far(self) -> dict[str, Entry]:
+    def so_far(self) -> dict[str, StoredEntry]:
         """Values that are reached and the count of finished tasks, as ``so_far.json`` holds them."""
         done = 0 if self.checkpoint is None else self.checkpoint.n_found
         return {**self.reached.summary(), "finished_searches_and_tasks": done}
@@ -202,7 +203,7 @@ class LongRun:
 
 @dataclass(eq=False)
 class _Keeper:
-    """The `Keeper` of one search."""
+    """The `SearchStateStore` of one search."""
 
     name: str
     problem: Problem
@@ -271,7 +272,8 @@ class SpreadLines(Wrapped):
     def _evaluate_parts(self, theta: FloatArray, with_jacobian: bool) -> list[_Lines]:
         """Residual, and Jacobian if `with_jacobian`, of each stretch of adjacent lines, evaluated on workers.
 
-        The list is in the order of frequency.
+        The list is in the order of frequency. `theta` (n_params,) are the free variables. A residual is (n,), a
+        Jacobian (n, n_params).
         """
         n_lines = len(self.problem.record.frequency)
         count = min(n_lines, _STRETCHES_A_WORKER * self.workers.n_workers)
@@ -302,7 +304,7 @@ def _join_parts(name: Literal["residual", "jacobian"], parts: list[_Lines]) -> F
     return np.concatenate([*real, *imaginary, parts[-1][name][2 * half :]])
 
 
-def stretch(stretches: Stretches, item: tuple[int, int, FloatArray, bool], _: Tools) -> _Lines:
+def stretch(stretches: Stretches, item: tuple[int, int, FloatArray, bool], _: TaskContext) -> _Lines:
     """Residual, and Jacobian if asked for, of one stretch of lines, as a task for workers.
 
     `item` is (first line, line after the last, free variables, with_jacobian). The result has ``residual``, ``n_data`` (the

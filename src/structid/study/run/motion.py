@@ -17,7 +17,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
-from structid.core.json_types import Entry, json_text
+from structid.core.json_types import StoredEntry, json_text
 from structid.fem import Structure
 from structid.forward.motion.fit import RecursiveMotionFit, motion_fit
 from structid.forward.motion.stream import (
@@ -31,8 +31,8 @@ from structid.forward.motion.stream import (
     reduced_by_chunks,
 )
 from structid.inversion import Status
-from structid.inversion.regression.local_reduction import Kernels, has_numba
-from structid.inversion.search.work import Tools
+from structid.inversion.regression.local_reduction import FoldingKernels, has_numba
+from structid.inversion.search.work import TaskContext
 from structid.records.on_disk import OnDiskRecord, open_record
 from structid.study.run.start_workers import start_workers
 from structid.study.run.workers import Workers
@@ -54,7 +54,7 @@ class MotionOptions:
 
     Parameters
     ----------
-    work : Kernels
+    work : FoldingKernels
     chunk : int, optional
         Samples a chunk.
     checkpoint : Path, optional
@@ -65,7 +65,7 @@ class MotionOptions:
         Address of the Dask cluster that does instead.
     """
 
-    work: Kernels = Kernels()  # noqa: RUF009  frozen
+    work: FoldingKernels = FoldingKernels()  # noqa: RUF009  frozen
     chunk: int | None = None
     checkpoint: Path | None = None
     workers: int | None = None
@@ -109,7 +109,7 @@ class MotionResult:
 def motion_of_study(path: Path, options: MotionOptions, progress: Progress | None = None) -> MotionResult:
     """Parameters of the study at `path`, identified from the motion of every degree of freedom.
 
-    `progress` is called with the number of samples done and their total.
+    `progress` is called with the number of samples done and their total. None for `progress` reports nothing.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def motion_of_study(path: Path, options: MotionOptions, progress: Progress | Non
         workers = start_workers(options.workers, options.scheduler)
         study_read = time.perf_counter()
         try:
-            whole = Whole(study.structure, study.parameters, records, options.work, options.chunk)
+            whole = MotionTaskData(study.structure, study.parameters, records, options.work, options.chunk)
             fit = _reduce_records(whole, workers, options.checkpoint, progress)
         finally:
             if workers is not None:
@@ -148,7 +148,7 @@ def motion_of_study(path: Path, options: MotionOptions, progress: Progress | Non
 
 
 def _reduce_records(
-    whole: Whole, workers: Workers | None, checkpoint: Path | None, progress: Progress | None
+    whole: MotionTaskData, workers: Workers | None, checkpoint: Path | None, progress: Progress | None
 ) -> RecursiveMotionFit:
     """The fit of all records, reduced on `workers` or, if None, in this process.
 
@@ -191,7 +191,7 @@ def _number(value: float) -> str:
     return repr(float(value)) if math.isfinite(value) else ""
 
 
-def motion_summary(result: MotionResult) -> dict[str, Entry]:
+def motion_summary(result: MotionResult) -> dict[str, StoredEntry]:
     """Summary of the fit and of its cost (samples, seconds, memory) as plain values for JSON."""
     found, fit = result.solution, result.solution.fit
     return {
@@ -218,7 +218,7 @@ def motion_summary(result: MotionResult) -> dict[str, Entry]:
 
 
 @dataclass(frozen=True, eq=False)
-class Whole:
+class MotionTaskData:
     """Structure, unknowns, records and kernels that all segments of a motion share.
 
     Attributes
@@ -227,7 +227,7 @@ class Whole:
     unknown : Parameters
     records : tuple of OnDiskRecord
         With absolute paths, which every worker must see.
-    work : Kernels
+    work : FoldingKernels
         The same on every worker.
     longest : int or None
         Samples a chunk.
@@ -236,7 +236,7 @@ class Whole:
     structure: Structure
     unknown: Parameters
     records: tuple[OnDiskRecord, ...]
-    work: Kernels
+    work: FoldingKernels
     longest: int | None
 
     @cached_property
@@ -280,7 +280,7 @@ def stretches(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0)
     return found
 
 
-class Reduced(TypedDict):
+class ReducedStretch(TypedDict):
     """Triangles, energies and counts of one stretch."""
 
     triangles: FloatArray
@@ -289,7 +289,7 @@ class Reduced(TypedDict):
     n_samples: int
 
 
-def reduced_stretch(whole: Whole, item: Stretch, tools: Tools) -> Reduced:
+def reduced_stretch(whole: MotionTaskData, item: Stretch, tools: TaskContext) -> ReducedStretch:
     """Sums of the least-squares problem over one stretch of a record, as a task for workers.
 
     `item` is (record number, first sample, sample after the last). The result has ``triangles`` and ``energy`` of the reduced
@@ -311,7 +311,7 @@ def reduced_stretch(whole: Whole, item: Stretch, tools: Tools) -> Reduced:
 def reduced_on(
     workers: Workers,
     fit: RecursiveMotionFit,
-    whole: Whole,
+    whole: MotionTaskData,
     checkpoint: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> RecursiveMotionFit:
@@ -323,7 +323,7 @@ def reduced_on(
         Workers that see the records by the same paths.
     fit : RecursiveMotionFit
         Fit to continue; its number of samples says where.
-    whole : Whole
+    whole : MotionTaskData
         Structure, unknowns and records.
     checkpoint : Path, optional
         File that keeps the fit of what was merged so far.
@@ -340,10 +340,10 @@ def reduced_on(
     work = whole.work
     total = sum(record.n_times for record in whole.records)
     compiled = work.compiled(total * len(fit.state.columns)) and len(fit.state.columns) == fit.equations.n_dofs
-    whole = replace(whole, work=Kernels("numba" if compiled else "numpy", work.threads))
+    whole = replace(whole, work=FoldingKernels("numba" if compiled else "numpy", work.threads))
     _require_records(workers, whole)
     items = dict(enumerate(stretches(whole.records, fit.state.triangles.nbytes, fit.n_samples)))
-    early: dict[int, Reduced] = {}
+    early: dict[int, ReducedStretch] = {}
     turn, keeper = 0, FitKeeper(checkpoint)
     try:
         for number, result in workers.completed(reduced_stretch, whole, items):
@@ -359,11 +359,12 @@ def reduced_on(
 
 
 def reduced_alone(
-    fit: RecursiveMotionFit, whole: Whole, checkpoint: Path | None = None, progress: Progress | None = None
+    fit: RecursiveMotionFit, whole: MotionTaskData, checkpoint: Path | None = None, progress: Progress | None = None
 ) -> RecursiveMotionFit:
     """The fit `fit` extended by all remaining samples of the records, reduced in this process one chunk after the other.
 
     `checkpoint` is a file that keeps the fit; `progress` is called with the number of samples done and their total.
+    None for `checkpoint` keeps nothing.
     """
     ends = list(accumulate(record.n_times for record in whole.records))
 
@@ -380,14 +381,14 @@ def reduced_alone(
     return fit
 
 
-def _merge_fits(fit: RecursiveMotionFit, part: Reduced) -> RecursiveMotionFit:
+def _merge_fits(fit: RecursiveMotionFit, part: ReducedStretch) -> RecursiveMotionFit:
     """The fit `fit` with the samples of one more stretch; a fit without samples is replaced by that of the stretch."""
     state = replace(fit.state, triangles=part["triangles"], n_rows=part["n_rows"])
     own = replace(fit, state=state, energy=part["energy"], error=np.zeros_like(fit.error), n_samples=part["n_samples"])
     return own if fit.n_samples == 0 else fit.merged(own)
 
 
-def _require_records(workers: Workers, whole: Whole) -> None:
+def _require_records(workers: Workers, whole: MotionTaskData) -> None:
     """Raise `InputError` if a worker does not see the records, or has another version of numba where numba is used."""
     wanted = tuple((str(record.path), record.path.stat().st_size) for record in whole.records)
     for worker, trouble in workers.asked(unusable, (wanted, _numba_version(whole.work.engine))).items():

@@ -16,7 +16,7 @@ from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.isolation import absolute_paths
-from structid.core.json_types import Entry
+from structid.core.json_types import StoredEntry
 from structid.core.quantities import span_text
 from structid.core.units import FrfKind
 from structid.fem import Base, Structure
@@ -52,7 +52,7 @@ from structid.study.results.stored_model import (
 from structid.study.schema.study import Study
 
 PREDICTION_PAGE = "prediction.html"
-Found: TypeAlias = Prediction | PredictedChange | None
+PredictionOrChange: TypeAlias = Prediction | PredictedChange | None
 #: Probabilities at which the distribution of a maximum is written.
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 
@@ -151,12 +151,12 @@ def predict_stored(
     def of(*quantities: Quantity) -> list[Prediction] | list[PredictedChange]:
         return several(quantities, n_draws=options.draws, seed=options.seed, model_error=error)
 
-    frf: Found = None
-    history: Found = None
-    maxima: Found = None
-    spectrum: Found = None
-    mean: Found = None
-    largest: Found = None
+    frf: PredictionOrChange = None
+    history: PredictionOrChange = None
+    maxima: PredictionOrChange = None
+    spectrum: PredictionOrChange = None
+    mean: PredictionOrChange = None
+    largest: PredictionOrChange = None
     band = options.band or _predicted_band(folder, source)
     words: list[str] = []
     if outputs:
@@ -164,7 +164,7 @@ def predict_stored(
         names = split_commas(options.loads) or stored_loads(folder, is_needed=loaded is None)
         if linear and names:
             inputs = _inputs(model.structure, names, options)
-            quantity = Frf(linear, inputs, _lines(band, options), kind_under(inputs, options.kind))
+            quantity = Frf(linear, inputs, _frequency_lines(band, options), kind_under(inputs, options.kind))
             [frf] = of(quantity)
         elif not linear and loaded is None:
             raise InputError(
@@ -176,7 +176,7 @@ def predict_stored(
         history, maxima = of(pushed, Maxima(pushed))
         words.append(sentence)
     if options.noise and options.duration is not None:
-        density = _spectrum(model.structure, outputs, _lines(band, options), options)
+        density = _spectrum(model.structure, outputs, _frequency_lines(band, options), options)
         if any(is_von_mises(output) for output in outputs):
             spectrum, mean = of(density, RootMeanSquare(density))
         else:
@@ -230,10 +230,10 @@ def _predicted_band(folder: Path, study: Study) -> tuple[float | None, float | N
     return lowest if low is None else low, highest if high is None else high
 
 
-def _lines(band: tuple[float | None, float | None], options: PredictOptions) -> FloatArray:
+def _frequency_lines(band: tuple[float | None, float | None], options: PredictOptions) -> FloatArray:
     """Equally spaced frequencies (Hz) of FRFs and spectra, as many as the options say, from end to end of `band`.
 
-    `InputError` if an end of the band is None.
+    `InputError` if an end of the band is None. The result is (n_frequencies,).
     """
     low, high = band
     if low is None or high is None:
@@ -375,7 +375,10 @@ def _noise_history(
 
 
 def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, tuple[FloatArray, FloatArray], Input]:
-    """Path of the noise table that the options name as ``table@place``, its frequencies and densities, and the driven input."""
+    """Path of the noise table that the options name as ``table@place``, its frequencies and densities, and the driven input.
+
+    Frequencies (Hz) and densities are (n_frequencies,) each.
+    """
     text, at, name = options.noise.rpartition("@")
     if not at or not text:
         raise InputError(f"`noise` must be a table and a place, as wind.csv@12Y, got {options.noise!r}", "noise")
@@ -398,7 +401,7 @@ def _sizes_at(name: str, text: str, parts: tuple[str, str]) -> tuple[tuple[float
     return (first, second), parse_dof(dof)
 
 
-def prediction_summary(prediction: StudyPrediction) -> dict[str, Entry]:
+def prediction_summary(prediction: StudyPrediction) -> dict[str, StoredEntry]:
     """The content of prediction.json."""
     modes = parts_of(prediction.modes)
     return {
@@ -431,7 +434,7 @@ def prediction_summary(prediction: StudyPrediction) -> dict[str, Entry]:
     }
 
 
-def _damper_entry(damper: TunedDamper) -> dict[str, Entry]:
+def _damper_entry(damper: TunedDamper) -> dict[str, StoredEntry]:
     """Values of a tuned damper, and the largest receptances with and without it."""
     return {
         "mass_kg": damper.change.mass,
@@ -450,7 +453,7 @@ def _damper_entry(damper: TunedDamper) -> dict[str, Entry]:
     }
 
 
-def _output_entries(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
+def _output_entries(parts: dict[str, Prediction]) -> list[dict[str, StoredEntry]]:
     """Value, interval and quantiles of each output of a quantity without a time axis, by the names of `parts`."""
     quantity = next(iter(parts.values())).quantity
     return [
@@ -463,7 +466,7 @@ def _output_entries(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
     ]
 
 
-def _quantiles(part: Prediction, index: int) -> dict[str, Entry]:
+def _quantiles(part: Prediction, index: int) -> dict[str, StoredEntry]:
     """Quantiles of the output `index` over the random models, by probability as text; {} if no draws are kept."""
     if part.draws is None:
         return {}
@@ -477,7 +480,7 @@ def parts_of(prediction: Prediction | PredictedChange) -> dict[str, Prediction]:
     return {"value": prediction}
 
 
-def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, Entry]:
+def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, StoredEntry]:
     low, high = float(part.low[index]), float(part.high[index])
     return {
         "value": float(np.real(part.values[index])),

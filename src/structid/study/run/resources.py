@@ -96,7 +96,7 @@ class Sizes:
 
 
 @dataclass(frozen=True)
-class Needs:
+class ResourceNeeds:
     """Memory and time that a study needs, from a few lines that were evaluated.
 
     Attributes
@@ -181,7 +181,7 @@ def sizes(problems: Sequence[RecordProblem]) -> Sizes:
     )
 
 
-def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
+def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> ResourceNeeds:
     """Memory and time that a study needs, from timing response and Jacobian on a few lines of each record.
 
     The times follow from usual numbers of iterations and refits; no search is made.
@@ -218,7 +218,7 @@ def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
     dense = (_COPIES - 1) * size.jacobian_bytes + _COPIES * size.square_bytes
     fixed_bytes = grown + size.record_bytes + (size.matrix_free_bytes if method.is_matrix_free else dense)
     total = sum(len(p.frequency) for p in problems)
-    return Needs(
+    return ResourceNeeds(
         sizes=size,
         bytes_needed=int(fixed_bytes + peak),
         line_seconds=seconds / total,
@@ -234,7 +234,7 @@ class _EnoughError(Exception):
     """A search that was tried takes longer than it is tried for."""
 
 
-def expected(study: Study, n_workers: int = 1) -> tuple[Needs, Duration]:
+def expected(study: Study, n_workers: int = 1) -> tuple[ResourceNeeds, Duration]:
     """Memory that a study needs and how long a run takes with `n_workers`.
 
     A search that takes seconds is tried; otherwise a few lines are timed, and a usual number of iterations is assumed.
@@ -355,7 +355,7 @@ def require_room(study: Study, problems: Sequence[RecordProblem], free: int | No
 
 
 def gigabytes(count: float) -> str:
-    """A number of bytes as text with three digits and a suitable decimal unit (kB to TB), such as ``1.5 GB``."""
+    """The number of bytes `count` as text with three digits and a suitable decimal unit (kB to TB), such as ``1.5 GB``."""
     for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
         if count >= size:
             return f"{count / size:.3g} {unit}"

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from structid.core.errors import NoAnswerError, SingularModelError
+from structid.diagnose.checks.mesh import mesh_warnings
 from structid.diagnose.verdict import leaves_noise_alone
-from structid.forward import ModalProblem
+from structid.forward.modal import compares_modes
 from structid.identification.identify import identify_together
 from structid.identification.joint_problem import indices_of
 from structid.identification.mesh_pieces import SUBDIVIDE_AUTO, MeshPieces, judge_pieces
 from structid.identification.search import chosen_method
-from structid.inversion.search.work import ALONE, StageProgress, Work
+from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run import solver
-from structid.study.run.before import mesh_warnings
 from structid.study.run.resources import require_room
 from structid.study.run.start import PreparedStudy, compare_with_models, prepare_study, with_pieces
 from structid.study.run.workers import threads_for
@@ -35,7 +35,7 @@ _DECISIVE = 20.0
 _SIMULATED = "finer elements do not explain the record, which these do; it seems to be simulated with them"
 
 
-def run_study(study: Study, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
+def run_study(study: Study, progress: StageProgress | None = None, work: TaskExecutor = SERIAL) -> StudyResult:
     """The result of a study: parameters with their uncertainty, and how the model fits its records.
 
     Parameters
@@ -44,7 +44,7 @@ def run_study(study: Study, progress: StageProgress | None = None, work: Work = 
         The study to run.
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
-    work : Work
+    work : TaskExecutor
         The way in which searches and their repeats run, and if they are kept; see `structid.study.run.long_run`.
 
     Returns
@@ -64,14 +64,16 @@ def run_study(study: Study, progress: StageProgress | None = None, work: Work = 
     return confirm_result(ready, run_prepared(ready, progress, work), progress, work)[1]
 
 
-def relinearized_study(study: Study, progress: StageProgress | None = None, work: Work = ALONE) -> PreparedStudy:
+def relinearized_study(
+    study: Study, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
+) -> PreparedStudy:
     """The study with records and models prepared for the search; the model of a solver is linearized about the answer."""
     ready = prepare_study(study)
     return ready if study.solved is None else solver.relinearize_solver(ready, progress, work)
 
 
 def confirm_result(
-    ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: Work = ALONE
+    ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
 ) -> tuple[PreparedStudy, StudyResult]:
     """The study and its result after two checks: finer meshes, and a run of the solver at the answer.
 
@@ -84,7 +86,7 @@ def confirm_result(
 
 
 def refine_mesh(
-    ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: Work = ALONE
+    ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
 ) -> tuple[PreparedStudy, StudyResult]:
     """The study and its result with beams cut into more pieces, until finer pieces hardly change the values.
 
@@ -120,15 +122,19 @@ def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult
     Beams are cut as the study says. Results from modes alone, and of large structures, are not checked here.
     """
     found, structure = result.identification, ready.study.structure
-    of_modes = all(isinstance(problem, ModalProblem) for problem in found.problems)  # `mesh_warnings` looks at these
+    of_modes = all(compares_modes(problem) for problem in found.problems)  # `mesh_warnings` looks at these
     if of_modes or not structure.divisible or structure.n_dofs > _MOST_JUDGED:
         return result
     warning = judge_pieces(ready.setups, found, ready.study.options, structure.subdivide).warning
     return replace(result, identification=replace(found, warnings=(warning, *found.warnings))) if warning else result
 
 
-def run_prepared(ready: PreparedStudy, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
+def run_prepared(
+    ready: PreparedStudy, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
+) -> StudyResult:
     """Identify a study whose records are already read; see `run_study`.
+
+    `progress` is called with the name of the stage, its iteration and the sum of squares; None for no reports.
 
     Raises
     ------

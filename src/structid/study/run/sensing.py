@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.core.constraints import split_commas
 from structid.core.errors import InputError
-from structid.core.json_types import Entry
+from structid.core.json_types import StoredEntry
 from structid.files import csv_text
 from structid.prediction.options import SenseOptions
 from structid.prediction.recovery import distinct_channels, output_unit, parse_outputs
@@ -86,13 +86,13 @@ def sensed_csv(sensed: SensedMotion) -> str:
     return csv_text(header, ([f"{value:.9g}" for value in row] for row in np.column_stack(columns).tolist()))
 
 
-def sensed_summary(sensed: SensedMotion, folder: Path, path: Path) -> dict[str, Entry]:
+def sensed_summary(sensed: SensedMotion, folder: Path, path: Path) -> dict[str, StoredEntry]:
     """The content of sensed.json: root mean squares of outputs and forces with deviations, checks of left-out sensors, verdict.
 
     `folder` holds the results that the motion was computed from, `path` is the record.
     """
 
-    def rows(dofs: tuple[object, ...], values: np.ndarray, std: np.ndarray) -> list[dict[str, Entry]]:
+    def rows(dofs: tuple[object, ...], values: np.ndarray, std: np.ndarray) -> list[dict[str, StoredEntry]]:
         sizes = np.sqrt((values**2).mean(axis=0)), np.sqrt((std**2).mean(axis=0))
         return [
             {"where": str(dof), "root_mean_square": float(size), "std": float(deviation)}

@@ -27,7 +27,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 from structid.core.errors import InputError, StructidError
 from structid.dynamics.factorization import THREADS_VARIABLE
 from structid.inversion import Problem
-from structid.inversion.search.work import PLAIN_TOOLS, Found, Item, Shared, Task, Tools
+from structid.inversion.search.work import PLAIN_CONTEXT, Item, Shared, Task, TaskContext, TaskResult
 from structid.study.run.piped import PipedProcesses, ProcessLostError
 
 #: Wall time of a batch, s: an answer costs some milliseconds on its way.
@@ -43,17 +43,17 @@ SMALL_JACOBIAN = 500_000
 #: Numbered items or results.
 Batch = list[tuple[int, Item]]
 #: Numbered results and the seconds that they took.
-Answer = tuple[Batch[Found], float]
-ToolsOf = Callable[[int], Tools]
+Answer = tuple[Batch[TaskResult], float]
+ToolsOf = Callable[[int], TaskContext]
 
 
 class WorkersLostError(StructidError):
     """Workers ended again and again without an answer, or cannot be reached any more; what was done is kept."""
 
 
-def no_tools(number: int) -> Tools:
+def no_tools(number: int) -> TaskContext:
     """Tools of tasks that make no search."""
-    return PLAIN_TOOLS
+    return PLAIN_CONTEXT
 
 
 class Workers(ABC):
@@ -72,8 +72,8 @@ class Workers(ABC):
 
     @abstractmethod
     def completed(
-        self, task: Task[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
-    ) -> Iterator[tuple[int, Found]]:
+        self, task: Task[Shared, Item, TaskResult], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
+    ) -> Iterator[tuple[int, TaskResult]]:
         """Number and result of each item, in the order in which they are ready.
 
         Parameters
@@ -112,9 +112,12 @@ class InProcess(Workers):
     words = "this process"
 
     def completed(
-        self, task: Task[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
-    ) -> Iterator[tuple[int, Found]]:
-        """Number and result of each item, computed one after another in this process, each on one thread."""
+        self, task: Task[Shared, Item, TaskResult], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
+    ) -> Iterator[tuple[int, TaskResult]]:
+        """Number and result of each item, computed one after another in this process, each on one thread.
+
+        `items` are by number; `shared` is what all tasks need.
+        """
         pools = ThreadpoolController()
         for count, (number, item) in enumerate(items.items()):
             if count == 1:
@@ -143,7 +146,7 @@ class RemoteWorkers(Workers):
 
     @staticmethod
     @abstractmethod
-    def answer(name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
+    def answer(name: str, task: Task[Shared, Item, TaskResult], batch: Batch[Item]) -> Answer[TaskResult]:
         """Result of a batch from a worker, which looks up by its name the data that its tasks share."""
 
     @abstractmethod
@@ -171,8 +174,8 @@ class RemoteWorkers(Workers):
         """Refuse to wait for workers that are gone; asked where nothing comes for some seconds."""
 
     def completed(
-        self, task: Task[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
-    ) -> Iterator[tuple[int, Found]]:
+        self, task: Task[Shared, Item, TaskResult], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
+    ) -> Iterator[tuple[int, TaskResult]]:
         """Number and result of each item in the order in which they come back; items of lost workers are sent again.
 
         `WorkersLostError` if workers are lost too often.
@@ -188,7 +191,7 @@ class RemoteWorkers(Workers):
                 losses += 1
                 self.lost(error, losses > MOST_LOSSES)
 
-    def _sent(self, name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Future[Answer[Found]]:
+    def _sent(self, name: str, task: Task[Shared, Item, TaskResult], batch: Batch[Item]) -> Future[Answer[TaskResult]]:
         return self.executor().submit(self.answer, name, task, batch)
 
     def _name_of_shared(self, shared: object) -> str:
@@ -233,12 +236,12 @@ class Processes(RemoteWorkers):
         self._folder = tempfile.TemporaryDirectory(prefix="structid-")
 
     @staticmethod
-    def answer(name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
+    def answer(name: str, task: Task[Shared, Item, TaskResult], batch: Batch[Item]) -> Answer[TaskResult]:
         return results(_read(name), task, batch)
 
     def executor(self) -> Executor:
         if self._pool is None:
-            self._pool = PipedProcesses(self.n_workers, _begin)
+            self._pool = PipedProcesses(self.n_workers, _start_process)
         return self._pool
 
     def give(self, content: bytes) -> str:
@@ -269,7 +272,7 @@ class Processes(RemoteWorkers):
             self._pool = None
 
 
-def _begin() -> None:
+def _start_process() -> None:
     """A process for tasks, on one thread."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", THREADS_VARIABLE):
         os.environ[name] = "1"  # of libraries that come later
@@ -282,10 +285,10 @@ def _read(path: str) -> Any:
     return pickle.loads(Path(path).read_bytes())
 
 
-def results(shared: Shared, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
+def results(shared: Shared, task: Task[Shared, Item, TaskResult], batch: Batch[Item]) -> Answer[TaskResult]:
     """Number and result of each item of a batch, computed without tools, and the seconds that the batch took."""
     begun = time.perf_counter()
-    found = [(number, task(shared, item, PLAIN_TOOLS)) for number, item in batch]
+    found = [(number, task(shared, item, PLAIN_CONTEXT)) for number, item in batch]
     return found, time.perf_counter() - begun
 
 
@@ -329,18 +332,19 @@ def threads_for(problems: Sequence[Problem]) -> AbstractContextManager[None]:
 
 
 def in_batches(
-    send: Callable[[Batch[Item]], Future[Answer[Found]]],
+    send: Callable[[Batch[Item]], Future[Answer[TaskResult]]],
     n_workers: int,
     items: Mapping[int, Item],
     require_alive: Callable[[], None] = lambda: None,
-) -> Iterator[tuple[int, Found]]:
+) -> Iterator[tuple[int, TaskResult]]:
     """Number and result of each item, in the order in which batches come back.
 
-    The first batches are single items, which show how long one takes; later ones are larger. `send` sends a batch to a worker
-    and returns its future; `require_alive` is called while nothing comes back, and raises if the workers are lost.
+    The first batches are single items, which show how long one takes; later ones are larger. `send` sends a batch to a
+    worker and returns its future; `require_alive` is called while nothing comes back, and raises if the workers are
+    lost. `n_workers` is the number of workers, `items` are by number.
     """
     waiting, n_waiting = iter(tuple(items.items())), len(items)
-    pending: set[Future[Answer[Found]]] = set()
+    pending: set[Future[Answer[TaskResult]]] = set()
     seconds, count, size = 0.0, 0, 1
     try:
         while n_waiting or pending:

@@ -12,7 +12,7 @@ import tomlkit
 from tomlkit.items import Array
 
 from structid.core.errors import InputError
-from structid.study.schema.toml_lines import KeyPath, Words, header, parse_toml, read_key, words_of
+from structid.study.schema.toml_lines import KeyPath, TomlTokens, header, parse_toml, read_key, words_of
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class _Span:
 
 
 @dataclass
-class Block:
+class TomlBlock:
     """A header and the keys under it; the first block, without a path, has the keys above all headers.
 
     `start` is where the line of the header begins, `own_end` where the line after the last of its keys begins.
@@ -38,19 +38,19 @@ class Block:
     pairs: dict[KeyPath, _Span] = field(default_factory=dict)
 
 
-def blocks_of(text: str) -> list[Block]:
+def blocks_of(text: str) -> list[TomlBlock]:
     """Tables of a valid TOML text in order, each with the positions of its keys and values.
 
     The first block has no header; it holds the keys above all headers.
     """
     words = words_of(text, " \t#\n")
-    blocks = [Block((), 0, 0)]
+    blocks = [TomlBlock((), 0, 0)]
     counts: dict[KeyPath, int] = {}
     while words:
         if words[-1][0] == "[" and _begins_line(text, words[-1][1]):
             start = words[-1][1]
             path = header(words, counts, {})
-            blocks.append(Block(path, text.rfind("\n", 0, start) + 1, _after_line(text, start)))
+            blocks.append(TomlBlock(path, text.rfind("\n", 0, start) + 1, _after_line(text, start)))
         else:
             _add_key(text, words, blocks[-1])
     return blocks
@@ -65,7 +65,7 @@ def _after_line(text: str, offset: int) -> int:
     return len(text) if end < 0 else end + 1
 
 
-def _add_key(text: str, words: Words, block: Block) -> None:
+def _add_key(text: str, words: TomlTokens, block: TomlBlock) -> None:
     """Move the key and value at the head of `words` into `block`, with their positions in `text`."""
     parts, start = read_key(words, "=")
     begin = words[-1][1]
@@ -75,7 +75,7 @@ def _add_key(text: str, words: Words, block: Block) -> None:
     block.own_end = _after_line(text, end)
 
 
-def _value_end(words: Words) -> int:
+def _value_end(words: TomlTokens) -> int:
     """Index in the text after the end of the next value, whose words are removed from `words`."""
     word, at = words.pop()
     end = at + len(word)
@@ -263,7 +263,7 @@ def _with_value(text: str, path: KeyPath, value: str) -> str:
     return _inserted_block(text, blocks, path[:-1], f"[{_name(path[:-1])}]\n{line}")
 
 
-def _is_spread(blocks: Sequence[Block], path: KeyPath) -> bool:
+def _is_spread(blocks: Sequence[TomlBlock], path: KeyPath) -> bool:
     """True if the table at `path` has a header of its own, or dotted keys, and is not an inline table."""
     named = [block.path + key[:-1] for block in blocks for key in block.pairs if len(key) > 1]
     return path in [*(block.path for block in blocks), *named]
@@ -368,7 +368,7 @@ def _with_entry(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
     return _inserted_block(text, blocks, path, entry)
 
 
-def _inserted_block(text: str, blocks: Sequence[Block], path: KeyPath, entry: str) -> str:
+def _inserted_block(text: str, blocks: Sequence[TomlBlock], path: KeyPath, entry: str) -> str:
     """TOML text with the new table `entry` (TOML text) inserted next to related tables, or at its customary position.
 
     `blocks` are the tables of `text`, `path` is that of the new table.

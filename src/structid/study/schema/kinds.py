@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, TypedDict, TypeVar, get_args, get_or
 
 from structid.core.constraints import Limits, alternatives
 from structid.core.dof import Dof
-from structid.core.json_types import Plain, as_list
+from structid.core.json_types import JsonValue, as_list
 from structid.fem.elements.element import (
     At,
     End,
@@ -39,7 +39,7 @@ Schema = TypedDict(
         "$ref": str,
         "type": str,
         "description": str,
-        "default": Plain,
+        "default": JsonValue,
         "anyOf": "list[Schema]",
         "enum": list[str],
         "pattern": str,
@@ -60,7 +60,7 @@ Schema = TypedDict(
 )
 
 
-def fits(value: Plain, schema: Schema) -> bool:
+def fits(value: JsonValue, schema: Schema) -> bool:
     """True if a value of a TOML file satisfies `schema`, by the keywords of JSON Schema that kinds use.
 
     Besides, the magnitude of a number other than 0 must be between 1e-100 and 1e100, integers must fit 64 bits, and a text must
@@ -95,7 +95,7 @@ def _same(value: T) -> T:
     return value
 
 
-def _any(value: Plain) -> bool:
+def _any(value: JsonValue) -> bool:
     return True
 
 
@@ -123,7 +123,7 @@ class Kind:
     made: Callable[[Any], Any] = _same
     remedy: str = ""
 
-    def accepts(self, value: Plain) -> bool:
+    def accepts(self, value: JsonValue) -> bool:
         """True if the key may hold `value`."""
         return fits(value, self.schema) and self.rule(value)
 
@@ -133,7 +133,7 @@ def list_of(schema: Schema, size: int | None = None) -> Schema:
     return {"type": "array", "items": schema, **limits}
 
 
-def _tuple(value: Plain) -> Plain:
+def _tuple(value: JsonValue) -> JsonValue:
     return tuple(map(_tuple, value)) if isinstance(value, list) else value
 
 
@@ -172,7 +172,7 @@ def or_none(kind: Kind) -> Kind:
 def either(*kinds: Kind) -> Kind:
     """A kind that accepts what any of `kinds` accepts; a value is converted by the first that accepts it."""
 
-    def made(value: Plain) -> Any:
+    def made(value: JsonValue) -> Any:
         return next(kind for kind in kinds if kind.accepts(value)).made(value)
 
     words = " or ".join(kind.words for kind in kinds)

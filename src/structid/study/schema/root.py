@@ -8,15 +8,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from structid.core.errors import StudyError
 from structid.fem import MeasuredComponent
 from structid.files import digest, require_readable
-from structid.inversion.search.work import ALONE, Work
+from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.study.schema.kinds import TEXT
-from structid.study.schema.section import Section, StudyError, StudyText
+from structid.study.schema.section import Section, StudyText
 from structid.study.schema.tables import Key, Table
 
 if TYPE_CHECKING:
-    from structid.external.solved import Solved
+    from structid.external.solved import SolvedModel
 
 #: Bytes of a study file at most: one with a node a line and a million nodes has 30 MB.
 MOST_STUDY_BYTES = 100_000_000
@@ -44,9 +45,9 @@ class InputFiles:
         Of the study file.
     digests : dict of str to str
         SHA-256 by the name in the study; the last part of it only where that is an absolute path.
-    work : Work
+    work : TaskExecutor
         Executor of a solver's runs.
-    solved : list of Solved
+    solved : list of SolvedModel
         What the study's solver gave, once it has run.
     measured : dict
         Measured components that were read, by the digest of their file and their table.
@@ -54,8 +55,8 @@ class InputFiles:
 
     folder: Path
     digests: dict[str, str] = field(default_factory=dict)
-    work: Work = ALONE
-    solved: list[Solved] = field(default_factory=list)
+    work: TaskExecutor = SERIAL
+    solved: list[SolvedModel] = field(default_factory=list)
     measured: dict[tuple[str, str], MeasuredComponent] = field(default_factory=dict)
 
     def path(self, name: str) -> Path:
@@ -80,14 +81,14 @@ def _told_name(name: str) -> str:
     return Path(name).name if Path(name).is_absolute() else Path(name).as_posix()
 
 
-def read_root(path: str | Path, work: Work = ALONE) -> tuple[Section, InputFiles]:
+def read_root(path: str | Path, work: TaskExecutor = SERIAL) -> tuple[Section, InputFiles]:
     """The root section of the study file at `path`, and the list of its input files, which begins with the study file itself.
 
     Parameters
     ----------
     path : path
         The study file.
-    work : Work
+    work : TaskExecutor
         Executor of a solver's runs.
 
     Raises

@@ -11,18 +11,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
-from structid.core.errors import InputError
-from structid.core.json_types import Plain
+from structid.core.errors import InputError, StudyError
+from structid.core.json_types import JsonValue
 from structid.study.schema.kinds import Kind
 from structid.study.schema.tables import Given, Key, Table, own_table
 from structid.study.schema.toml_lines import KeyPath, parse_toml, toml_lines
 
 T = TypeVar("T")
 _LABEL = re.compile(r"\d{1,9}")
-
-
-class StudyError(InputError):
-    """Something in a study file cannot be used; the message begins with file, line, section and key."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +35,10 @@ class StudyText:
 
     path: Path
     text: str
-    edited: Mapping[str, Plain] | None = None
+    edited: Mapping[str, JsonValue] | None = None
 
     @cached_property
-    def table(self) -> Mapping[str, Plain]:
+    def table(self) -> Mapping[str, JsonValue]:
         """Content of the study as a table, as edited; raises as `parse_toml` where it is not TOML."""
         return parse_toml(self.text) if self.edited is None else self.edited
 
@@ -73,7 +69,7 @@ class Section:
 
     source: StudyText
     path: KeyPath
-    table: Mapping[str, Plain]
+    table: Mapping[str, JsonValue]
 
     @property
     def title(self) -> str:
@@ -95,7 +91,8 @@ class Section:
     def located(self, key: str | None = None) -> Iterator[None]:
         """Context manager that adds the position of this section, and of `key`, to an `InputError` raised in its block.
 
-        The error becomes a `StudyError`; an error that has a position already is left as it is.
+        The error becomes a `StudyError`; an error that has a position already is left as it is. Without `key` only the
+        section is named.
         """
         try:
             yield
@@ -176,7 +173,7 @@ class Section:
         return ".".join([str(part) for part in self.path if isinstance(part, str)] + [key])
 
 
-def _nearest(name: str, value: Plain, keys: Mapping[str, Key]) -> list[str]:
+def _nearest(name: str, value: JsonValue, keys: Mapping[str, Key]) -> list[str]:
     """Names of the keys most similar to `name`, among those that may hold a table if `value` is one, else a plain value.
 
     For a ``tolerance`` in a table without that key, they are `prior` and `calibration`, which say how well values are known.
@@ -194,6 +191,6 @@ def _nearest(name: str, value: Plain, keys: Mapping[str, Key]) -> list[str]:
     return [key_name for key_name, ratio in ratios.items() if ratio == max(ratios.values())]
 
 
-def _shown(value: Plain) -> str:
+def _shown(value: JsonValue) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

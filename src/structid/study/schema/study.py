@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from structid.core.display import Overview, Shown, plural
-from structid.core.json_types import Entry, Plain
+from structid.core.json_types import JsonValue, StoredEntry
 from structid.fem import MeasuredComponent, Structure
 from structid.identification.options import IdentifyOptions
-from structid.inversion.search.work import ALONE, Work
+from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.study.schema.method import read_method
 from structid.study.schema.model.structure import AUTO, read_tolerances
 from structid.study.schema.records.record import RecordSource
@@ -22,7 +22,7 @@ from structid.study.schema.unknowns import read_regularization
 from structid.unknowns import Parameters
 
 if TYPE_CHECKING:
-    from structid.external.solved import Solved
+    from structid.external.solved import SolvedModel
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -39,7 +39,7 @@ class Study(Shown):
         The whole file, for the place of errors.
     digests : mapping of str to str
         SHA-256 of the study file and of every file that it names.
-    solved : Solved, optional
+    solved : SolvedModel, optional
         What its solver gave.
     measured : mapping
         See `InputFiles`.
@@ -50,7 +50,7 @@ class Study(Shown):
     options: IdentifyOptions
     root: Section
     digests: Mapping[str, str]
-    solved: Solved | None = None
+    solved: SolvedModel | None = None
     measured: Mapping[tuple[str, str], MeasuredComponent] = field(default_factory=dict)
 
     def overview(self) -> Overview:
@@ -91,7 +91,7 @@ class Study(Shown):
         return self.root.source.text
 
     @property
-    def settings(self) -> dict[str, Entry]:
+    def settings(self) -> dict[str, StoredEntry]:
         """All options of the identification as plain values, defaults included.
 
         The entries for search and regularization have the name of their kind.
@@ -108,14 +108,14 @@ class Study(Shown):
         return self.root.section(name) or self.root
 
 
-def load_study(path: str | Path, work: Work = ALONE) -> Study:
+def load_study(path: str | Path, work: TaskExecutor = SERIAL) -> Study:
     """The study in the TOML file at `path`.
 
     Parameters
     ----------
     path : path
         The study file.
-    work : Work
+    work : TaskExecutor
         Executor of a solver's runs, in a study that has a solver.
 
     Raises
@@ -128,7 +128,7 @@ def load_study(path: str | Path, work: Work = ALONE) -> Study:
     return _make_study(root, files)
 
 
-def edited_study(study: Study, tables: Mapping[str, Plain], work: Work = ALONE) -> Study:
+def edited_study(study: Study, tables: Mapping[str, JsonValue], work: TaskExecutor = SERIAL) -> Study:
     """The study with the changed `tables` in place of its own, as `load_study` would read it.
 
     Structures and measured components whose tables and files are unchanged are reused. Errors have the places that the

@@ -10,7 +10,7 @@ from typing import Any
 #: Names of tables and keys, and positions in arrays of tables.
 KeyPath = tuple[str | int, ...]
 #: Words with the place of their first letter.
-Words = list[tuple[str, int]]
+TomlTokens = list[tuple[str, int]]
 
 #: Texts, brackets, signs, line ends, comments, blanks and all other words of TOML.
 WORD = re.compile(
@@ -75,7 +75,7 @@ def toml_lines(text: str) -> dict[KeyPath, int]:
     return {path: bisect_left(ends, at) + 1 for path, at in found.items()}
 
 
-def words_of(text: str, passed_over: str) -> Words:
+def words_of(text: str, passed_over: str) -> TomlTokens:
     """The tokens of a TOML text in reverse order, each with its index in the text, so that `pop` takes the next.
 
     Tokens that begin with a character of `passed_over` are left out.
@@ -84,7 +84,7 @@ def words_of(text: str, passed_over: str) -> Words:
     return found[::-1]  # the next word is the last
 
 
-def read_key(words: Words, end: str) -> tuple[list[str], int]:
+def read_key(words: TomlTokens, end: str) -> tuple[list[str], int]:
     """The parts of a dotted key up to the token `end`, and the index in the text where the key begins.
 
     The key and `end` are removed from `words`.
@@ -99,7 +99,7 @@ def read_key(words: Words, end: str) -> tuple[list[str], int]:
     return parts, line
 
 
-def header(words: Words, counts: dict[KeyPath, int], lines: dict[KeyPath, int]) -> KeyPath:
+def header(words: TomlTokens, counts: dict[KeyPath, int], lines: dict[KeyPath, int]) -> KeyPath:
     """The path of the header ``[a.b]`` or ``[[a.b]]`` at the head of `words`, with positions in arrays of tables.
 
     `counts` holds the present length of each array and is updated. The index in the text of each part is noted in `lines`.
@@ -123,7 +123,7 @@ def header(words: Words, counts: dict[KeyPath, int], lines: dict[KeyPath, int]) 
     return path
 
 
-def _note_key_lines(words: Words, lines: dict[KeyPath, int], path: KeyPath) -> None:
+def _note_key_lines(words: TomlTokens, lines: dict[KeyPath, int], path: KeyPath) -> None:
     """Note where ``key = value`` under `path` begins (index in the text) in `lines`, and remove it from `words`."""
     parts, line = read_key(words, "=")
     for part in parts:
@@ -132,7 +132,7 @@ def _note_key_lines(words: Words, lines: dict[KeyPath, int], path: KeyPath) -> N
     _value(words, lines, path)
 
 
-def _value(words: Words, lines: dict[KeyPath, int], path: KeyPath) -> None:
+def _value(words: TomlTokens, lines: dict[KeyPath, int], path: KeyPath) -> None:
     """Note where each entry of the value under `path` begins (index in the text) in `lines`, and remove it from `words`."""
     first, position = words.pop()[0], 0
     if first not in ("[", "{"):

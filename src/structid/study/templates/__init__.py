@@ -10,8 +10,8 @@ from structid.study.templates.frames import (
 )
 from structid.study.templates.mesh import MeshTemplate
 from structid.study.templates.template import (
-    Asked,
     Template,
+    TemplateQuestion,
     asked_of,
     asked_value,
     study_file,
@@ -32,9 +32,9 @@ TEMPLATES: dict[str, type[Template]] = {
 
 __all__ = [
     "TEMPLATES",
-    "Asked",
     "MeshTemplate",
     "Template",
+    "TemplateQuestion",
     "asked_of",
     "asked_value",
     "study_file",

@@ -41,7 +41,7 @@ def asked(words: str, unit: str, default: T, choices: tuple[str, ...] = ()) -> T
 
 
 @dataclass(frozen=True)
-class Asked:
+class TemplateQuestion:
     """One number or text that a template asks for."""
 
     name: str
@@ -51,10 +51,10 @@ class Asked:
     choices: tuple[str, ...]
 
 
-def asked_of(template: type[Template]) -> tuple[Asked, ...]:
+def asked_of(template: type[Template]) -> tuple[TemplateQuestion, ...]:
     """Questions that `template` asks, one for each of its fields that has a text, in order."""
     found = (one for one in fields(template) if "words" in one.metadata)  # type: ignore[arg-type]
-    return tuple(Asked(one.name, **one.metadata) for one in found)
+    return tuple(TemplateQuestion(one.name, **one.metadata) for one in found)
 
 
 def template_with(template: type[Template], answers: Mapping[str, object]) -> Template:
@@ -77,7 +77,7 @@ def template_with(template: type[Template], answers: Mapping[str, object]) -> Te
     return template(**values)
 
 
-def asked_value(question: Asked, answer: str) -> float | int | str:
+def asked_value(question: TemplateQuestion, answer: str) -> float | int | str:
     """The text `answer` as the number or text that a question asks for.
 
     Raises

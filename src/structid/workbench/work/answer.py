@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.core.errors import FileError
-from structid.core.json_types import Entry
+from structid.core.json_types import StoredEntry
 from structid.core.quantities import number
 from structid.report.drawing.changes import Change, IdentifiedParameters, Shading, look, parameter_shadings
 from structid.report.drawing.palette import steps
@@ -24,7 +24,7 @@ _MODES, _MOST_DOFS = 12, 30_000
 _LEGEND_COLOURS, _MOST_WORDS = 9, 20
 
 
-def identified_scene(folder: Path) -> dict[str, Entry]:
+def identified_scene(folder: Path) -> dict[str, StoredEntry]:
     """Drawing data of an identified structure: that of `structure_scene`, with colours of its changes and up to 12 mode shapes.
 
     ``shadings`` are colourings of the elements with legends; ``modes`` hold a name and packed node displacements, and are empty
@@ -39,7 +39,7 @@ def identified_scene(folder: Path) -> dict[str, Entry]:
     """
     study = stored_study(folder)
     structure = study.structure
-    drawn: dict[str, Entry] = structure_scene(structure)
+    drawn: dict[str, StoredEntry] = structure_scene(structure)
     drawn["shadings"] = [_shading(one, study) for one in parameter_shadings(_identified_parameters(folder, study))]
     drawn["modes"] = []
     if structure.has_modes and structure.n_dofs <= _MOST_DOFS:
@@ -74,12 +74,12 @@ def _identified_parameters(folder: Path, study: Study) -> IdentifiedParameters:
         raise FileError(f"{folder / 'estimate.json'}: its parameters cannot be used; run the study again") from error
 
 
-def _shading(shading: Shading, study: Study) -> dict[str, Entry]:
+def _shading(shading: Shading, study: Study) -> dict[str, StoredEntry]:
     """Shading for the page: ``title``, ``legend`` (colours and tick labels), and ``sets`` by name of element set.
 
     A set holds its distinct ``colours``, the packed ``index`` of the colour of each element, and texts of its changes.
     """
-    sets: dict[str, Entry] = {}
+    sets: dict[str, StoredEntry] = {}
     for element in study.structure.elements:
         rows = range(len(element.nodes))
         looks = [look(shading, element.name, row) for row in rows]

@@ -15,7 +15,7 @@ from structid.workbench.folder import EXPORTS, OpenFolder
 from structid.workbench.work.model import LOOKING
 
 if TYPE_CHECKING:  # NumPy comes with it, which the server does without
-    from structid.core.json_types import Entry
+    from structid.core.json_types import StoredEntry
 
 #: Of records that a worker keeps, so that a look at one does not read it anew.
 _KEPT_BYTES = 500_000_000
@@ -42,7 +42,8 @@ def called(name: str, root: str, arguments: dict[str, Any]) -> str:
 def called_again(name: str, root: str, arguments: dict[str, Any]) -> str:
     """JSON text as `called` returns it, in a process that keeps up to 500 MB of the records that it has read.
 
-    The next call on the same record then needs no second reading.
+    The next call on the same record then needs no second reading. `name` is the function, `root` the folder that is
+    open, and `arguments` are the function's, by name.
     """
     from structid.records.formats import keep_records
 
@@ -50,7 +51,7 @@ def called_again(name: str, root: str, arguments: dict[str, Any]) -> str:
     return called(name, root, arguments)
 
 
-def _warm(_: OpenFolder) -> Entry:
+def _warm(_: OpenFolder) -> StoredEntry:
     """Import the modules that the first requests need; the answer is empty."""
     import structid.workbench.work.scene
     import structid.workbench.work.signals  # noqa: F401
@@ -58,13 +59,13 @@ def _warm(_: OpenFolder) -> Entry:
     return {}
 
 
-def _scene(opened: OpenFolder, study: str, number: int = 0) -> Entry:
+def _scene(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
     from structid.workbench.work.scene import scene
 
     return scene(opened.inside(study), number)
 
 
-def _channels(opened: OpenFolder, study: str, number: int = 0) -> Entry:
+def _channels(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
     """Channels of record `number` (from 0) of a study, with their nodes and directions on the structure.
 
     ``record`` lists the record's file names, of which the first is read; ``channels`` is as from `placed_channels`.
@@ -84,7 +85,7 @@ def _channels(opened: OpenFolder, study: str, number: int = 0) -> Entry:
     return {"record": names, "channels": placed_channels(read_model(path, number), found)}
 
 
-def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any]) -> Entry:
+def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any]) -> StoredEntry:
     """Write a new study to `path` in the folder, and return ``{"path": path}``, with the suffix of a study added if missing.
 
     `template` is a name in `TEMPLATES`; `numbers` are the template's values by name.
@@ -101,19 +102,19 @@ def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any])
     return {"path": path}
 
 
-def _kinds(_: OpenFolder) -> Entry:
+def _kinds(_: OpenFolder) -> StoredEntry:
     from structid.workbench.work.kinds import element_kinds
 
     return element_kinds()
 
 
-def _mesh(opened: OpenFolder, path: str, length_unit: str) -> Entry:
+def _mesh(opened: OpenFolder, path: str, length_unit: str) -> StoredEntry:
     from structid.workbench.work.scene import mesh_facts
 
     return mesh_facts(opened.inside(path), length_unit)
 
 
-def _facts(opened: OpenFolder, record: str, options: dict[str, Any]) -> Entry:
+def _facts(opened: OpenFolder, record: str, options: dict[str, Any]) -> StoredEntry:
     from structid.workbench.work.signals import facts, options_of
 
     return facts(opened.inside(record), options_of(options))
@@ -121,21 +122,21 @@ def _facts(opened: OpenFolder, record: str, options: dict[str, Any]) -> Entry:
 
 def _histories(
     opened: OpenFolder, record: str, options: dict[str, Any], first: float, last: float | None, points: int
-) -> Entry:
+) -> StoredEntry:
     from structid.workbench.work.signals import histories, options_of
 
     kept = opened.own("overviews") if opened.is_writable else opened.root
     return histories(opened.inside(record), options_of(options), first, last, points, kept)
 
 
-def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> Entry:
+def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> StoredEntry:
     from structid.workbench.work.signals import options_of, write_overview
 
     write_overview(opened.inside(record), options_of(options), opened.own("overviews"))
     return {}
 
 
-def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int = 0) -> Entry:
+def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int = 0) -> StoredEntry:
     """Magnitude, phase and coherence of a study's FRF record, with the study's frequency band and excluded bands (Hz).
 
     `outputs` are names of channels, all if empty; `number` counts the study's records from 0. See `responses` for the parts.
@@ -152,7 +153,7 @@ def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int =
     return {**responses(load_record(source), outputs), "band": method.band, "exclude": method.exclude}
 
 
-def _check(opened: OpenFolder, study: str) -> Entry:
+def _check(opened: OpenFolder, study: str) -> StoredEntry:
     """Result of `structid check` for a study as a mapping: findings, channels, modes, parameters with predicted std, and rank.
 
     ``modes`` are rows of frequency (Hz), damping ratio, in band or not, and lines per half-power bandwidth; ``mass`` is the
@@ -192,7 +193,7 @@ def _check(opened: OpenFolder, study: str) -> Entry:
     }
 
 
-def _modelled(opened: OpenFolder, study: str, number: int = 0) -> Entry:
+def _model_magnitudes(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
     """FRF magnitudes of a study's model at its start values, at the used lines of record `number` (counted from 0).
 
     ``frequency`` (Hz) is packed and thinned to about 4000 lines; ``channels`` are mappings of name and packed magnitude, empty
@@ -206,7 +207,7 @@ def _modelled(opened: OpenFolder, study: str, number: int = 0) -> Entry:
     return initial_responses(ready.setups[number], ready.problems[number], ready.study.options)
 
 
-def _needs(opened: OpenFolder, study: str) -> Entry:
+def _needs(opened: OpenFolder, study: str) -> StoredEntry:
     """Memory (bytes) and duration (s) that a study's identification is expected to take.
 
     ``bytes`` is needed and ``free`` is available. The run takes ``seconds`` at least and ``most_seconds`` if causes of a misfit
@@ -227,7 +228,7 @@ def _needs(opened: OpenFolder, study: str) -> Entry:
     }
 
 
-def _plan(opened: OpenFolder, study: str, sensors: int) -> Entry:
+def _plan(opened: OpenFolder, study: str, sensors: int) -> StoredEntry:
     """Best positions for `sensors` sensors, and loads, of a study's planned test, with predicted relative standard deviations.
 
     ``sensors`` and ``loads`` are names of degrees of freedom; ``parameters`` are mappings with ``name`` and ``relative``.
@@ -243,7 +244,7 @@ def _plan(opened: OpenFolder, study: str, sensors: int) -> Entry:
     }
 
 
-def _survey(opened: OpenFolder, record: str, options: dict[str, Any], band: list[float] | None) -> Entry:
+def _survey(opened: OpenFolder, record: str, options: dict[str, Any], band: list[float] | None) -> StoredEntry:
     from structid.workbench.work.modes import survey
     from structid.workbench.work.signals import options_of
 
@@ -257,10 +258,11 @@ def _pick(
     frequencies: list[float],
     out: str,
     band: list[float] | None,
-) -> Entry:
+) -> StoredEntry:
     """Identify the modes at the chosen `frequencies` (Hz) of a record, and save them in the folder `out`.
 
-    `band` is [low, high] in Hz or None. The answer is that of `save`, with the ``path`` of the file of modes.
+    `band` is [low, high] in Hz or None. The answer is that of `save`, with the ``path`` of the file of modes. `options`
+    are those of `options_of`.
     """
     from structid.workbench.work.modes import save
     from structid.workbench.work.signals import options_of
@@ -271,11 +273,11 @@ def _pick(
 
 def _merge(
     opened: OpenFolder, records: list[str], options: dict[str, Any], out: str, band: list[float] | None
-) -> Entry:
+) -> StoredEntry:
     """Merge modes of several set-ups, and save them in the folder `out`.
 
-    `records` are paths of records or of files of modes; `band` is [low, high] in Hz or None. The answer is that of `merge`,
-    with the ``path`` of the file of modes.
+    `records` are paths of records or of files of modes; `band` is [low, high] in Hz or None. The answer is that of
+    `merge`, with the ``path`` of the file of modes. `options` are those of `options_of`.
     """
     from structid.workbench.work.modes import merge
     from structid.workbench.work.signals import options_of
@@ -284,7 +286,9 @@ def _merge(
     return {**merge(paths, options_of(options), opened.inside(out), band), "path": f"{out}/modes.json"}
 
 
-def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str) -> Entry:
+def _modes_beside_model(
+    opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str
+) -> StoredEntry:
     """Measured modes compared with those of a study's model, see `beside` for the parts.
 
     `number` counts the study's records from 0; `measured` is the path of a file of modes, or unsaved modes as the page sends
@@ -299,31 +303,31 @@ def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[st
     return beside(read_model(opened.inside(study), number), modes, results)
 
 
-def _fits(opened: OpenFolder, results: str) -> Entry:
+def _fits(opened: OpenFolder, results: str) -> StoredEntry:
     from structid.workbench.work.fits import fitted_responses
 
     return fitted_responses(opened.inside(results))
 
 
-def _identified(opened: OpenFolder, results: str) -> Entry:
+def _identified(opened: OpenFolder, results: str) -> StoredEntry:
     from structid.workbench.work.answer import identified_scene
 
     return identified_scene(opened.inside(results))
 
 
-def _use(opened: OpenFolder, results: str) -> Entry:
+def _use(opened: OpenFolder, results: str) -> StoredEntry:
     from structid.workbench.work.use import use_facts
 
     return use_facts(opened.inside(results))
 
 
-def _predict(opened: OpenFolder, results: str, options: dict[str, Any], changes: list[dict[str, Any]]) -> Entry:
+def _predict(opened: OpenFolder, results: str, options: dict[str, Any], changes: list[dict[str, Any]]) -> StoredEntry:
     from structid.workbench.work.use import predict_use
 
     return predict_use(opened.inside(results), options, changes)
 
 
-def _exports(opened: OpenFolder, results: str, kind: str, suffix: str, options: dict[str, Any]) -> Entry:
+def _exports(opened: OpenFolder, results: str, kind: str, suffix: str, options: dict[str, Any]) -> StoredEntry:
     """Write files of an identified model into the folder ``<results>_exports``; returns messages and paths of the files.
 
     `kind` and `suffix` choose the file, as listed under ``offers`` of `use_facts`; `options` are those of `export_use`.
@@ -338,7 +342,7 @@ def _exports(opened: OpenFolder, results: str, kind: str, suffix: str, options: 
     }
 
 
-def _solver(opened: OpenFolder, study: str) -> Entry:
+def _solver(opened: OpenFolder, study: str) -> StoredEntry:
     """Solver command that a study runs, as a mapping with the study's ``folder``; {} if the study runs no solver."""
     from structid.study.schema.model.solver import solver_command
     from structid.study.schema.root import read_root
@@ -347,7 +351,7 @@ def _solver(opened: OpenFolder, study: str) -> Entry:
     return {} if command is None else {**command._asdict(), "folder": opened.name(opened.inside(study).parent)}
 
 
-def _line(opened: OpenFolder, study: str) -> Entry:
+def _line(opened: OpenFolder, study: str) -> StoredEntry:
     """Try to read a study or plan without running it: {} if that succeeds, else an `InputError` with file and line."""
     from structid.study.schema.plan import load_plan
     from structid.study.schema.root import read_root
@@ -362,7 +366,7 @@ def _line(opened: OpenFolder, study: str) -> Entry:
     return {}
 
 
-_FUNCTIONS: dict[str, Callable[..., Entry]] = {
+_FUNCTIONS: dict[str, Callable[..., StoredEntry]] = {
     "warm": _warm,
     "scene": _scene,
     "channels": _channels,
@@ -374,13 +378,13 @@ _FUNCTIONS: dict[str, Callable[..., Entry]] = {
     "overview": _overview,
     "responses": _responses,
     "check": _check,
-    "modelled": _modelled,
+    "modelled": _model_magnitudes,
     "needs": _needs,
     "plan": _plan,
     "survey": _survey,
     "pick": _pick,
     "merge": _merge,
-    "beside": _beside,
+    "beside": _modes_beside_model,
     "fits": _fits,
     "identified": _identified,
     "use": _use,

@@ -8,7 +8,7 @@ import numpy as np
 
 from structid.core.dof import parse_dof
 from structid.core.errors import FileError
-from structid.core.json_types import Entry
+from structid.core.json_types import StoredEntry
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.options import IdentifyOptions
@@ -23,10 +23,10 @@ _FIELDS = ("frequency", "measured", "predicted", "predicted_initial", "outputs",
 _MOST_VALUES = 400_000
 
 
-def fitted_responses(folder: Path) -> dict[str, Entry]:
+def fitted_responses(folder: Path) -> dict[str, StoredEntry]:
     """Measured, fitted and initial FRF magnitudes of every channel of the first record, those with the largest misfit first.
 
-    ``error`` is the median relative error; arrays are packed and thinned to about 400 000 values. ``channels`` is empty if
+    ``error`` is the median relative error; arrays are packed and thinned to about `_MOST_VALUES` values. ``channels`` is empty if
     `folder` holds no FRFs.
 
     Raises
@@ -70,8 +70,8 @@ def fitted_responses(folder: Path) -> dict[str, Entry]:
     }
 
 
-def initial_responses(setup: AnySetup, problem: RecordProblem, options: IdentifyOptions) -> dict[str, Entry]:
-    """FRF magnitudes of a model at its start values, at the lines of its record, thinned to about 4000 lines.
+def initial_responses(setup: AnySetup, problem: RecordProblem, options: IdentifyOptions) -> dict[str, StoredEntry]:
+    """FRF magnitudes of a model at its start values, at the lines of its record, thinned to about `_MOST_LINES` lines.
 
     ``channels`` is empty if the record has no FRFs or the responses are not finite.
     """

@@ -5,16 +5,16 @@ from __future__ import annotations
 import dataclasses
 
 from structid.core.constraints import parameter_descriptions
-from structid.core.json_types import Entry
+from structid.core.json_types import StoredEntry
 from structid.fem import ELEMENT_TYPES
 from structid.fem.elements.element import declarations
 
 EDITED = ("beam", "bar", "space_beam", "point_mass", "spring")
 
 
-def element_kinds() -> dict[str, Entry]:
+def element_kinds() -> dict[str, StoredEntry]:
     """Keys of each element type that the page can edit, by type: name, unit, description and whether required."""
-    kinds: dict[str, Entry] = {}
+    kinds: dict[str, StoredEntry] = {}
     for name in EDITED:
         kind = ELEMENT_TYPES[name]
         declared, words = declarations(kind), parameter_descriptions(kind)

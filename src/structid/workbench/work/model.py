@@ -10,7 +10,7 @@ from typing import Any
 from structid.core.errors import InputError
 from structid.external.runs import Solver
 from structid.fem import Structure
-from structid.inversion.search.work import Alone, StageProgress, Task
+from structid.inversion.search.work import SerialExecutor, StageProgress, Task
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.records.record import RecordSource, read_source
 from structid.study.schema.records.sensors import channel_names
@@ -98,7 +98,7 @@ def _record(root: Section, number: int) -> Section | None:
     return listed[number] if listed else None
 
 
-class Looking(Alone):
+class Looking(SerialExecutor):
     """Work that refuses to run solvers; stored runs are still read."""
 
     def map(
@@ -110,7 +110,9 @@ class Looking(Alone):
         progress: StageProgress | None = None,
         first: int = 0,
     ) -> list[Any]:
-        """Results of `task` for each of `items`, as from `Work.map`, without ever starting a solver.
+        """Results of `task` for each of `items`, as from `TaskExecutor.map`, without ever starting a solver.
+
+        `name` and `first` are not used.
 
         Raises
         ------

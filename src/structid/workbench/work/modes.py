@@ -14,7 +14,7 @@ from structid.compare.correlation.modes import correlated_modes
 from structid.core.display import file_names
 from structid.core.dof import parse_dofs, renamed
 from structid.core.errors import InputError
-from structid.core.json_types import Entry
+from structid.core.json_types import StoredEntry
 from structid.modal import ModalRecord
 from structid.modal.formats.files import read_modes
 from structid.modal.merging import merged_setups
@@ -38,11 +38,11 @@ from structid.workbench.work.scene import packed
 _MOST_LINES = 3000
 
 
-def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str, Entry]:
+def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str, StoredEntry]:
     """Modes of a record with all poles of the stabilization diagram and the spectrum, packed for the page.
 
     `band` is [low, high] in Hz, None for the default. ``poles`` hold frequency (Hz), damping ratio, model order, kind and real
-    shape of the poles of all orders; ``spectrum`` is thinned to about 3000 lines.
+    shape of the poles of all orders; ``spectrum`` is thinned to about `_MOST_LINES` lines.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str,
 
 def save(
     path: Path, read: ReadOptions, frequencies: list[float], folder: Path, band: list[float] | None
-) -> dict[str, Entry]:
+) -> dict[str, StoredEntry]:
     """Identify the modes at `frequencies` (Hz) of the record at `path`, write them into `folder`, and return them for the page.
 
     The files are those of ``structid modes --frequencies``; `band` is [low, high] in Hz, None for the default.
@@ -85,7 +85,7 @@ def save(
     return _write_modes(modes_of_file(path, chosen, read), folder)
 
 
-def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[float] | None) -> dict[str, Entry]:
+def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[float] | None) -> dict[str, StoredEntry]:
     """Merge modes of several set-ups by their common reference sensors, write them into `folder`, and return them for the page.
 
     Parameters
@@ -121,15 +121,18 @@ def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[flo
     return _write_modes(modes_of_setups(paths, options, read), folder)
 
 
-def _write_modes(result: ModesResult, folder: Path) -> dict[str, Entry]:
-    """Write modes and their report into `folder`, replacing earlier ones, and return the modes for the web page."""
+def _write_modes(result: ModesResult, folder: Path) -> dict[str, StoredEntry]:
+    """Write modes and their report into `folder`, replacing earlier ones, and return the modes for the web page.
+
+    Keys are those of modes.json and of the page.
+    """
     with staged_folder(folder, MODES_PAGE) as staged:
         write_modes_results(result, staged)
         modes_page(result).write(staged)
     return _modes(result)
 
 
-def _modes(result: ModesResult) -> dict[str, Entry]:
+def _modes(result: ModesResult) -> dict[str, StoredEntry]:
     return {
         **_told(result.modes),
         "method": result.identification.method,
@@ -138,7 +141,7 @@ def _modes(result: ModesResult) -> dict[str, Entry]:
     }
 
 
-def _told(modes: ModalRecord) -> dict[str, Entry]:
+def _told(modes: ModalRecord) -> dict[str, StoredEntry]:
     std = modes.std
     n = modes.n_modes
     return {
@@ -156,7 +159,7 @@ def _told(modes: ModalRecord) -> dict[str, Entry]:
 def posted_modes(posted: dict[str, Any]) -> ModalRecord:
     """Modal record of unsaved modes that the page sends, with keys ``frequency``, ``damping``, ``shapes`` and ``channels``.
 
-    Frequencies in Hz, damping ratios, one row of ``shapes`` for each mode, and names of channels.
+    Frequencies in Hz, damping ratios, one row of ``shapes`` for each mode, and names of channels. `posted` holds them.
 
     Raises
     ------

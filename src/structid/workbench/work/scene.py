@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from structid.core.arrays import IntArray
 from structid.core.dof import Dof, parse_dof, parse_dofs
-from structid.core.json_types import Entry
+from structid.core.json_types import StoredEntry
 from structid.diagnose.checks.loose_parts import PlacedFinding, structure_findings
 from structid.fem import Dashpot, Friction, Joint, PointMass, RotaryInertia, Solid, Spring, Structure
 from structid.fem.elements import ElementSet
@@ -29,11 +29,11 @@ _MOST_MARKED = 4000
 _MOST_JUDGED = 60_000
 
 
-def scene(path: Path, number: int = 0) -> dict[str, Entry]:
+def scene(path: Path, number: int = 0) -> dict[str, StoredEntry]:
     """Drawing data of a study's structure, with the changes of its record `number` (counted from 0) applied.
 
     Those of `structure_scene`, with ``title``, ``planned`` (installed sensors and loads), ``has_record`` and ``findings``,
-    which are empty above 60 000 degrees of freedom.
+    which are empty above `_MOST_JUDGED` degrees of freedom.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def scene(path: Path, number: int = 0) -> dict[str, Entry]:
     }
 
 
-def structure_scene(structure: Structure) -> dict[str, Entry]:
+def structure_scene(structure: Structure) -> dict[str, StoredEntry]:
     """Drawing data of a structure: packed node labels and positions (m), element sets, supports, links and mesh points.
 
     Nodes are named by their row in ``labels``; ``places`` is (n_nodes, 3), padded with zeros; a link lists its main node first.
@@ -109,10 +109,10 @@ def _moves(structure: Structure, labels: IntArray, rows: Any) -> IntArray:
     return bits
 
 
-def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> list[dict[str, Entry]]:
+def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> list[dict[str, StoredEntry]]:
     """Findings for the page, each with ``words``, ``nodes`` (labels) and ``outlines`` (lists of node labels around elements).
 
-    At most 4000 nodes, and 4000 elements of a set, are marked for each finding.
+    At most `_MOST_MARKED` nodes, and `_MOST_MARKED` elements of a set, are marked for each finding.
     """
     return [
         {
@@ -132,12 +132,12 @@ def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> li
 def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
     """Lists of node labels around the elements `rows` of a set: one list per line or area, one per face of a solid.
 
-    Only the first 4000 of `rows` are used.
+    Only the first `_MOST_MARKED` of `rows` are used. `rows` is (n,).
     """
     found: list[list[int]] = []
     for nodes in element.nodes[rows[:_MOST_MARKED]]:
         own = nodes[nodes >= 0]
-        if isinstance(element, Solid):
+        if element.symbol == "solid":
             found += [own[list(face)].tolist() for face in SOLID_FACES[SOLID_CORNERS[len(own)]]]
         else:
             found.append(own[: AREA_CORNERS[len(own)] if is_cells(element) else None].tolist())
@@ -149,13 +149,13 @@ def packed(values: ArrayLike, kind: type[np.generic]) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
 
 
-def _describe_set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Entry]:
+def _describe_set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, StoredEntry]:
     """Drawing data of one element set: name, type, element count, and the range of each property in its SI unit.
 
     Geometry is added under ``connectors``, ``triangles`` (with ``edges`` and ``owners``), ``marks`` or ``lines``, depending on
     the type. `rows` is a function that turns node labels into rows of the drawn nodes.
     """
-    properties: list[dict[str, Entry]] = [
+    properties: list[dict[str, StoredEntry]] = [
         {
             "name": item.term.property,
             "unit": item.term.unit,
@@ -166,7 +166,7 @@ def _describe_set(element: ElementSet, structure: Structure, rows: Any) -> dict[
         for item in structure.properties
         if item.element == element.name and item.term.kind != "length"
     ]
-    found: dict[str, Entry] = {
+    found: dict[str, StoredEntry] = {
         "name": element.name,
         "type": type(element).__name__,
         "count": len(element.nodes),
@@ -233,7 +233,7 @@ def _four(faces: IntArray) -> IntArray:
     return faces if faces.shape[1] == 4 else np.column_stack([faces, faces[:, 2]])
 
 
-def _supports(structure: Structure, row: dict[int, int]) -> list[dict[str, Entry]]:
+def _supports(structure: Structure, row: dict[int, int]) -> list[dict[str, StoredEntry]]:
     """Supported nodes, each as ``node`` (row) and ``directions`` (those that are fixed); at most 4000.
 
     `row` maps node labels to rows.
@@ -242,11 +242,11 @@ def _supports(structure: Structure, row: dict[int, int]) -> list[dict[str, Entry
     for dof in structure.fixed:
         if dof.node in row:
             held.setdefault(row[dof.node], []).append(dof.direction)
-    found: list[dict[str, Entry]] = [{"node": node, "directions": to} for node, to in held.items()]
+    found: list[dict[str, StoredEntry]] = [{"node": node, "directions": to} for node, to in held.items()]
     return found[:_MOST_MARKED]
 
 
-def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[dict[str, Entry]]:
+def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[dict[str, StoredEntry]]:
     """Each channel of a record with its node and direction on the structure, in the order of `channels`.
 
     `channels` are pairs of name and role, "sensor" or "load". ``node`` is None if the structure has no such node; ``direction``
@@ -257,7 +257,7 @@ def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[d
     by_place = {
         (name.startswith("load "), parse_dof(name.removeprefix("load ")).place): tie for name, tie in aimed.items()
     }
-    found: list[dict[str, Entry]] = []
+    found: list[dict[str, StoredEntry]] = []
     for name, role in channels:
         dof = parse_dof(name)
         tie = by_place.get((role == "load", dof.place)) or by_place.get((False, dof.place))
@@ -282,7 +282,7 @@ def _unit(dof: Dof) -> list[float]:
     return [float(dof.sign) if k == dof.axis % 3 else 0.0 for k in range(3)]
 
 
-def mesh_facts(path: Path, length_unit: str) -> dict[str, Entry]:
+def mesh_facts(path: Path, length_unit: str) -> dict[str, StoredEntry]:
     """Number of nodes, extent (m), cells and groups of the mesh file at `path`, whose lengths are in `length_unit`.
 
     ``size`` is the extent along each axis; ``cells`` are pairs of cell kind and count; ``groups`` are the names of groups.

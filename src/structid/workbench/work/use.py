@@ -12,7 +12,7 @@ import numpy as np
 from structid.core.constraints import split_commas
 from structid.core.dof import parse_dofs
 from structid.core.errors import InputError
-from structid.core.json_types import Entry
+from structid.core.json_types import StoredEntry
 from structid.fem import Base
 from structid.fem.elements.element import dof_of_code
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
@@ -38,7 +38,7 @@ _MEASURED = ("outputs", "inputs", "kind")
 _TUNE = "tune"
 
 
-def use_facts(folder: Path) -> dict[str, Entry]:
+def use_facts(folder: Path) -> dict[str, StoredEntry]:
     """Names and options that the page offers for predictions and exports of an identified model, from its results folder.
 
     Degrees of freedom, nodes, supports, element outputs and properties, each at most 1500; element sets; channels and kind of
@@ -103,8 +103,9 @@ _CHANGES: dict[str, tuple[Callable[..., Change], tuple[str, ...]]] = {
 def read_changes(stated: Sequence[Mapping[str, Any]]) -> list[Change]:
     """Changes of a structure from mappings, each with a ``kind`` and the values of that kind.
 
-    Kinds: ``mass`` (node, mass), ``scale`` (label, factor), ``support`` (dof), ``damper`` (dof, mass, frequency, damping_ratio)
-    and ``remove`` (name). Masses are in kg, frequencies in Hz.
+    Kinds: ``mass`` (node, mass), ``scale`` (label, factor), ``support`` (dof), ``damper`` (dof, mass, frequency,
+    damping_ratio) and ``remove`` (name). Masses are in kg, frequencies in Hz. The mappings are `stated`, in the order
+    of the changes.
 
     Raises
     ------
@@ -130,14 +131,16 @@ def _require(change: Mapping[str, Any], keys: Sequence[str]) -> None:
 
 
 def _node(stated: Any) -> int:
-    """Node label as an integer from the text that the page sends; `InputError` if it is no number."""
+    """Node label as an integer from `stated`, a text that the page sends; `InputError` if it is no number."""
     text = str(stated).strip()
     if not text.isdigit():
         raise InputError(f"`node` must be a number of a node, got {stated!r}")
     return int(text)
 
 
-def predict_use(folder: Path, options: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]) -> dict[str, Entry]:
+def predict_use(
+    folder: Path, options: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]
+) -> dict[str, StoredEntry]:
     """Predicted modes, and the FRF from one load to one sensor with its 95 % interval, before and after changes.
 
     The answer holds ``changes``, ``bands`` and ``modes`` of `prediction_summary` and, if an FRF was predicted, ``frf``: packed
@@ -171,7 +174,7 @@ def predict_use(folder: Path, options: Mapping[str, Any], changes: Sequence[Mapp
     others = read_changes([table for table in changes if table.get("kind") != _TUNE])
     predicted = predict_stored(source, folder, asked, others)
     summary = prediction_summary(predicted)
-    answer: dict[str, Entry] = {key: summary[key] for key in ("changes", "bands", "modes")}
+    answer: dict[str, StoredEntry] = {key: summary[key] for key in ("changes", "bands", "modes")}
     if predicted.frf is not None:
         parts = parts_of(predicted.frf)
         quantity = next(iter(parts.values())).quantity
@@ -201,7 +204,7 @@ def _damper_text(tuned: Sequence[Mapping[str, Any]]) -> str:
     return f"{tuned[0]['mass']}@{tuned[0]['dof']}"
 
 
-def _curves(part: Prediction) -> dict[str, Entry]:
+def _curves(part: Prediction) -> dict[str, StoredEntry]:
     """Packed ``value`` (magnitude), ``low`` and ``high`` (95 % band) over frequency of the first channel of an FRF."""
     columns = {"value": np.abs(part.values), "low": part.low, "high": part.high}
     return {name: packed(column.reshape(len(column), -1)[:, 0], np.float32) for name, column in columns.items()}

@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.constraints import Limits
 from structid.core.errors import InputError
-from structid.fem.elements.element import ElementMatrixTerm, ElementSet, Kind, Positions, Store, element, node_codes
+from structid.fem.elements.element import (
+    ElementMatrixTerm,
+    ElementSet,
+    Kind,
+    NodeCoordinates,
+    Store,
+    element,
+    node_codes,
+)
 
 Poisson: TypeAlias = Annotated[float, "float", Limits(above=-1, below=0.5)]
 #: How strains are interpolated; see `elastic_stiffness`.
@@ -82,11 +90,12 @@ class CellSet(ElementSet):
         return ElementMatrixTerm(node_codes(self.nodes, axes), total, power)
 
 
-def cell_positions(name: str, nodes: IntArray, positions: Positions, dimensions: int) -> FloatArray:
+def cell_positions(name: str, nodes: IntArray, positions: NodeCoordinates, dimensions: int) -> FloatArray:
     """Positions in m of the cells' nodes along the first axes, (n_cells, n_nodes, dimensions); zeros where a row has ended.
 
-    Raises `InputError`, which names the set, if nodes have fewer than `dimensions` coordinates, or more and a cell is not
-    parallel to the x-y plane.
+    Raises `InputError`, which names the set, if nodes have fewer than `dimensions` coordinates, or more and a cell is
+    not parallel to the x-y plane. `nodes` (n_cells, n_nodes) are labels, -1 where a row has ended; `positions` map
+    labels to coordinates; `name` is that of the set.
     """
     size = len(next(iter(positions.values())))
     if size < dimensions:
@@ -104,6 +113,7 @@ def _require_flat(name: str, nodes: IntArray, corners: FloatArray) -> None:
     """Raise `InputError` if z differs within a cell by more than 1e-9 of its size.
 
     `nodes` (n_cells, n_nodes) are labels, -1 where a row has ended, and `corners` positions (n_cells, n_nodes, 3).
+    `name` is that of the element set, for the message.
     """
     used = nodes >= 0
     high = np.where(used, corners[..., 2], -np.inf).max(axis=1)

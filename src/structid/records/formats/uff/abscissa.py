@@ -11,7 +11,7 @@ import numpy as np
 from structid.core.errors import FileError, InputError
 from structid.core.units import parse_frequency_unit, parse_time_unit
 from structid.records.formats.options import ReadOptions, option_words
-from structid.records.formats.uff.functions import Function
+from structid.records.formats.uff.functions import Dataset58
 
 AxisKind = Literal["frequencies", "times"]
 
@@ -31,7 +31,7 @@ _AXES: dict[AxisKind, _Axis] = {
 _TYPES = {17: "time", 18: "frequency", 19: "rpm", 20: "order"}
 
 
-def axis_unit(path: Path, function: Function, kind: AxisKind, options: ReadOptions) -> tuple[float, str]:
+def axis_unit(path: Path, function: Dataset58, kind: AxisKind, options: ReadOptions) -> tuple[float, str]:
     """Factor from the abscissa of a function to Hz or s, and a note on its unit ("" for Hz or s by the label).
 
     The unit is that of the option `axis_unit` or of the label; frequencies (type 18) and times (17) without either are in
@@ -76,7 +76,7 @@ def axis_unit(path: Path, function: Function, kind: AxisKind, options: ReadOptio
     raise FileError(f"{where} does not say the unit of its {kind}; give {option_words(axis_unit=example)}")
 
 
-def one_axis_unit(path: Path, functions: list[Function], kind: AxisKind, options: ReadOptions) -> tuple[float, str]:
+def one_axis_unit(path: Path, functions: list[Dataset58], kind: AxisKind, options: ReadOptions) -> tuple[float, str]:
     """Factor to Hz or s and note, as from `axis_unit`, that all functions share; `FileError` if their factors differ."""
     units = [axis_unit(path, function, kind, options) for function in functions]
     for function, unit in zip(functions, units, strict=True):

@@ -13,7 +13,7 @@ from structid.records.correlation import CorrelationRecord
 from structid.records.formats.gaps import source_with_note
 from structid.records.formats.options import ReadOptions
 from structid.records.formats.uff.abscissa import one_axis_unit
-from structid.records.formats.uff.functions import Function
+from structid.records.formats.uff.functions import Dataset58
 from structid.records.formats.uff.spectra import (
     along_global_axes,
     complete_references,
@@ -62,7 +62,7 @@ def read_correlations(path: Path, options: ReadOptions) -> CorrelationRecord:
     mirrored = by_pair if halves.backward else ()
     channels, references = complete_references(path, by_pair, mirrored, "cross-correlations")
 
-    def values_of(path: Path, function: Function, pair: tuple[Dof, Dof], is_reverse: bool) -> FloatArray:
+    def values_of(path: Path, function: Dataset58, pair: tuple[Dof, Dof], is_reverse: bool) -> FloatArray:
         return halves.backward[pair] if is_reverse else halves.forward[pair]
 
     quantities, values = scaled_matrix(path, by_pair, channels, references, factors, options, values_of)
@@ -77,7 +77,7 @@ def read_correlations(path: Path, options: ReadOptions) -> CorrelationRecord:
     )
 
 
-def _one_step(path: Path, functions: list[Function], to_seconds: float) -> float:
+def _one_step(path: Path, functions: list[Dataset58], to_seconds: float) -> float:
     """Step of the lags in s, which must be the same in all functions; `FileError` if lags differ.
 
     `to_seconds` is the factor from the functions' abscissa to s.
@@ -93,7 +93,7 @@ def _one_step(path: Path, functions: list[Function], to_seconds: float) -> float
     return step
 
 
-def _real_values(path: Path, function: Function) -> FloatArray:
+def _real_values(path: Path, function: Dataset58) -> FloatArray:
     if np.iscomplexobj(function.values) and np.any(function.values.imag):
         raise FileError(
             f"{path}: function {function.ordinal}, a correlation function, has complex values; export real ones"

@@ -22,7 +22,7 @@ from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import positions, select_channels
 from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
-from structid.records.formats.uff.functions import Characteristics, Function
+from structid.records.formats.uff.functions import Characteristics, Dataset58
 from structid.records.formats.uff.scales import SI_UNITS, UNKNOWN, channel_scale, dof_of, whole_unit
 from structid.records.record import FrfKind, FrfRecord, TimeRecord
 from structid.records.transforms.spectra import KINDS
@@ -43,8 +43,8 @@ class _Response(NamedTuple):
 
 def read_frfs(
     path: Path,
-    frfs: Sequence[Function],
-    coherences: Sequence[Function],
+    frfs: Sequence[Dataset58],
+    coherences: Sequence[Dataset58],
     factors: UnitFactors | None,
     nodes: UniversalNodes | None,
     options: ReadOptions,
@@ -55,7 +55,7 @@ def read_frfs(
     ----------
     path : Path
         File, for messages and for the record's source.
-    frfs, coherences : sequence of Function
+    frfs, coherences : sequence of Dataset58
         FRFs to be read, and all coherences of the file.
     factors : UnitFactors, optional
         Unit factors of dataset 164.
@@ -121,7 +121,7 @@ def read_frfs(
     return select_channels(path, record, rest), coherence is not None
 
 
-def _unit_words(functions: Sequence[Function], options: ReadOptions) -> str:
+def _unit_words(functions: Sequence[Dataset58], options: ReadOptions) -> str:
     """Note on the unit of the FRFs, by the option `unit` or by labels that are not SI; "" if all labels are SI."""
     labels = {(f.ordinate.label, f.denominator.label) for f in functions}
     if options.unit:
@@ -141,7 +141,7 @@ def _choose_dofs(path: Path, name: str, texts: tuple[str, ...], present: list[Do
     return tuple(distinct[i] for i in positions(path, name, texts, distinct))
 
 
-def _functions_by_pair(path: Path, functions: Sequence[Function], options: ReadOptions) -> dict[Pair, Function]:
+def _functions_by_pair(path: Path, functions: Sequence[Dataset58], options: ReadOptions) -> dict[Pair, Dataset58]:
     """Functions by (output, input), named by the file, or by `options` for functions that `columns` chooses.
 
     A single name in `outputs` or `inputs` then holds for all functions. Raises `FileError` if a pair occurs twice.
@@ -161,7 +161,7 @@ def _functions_by_pair(path: Path, functions: Sequence[Function], options: ReadO
             )
         named[name] = dofs * len(functions) if len(dofs) == 1 else dofs
     wanted = {name: {as_dof(text) for text in getattr(options, name)} for name in ("outputs", "inputs")}
-    by_pair: dict[Pair, Function] = {}
+    by_pair: dict[Pair, Dataset58] = {}
     for i, function in enumerate(functions):
         sides = []
         for name, node_and_direction, role in (
@@ -194,7 +194,7 @@ def _is_wanted(pair: Pair, wanted: dict[str, set[Dof | None]]) -> bool:
 
 def _make_response(
     path: Path,
-    function: Function,
+    function: Dataset58,
     pair: Pair,
     to_hertz: float,
     factors: UnitFactors | None,
@@ -226,7 +226,7 @@ def _is_padded_magnitude(values: FloatArray | ComplexArray) -> bool:
 
 
 def _frf_scale(
-    path: Path, function: Function, pair: Pair, factors: UnitFactors | None, options: ReadOptions
+    path: Path, function: Dataset58, pair: Pair, factors: UnitFactors | None, options: ReadOptions
 ) -> tuple[FrfKind, float]:
     """Kind and factor to SI of an FRF, from the option `unit`, or from data types, labels and dataset 164.
 
@@ -245,7 +245,9 @@ def _frf_scale(
         raise FileError(
             f"{path}: the unit {above.label!r} does not fit the directions of {pair[0]}/{pair[1]}; correct one of them"
         )
-    kind, factor = _scale_by_sides(path, *_split(whole.kind, above, below), pair, factors or UnitFactors(1.0, 1.0))
+    kind, factor = _scale_by_sides(
+        path, *_unlabelled_kinds(whole.kind, above, below), pair, factors or UnitFactors(1.0, 1.0)
+    )
     if whole.kind != kind or (factors is not None and not np.isclose(whole.factor, factor, rtol=1e-4)):
         raise FileError(
             f"{path}: the FRF of {pair[0]}/{pair[1]} has unit {above.label!r}, "
@@ -273,7 +275,9 @@ def _scale_by_sides(
     return KINDS[quantity], above_factor / below_factor
 
 
-def _split(kind: FrfKind, above: Characteristics, below: Characteristics) -> tuple[Characteristics, Characteristics]:
+def _unlabelled_kinds(
+    kind: FrfKind, above: Characteristics, below: Characteristics
+) -> tuple[Characteristics, Characteristics]:
     """Ordinate and denominator of an FRF of this kind without labels, for a label of `above` that covers the whole FRF.
 
     Unknown data types are replaced by those of the kind.
@@ -287,7 +291,7 @@ def _split(kind: FrfKind, above: Characteristics, below: Characteristics) -> tup
 
 
 def _require_alike(path: Path, pairs: list[Pair], responses: list[_Response]) -> None:
-    """Raise `FileError` unless all responses have the kind and the frequencies of the first."""
+    """Raise `FileError` unless all `responses`, one for each of `pairs`, have the kind and the frequencies of the first."""
     first = responses[0]
     for (output, load), response in zip(pairs, responses, strict=True):
         if response.kind != first.kind:
@@ -305,8 +309,8 @@ def _require_axis(path: Path, what: str, axis: FloatArray, first: FloatArray) ->
 
 def _stack_coherence(
     path: Path,
-    coherences: Sequence[Function],
-    by_pair: dict[Pair, Function],
+    coherences: Sequence[Dataset58],
+    by_pair: dict[Pair, Dataset58],
     outputs: tuple[Dof, ...],
     inputs: tuple[Dof, ...],
     frequency: FloatArray,
@@ -314,8 +318,9 @@ def _stack_coherence(
 ) -> FloatArray | None:
     """Coherences of all pairs, (n_frequencies, n_outputs, n_inputs); None unless the file has one for every pair.
 
-    `by_pair` are the FRFs that they belong to, `frequency` the lines in Hz that they must share, and `to_hertz` the factor from
-    their abscissa to Hz.
+    `by_pair` are the FRFs that they belong to, `frequency` the lines in Hz that they must share, and `to_hertz` the
+    factor from their abscissa to Hz. `outputs` and `inputs` are the channels of the axes; `frequency` is
+    (n_frequencies,).
     """
     of_pair: dict[Pair, FloatArray] = {}
     for function in coherences:
@@ -335,14 +340,14 @@ def _stack_coherence(
     return np.moveaxis(np.array(stacked), -1, 0)
 
 
-def _belongs(coherence: Function, frf: Function) -> bool:
+def _belongs(coherence: Dataset58, frf: Dataset58) -> bool:
     """True if a coherence belongs to an FRF: same response and reference, or no reference in the coherence."""
     return coherence.response == frf.response and coherence.reference[1] in (0, frf.reference[1]) and (
         coherence.reference[1] == 0 or coherence.reference == frf.reference
     )  # fmt: skip
 
 
-def _averages(frfs: Sequence[Function]) -> int | None:
+def _averages(frfs: Sequence[Dataset58]) -> int | None:
     """Number of averages in the title lines of the FRFs, if all state the same; else None."""
     counts = set()
     for function in frfs:

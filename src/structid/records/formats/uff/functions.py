@@ -15,7 +15,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.errors import FileError
-from structid.files.uff.blocks import HEADER_LINES, ORDINATES, Block
+from structid.files.uff.blocks import HEADER_LINES, ORDINATES, UffDataset
 from structid.files.uff.fields import integers, read_reals, real_number
 
 _TITLES = 5
@@ -48,7 +48,7 @@ class Characteristics:
 
 
 @dataclass(frozen=True, eq=False)
-class Function:
+class Dataset58:
     """One dataset 58.
 
     Attributes
@@ -89,7 +89,7 @@ class Function:
     entities: tuple[str, str] = ("", "")
 
 
-def require_one_component(path: Path, functions: Sequence[Function]) -> None:
+def require_one_component(path: Path, functions: Sequence[Dataset58]) -> None:
     """Raise `FileError` if a node number belongs to several components, by the names stored beside the nodes.
 
     A name beside several different nodes counts as a component; a name beside a single node is a channel label.
@@ -110,7 +110,7 @@ def require_one_component(path: Path, functions: Sequence[Function]) -> None:
                 )
 
 
-def read_function(path: Path, block: Block, ordinal: int) -> Function:
+def read_function(path: Path, block: UffDataset, ordinal: int) -> Dataset58:
     """The function stored in a block of dataset 58 or 58b; `ordinal` is its number among the functions of the file, from 1.
 
     Raises
@@ -146,7 +146,7 @@ def read_function(path: Path, block: Block, ordinal: int) -> Function:
     axis = start + step * np.arange(points) if abscissa is None else abscissa
     if not np.isfinite(axis).all() or not (dof.kind == 1 or np.isfinite(values).all()):
         raise FileError(f"{where} holds NaN or infinite values; repair or export it again")
-    return Function(
+    return Dataset58(
         ordinal=ordinal,
         kind=dof.kind,
         titles=" ".join(line.strip() for line in lines[:_TITLES]),
@@ -172,7 +172,10 @@ class _Dof:
 
 
 def _parse_record_6(line: str) -> _Dof:
-    """Function type, (node, direction) of response and of reference, and both entity names, from record 6 of dataset 58."""
+    """Function type, (node, direction) of response and of reference, and both entity names, from record 6 of dataset 58.
+
+    `line` is its text.
+    """
     words = line.split()
     if len(words) != len(_DOF_COLUMNS):  # a name is blank, or has blanks in it
         words, column = [], 0
@@ -202,10 +205,11 @@ def _parse_characteristics(line: str) -> Characteristics:
     return Characteristics(numbers[0], (numbers[1], numbers[2]), "" if label.upper() in _NO_TEXT else label)
 
 
-def _text_values(where: str, block: Block, points: int, columns: int) -> FloatArray:
+def _text_values(where: str, block: UffDataset, points: int, columns: int) -> FloatArray:
     """Values of an ASCII dataset, (n_points, n_columns); zeros that fill up the last line are dropped.
 
-    `where` names the dataset in errors. Raises `FileError` if numbers are missing or left over.
+    `where` names the dataset in errors. Raises `FileError` if numbers are missing or left over. There are `points` rows
+    and `columns` numbers in each.
     """
     body = block.content.split(b"\n", HEADER_LINES - 1)[HEADER_LINES - 1]
     try:
@@ -224,11 +228,12 @@ def _text_values(where: str, block: Block, points: int, columns: int) -> FloatAr
 
 
 def _binary_values(
-    where: str, block: Block, points: int, per_value: int, item: int
+    where: str, block: UffDataset, points: int, per_value: int, item: int
 ) -> tuple[FloatArray | None, FloatArray]:
     """Abscissa (n_points,) and values (n_points, `per_value`) of a binary dataset 58b; the abscissa is None if evenly spaced.
 
-    `where` names the dataset in errors; each value has `per_value` numbers (2 if complex) of `item` bytes.
+    `where` names the dataset in errors; each value has `per_value` numbers (2 if complex) of `item` bytes. `points` is
+    the number of values.
     """
     words = block.head.split()
     try:
@@ -251,7 +256,7 @@ def _binary_values(
     return (table["axis"].astype(float) if width else None), table["value"].astype(float)
 
 
-def _axis_bytes(block: Block, points: int, value_bytes: int) -> int:
+def _axis_bytes(block: UffDataset, points: int, value_bytes: int) -> int:
     """Bytes of each abscissa value in a binary dataset; 0 for ASCII, and for an even abscissa, of which none are stored.
 
     `value_bytes` are those of an ordinate value.

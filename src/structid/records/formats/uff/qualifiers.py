@@ -7,14 +7,14 @@ from pathlib import Path
 
 from structid.core.display import plural
 from structid.core.errors import FileError
-from structid.files.uff.blocks import Block
+from structid.files.uff.blocks import UffDataset
 from structid.files.uff.fields import integers
 
 _WEIGHTINGS = {1: "A", 2: "B", 3: "C", 4: "D"}
 _EXPONENTIAL = (4, 6)
 
 
-def qualifier_words(path: Path, blocks: Sequence[Block], ordinals: Collection[int]) -> str:
+def qualifier_words(path: Path, blocks: Sequence[UffDataset], ordinals: Collection[int]) -> str:
     """Note on exponential windows that dataset 1858 states for the functions `ordinals`; "" if there are none.
 
     `ordinals` count the functions of the file from 1.

@@ -14,7 +14,7 @@ from structid.core.arrays import ComplexArray, NumberArray
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
 from structid.core.units import Quantity, parse_unit
-from structid.files.uff.blocks import Block, read_blocks
+from structid.files.uff.blocks import UffDataset, read_blocks
 from structid.files.uff.nodes import read_nodes
 from structid.files.uff.units import UnitFactors, read_unit_factors
 from structid.records.formats.bare import channel_units
@@ -25,7 +25,7 @@ from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
 from structid.records.formats.uff.frf import AVERAGES
-from structid.records.formats.uff.functions import Function, read_function, require_one_component
+from structid.records.formats.uff.functions import Dataset58, read_function, require_one_component
 from structid.records.formats.uff.qualifiers import qualifier_words
 from structid.records.formats.uff.scales import QUANTITIES, UNKNOWN, channel_scale, dof_of
 from structid.records.spectrum import SpectrumRecord
@@ -75,7 +75,7 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
                 f"{path}: function {function.ordinal} has other frequencies than the first; export all with one setting"
             )
     is_density = _densities(path, functions)
-    quantities, values = scaled_matrix(path, by_pair, channels, references, factors, options, _values)
+    quantities, values = scaled_matrix(path, by_pair, channels, references, factors, options, _spectrum_values)
     channels, references, values, turned = along_global_axes(
         path, blocks, channels, references, quantities, values, options
     )
@@ -92,8 +92,8 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
 class Pairs(NamedTuple):
     """Datasets of a file, its functions by response and reference, its units where the options say none, words on windows."""
 
-    blocks: list[Block]
-    by_pair: dict[tuple[Dof, Dof], Function]
+    blocks: list[UffDataset]
+    by_pair: dict[tuple[Dof, Dof], Dataset58]
     factors: UnitFactors | None
     windows: str
 
@@ -124,7 +124,7 @@ def read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: st
     if not functions:
         raise FileError(f"{path}: holds no {words}; export them, or histories")
     require_one_component(path, functions)
-    by_pair: dict[tuple[Dof, Dof], Function] = {}
+    by_pair: dict[tuple[Dof, Dof], Dataset58] = {}
     with about("channels"):
         wanted = set(parse_dofs(options.channels))
     present = {dof for function in functions for dof in _response_and_reference(path, function)}
@@ -149,7 +149,7 @@ def read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: st
 
 def along_global_axes(
     path: Path,
-    blocks: list[Block],
+    blocks: list[UffDataset],
     channels: tuple[Dof, ...],
     references: tuple[Dof, ...],
     quantities: tuple[Quantity, ...],
@@ -158,7 +158,8 @@ def along_global_axes(
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...], NumberArray, str]:
     """Channels, references and values (n_points, n_channels, n_references) in global axes, and words on the transformation.
 
-    They stay as they are if `options.axes` is "named". `blocks` are those of the file, with nodes and coordinate systems.
+    They stay as they are if `options.axes` is "named". `blocks` are those of the file, with nodes and coordinate
+    systems. `quantities` are those of the channels.
     """
     if options.axes == "named":
         return channels, references, values, ""
@@ -168,7 +169,7 @@ def along_global_axes(
     return sides[0].dofs, sides[1].dofs, left @ values @ right.T, sides[0].words
 
 
-def _response_and_reference(path: Path, function: Function) -> tuple[Dof, Dof]:
+def _response_and_reference(path: Path, function: Dataset58) -> tuple[Dof, Dof]:
     """Response and reference of a function; both are the response for an autospectrum without a reference."""
     response = dof_of(path, function.response, "response", function.ordinal)
     if function.reference[1] == 0 and function.kind not in _CROSS:
@@ -209,7 +210,7 @@ def complete_references(
     return channels, references
 
 
-def _densities(path: Path, functions: Sequence[Function]) -> bool:
+def _densities(path: Path, functions: Sequence[Dataset58]) -> bool:
     """True if all functions are densities (per Hz) by type or label, False if none is; `FileError` if some are."""
     found = {function.kind == 9 or is_per_hertz(function) for function in functions}
     if len(found) > 1:
@@ -217,7 +218,7 @@ def _densities(path: Path, functions: Sequence[Function]) -> bool:
     return found.pop()
 
 
-def is_per_hertz(function: Function) -> bool:
+def is_per_hertz(function: Dataset58) -> bool:
     """True if the label or the denominator of a function says that its values are densities."""
     below = function.denominator
     return (
@@ -229,17 +230,18 @@ def is_per_hertz(function: Function) -> bool:
 
 def scaled_matrix(
     path: Path,
-    by_pair: dict[tuple[Dof, Dof], Function],
+    by_pair: dict[tuple[Dof, Dof], Dataset58],
     channels: tuple[Dof, ...],
     references: tuple[Dof, ...],
     factors: UnitFactors | None,
     options: ReadOptions,
-    values_of: Callable[[Path, Function, tuple[Dof, Dof], bool], NumberArray],
+    values_of: Callable[[Path, Dataset58, tuple[Dof, Dof], bool], NumberArray],
 ) -> tuple[tuple[Quantity, ...], NumberArray]:
     """Quantities of the channels, and the matrix of functions in SI units, (n_points, n_channels, n_references).
 
-    `values_of(path, function, (response, reference), is_reverse)` returns the values of a function, for the reversed pair if
-    `is_reverse`. Units come from `options.units`, or from labels and `factors` (dataset 164).
+    `values_of(path, function, (response, reference), is_reverse)` returns the values of a function, for the reversed
+    pair if `is_reverse`. Units come from `options.units`, or from labels and `factors` (dataset 164). `by_pair` has the
+    functions by response and reference.
     """
     stated: dict[Dof, float] = {}
     quantity_of: dict[Dof, str] = {}
@@ -276,7 +278,7 @@ def scaled_matrix(
     return tuple(cast(Quantity, quantity_of[dof]) for dof in channels), np.stack(columns, axis=2)
 
 
-def _values(path: Path, function: Function, pair: tuple[Dof, Dof], is_reverse: bool) -> ComplexArray:
+def _spectrum_values(path: Path, function: Dataset58, pair: tuple[Dof, Dof], is_reverse: bool) -> ComplexArray:
     """Complex values of a spectrum, (n_lines,), conjugated if `is_reverse`; `pair` is (response, reference).
 
     Raises `FileError` if an autospectrum is not real and positive, or a cross-spectrum is real.
@@ -298,7 +300,7 @@ def _values(path: Path, function: Function, pair: tuple[Dof, Dof], is_reverse: b
     return values.conj() if is_reverse else values
 
 
-def _sides(path: Path, function: Function) -> tuple[str, str]:
+def _sides(path: Path, function: Dataset58) -> tuple[str, str]:
     """Unit texts of response and reference, from a label that is their product or square; "" twice without a label.
 
     Raises `FileError` if the label is neither, or the function has a denominator.
@@ -326,7 +328,7 @@ def _sides(path: Path, function: Function) -> tuple[str, str]:
     )
 
 
-def stated_averages(functions: Sequence[Function]) -> int | None:
+def stated_averages(functions: Sequence[Dataset58]) -> int | None:
     """Number of averages that the titles of all spectra agree on, or None."""
     counts = {int(match["count"]) if (match := AVERAGES.search(f.titles)) else None for f in functions}
     return counts.pop() if len(counts) == 1 else None

@@ -22,7 +22,7 @@ from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import positions
 from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
-from structid.records.formats.uff.functions import Function
+from structid.records.formats.uff.functions import Dataset58
 from structid.records.formats.uff.scales import SI_UNITS, channel_scale, dof_of
 from structid.records.record import Quantity, TimeRecord
 
@@ -32,7 +32,7 @@ _SIX_DIGITS = 1e-5
 
 def read_times(
     path: Path,
-    times: Sequence[Function],
+    times: Sequence[Dataset58],
     factors: UnitFactors | None,
     nodes: UniversalNodes | None,
     options: ReadOptions,
@@ -45,7 +45,7 @@ def read_times(
     ----------
     path : Path
         File, for messages and for the record's source.
-    times : sequence of Function
+    times : sequence of Dataset58
         Time responses.
     factors : UnitFactors, optional
         Unit factors of dataset 164.
@@ -89,8 +89,8 @@ def read_times(
 
 
 def _choose_functions(
-    path: Path, times: Sequence[Function], options: ReadOptions
-) -> tuple[Sequence[Function], tuple[Dof, ...], bool]:
+    path: Path, times: Sequence[Dataset58], options: ReadOptions
+) -> tuple[Sequence[Dataset58], tuple[Dof, ...], bool]:
     """Functions to read, their channels, and True if `options.channels` renames the functions that `columns` chose.
 
     Without `columns`, `channels` chooses among the file's channels, in its order, each with all of its quantities.
@@ -117,10 +117,10 @@ def _choose_functions(
 
 
 def _require_distinct(
-    path: Path, times: Sequence[Function], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]
+    path: Path, times: Sequence[Dataset58], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]
 ) -> None:
-    """Raise `FileError` if two functions have the same channel and quantity."""
-    seen: dict[tuple[Dof, Quantity], Function] = {}
+    """Raise `FileError` if two functions `times` have the same of `channels` and of `quantities`, which are in their order."""
+    seen: dict[tuple[Dof, Quantity], Dataset58] = {}
     for function, dof, quantity in zip(times, channels, quantities, strict=True):
         other = seen.setdefault((dof, quantity), function)
         if other is not function:
@@ -130,7 +130,7 @@ def _require_distinct(
             )
 
 
-def _unit_words(times: Sequence[Function], options: ReadOptions) -> str:
+def _unit_words(times: Sequence[Dataset58], options: ReadOptions) -> str:
     """Note on the units of the channels, by the option `units` or by labels that are not SI; "" if all labels are SI."""
     labels = dict.fromkeys(function.ordinate.label for function in times)
     if options.units:
@@ -145,7 +145,7 @@ def _unit_words(times: Sequence[Function], options: ReadOptions) -> str:
 
 
 def _require_one_clock(path: Path, channels: tuple[Dof, ...], clocks: Sequence[FloatArray]) -> None:
-    """Raise `FileError` if a channel has other sample times than the first; `clocks` are the times (n_times,) of each in s."""
+    """Raise `FileError` if one of `channels` has other sample times than the first; `clocks` are the times (n_times,) in s."""
     first = clocks[0]
     allowed = 0.01 * abs(first[-1] - first[0]) / max(first.size - 1, 1)
     for dof, axis in zip(channels, clocks, strict=True):
@@ -164,7 +164,7 @@ def _clock(axis: FloatArray) -> str:
 
 def _quantities_and_factors(
     path: Path,
-    times: Sequence[Function],
+    times: Sequence[Dataset58],
     channels: tuple[Dof, ...],
     factors: UnitFactors | None,
     options: ReadOptions,
@@ -190,12 +190,13 @@ def _quantities_and_factors(
 
 
 def _even_samples(
-    path: Path, function: Function, time: FloatArray, to_seconds: float, values: FloatArray, options: ReadOptions
+    path: Path, function: Dataset58, time: FloatArray, to_seconds: float, values: FloatArray, options: ReadOptions
 ) -> tuple[float, float, FloatArray, str]:
     """Sampling rate in Hz, first time in s, evenly spaced samples (n_times, n_channels), and a note on the clock.
 
-    `time` (n_times,) is in s, `to_seconds` the factor from the abscissa of `function` to s; the note is "" for a plainly even
-    clock. Uneven times are resampled if `options.resample` is set, else a `FileError`.
+    `time` (n_times,) is in s, `to_seconds` the factor from the abscissa of `function` to s; the note is "" for a
+    plainly even clock. Uneven times are resampled if `options.resample` is set, else a `FileError`. `values` (n_times,
+    n_channels) are the samples as read.
     """
     step = float(time[-1] - time[0]) / max(time.size - 1, 1)
     if step <= 0:

@@ -13,7 +13,7 @@ from pathlib import Path
 from structid.core.dof import DIRECTIONS
 from structid.core.errors import FileError, InputError, StoredSpectraError, about
 from structid.files import atomic_write
-from structid.files.uff.blocks import Block, read_blocks
+from structid.files.uff.blocks import UffDataset, read_blocks
 from structid.files.uff.nodes import UniversalNodes, read_nodes
 from structid.files.uff.units import read_unit_factors
 from structid.records.formats.geometry import Geometry
@@ -21,7 +21,7 @@ from structid.records.formats.named_channels import choose_columns
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import refuse_options
 from structid.records.formats.uff.frf import read_frfs
-from structid.records.formats.uff.functions import Function, read_function, require_one_component
+from structid.records.formats.uff.functions import Dataset58, read_function, require_one_component
 from structid.records.formats.uff.qualifiers import qualifier_words
 from structid.records.formats.uff.time import read_times
 from structid.records.formats.uff.write import file_bytes, require_same
@@ -96,8 +96,8 @@ def _name(kind: int) -> str:
     return _FUNCTIONS.get(kind, f"function type {kind}")
 
 
-def _choose_functions(path: Path, functions: list[Function], options: ReadOptions) -> list[Function]:
-    """Functions that the option `columns` chooses by number or name such as ``12Z+``, in its order; all if it is not set."""
+def _choose_functions(path: Path, functions: list[Dataset58], options: ReadOptions) -> list[Dataset58]:
+    """Functions that the option `columns` chooses from `functions` by number or name such as ``12Z+``, in its order; else all."""
     if not options.columns:
         return functions
     names = [f"{f.response[0]}{_DIRECTIONS.get(f.response[1], ' direction 0')}" for f in functions]
@@ -106,15 +106,18 @@ def _choose_functions(path: Path, functions: list[Function], options: ReadOption
         return [functions[i] for i in choose_columns(path, options.columns, names, numbers)]
 
 
-def _nodes(path: Path, blocks: list[Block]) -> UniversalNodes:
+def _nodes(path: Path, blocks: list[UffDataset]) -> UniversalNodes:
     try:
         return read_nodes(path, blocks)
     except FileError as error:
         raise FileError(f"{error}; or take directions as they are named: {option_words(axes='named')}") from error
 
 
-def _no_response_error(path: Path, functions: list[Function]) -> FileError:
-    """The error to raise for a file without FRFs and time responses, which names what the file holds."""
+def _no_response_error(path: Path, functions: list[Dataset58]) -> FileError:
+    """The error to raise for a file without FRFs and time responses, which names what the file holds.
+
+    `functions` are all datasets 58 of the file.
+    """
     kinds = sorted({function.kind for function in functions})
     names = ", ".join(map(_name, kinds))
     is_spectra, is_correlations = bool({*kinds} & {*_SPECTRA}), bool({*kinds} & {*_CORRELATIONS})

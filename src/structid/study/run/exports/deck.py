@@ -59,7 +59,7 @@ class DeckNumber:
 
 
 @dataclass(frozen=True, eq=False)
-class _Source:
+class _DeckModel:
     """A deck, its mesh and the element sets of the study on it.
 
     Attributes
@@ -168,14 +168,14 @@ def export_deck(study: Study, values: Sequence[ElementValues], path: Path) -> li
         raise InputError(
             f"nothing that was identified ({join_words(absent)}) is a number of {original.name}; take --matrices"
         )
-    text, lines = _written(source, list(numbers.values()))
+    text, lines = _replace_numbers(source, list(numbers.values()))
     with atomic_write(path) as temporary:
         temporary.write_bytes(text.encode("latin-1"))
     left = f"; not in the deck: {join_words(absent)}" if absent else ""
     return [f"{path}: {original.name} with {len(lines)} numbers changed{left}", *(f"  {line}" for line in lines)]
 
 
-def _read_source(study: Study, path: Path, values: Sequence[ElementValues]) -> _Source:
+def _read_source(study: Study, path: Path, values: Sequence[ElementValues]) -> _DeckModel:
     """Text, mesh, group names and factors from SI to the units of the deck at `path`, with the identified `values`."""
     section = study.root.inner("structure")
     stated = section.table["mesh"]
@@ -197,10 +197,10 @@ def _read_source(study: Study, path: Path, values: Sequence[ElementValues]) -> _
         if not ELEMENT_TYPES[kind].follows and not {"nodes", "first"} & set(entry.table) and "name" in entry.table
     }
     mesh = read_mesh(path, length_unit, force_unit)
-    return _Source(path.name, text, mesh, group_of, {(item.element, item.name): item for item in values}, scales)
+    return _DeckModel(path.name, text, mesh, group_of, {(item.element, item.name): item for item in values}, scales)
 
 
-def _written(source: _Source, numbers: Sequence[DeckNumber]) -> tuple[str, list[str]]:
+def _replace_numbers(source: _DeckModel, numbers: Sequence[DeckNumber]) -> tuple[str, list[str]]:
     """The text of the deck after its numbers are replaced, and a sentence on each replacement, in the order of the text.
 
     New numbers fill the field of the old ones where there is room, aligned as they were.
@@ -235,7 +235,7 @@ def _change_words(position: DeckPosition, number: DeckNumber, before: str, after
     return words
 
 
-def _nastran_numbers(source: _Source, structure: Structure, item: ElementValues) -> Iterator[DeckNumber]:
+def _nastran_numbers(source: _DeckModel, structure: Structure, item: ElementValues) -> Iterator[DeckNumber]:
     """New numbers for the cards of a Nastran deck that hold the property `item` of an element set; none if no card does."""
     label = f"{item.name}[{item.element}]"
     if item.element in source.group_of:
@@ -267,7 +267,7 @@ def _field(card: Card, number: int) -> str:
     return card.fields[number].text if number in card.fields else ""
 
 
-def _property_numbers(source: _Source, element: str) -> list[int]:
+def _property_numbers(source: _DeckModel, element: str) -> list[int]:
     """Property identification numbers (PID) of a Nastran deck that the cells of an element set have."""
     group = source.group_of[element]
     by_number = {key: rows for key, rows in source.mesh.groups.items() if key.isdigit()}
@@ -277,7 +277,7 @@ def _property_numbers(source: _Source, element: str) -> list[int]:
     return [int(key) for key, others in by_number.items() if key == group or others is rows][:1]
 
 
-def _mat1_numbers(source: _Source, item: ElementValues, numbers: Sequence[int]) -> Iterator[DeckNumber]:
+def _mat1_numbers(source: _DeckModel, item: ElementValues, numbers: Sequence[int]) -> Iterator[DeckNumber]:
     """New numbers for the MAT1 cards that the properties `numbers` (PIDs) of an element set refer to.
 
     A shear modulus on the card is scaled with Young's modulus. `InputError` if a material also belongs to elements with another
@@ -315,13 +315,13 @@ def _mat1_numbers(source: _Source, item: ElementValues, numbers: Sequence[int]) 
 
 
 def _require_same(
-    source: _Source, where: str, item: ElementValues, other: str | None, value: float, is_used: bool
+    source: _DeckModel, where: str, item: ElementValues, other: str | None, value: float, is_used: bool
 ) -> None:
     """Raise `InputError` where elements share a number of the deck though different values were identified for them.
 
     Parameters
     ----------
-    source : _Source
+    source : _DeckModel
         The deck.
     where : str
         Name of the material or property in the deck.
@@ -348,7 +348,7 @@ def _require_same(
     )
 
 
-def _abaqus_numbers(source: _Source, structure: Structure, item: ElementValues) -> Iterator[DeckNumber]:
+def _abaqus_numbers(source: _DeckModel, structure: Structure, item: ElementValues) -> Iterator[DeckNumber]:
     """New numbers for the keyword lines of an Abaqus deck that hold the property `item` of an element set.
 
     Empty if no line holds it. `InputError` if the set has no section, or elements with another value share the material.
@@ -393,7 +393,7 @@ def _bare(group: str) -> str:
     return group.rpartition(".")[2].upper()
 
 
-def _require_single(source: _Source, mark: KeywordEntry, material: str) -> None:
+def _require_single(source: _DeckModel, mark: KeywordEntry, material: str) -> None:
     """Raise `InputError` unless the keyword at `mark` has one number for the material: isotropic and one temperature."""
     position = mark.locate({source.name: source.text})
     block = next(

@@ -10,14 +10,14 @@ import numpy as np
 from structid.core.errors import InputError, NoAnswerError, SingularModelError
 from structid.external.frf_model import SolvedFrfs
 from structid.external.runs import point_words
-from structid.external.solved import Checked, Solved
+from structid.external.solved import SolvedModel, SolverCheck
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.identify import identify_together
 from structid.identification.joint_problem import indices_of, joint_problem
 from structid.identification.options import IdentifyOptions
-from structid.inversion.search.work import ALONE, StageProgress, Work
+from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.study.results.result import SolverAnswer, StudyResult
 from structid.study.run.solver.stages import (
     confirm_move,
@@ -40,7 +40,7 @@ _OPEN = 50.0
 
 
 def relinearize_solver(
-    ready: PreparedStudy, progress: StageProgress | None = None, work: Work = ALONE
+    ready: PreparedStudy, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
 ) -> PreparedStudy:
     """The study with the finite differences of its solver taken about the answer, after repeated searches.
 
@@ -98,7 +98,7 @@ def _open_words(moves: Sequence[float]) -> str:
 
 
 def _identify(
-    ready: PreparedStudy, options: IdentifyOptions, progress: StageProgress | None, work: Work
+    ready: PreparedStudy, options: IdentifyOptions, progress: StageProgress | None, work: TaskExecutor
 ) -> Identification:
     """Identification with the finite differences that the study has now; `NoAnswerError` if the search fails."""
     try:
@@ -147,14 +147,14 @@ def _with_initial_responses(fit: RecordFit, before: RecordProblem) -> RecordFit:
     return replace(fit, used=used, judged=judged)
 
 
-def found_values(solved: Solved, identification: Identification) -> dict[str, float]:
+def found_values(solved: SolvedModel, identification: Identification) -> dict[str, float]:
     """Value of each parameter of the deck at the answer, by name, from the problem of the first record."""
     return deck_values(
         solved, identification.problems[0], identification.estimate.names, identification.estimate.values
     )
 
 
-def with_solver(result: StudyResult, work: Work = ALONE) -> StudyResult:
+def with_solver(result: StudyResult, work: TaskExecutor = SERIAL) -> StudyResult:
     """The result with the updated deck of its solver, and the outcome of one more run of the solver with that deck.
 
     It is unchanged without a solver; a run that fails is reported in words.
@@ -166,7 +166,7 @@ def with_solver(result: StudyResult, work: Work = ALONE) -> StudyResult:
     try:
         checked = solved.checked(values, work)
     except InputError as error:
-        checked = Checked(float("nan"), f"the solver could not be run with the updated deck: {error}")
+        checked = SolverCheck(float("nan"), f"the solver could not be run with the updated deck: {error}")
     answer = SolverAnswer(
         values,
         solved.solver.deck.written(values),

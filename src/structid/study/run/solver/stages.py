@@ -22,7 +22,7 @@ from structid.core.arrays import ComplexArray, FloatArray, IntArray
 from structid.core.json_types import Tables
 from structid.external.frf_model import SolvedFrfs
 from structid.external.runs import RunFailedError
-from structid.external.solved import Solved
+from structid.external.solved import SolvedModel
 from structid.fem import Structure
 from structid.fem.elements.solver_model import FrfRuns, SolverFrfs
 from structid.forward import FrfProblem, RecordProblem
@@ -32,7 +32,7 @@ from structid.identification.joint_problem import joint_problem
 from structid.inversion import LevenbergMarquardt
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.minimum import residual_at, squared
-from structid.inversion.search.work import Work
+from structid.inversion.search.work import TaskExecutor
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.records.transforms.half_plane import poisson_weights
@@ -44,7 +44,9 @@ from structid.unknowns.named_unknowns import begun_at
 _FARTHEST = 0.5
 
 
-def deck_values(solved: Solved, problem: RecordProblem, names: Sequence[str], values: FloatArray) -> dict[str, float]:
+def deck_values(
+    solved: SolvedModel, problem: RecordProblem, names: Sequence[str], values: FloatArray
+) -> dict[str, float]:
     """Value of each parameter of the deck, by name, for `values` (n_params,) of the identified parameters `names`."""
     made = _property_values(problem, names, values)
     return {
@@ -54,7 +56,7 @@ def deck_values(solved: Solved, problem: RecordProblem, names: Sequence[str], va
     }
 
 
-def deck_std(solved: Solved, identification: Identification) -> dict[str, float]:
+def deck_std(solved: SolvedModel, identification: Identification) -> dict[str, float]:
     """Standard deviation of each parameter of the deck, by name; unknown covariances count as 0.
 
     A deck's parameter is d'p + constant in the sought parameters p, so that its variance is d' C d with their covariance C.
@@ -78,7 +80,7 @@ def _property_values(problem: RecordProblem, names: Sequence[str], values: Float
     return problem.parameters.values(np.array([value_of[name] for name in problem.parameters.names]))
 
 
-def limit_to_bounds(solved: Solved, name: str, value: float) -> float:
+def limit_to_bounds(solved: SolvedModel, name: str, value: float) -> float:
     """The value `value` of the deck parameter `name`, limited to its bounds and to a change by half of its present value.
 
     The present value is that in `solved`, about which differences were taken; they say little of what is farther away.
@@ -108,7 +110,11 @@ def tables(study: Study, values: Mapping[str, float | None], step: float | None 
 
 
 def relinearize_study(
-    study: Study, values: Mapping[str, float], identified: Mapping[str, float], work: Work, step: float | None = None
+    study: Study,
+    values: Mapping[str, float],
+    identified: Mapping[str, float],
+    work: TaskExecutor,
+    step: float | None = None,
 ) -> Study:
     """The study with finite differences about the deck parameters `values`, and searches that start at `identified`.
 
@@ -133,7 +139,7 @@ _USABLE_LINES, _WIDE = 8, 3.0
 _HALVINGS, _TINY = 4, 1e-12
 
 
-def led_near(ready: PreparedStudy, work: Work) -> PreparedStudy:
+def led_near(ready: PreparedStudy, work: TaskExecutor) -> PreparedStudy:
     """The study with start values from which a search on the FRFs themselves converges; unchanged if they are near already.
 
     Searches on smoothed FRFs, from wide to narrow smoothing, lead there. If none leads near, the last start values are kept.
@@ -159,7 +165,7 @@ def led_near(ready: PreparedStudy, work: Work) -> PreparedStudy:
     return ready
 
 
-def _with_step(ready: PreparedStudy, step: float | None, work: Work) -> Study:
+def _with_step(ready: PreparedStudy, step: float | None, work: TaskExecutor) -> Study:
     """The study evaluated again about its present start values, with another relative `step` of the finite differences.
 
     None takes the step of the study file.
@@ -175,7 +181,7 @@ def confirm_move(
     ready: PreparedStudy,
     form: Callable[[Sequence[RecordProblem]], Sequence[RecordProblem]],
     end: FloatArray,
-    work: Work,
+    work: TaskExecutor,
     step: float | None = None,
 ) -> tuple[FloatArray, PreparedStudy] | None:
     """The free variables after a move towards `end` that the solver confirms, (n_params,), and the study prepared there.
@@ -190,7 +196,7 @@ def confirm_move(
         Makes, from the FRF problems of all records, the problems whose sum of squares is to fall.
     end : (n_params,) float array
         Free variables that the model linearized at the present values proposes.
-    work : Work
+    work : TaskExecutor
         The way in which the solver is run: in this process or on workers.
     step : float, optional
         Step of the finite differences at the new values, relative to each value.
@@ -277,7 +283,8 @@ def _smoothed_problems(problems: Sequence[RecordProblem], level: float) -> list[
 def _level_weights(omega: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
     """Angular frequencies (n,), rad/s, that a smoothing level can use, and the weights of the lines for each, (n, n_lines).
 
-    Only frequencies at which the smoothing is wide against the line spacing are used. Each row of weights has the sum 1.
+    Only frequencies at which the smoothing is wide against the line spacing are used. Each row of weights has the sum
+    1. `omega` (n_lines,) are those of the lines, rad/s, and `level` is the smoothing decay over omega.
     """
     centres = level_frequencies(omega, level)
     centres = centres[level * centres > _WIDE * np.interp(centres, omega, np.gradient(omega))]

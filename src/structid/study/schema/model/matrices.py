@@ -15,7 +15,7 @@ from structid.core.arrays import IntArray
 from structid.core.constraints import NotNegative, Positive
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
-from structid.core.json_types import Plain
+from structid.core.json_types import JsonValue
 from structid.core.units import FORCES, LENGTHS
 from structid.fem import MatrixGroup, importers
 from structid.study.schema.kinds import (
@@ -71,12 +71,12 @@ _FILE = Kind(
 class ExportsEntry:
     """A group as the difference of two exports."""
 
-    base: Annotated[str | Mapping[str, Plain], _FILE, "The first export"]
-    changed: Annotated[str | Mapping[str, Plain], _FILE, "The second, with the parameter times `factor`"]
+    base: Annotated[str | Mapping[str, JsonValue], _FILE, "The first export"]
+    changed: Annotated[str | Mapping[str, JsonValue], _FILE, "The second, with the parameter times `factor`"]
     factor: Annotated[Positive, "Of the second; the group is their difference over `factor` - 1"]
-    third: Annotated[str | Mapping[str, Plain] | None, _FILE, "A third export, which checks the linear dependence"] = (
-        None
-    )
+    third: Annotated[
+        str | Mapping[str, JsonValue] | None, _FILE, "A third export, which checks the linear dependence"
+    ] = None
     third_factor: Annotated[Positive | None, "Its factor"] = None
 
 
@@ -323,7 +323,7 @@ def _complete_triangle(item: ImportedMatrix) -> ImportedMatrix:
 
 
 def _labels(entries: Sequence[int | str] | int | str) -> set[int]:
-    """Element labels from numbers and ranges such as ``"3-8"``, ends included; `InputError` for a range that is too long."""
+    """Element labels from `entries`, numbers and ranges such as ``"3-8"``, ends included; `InputError` for a range too long."""
     labels: set[int] = set()
     for entry in as_list(entries):
         match = _RANGE.match(str(entry))

@@ -14,7 +14,7 @@ from structid.core.arrays import FloatArray
 from structid.core.constraints import Limits
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
-from structid.core.json_types import Plain
+from structid.core.json_types import JsonValue
 from structid.core.units import FORCES, LENGTHS
 from structid.external.confirmation import command_words, confirmation_of
 from structid.external.deck import Deck, DeckParameter, MatrixFile, deck_texts, with_frequencies
@@ -104,7 +104,7 @@ _NOT_OF_FRFS = {
 }
 
 
-def read_solver(section: Section, files: InputFiles) -> external.Solved | None:
+def read_solver(section: Section, files: InputFiles) -> external.SolvedModel | None:
     """The results of the solver runs of ``[structure.solver]``, made once for all records; None without a solver.
 
     Parameters
@@ -127,7 +127,7 @@ def read_solver(section: Section, files: InputFiles) -> external.Solved | None:
     return files.solved[0]
 
 
-def _run_solver(section: Section, files: InputFiles) -> external.Solved:
+def _run_solver(section: Section, files: InputFiles) -> external.SolvedModel:
     """The model that the solver's runs give, of FRFs, modes or matrices, as ``gives`` in the section says."""
     values = SOLVER.defaults | section.values(SOLVER)
     with section.located("deck"):
@@ -208,7 +208,7 @@ def _read_parameters(section: Section, texts: Mapping[str, str]) -> tuple[list[D
         return parameters, with_marks(texts, marked)
 
 
-def _find_positions(entry: Section, marks: Plain, texts: Mapping[str, str]) -> list[DeckPosition]:
+def _find_positions(entry: Section, marks: JsonValue, texts: Mapping[str, str]) -> list[DeckPosition]:
     """Positions of a parameter in the deck, one for each of its `marks` (a table or a list of tables).
 
     `texts` are the files of the deck by name.
@@ -294,7 +294,7 @@ def _output_name(section: Section, key: str, text: str, stem: Mapping[str, str])
     return name
 
 
-def positions_of(solved: external.Solved) -> dict[int, list[float]]:
+def positions_of(solved: external.SolvedModel) -> dict[int, list[float]]:
     """Position of each node of the model, [x, y, z] in m by label, from the deck if its mesh can be read.
 
     Nodes without a position there are at the origin.
