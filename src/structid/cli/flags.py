@@ -138,7 +138,8 @@ def _make_options(options: type[T], values: Mapping[str, object]) -> T:
 def _option_fields(options: type, prefix: str = "") -> Iterator[tuple[type, Field[object], object, str]]:
     """Yield dataclass, field, type and option name of each field of a dataclass of options.
 
-    Fields of a dataclass inside it follow in its place. The option name of such an inner field begins with `prefix`, the names of the fields that lead to it.
+    Fields of a dataclass inside it follow in its place; their option names begin with `prefix`, the names of the fields that lead
+    to them.
     """
     kinds = get_type_hints(options)
     for field in fields(options):
