@@ -32,7 +32,7 @@ _MOST_LABELLED = 1000
 
 def is_cells(element: ElementSet) -> bool:
     """True if an element set is drawn by `cell_faces`."""
-    return element.symbol in ("flat", "shell", "solid")
+    return bool(element.cells)
 
 
 def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[Mark]:

@@ -137,7 +137,7 @@ def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
     found: list[list[int]] = []
     for nodes in element.nodes[rows[:_MOST_MARKED]]:
         own = nodes[nodes >= 0]
-        if isinstance(element, Solid):
+        if element.symbol == "solid":
             found += [own[list(face)].tolist() for face in SOLID_FACES[SOLID_CORNERS[len(own)]]]
         else:
             found.append(own[: AREA_CORNERS[len(own)] if is_cells(element) else None].tolist())
