@@ -129,3 +129,15 @@ def test_names_as_programs_save_them(tmp_path, text):
 def test_a_first_column_without_a_name_that_counts_nothing_is_refused(tmp_path):
     with pytest.raises(FileError, match="line 1, column 1 has no name"):
         read(tmp_path, ",x,y\n" + rows(",", lambda i: str(i + 7)), sampling_rate=RATE, **TWO)
+
+
+def test_row_numbers_are_no_frequencies(tmp_path):
+    text = ",1X/2X [g/N] re,1X/2X [g/N] im\n" + rows(",", str)
+    with pytest.raises(FileError, match="column 1 has no name and counts the rows, where frequencies must stand"):
+        read(tmp_path, text, axis_unit="Hz")
+
+
+@pytest.mark.parametrize("n_lines", [1, 2, 3, 4])
+def test_toa5_tables_cut_within_their_header_are_refused(tmp_path, n_lines):
+    with pytest.raises(FileError):
+        read(tmp_path, "".join(toa5().splitlines(keepends=True)[:n_lines]))

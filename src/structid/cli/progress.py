@@ -159,7 +159,7 @@ def _lines() -> ShowProgress:
     shown = time.monotonic()
 
     def show(_name: str, _done: int, _total: int | None, words: str) -> None:
-        """Print `words` on stderr if the last line is at least 60 s old."""
+        """Print `words` on stderr if the last line is at least `_LINE_SECONDS` s old."""
         nonlocal shown
         if time.monotonic() - shown >= _LINE_SECONDS:
             typer.echo(words, err=True)

@@ -646,7 +646,7 @@ class _ChosenForces:
 
         The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without a frequency. Both
         searches have a correlation time and a size; the frequency is one parameter more, which must raise the greatest
-        likelihood by enough: Schwarz (1978), Annals of Statistics 6, 461-464. None also for fewer than 16 samples.
+        likelihood by enough: Schwarz (1978), Annals of Statistics 6, 461-464. None also for fewer than `_FEWEST` samples.
         """
         count, rate = len(forces), self.smoother.rate
         if count < _FEWEST:

@@ -349,7 +349,7 @@ def _iterate(
 ) -> _End:
     """End of at most `most` instrumental iterations from the parameters `values`.
 
-    It converges when no parameter moves by more than 0.01 standard deviations. Each solution is appended to `history`;
+    It converges when no parameter moves by more than `_TOLERANCE` standard deviations. Each solution is appended to `history`;
     steps that reverse the one before are halved. `steps` keeps the iterations. `values` and the entries of `history`
     are (n_params,).
     """

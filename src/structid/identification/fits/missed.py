@@ -63,7 +63,7 @@ def missed_parts(
 ) -> tuple[MissedValues, ...]:
     """Records, or kinds of values of modes, that the fit misses beyond their errors, the worst first.
 
-    A part is missed if its sum of squares per value exceeds a limit (4 for modes, 1.25 for lines) and is improbable at 0.001
+    A part is missed if its sum of squares per value exceeds a limit (4 for modes, 1.25 for lines) and is improbable at `_RISK`
     for all parts together, by chi-square with as many degrees of freedom as values. Empty for a single record of lines, or if
     the whole misfit shows it already.
 

@@ -160,8 +160,8 @@ def _phase(
 ) -> ChainState:
     """Chain state before the first draw of a phase; the log density is evaluated once.
 
-    `x` (n_params,) is the place in the coordinates of the phase, `factor` takes these to the parameters, `size` is the
-    first step size, `phase` 0 to 2, and `spent` the number of gradients so far. `factor` is (n_params, n_params).
+    `x` (n_params,) is the place in the coordinates of the phase, `factor` (n_params, n_params) takes these to the
+    parameters, `size` is the first step size, `phase` 0 to 2, and `spent` the number of gradients so far.
     """
     value, gradient = _in_coordinates(log_density, factor, phase)(x)
     step = StepSize(float(np.log(size)), float(np.log(size)), 0.0, float(np.log(10 * size)))
@@ -248,7 +248,7 @@ def _grown(
     """Tree of 2^`depth` leapfrog steps from the state `end`, built recursively; shorter if it turns back or diverges.
 
     `step` is the step size, negative for backward. `energy` is that of the start of the trajectory: states have the weight
-    exp(energy - own energy), and a loss of more than 1000 is a divergence.
+    exp(energy - own energy), and a loss of more than `_DIVERGED` is a divergence.
     """
     if depth == 0:
         half = end.p + 0.5 * step * end.at.gradient

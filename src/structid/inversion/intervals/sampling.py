@@ -291,7 +291,7 @@ def _covariance_root(estimate: Estimate, factor: FloatArray) -> FloatArray:
 def _by_nuts(
     target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator, work: TaskExecutor
 ) -> _Drawn:
-    """Posterior draws by the no-U-turn sampler: independent chains, run in parallel in pieces of 50 draws.
+    """Posterior draws by the no-U-turn sampler: independent chains, run in parallel in pieces of `_AT_ONCE` draws.
 
     Each of the `n_chains` chains has `n_warmup` draws that are dropped and `n_draws` that are kept.
     """
@@ -312,7 +312,7 @@ def _by_nuts(
 
 
 def _chain_piece(shared: tuple[_Target, int, int], item: StoredValues, tools: TaskContext) -> StoredValues:
-    """Next 50 draws of one Markov chain, as a parallel task, with the stored state after them.
+    """Next `_AT_ONCE` draws of one Markov chain, as a parallel task, with the stored state after them.
 
     `shared` holds the target density, the length of the warm-up and the number of kept draws. `item` and the result have the
     keys ``chain`` (None before the first draw) and ``random``; the result also has ``draws``.

@@ -33,7 +33,7 @@ def posterior_linearized(
     predictable speak first, and others as the spread narrows: no order of modes or of samples has to be known. A search
     by derivatives has to follow from here.
 
-    A round costs 100 residuals, or four for each parameter, and no derivative; there are at most 20 rounds.
+    A round costs 100 residuals, or four for each parameter, and no derivative; there are at most `_ROUNDS` rounds.
 
     Parameters
     ----------

@@ -200,8 +200,8 @@ def _two_means_boundary(values: FloatArray) -> float:
 def _link_clusters(distance: FloatArray, number: IntArray, width: float) -> IntArray:
     """Cluster labels 1, 2, ... of poles, (n_poles,), by average linkage up to the distance `width`.
 
-    A cluster has at most one pole of each order. `distance` (n_poles, n_poles) is that between poles, `number` the
-    index of the order of each. `number` is (n_poles,).
+    A cluster has at most one pole of each order. `distance` (n_poles, n_poles) is that between poles, `number`
+    (n_poles,) the index of the order of each.
     """
     if len(distance) < 2:
         return np.ones(len(distance), dtype=int)
@@ -217,7 +217,7 @@ def _link_clusters(distance: FloatArray, number: IntArray, width: float) -> IntA
 def _gather_scattered_poles(labels: IntArray, distance: FloatArray, poles: ComplexArray, number: IntArray) -> IntArray:
     """Cluster labels 1, 2, ... after each cluster, largest first, took like poles of smaller ones in the orders it lacks.
 
-    In each such order the nearest pole is taken, within 0.2 in median distance and 5 % of the pole itself. Poles of
+    In each such order the nearest pole is taken, within `_ONE_MODE` in median distance and 5 % of the pole itself. Poles of
     close or highly damped modes scatter over the orders and fall into several clusters. `distance` is (n_poles,
     n_poles), `number` the index of the order of each pole. `labels`, `poles` and `number` are (n_poles,).
     """

@@ -182,7 +182,7 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
 def error_deviations(
     record: CorrelationRecord, averages: int, subspace: Subspace, rows: int, columns: int, max_order: int
 ) -> SingularVectorChanges:
-    """Deviations of the block Hankel matrix by 100 drawn errors of correlation functions whose references are all channels.
+    """Deviations of the block Hankel matrix by `_DRAWS` drawn errors of correlation functions whose references are all channels.
 
     `averages` is the number of averages behind each function; `rows` and `columns` are numbers of blocks of the matrix, and
     `max_order` is the number of singular vectors.

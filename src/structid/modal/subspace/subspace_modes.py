@@ -125,7 +125,7 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
 
 
 def _until_noise(data: ScaledMotion, motion: FreeDecay, n_least: int) -> ScaledMotion | None:
-    """Records cut where their free decay falls to 0.1 of the noise left; None if more than half of the samples would be kept.
+    """Records cut where their free decay falls to `_LOST` of the noise left; None if more than half of the samples would be kept.
 
     The samples after that tell nothing of the modes, and their noise hides modes that die out early. `n_least` is the least
     number of samples to keep of each record.
@@ -346,7 +346,7 @@ def _block_rows(data: ScaledMotion, given: int | None) -> int:
 def _is_crowded(selection: PickedPoles, greatest: int) -> bool:
     """True if models of `greatest` states have fewer than four for each mode, so that modes may be merged or missing.
 
-    Clusters that were not taken count as modes too if their probability is 0.5 or more.
+    Clusters that were not taken count as modes too if their probability is `_RATHER` or more.
     """
     likely = sum(cluster.probability >= _RATHER for cluster in selection.others)
     return _STATES_A_MODE * (len(selection.clusters) + likely) > greatest
@@ -420,7 +420,7 @@ def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOption
 
 
 def left_out_clusters(clusters: Sequence[Cluster], frequency: FloatArray, damping_ratio: FloatArray) -> list[LeftOut]:
-    """Clusters with a probability of 0.3 or more that were not taken for a mode, as `LeftOut` with the reason.
+    """Clusters with a probability of `_PERHAPS` or more that were not taken for a mode, as `LeftOut` with the reason.
 
     `frequency` (Hz) and `damping_ratio` are of the modes taken; clusters near one of these are passed over. Both are
     (n_modes,).

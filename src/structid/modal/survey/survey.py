@@ -411,7 +411,7 @@ def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSp
 def _tone_kurtosis(record: Record, identification: ModalIdentification) -> FloatArray:
     """Median kurtosis over channels of narrow-band motion at each mode, (n_modes,): 1.5 for a tone, 3 for random response.
 
-    NaN for FRFs, for damping ratios from 0.001 on, for modes of a free decay whose damping is significant (no tone dies
+    NaN for FRFs, for damping ratios from `HARDLY_DAMPED` on, for modes of a free decay whose damping is significant (no tone dies
     out), and for frequencies too close to half the sampling rate.
     """
     modes = identification.modes

@@ -32,7 +32,7 @@ _MOST_LABELLED = 1000
 
 def is_cells(element: ElementSet) -> bool:
     """True if an element set is drawn by `cell_faces`."""
-    return element.symbol in ("flat", "shell", "solid")
+    return bool(element.cells)
 
 
 def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[Mark]:
@@ -157,7 +157,7 @@ def _is_inside(corners: FloatArray, points: FloatArray) -> np.ndarray:
 def labelled_marks(marks: Sequence[Mark]) -> list[Mark]:
     """Mark of each element set at which its name is written: the nearest face whose centre no other set covers.
 
-    The last mark of the set if there is no such face, or above 1000 marks.
+    The last mark of the set if there is no such face, or above `_MOST_LABELLED` marks.
     """
     last = {mark.element: mark for mark in marks}
     open_: dict[str, Mark] = {}

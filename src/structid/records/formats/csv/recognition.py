@@ -200,7 +200,7 @@ def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
             if lines and layout.skip_rows + layout.footer_rows
             else f"{path}: holds no header and no line of numbers; write it again"
         )
-    is_toa5 = layout.skip_rows == 0 and layout.header_rows is None and _TOA5.match(lines[0]) is not None
+    is_toa5 = end > 4 and layout.skip_rows == 0 and layout.header_rows is None and _TOA5.match(lines[0]) is not None
     skip = 1 if is_toa5 else layout.skip_rows
     lines = lines[skip:end]
     lines[0] = _COMMENT_SIGN.sub("", lines[0])

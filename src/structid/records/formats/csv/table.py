@@ -103,6 +103,11 @@ def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "")
     units = [bare_unit(cell) for cell in grid.header[1]] if len(grid.header) > 1 else []
     below = (*units, *("" for _ in names))[: len(names)]
     to_hertz = _to_hertz(path, names[0], below[0], axis_unit)
+    if to_hertz is not None and not names[0]:
+        raise FileError(
+            f"{path}: line {grid.header_line}, column 1 has no name and counts the rows, where frequencies must stand; export"
+            " without it"
+        )
     if to_hertz is not None:
         grid, names, below = _split_complex(path, grid, names, below)
     values = _cells_as_numbers(path, grid, names, to_hertz is None)
