@@ -84,3 +84,60 @@ def test_statistics_of_intervals_are_no_samples(tmp_path, text):
         FileError, match=r"line 2, column 3 .*'(Avg|Max|Std)' stands for a level, a statistic or a density"
     ):
         read(tmp_path, text, columns="3,4", channels="1X,2X")
+
+
+def paired(step):
+    """Times and samples of two channels in turn, of which the second runs in steps of `step` in s."""
+    lines = [f"{i / RATE:.2f},{row[0]:.4f},{i * step:.2f},{row[1]:.4f}\n" for i, row in enumerate(VALUES)]
+    return "Time (s),A (g),Time (s),B (g)\n" + "".join(lines)
+
+
+def test_channels_with_clocks_of_their_own_are_not_read_by_one(tmp_path):
+    two = {"columns": "2,4", "channels": "1X,2X"}
+    np.testing.assert_allclose(read(tmp_path, paired(0.01), **two).values, VALUES * STANDARD_GRAVITY)
+    with pytest.raises(InputError, match=r"line 1: columns 1 and 3 hold times that differ: 3\.99 s and 7\.98 s in all"):
+        read(tmp_path, paired(0.02), **two)
+    second = read(tmp_path, paired(0.02), time_column=3, columns="4", channels="2X")
+    assert second.sampling_rate == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize("scale, unit", [(1e3, "ms"), (1e6, "us")])
+def test_clocks_that_count_from_1970_tell_the_rate_to_the_last_digit(tmp_path, scale, unit):
+    stamp = lambda i: str(round(1764244800 * scale + i * scale / RATE))  # noqa: E731
+    record = read(tmp_path, "timestamp,A,B\n" + rows(",", stamp), axis_unit=unit, sampling_rate=RATE, **TWO)
+    assert (record.sampling_rate, record.start) == (RATE, 1764244800.0)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x,y,z\n" + rows(",", lambda i: "0.5"),
+        ",x,y\n" + rows(",", str),
+        '"","x","y"\n' + rows(",", lambda i: f'"{i + 1}"'),
+        "# x y\n" + rows(" "),
+        "%x\ty\n" + rows("\t"),
+    ],
+)
+def test_names_as_programs_save_them(tmp_path, text):
+    """Directions of space are no times; row numbers without a name and signs of comments are left out."""
+    columns = "y,z" if text[0] == "x" else "x,y"
+    record = read(tmp_path, text, sampling_rate=RATE, columns=columns, **TWO)
+    np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
+    assert ("row numbers left out" in record.source) == (",x" in text or ',"x' in text)
+
+
+def test_a_first_column_without_a_name_that_counts_nothing_is_refused(tmp_path):
+    with pytest.raises(FileError, match="line 1, column 1 has no name"):
+        read(tmp_path, ",x,y\n" + rows(",", lambda i: str(i + 7)), sampling_rate=RATE, **TWO)
+
+
+def test_row_numbers_are_no_frequencies(tmp_path):
+    text = ",1X/2X [g/N] re,1X/2X [g/N] im\n" + rows(",", str)
+    with pytest.raises(FileError, match="column 1 has no name and counts the rows, where frequencies must stand"):
+        read(tmp_path, text, axis_unit="Hz")
+
+
+@pytest.mark.parametrize("n_lines", [1, 2, 3, 4])
+def test_toa5_tables_cut_within_their_header_are_refused(tmp_path, n_lines):
+    with pytest.raises(FileError):
+        read(tmp_path, "".join(toa5().splitlines(keepends=True)[:n_lines]))

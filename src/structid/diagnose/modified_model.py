@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, evenly_spaced_indices
 from structid.core.errors import StructidError
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.places import MOST_DOFS, has_places
@@ -23,9 +23,11 @@ from structid.diagnose.thresholds import (
     CHANGE_EFFORT,
     MOST_CACHED,
     NEAR_LEVELS,
+    NEAR_LINES,
     NEAR_MODEL_ERROR,
     RACED_AT,
     START_ERROR,
+    WORTH_THINNING,
 )
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.forward import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
@@ -51,6 +53,7 @@ from structid.records import FrfRecord
 from structid.unknowns.named_unknowns import begun_at
 
 FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
+_COARSE = replace(FINAL, gain_tolerance=1e-4)
 QUICK = Raced(max_iterations=12, gain_tolerance=1e-2, left_at=RACED_AT)
 
 
@@ -116,6 +119,21 @@ class ModifiedModel:
     def fixed_values(self) -> FixedValues | None:
         """The values that the models fix, free within their tolerances; None where they are exact."""
         return fixed_values(freed_problems(self.setups, self.problems, self.model.options.tolerances))
+
+    @cached_property
+    def coarse_problems(self) -> tuple[RecordProblem, ...]:
+        """The problems on 300 lines of each record that has 450 or more; as they are for other records and data."""
+        return tuple(_on_fewer_lines(problem) for problem in self.problems)
+
+    @cached_property
+    def coarse_target(self) -> Problem:
+        """The joint problem of `coarse_problems`."""
+        return joint_problem(self.coarse_problems)
+
+    @cached_property
+    def coarse_fixed_values(self) -> FixedValues | None:
+        """`fixed_values` on the lines of `coarse_problems`."""
+        return fixed_values(freed_problems(self.setups, self.coarse_problems, self.model.options.tolerances))
 
     def changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
         """The model with one more change: a candidate with its strength; of small models the last ones are cached.
@@ -291,19 +309,17 @@ class ModifiedModel:
             If a stage on smoothed data ends above its limit, or the fit takes more than `fit_limits`.
         """
         problems = [*(stage for _, stage in self.smoothed(NEAR_LEVELS)), self.anchored()]
-        *far, above = limits or [np.inf]
-        if len(far) != len(problems) - 1:  # the changed model has other stages than that of the limits
-            far = [np.inf] * (len(problems) - 1)
-        methods = [replace(QUICK, above=limit) for limit in (*far, above)]
+        if len(limits) != len(problems):  # there are none, or they are those of a model with other stages
+            limits = [*[np.inf] * (len(problems) - 1), limits[-1] if limits else np.inf]
         ends = [self.theta_of(values) for values in path] if len(path) == len(problems) else []
         theta, steps = np.asarray(self.target.theta_start), list[Minimum]()
-        for number, (problem, method, most) in enumerate(zip(problems, methods, [*far, np.inf], strict=True)):
+        for number, (problem, limit) in enumerate(zip(problems, limits, strict=True)):
             starts = [theta, *ends[number : number + 1]]
             if len(starts) > 1:
                 starts.sort(key=lambda start: squared(residual_at(problem, start)))
-            steps.append(self.minimize(problem, method, starts[0]))
+            steps.append(self.minimize(problem, replace(QUICK, above=limit), starts[0]))
             theta = steps[-1].theta
-            if steps[-1].costs[-1] > most:
+            if len(steps) < len(problems) and steps[-1].costs[-1] > limit:
                 raise SearchEndedError("other changes are far better on smoothed data")
         return NearFit(tuple(step.theta for step in steps), tuple(float(step.costs[-1]) for step in steps))
 
@@ -317,12 +333,20 @@ class ModifiedModel:
         StructidError
             If the model can be evaluated at none of them, or each fit takes more than `fit_limits`.
         """
+        return self._best_fit(self.target, FINAL, starts)
+
+    def fitted_on_fewer_lines(self, starts: Sequence[FloatArray]) -> Minimum:
+        """The minimum as of `fitted`, but on at most 300 lines of each record: where a full fit may start."""
+        return self._best_fit(self.coarse_target, _COARSE, starts)
+
+    def _best_fit(self, problem: Problem, method: LevenbergMarquardt, starts: Sequence[FloatArray]) -> Minimum:
+        """The best minimum of a problem from several starts; see `fitted`."""
         minima: list[Minimum] = []
         last: Exception | None = None
         for theta in starts:
             best = min((float(minimum.costs[-1]) for minimum in minima), default=np.inf)
             try:
-                minima.append(self.minimize(self.target, FINAL.raced(best, RACED_AT), theta))
+                minima.append(self.minimize(problem, method.raced(best, RACED_AT), theta))
             except (StructidError, np.linalg.LinAlgError) as error:
                 last = error
         if not minima:
@@ -422,6 +446,14 @@ def _prepared(
     else:
         kept = None
     return kept or setup.prepared(options).problem
+
+
+def _on_fewer_lines(problem: RecordProblem) -> RecordProblem:
+    """The problem on 300 evenly spaced lines; as it is where it has less than 450, or its data are not lines."""
+    n_lines = len(problem.frequency)
+    if n_lines < WORTH_THINNING * NEAR_LINES:
+        return problem
+    return problem.with_lines(evenly_spaced_indices(n_lines, NEAR_LINES))
 
 
 def _on_lines(problem: FrfProblem, frequency: FloatArray) -> FrfProblem:

@@ -107,7 +107,7 @@ class Receptances:
     def _alone(self) -> Flexibility:
         """Receptances G = Z^-1 of the model without measured components, in m/N; zero at driven degrees of freedom.
 
-        By modes for more than 600 degrees of freedom without driving supports, else by an inverse at each line.
+        By modes for more than `MOST_DENSE_DOFS` degrees of freedom without driving supports, else by an inverse at each line.
         """
         if self.structure.n_dofs > MOST_DENSE_DOFS and not self._bases:
             return modal_flexibility(self.structure, self.values, self.laplace)

@@ -84,7 +84,7 @@ def modes(
     damping, structural : (n_dofs, n_dofs) sparse arrays, optional
         Viscous damping, and imaginary part of the complex stiffness.
     n_modes : int, optional
-        How many; all by default (up to 20 for more than 600 degrees of freedom).
+        How many; all by default (up to 20 for more than `_DENSE_UP_TO` degrees of freedom).
     strains : function without arguments, optional
         Gives B with K = B'B, or None. It is called where rounding of the stiffness matrix shows in frequencies: modes are
         then computed from B, whose relative rounding errors are much smaller.
@@ -183,8 +183,8 @@ def frequencies_between(
 ) -> tuple[FloatArray, bool]:
     """Natural frequencies (Hz) above `lowest` and up to `highest` (Hz), rising, and True if the list is complete.
 
-    `known` are the lowest modes of the model. If the list is not complete, as in a large model, it may hold only the first such
-    frequency.
+    `known` are the lowest modes of the model. If the list is not complete, as in a large model, it may hold only the
+    first such frequency. The frequencies are (n_modes,).
     """
     frequency = known.frequency
     is_all = mass.shape[0] <= _DENSE_UP_TO or bool(frequency[-1] > highest)

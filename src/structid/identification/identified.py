@@ -200,10 +200,10 @@ class Identification(Shown, IdentificationPlots):
     @property
     def assumption(self) -> str:
         """The errors of fixed values that standard deviations and intervals include, and the choice of the mesh, in words."""
-        return "; ".join(words for words in (self._assumed, self.mesh) if words)
+        return "; ".join(words for words in (self._fixed_value_clause, self.mesh) if words)
 
     @property
-    def _assumed(self) -> str:
+    def _fixed_value_clause(self) -> str:
         """A clause on the errors of fixed values that the standard deviations include."""
         fixed = self.estimate.fixed
         if fixed is not None:

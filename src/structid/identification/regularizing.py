@@ -131,7 +131,7 @@ def regularized(
     """
     if not options.regularization and not free_scatters(problems):
         return Regularized(tuple(problems))
-    chosen = _by_draws if method.is_matrix_free else _by_local_models
+    chosen = _regularize_by_draws if method.is_matrix_free else _regularize_by_local_models
     return chosen(problems, options, method, progress, work)
 
 
@@ -157,7 +157,7 @@ def unit_penalties(problems: Sequence[RecordProblem], terms: Sequence[Regulariza
     return tuple(penalty(first.structure, first.parameters, term) for term in terms)
 
 
-def _by_draws(
+def _regularize_by_draws(
     problems: Sequence[RecordProblem],
     options: IdentifyOptions,
     method: Method,
@@ -191,7 +191,7 @@ def _by_draws(
         ]
         return Regularized(regularized_problems(strengths), tuple(regularizations))
     if options.pole_free_start:
-        theta = _staged(regularized_problems(strengths), method, theta, progress, work)
+        theta = _run_first_stages(regularized_problems(strengths), method, theta, progress, work)
     told = named(progress, "strength of smoothness")
     found = settled_strengths(made, differences, given, strengths, theta, options.seed, told, work.minimize)
     regularizations = [
@@ -201,7 +201,7 @@ def _by_draws(
     return Regularized(regularized_problems(found.strengths), tuple(regularizations), found.theta)
 
 
-def _by_local_models(
+def _regularize_by_local_models(
     problems: Sequence[RecordProblem],
     options: IdentifyOptions,
     method: Method,
@@ -216,7 +216,7 @@ def _by_local_models(
     search = _Search(begun, tuple(options.regularization), method, work)
     theta = np.array(search.problem.theta_start)
     if options.pole_free_start:
-        theta = _staged(search.regularized_problems(begun, search.start), method, theta, progress, work)
+        theta = _run_first_stages(search.regularized_problems(begun, search.start), method, theta, progress, work)
     found = settled(search.refit, search.model, search.choose, theta, search.start)
     n_terms = len(search.terms)
     regularizations = tuple(
@@ -226,13 +226,15 @@ def _by_local_models(
         )
     )
     scatters = {
-        one.name: found_scatter(_folded(found.model, [k], found.strengths), [float(found.strengths[k])], 0)
+        one.name: found_scatter(
+            _with_penalties_as_data(found.model, [k], found.strengths), [float(found.strengths[k])], 0
+        )
         for k, one in enumerate(search.scatters, n_terms)
     }
     return Regularized(search.regularized_problems(problems, found.strengths), regularizations, scatters=scatters)
 
 
-def _staged(
+def _run_first_stages(
     problems: Sequence[RecordProblem],
     method: Method,
     theta: FloatArray,
@@ -352,7 +354,8 @@ class _Search:
         together += range(len(self.terms), len(strengths))
         if together:
             found = marginal_likelihood_strengths(
-                _folded(model, together, strengths), tuple(float(np.asarray(strengths[k])) for k in together)
+                _with_penalties_as_data(model, together, strengths),
+                tuple(float(np.asarray(strengths[k])) for k in together),
             )
             for k, strength in zip(together, found, strict=True):
                 made[k] = strength
@@ -360,9 +363,9 @@ class _Search:
             if term.is_sparse:
                 made[k] = self._sparse(model, k, tuple(made))
             elif term.rule == "l_curve":
-                made[k] = l_curve_strength(_folded(model, [k], tuple(made)))
+                made[k] = l_curve_strength(_with_penalties_as_data(model, [k], tuple(made)))
             elif term.rule == "discrepancy":
-                local = _folded(model, [k], tuple(made))
+                local = _with_penalties_as_data(model, [k], tuple(made))
                 made[k] = discrepancy_strength(local, len(local.data.residual))
         return tuple(made)
 
@@ -377,7 +380,7 @@ class _Search:
         return absolute_strengths(model, index, strengths, given, _SMOOTHING)
 
 
-def _folded(model: LocalModel, kept: Sequence[int], strengths: Strengths) -> LocalModel:
+def _with_penalties_as_data(model: LocalModel, kept: Sequence[int], strengths: Strengths) -> LocalModel:
     """Local model with all penalties but those at positions `kept` counted as data, at their `strengths`."""
     parts = [(model.data.residual, model.data.jacobian)]
     for k, part in enumerate(model.penalties):

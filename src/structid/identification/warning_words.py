@@ -110,7 +110,7 @@ def estimate_warnings(estimate: Estimate) -> tuple[str, ...]:
 
 
 def ran_away(estimate: Estimate, problems: Sequence[RecordProblem]) -> tuple[int, ...]:
-    """Indices of positive parameters without prior that ended a factor of 1000 or more from their start.
+    """Indices of positive parameters without prior that ended a factor of `_FAR` or more from their start.
 
     Parameters that are identified in a fit to within the noise do not count, nor does a damping that goes to 0.
     """

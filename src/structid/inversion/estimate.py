@@ -26,6 +26,7 @@ from structid.inversion.search.minimum import Minimum, StageCourse, squared
 from structid.inversion.search.multistart import (
     DistinctMinimum,
     Search,
+    are_same,
     cost_rank,
     distinct_answers,
     ends_at_other,
@@ -698,10 +699,12 @@ def _refit_once(
 ) -> FitWithinTolerances:
     """Refit of `minimum` with fixed values free within their tolerances, cached in `refits`.
 
-    `names` are the names of the parameters in the order of the free variables of `minimum`.
+    Minima that are one answer share one refit. `names` are the names of the parameters in the order of the free variables of
+    `minimum`.
     """
     if minimum not in refits:
-        refits[minimum] = fixed.refit(names, minimum.theta, float(minimum.costs[-1]))
+        shared = next((fit for other, fit in refits.items() if are_same(other, minimum)), None)
+        refits[minimum] = shared or fixed.refit(names, minimum.theta, float(minimum.costs[-1]))
     return refits[minimum]
 
 

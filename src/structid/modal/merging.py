@@ -127,7 +127,7 @@ def merged_setups(
         )
     notes = _losses(setups, members, shared, frequency_guard)
     notes += [f"set-up {i}: {words}" for i, setup in enumerate(setups, 1) for words in setup.warnings]
-    return _merged(setups, members, notes)
+    return _merge_matched(setups, members, notes)
 
 
 def _require_different(setups: Sequence[ModalRecord], called: Sequence[str]) -> None:
@@ -284,7 +284,7 @@ def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Seq
     return ", ".join(reasons) or "its match is paired with another mode"
 
 
-def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> MergedModes:
+def _merge_matched(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> MergedModes:
     """`MergedModes` of the modes matched by `members`: weighted means of frequencies and damping ratios, and merged shapes.
 
     `members` (n_setups, n_modes) are mode numbers in each set-up, -1 where missing. `notes` are the warnings so far; further

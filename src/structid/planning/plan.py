@@ -92,7 +92,7 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
     """
     options = resolve_options(structure, unknown, options)
     require_sound_model(structure, unknown.values(unknown.start), float(min(options.frequency)))
-    ground = _ground(structure, unknown, options, tolerances or Tolerances())
+    ground = _prepare_selection(structure, unknown, options, tolerances or Tolerances())
     sensors, loads = _best_sensors_and_loads(ground)
     chosen = _at_all_lines(ground, "chosen", sensors, loads)
     installed = None
@@ -188,7 +188,9 @@ class _TestSelection:
         return information_root(rows)
 
 
-def _ground(structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances) -> _TestSelection:
+def _prepare_selection(
+    structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances
+) -> _TestSelection:
     """Information of every pair of candidate sensor and load, and of the priors, at the initial values of `unknown`."""
     held = fixed_properties(structure, unknown, tolerances) if structure.has_matrices else ()
     candidates = Candidates(

@@ -239,7 +239,7 @@ def _draw_all(
 ) -> list[_ValueAndDraws]:
     """Base of each quantity by the identified model, and by each of the random models, (n_draws, ...), as pairs.
 
-    `structure` and `parameters` may be those after a change. `InputError` for fewer than 50 draws. `seed` fixes the
+    `structure` and `parameters` may be those after a change. `InputError` for fewer than `_FEWEST` draws. `seed` fixes the
     random models.
     """
     if n_draws < _FEWEST:

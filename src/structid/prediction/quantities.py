@@ -187,7 +187,7 @@ class Frf:
             return response_of.outputs, _by_poles(response_of, self.frequency)
         exact = response(structure, parameters, self._record(inputs))
         rows = output_map(structure, self.outputs, order)
-        solved = exact.values_at if self.is_motion else _by_fields(exact, structure, parameters, rows, self)
+        solved = exact.values_at if self.is_motion else _frf_by_fields(exact, structure, parameters, rows, self)
         if structure.n_dofs <= DENSE_UP_TO or not _is_linear(structure):
             return rows, solved
         response_of = linear_response(structure, parameters, points, self.outputs, inputs, order, band)
@@ -217,7 +217,9 @@ def _by_poles(response_of: LinearResponse, frequency: FloatArray) -> Evaluator:
     return lambda physical: response_of.poles_at(physical).combined_frf(frequency, response_of.outputs.orders)
 
 
-def _by_fields(exact: Response, structure: Structure, parameters: Parameters, rows: OutputMap, frf: Frf) -> Evaluator:
+def _frf_by_fields(
+    exact: Response, structure: Structure, parameters: Parameters, rows: OutputMap, frf: Frf
+) -> Evaluator:
     """FRFs of the rows of `rows` as a function of physical parameters, from the motion of all degrees of freedom.
 
     The function returns (n_frequencies, n_rows, n_inputs); the inputs of `frf` are forces.

@@ -103,10 +103,10 @@ class StateSpace(Shown):
         for name, parts in zip(("a", "b", "c", "d"), zip(*self.draws, strict=True), strict=False):
             content[f"{name}_draws"] = np.stack(parts)
         with atomic_write(path) as temporary:
-            temporary.write_bytes(_bytes_of(path.suffix.lower(), content))
+            temporary.write_bytes(_encode_arrays(path.suffix.lower(), content))
 
 
-def _bytes_of(suffix: str, content: dict[str, object]) -> bytes:
+def _encode_arrays(suffix: str, content: dict[str, object]) -> bytes:
     """Content of a file that holds the arrays of `content` by name, in the format of `suffix`: .npz, .mat or .h5."""
     buffer = io.BytesIO()
     if suffix == ".npz":
@@ -225,7 +225,7 @@ def state_space(
 
 
 def _judged_lines(reduced: ReducedMatrices, low: float, high: float) -> FloatArray:
-    """Frequencies, Hz, increasing, at which an error is judged: 500 evenly spaced, and 25 across each resonance.
+    """Frequencies, Hz, increasing, at which an error is judged: 500 evenly spaced, and `_ACROSS` across each resonance.
 
     `low` and `high` are the ends of the band, Hz; those outside it are left out. The result is (n_frequencies,).
     """

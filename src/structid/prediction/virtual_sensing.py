@@ -646,7 +646,7 @@ class _ChosenForces:
 
         The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without a frequency. Both
         searches have a correlation time and a size; the frequency is one parameter more, which must raise the greatest
-        likelihood by enough: Schwarz (1978), Annals of Statistics 6, 461-464. None also for fewer than 16 samples.
+        likelihood by enough: Schwarz (1978), Annals of Statistics 6, 461-464. None also for fewer than `_FEWEST` samples.
         """
         count, rate = len(forces), self.smoother.rate
         if count < _FEWEST:
@@ -780,10 +780,10 @@ class _Smoother:
     def with_likeliest_time(self, reduced: ReducedMatrices, std: float | None) -> _ChosenForces:
         """Forces of an estimated correlation time and standard deviation.
 
-        From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is
-        at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with the square root of
-        the time, so that the spectral density at high frequencies stays; a stated `std`, N, is kept. For the trust see
-        `with_likeliest_std`.
+        From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's
+        likelihood is at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with
+        the square root of the time, so that the spectral density at high frequencies stays; a stated `std`, N, is kept.
+        For the trust see `with_likeliest_std`. `std` is estimated too if it is None.
         """
         shortest, longest = np.log(_SHORTEST / self.rate), np.log(len(self.channels.measured) / self.rate / 4)
         above = _decades_above(reduced)

@@ -232,7 +232,7 @@ def _too_far(correlation: ModesCorrelation) -> dict[int, int]:
 
 
 def _reversed_sensor(correlation: ModesCorrelation) -> list[str]:
-    """A sentence on the sensor whose reversed sign raises the mean MAC most; empty unless it rises by 0.05 or more.
+    """A sentence on the sensor whose reversed sign raises the mean MAC most; empty unless it rises by `_TURNED` or more.
 
     Empty as well for fewer than two modes or three sensors, and where the mean MAC stays below the least MAC of a pair.
     """

@@ -114,6 +114,7 @@ class LoadGain(Candidate):
         return "unit" if self.mistaken_unit(value) else self.kind
 
     def sentence(self, value: float | None) -> str:
+        """A clause that names the load or support and its gain `value`; without a number if it is None."""
         if not self.is_motion:
             return gain_sentence(f"the force at {self.where[0]}", self.mistaken_unit(value), value)
         sentence = gain_sentence(f"the motion of support {self.where[0]}", self.mistaken_unit(value), value)

@@ -148,7 +148,7 @@ class DifferingElement(Differing):
         return self.matrices[0].kind if self.matrices else "stiffness"
 
     def sentence(self, value: float | None) -> str:
-        """A clause that says which element or mount differs from its group; `value` is not used."""
+        """A clause that says which element or mount differs from its group; `value`, the factor or None, is not used."""
         if self.nodes:
             ends = " and ".join(map(str, self.nodes))
             ends = f"at node {ends}" if len(self.nodes) == 1 else f"between nodes {ends}"

@@ -191,7 +191,7 @@ def mesh_errors(
                 "the mesh was not judged: pieces of its bars would move sideways without stiffness; make beams of them to"
                 " have it judged"
             )
-        pairs = _paired(structure, values, own, looked, made, found)
+        pairs = _match_modes(structure, values, own, looked, made, found)
         other.append(np.where(pairs >= 0, found.frequency[pairs], np.nan))
         lost = found.frequency[np.setdiff1d(np.arange(len(found.frequency)), pairs)]
     limit, order = _limit(frequency, other)
@@ -255,7 +255,7 @@ def _limit(frequency: FloatArray, refined_frequencies: list[FloatArray]) -> tupl
     return last - change / (2**order - 1), order
 
 
-def _paired(
+def _match_modes(
     structure: Structure,
     values: FloatArray,
     modes: Modes,

@@ -234,7 +234,7 @@ def _mesh_nodes(assembly: Assembly, blocks: Iterable[CellBlock], factor: float) 
 def _reference_points(assembly: Assembly, factor: float) -> dict[int, FloatArray]:
     """Positions in m of the nodes of the assembly itself (reference points), by label.
 
-    `factor` turns lengths of the file into m.
+    `factor` turns lengths of the file into m. Each is (3,).
     """
     own = assembly.own
     if own is None:

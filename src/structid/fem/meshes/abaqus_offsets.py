@@ -102,7 +102,7 @@ class SectionOffsets:
         or along the cell's where normals there differ too much. `block` is the keyword of their section, with the
         option OFFSET.
         """
-        part, thickness = _share(block.options["OFFSET"]), self._length * _thickness(block)
+        part, thickness = _offset_in_thicknesses(block.options["OFFSET"]), self._length * _thickness(block)
         corners = [self._corners(index, rows) for index, rows in chosen]
         normals = [unit_normals(positions) for positions in corners]
         at_node: dict[int, list[FloatArray]] = {}
@@ -155,12 +155,12 @@ def _is_offset(block: KeywordBlock) -> bool:
 
 def _is_zero(word: str) -> bool:
     try:
-        return _share(word) == 0
+        return _offset_in_thicknesses(word) == 0
     except ValueError:
         return False
 
 
-def _share(word: str) -> float:
+def _offset_in_thicknesses(word: str) -> float:
     """An offset in thicknesses from `word`: a number, or SPOS (0.5), SNEG (-0.5) or MIDDLE (0); `ValueError` for others."""
     side = _SIDES.get(word.upper())
     if side is not None:

@@ -320,7 +320,7 @@ def weights_along(
 ) -> dict[tuple[int, str], float]:
     """Weights {(node, direction): weight} of a node's displacement along a unit vector (3,), times `factor`.
 
-    Its rotation instead if `rotation`. Parts below 1e-12 are left out.
+    Its rotation instead if `rotation`. Parts below `_ROUNDING` are left out.
     """
     directions = DIRECTIONS[3:] if rotation else DIRECTIONS[:3]
     return {

@@ -155,7 +155,8 @@ class Mesh:
     def carried_by(self, labels: IntArray) -> IntArray:
         """Labels with nodes at the ends of offsets replaced by those that carry them, each once and in order.
 
-        `labels` and the result are one-dimensional; the result is sorted.
+        `labels` and the result are one-dimensional; the result is sorted. Labels are (n_labels,), the result
+        (n_unique,).
         """
         unique: IntArray = np.unique(labels)
         if self.carriers:

@@ -39,7 +39,7 @@ def start_deviation(unknowns: NamedUnknowns, start_error: float) -> FloatArray:
 def level_frequencies(omega: FloatArray, level: float) -> FloatArray:
     """Angular frequencies over the band of `omega` (rad/s), evenly spaced in the logarithm by about `level`.
 
-    There are at least 60 and at most 250.
+    There are at least `_FEWEST_LINES` and at most 250.
     """
     count = int(np.clip(np.log(omega[-1] / omega[0]) / level, _FEWEST_LINES, _MOST_LINES))
     return np.geomspace(omega[0], omega[-1], count)
@@ -74,7 +74,7 @@ def is_noisy(record: FrfRecord) -> bool:
 
 
 def thinned_lines(omega: FloatArray) -> IntArray:
-    """Indices of at most about 2000 lines that are evenly spread in the logarithm; all indices if there are no more.
+    """Indices of at most about `_THINNED_LINES` lines that are evenly spread in the logarithm; all indices if there are no more.
 
     `omega` (n_lines,) are ascending angular frequencies.
     """

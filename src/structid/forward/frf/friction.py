@@ -81,7 +81,7 @@ class Sliding:
         key = physical.tobytes()
         cached = self._cache.get(key)
         if cached is None:
-            free, reach = self._free(physical)
+            free, reach = self._frictionless_readings(physical)
             n_outputs, frictions = self.channels.n_outputs, self.matrix_indices
             force, floor = self.force(physical), self._stuck_amplitude
             amplitude = balanced_amplitudes(reach[:, n_outputs:], free[:, n_outputs:, 0], force, floor)
@@ -120,10 +120,10 @@ class Sliding:
     @cached_property
     def _stuck_amplitude(self) -> FloatArray:
         """Amplitude that stands for a contact that sticks: a small part of its frictionless motion at the start."""
-        free, _ = self._free(self.parameters.start)
+        free, _ = self._frictionless_readings(self.parameters.start)
         return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), np.finfo(float).tiny)
 
-    def _free(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def _frictionless_readings(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Frictionless readings of sensors and contacts, under the load and under unit forces at the contacts.
 
         Shapes (n_lines, n_outputs + n_contacts, 1) and (..., n_contacts). `physical` (n_params,) are the parameters.

@@ -33,7 +33,7 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
     if len(use) < len(data.measured):
         raise InputError(
             f"the model has {len(use)} modes that move the sensors and {len(data.measured)} are measured;"
-            " refine the model, or leave modes out"
+            " refine the model, or leave modes out with `use`"
         )
     if in_order:
         clear = use if is_bare.all() else use[motion[use] > _SEEN * motion[use].max(initial=0.0)]

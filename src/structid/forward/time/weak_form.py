@@ -226,7 +226,7 @@ def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> 
 def _suited_length(motion: FloatArray, step: float) -> float:
     """Window length (s) of test functions that pass 95 % of the power of each column of `motion` (n_times, n).
 
-    At least 12 time steps and at most a fifth of the record; `step` is the time step, s.
+    At least `_FEWEST_SAMPLES` time steps and at most a fifth of the record; `step` is the time step, s.
     """
     n_times = len(motion)
     hann = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n_times) + 0.5) / n_times)

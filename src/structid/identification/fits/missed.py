@@ -63,7 +63,7 @@ def missed_parts(
 ) -> tuple[MissedValues, ...]:
     """Records, or kinds of values of modes, that the fit misses beyond their errors, the worst first.
 
-    A part is missed if its sum of squares per value exceeds a limit (4 for modes, 1.25 for lines) and is improbable at 0.001
+    A part is missed if its sum of squares per value exceeds a limit (4 for modes, 1.25 for lines) and is improbable at `_RISK`
     for all parts together, by chi-square with as many degrees of freedom as values. Empty for a single record of lines, or if
     the whole misfit shows it already.
 
@@ -90,7 +90,7 @@ def missed_parts(
         # a fixed value whose influence could not be solved for is exact
         theta = np.array([free.get(key, 0.0) if key.startswith(FIXED) else free[key] for key in problem.names])
         residual = problem.residual(theta)[: problem.n_data]
-        parts += [(what, rows, least) for what, rows, least in _parts(name, problem, residual) if len(rows)]
+        parts += [(what, rows, least) for what, rows, least in _tested_parts(name, problem, residual) if len(rows)]
     if len(parts) < 2:
         return ()
     missed = []
@@ -101,7 +101,7 @@ def missed_parts(
     return tuple(sorted(missed, key=lambda one: -one.chi_square_per_value))
 
 
-def _parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[tuple[str, FloatArray, float]]:
+def _tested_parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[tuple[str, FloatArray, float]]:
     """Parts of a record to be tested: name, residual rows, and the chi-square per value above which the part is missed.
 
     A record of modes has a part for each kind of value, any other record is one part. `name` is the record, "" for a

@@ -179,11 +179,11 @@ def bootstrap(
     at_minimum = problem.residual(estimate.theta)
     children = (rng or np.random.default_rng(0)).spawn(n_replicates)
     shared = (problem, np.array(estimate.theta), at_minimum, chosen)
-    results = work.map("bootstrap replicates", _refitted, shared, children)
+    results = work.map("bootstrap replicates", _refit_replicate, shared, children)
     freedom = np.full(len(estimate.names), np.inf)
     if chosen == "blocks":
         freedom = np.maximum(effective_blocks(problem, problem.linearize(estimate.theta)) - 1, LEAST_FREEDOM)
-    return _gathered(estimate, chosen, results, freedom)
+    return _collect_replicates(estimate, chosen, results, freedom)
 
 
 def bootstrap_ends(
@@ -197,7 +197,7 @@ def bootstrap_ends(
     return found.interval(level), found.words
 
 
-def _refitted(
+def _refit_replicate(
     shared: tuple[Problem, FloatArray, FloatArray, str], rng: np.random.Generator, tools: TaskContext
 ) -> FloatArray | str:
     """Physical values (n_params,) of one bootstrap replicate, or a sentence on why its refit failed.
@@ -274,10 +274,10 @@ def bootstrap_repeats(
             continue
         good = found.status is not Status.NOT_CONVERGED and bool(np.isfinite(found.values).all())
         results.append(np.array(found.values) if good else f"{found.status.value}: {found.message}")
-    return _gathered(original, "repeats", results, np.full(len(original.names), len(repeats) - 1.0))
+    return _collect_replicates(original, "repeats", results, np.full(len(original.names), len(repeats) - 1.0))
 
 
-def _gathered(
+def _collect_replicates(
     original: Estimate, kind: str, results: Sequence[FloatArray | str], degrees_of_freedom: FloatArray
 ) -> Bootstrap:
     """`Bootstrap` of the replicates in `results`: physical values (n_params,), or a sentence for one that failed.

@@ -199,7 +199,7 @@ def profiles(
     """
     chosen = range(len(estimate.names)) if parameters is None else parameters
     shared = (problem, estimate.with_transform(np.array), level, max_points)
-    return tuple(Profile(**found) for found in work.map("profiles", _profiled, shared, list(chosen)))
+    return tuple(Profile(**found) for found in work.map("profiles", _compute_profile, shared, list(chosen)))
 
 
 def profile_ends(
@@ -215,7 +215,9 @@ def profile_ends(
     return np.array([(item.lower, item.upper) for item in found]).reshape(-1, 2), notes
 
 
-def _profiled(shared: tuple[Problem, Estimate, float, int], parameter: str | int, tools: TaskContext) -> StoredValues:
+def _compute_profile(
+    shared: tuple[Problem, Estimate, float, int], parameter: str | int, tools: TaskContext
+) -> StoredValues:
     """Fields of the `Profile` of one parameter by name, as a parallel task.
 
     `shared` holds problem, estimate, level and the largest number of points on a side.
@@ -301,7 +303,7 @@ class _Side:
                 at = start + self.sign * farthest
                 if inside[0] == at:
                     break
-            fitted = self._fitted(theta, at)
+            fitted = self._fit_others(theta, at)
             if fitted is None:
                 break
             theta_new, deviance, slope = fitted
@@ -351,7 +353,7 @@ class _Side:
         share = (self.quantile - inside[1]) / (outside[1] - inside[1]) if inside[1] > 0.1 * self.quantile else 0.5
         return inside[0] + min(max(share, 0.1), 0.9) * (outside[0] - inside[0])
 
-    def _fitted(self, theta: FloatArray, at: float) -> tuple[FloatArray, float, float] | None:
+    def _fit_others(self, theta: FloatArray, at: float) -> tuple[FloatArray, float, float] | None:
         """Fit with the free variable of the parameter held at `at`; None if it fails.
 
         Returns all free variables (n_params,), the deviance and its slope. The search starts from `theta` (n_params,), moved

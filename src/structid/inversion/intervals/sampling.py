@@ -182,7 +182,7 @@ def sample(
     rng = rng or np.random.default_rng(0)
     drawn = _by_nuts(target, *counts, rng, work) if sampler == "nuts" else _by_emcee(target, *counts, rng)
     stretched = estimate.covariance_basis == "model_error" or few is not None
-    white = drawn.draws @ _stretch(estimate, factor) if stretched else drawn.draws
+    white = drawn.draws @ _covariance_root(estimate, factor) if stretched else drawn.draws
     theta = estimate.theta + white @ factor.T
     with np.errstate(over="ignore"):
         physical = np.array([[problem.physical(t) for t in chain] for chain in theta])
@@ -277,7 +277,7 @@ def _log_slope_derivative(problem: Problem, theta: FloatArray) -> FloatArray:
     return np.log(np.abs(ratio)) / (2 * step)
 
 
-def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
+def _covariance_root(estimate: Estimate, factor: FloatArray) -> FloatArray:
     """Symmetric root (n, n) of the covariance of the estimate in whitened coordinates x with theta = `factor` x.
 
     Whitened draws times this matrix have the covariance of the estimate. `factor` is (n, n).
@@ -291,7 +291,7 @@ def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
 def _by_nuts(
     target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator, work: TaskExecutor
 ) -> _Drawn:
-    """Posterior draws by the no-U-turn sampler: independent chains, run in parallel in pieces of 50 draws.
+    """Posterior draws by the no-U-turn sampler: independent chains, run in parallel in pieces of `_AT_ONCE` draws.
 
     Each of the `n_chains` chains has `n_warmup` draws that are dropped and `n_draws` that are kept.
     """
@@ -312,7 +312,7 @@ def _by_nuts(
 
 
 def _chain_piece(shared: tuple[_Target, int, int], item: StoredValues, tools: TaskContext) -> StoredValues:
-    """Next 50 draws of one Markov chain, as a parallel task, with the stored state after them.
+    """Next `_AT_ONCE` draws of one Markov chain, as a parallel task, with the stored state after them.
 
     `shared` holds the target density, the length of the warm-up and the number of kept draws. `item` and the result have the
     keys ``chain`` (None before the first draw) and ``random``; the result also has ``draws``.

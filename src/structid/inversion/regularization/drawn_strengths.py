@@ -140,7 +140,7 @@ def settled_strengths(
             return SettledStrengths(strengths, determined, theta, False)
         physical, before = problem.physical(theta), strengths
         strengths = tuple(
-            s if known is not None else _chosen(term, physical, g, s, b)
+            s if known is not None else _new_strength(term, physical, g, s, b)
             for term, known, g, s, b in zip(terms, given, determined, strengths, begun, strict=True)
         )
         known_to = [max(0.1, np.sqrt(2 / max(g, 1.0))) for g in determined]
@@ -173,7 +173,7 @@ def balanced_strengths(
     return tuple(max(value, np.finfo(float).tiny) for value in made)
 
 
-def _chosen(term: Differences, physical: FloatArray, determined: float, strength: float, begun: float) -> float:
+def _new_strength(term: Differences, physical: FloatArray, determined: float, strength: float, begun: float) -> float:
     """New strength of the penalty `term`: number of determined combinations over the squared residual at strength 1.
 
     `physical` (n_params,) are the values and `determined` that number. It changes at most by a factor of 30 from `strength`,

@@ -353,7 +353,7 @@ def settled(
     theta = refit(strengths, theta)
     model = linearized(theta)
     for count in range(1, max_rounds + 1):
-        chosen = tuple(_near(new, old) for new, old in zip(choose(model, strengths), strengths, strict=True))
+        chosen = tuple(_limit_change(new, old) for new, old in zip(choose(model, strengths), strengths, strict=True))
         ratios = [np.log(np.asarray(new) / np.asarray(old)) for new, old in zip(chosen, strengths, strict=True)]
         strengths = chosen
         theta = refit(strengths, theta)
@@ -363,7 +363,7 @@ def settled(
     return SettledFit(theta, strengths, model, False, max_rounds)
 
 
-def _near(new: FloatArray | float, old: FloatArray | float) -> FloatArray | float:
+def _limit_change(new: FloatArray | float, old: FloatArray | float) -> FloatArray | float:
     """`new`, a single strength, moved to within a factor of ten of `old`, so that the next fit begins near its answer.
 
     Arrays of strengths are returned as they are.

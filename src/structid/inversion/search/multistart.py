@@ -174,18 +174,18 @@ def searched_minima(
     while not good and len(minima) < len(starts):
         ahead = starts[len(minima) : len(minima) + work.n_workers]
         for task in work.map("restarts", _search, shared, ahead, progress, first=len(minima) - 1):
-            minima.append(_found(problem, method, task))
+            minima.append(_read_minimum(problem, method, task))
             good = fits(minima[-1][0])
             if good:
                 break
-    minima = _ended(problem, method, minima, progress, work)
+    minima = _complete_searches(problem, method, minima, progress, work)
     used = max(0, len(minima) - len(chosen))
     best = min((minimum for minimum, _ in minima), key=lambda minimum: float(minimum.costs[-1]))
     doubtful = good and _is_doubtful(problem, method, best, start, search)
     count = most if doubtful else search.uniqueness_starts
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
     found = work.map("uniqueness starts", _search, (problem, method, tuple(chosen)), more, progress) if more else []
-    minima += [_found(problem, method, task) for task in found]
+    minima += [_read_minimum(problem, method, task) for task in found]
     if not search.wide_starts or (good and not _is_determined_somewhere(problem, best, start)):
         return SearchedMinima(minima)
     grouped = _GroupedMinima(fits)
@@ -226,7 +226,7 @@ class _GroupedMinima:
         if not minimum.converged:
             return False
         for other, is_fitting in self.distinct:
-            if _distance(other, minimum) <= _SAME:
+            if are_same(other, minimum):
                 return is_fitting
         self.distinct.append((minimum, self.fits(minimum)))
         return self.distinct[-1][1]
@@ -264,7 +264,7 @@ def _wide_minima(
         items = [(n_made + k, 0, np.clip(point, *reach.T)) for k, point in enumerate(points)]
         tasks = work.map("wide starts", _search_widely, (problem, method, (path,)), items, progress, first=n_made)
         n_made += len(items)
-        ends = [_found(problem, method, task) for task in tasks if "failed" not in task]
+        ends = [_read_minimum(problem, method, task) for task in tasks if "failed" not in task]
         minima.extend(ends)
         return sum(grouped.add(minimum) for minimum, _ in ends)
 
@@ -330,7 +330,7 @@ def _is_determined(problem: Problem, theta: FloatArray, at: Linearization) -> bo
     return bool(singular[-1] > _SEEN * singular[0])
 
 
-def _ended(
+def _complete_searches(
     problem: Problem,
     method: Method,
     minima: list[tuple[Minimum, int]],
@@ -397,7 +397,7 @@ def _search(
     return {**stored_minimum(minimum), "iterations": iterations}
 
 
-def _found(problem: Problem, method: Method, task: StoredValues) -> tuple[Minimum, int]:
+def _read_minimum(problem: Problem, method: Method, task: StoredValues) -> tuple[Minimum, int]:
     """Minimum of a stored task and its number of iterations; `SingularModelError` if the task failed."""
     if "failed" in task:
         raise SingularModelError(task["failed"])
@@ -460,7 +460,7 @@ def distinct_answers(
     """
     groups: list[list[Minimum]] = []
     for minimum in sorted((m for m in minima if m.converged), key=cost_rank):
-        own = next((g for g in groups if _distance(g[0], minimum) <= _SAME), None)
+        own = next((g for g in groups if are_same(g[0], minimum)), None)
         if own is None:
             groups.append([minimum])
         else:
@@ -492,11 +492,16 @@ def ends_at_other(problem: Problem, minimum: Minimum, end: FloatArray, other: Mi
     end, other_end : (n_params,) float arrays
         Free variables of their refits.
     """
-    if _distance(other, minimum) <= _SAME:
+    if are_same(other, minimum):
         return False
     size = sizes_at(problem, minimum.theta)
     begun, apart = ((end - point) / np.where(size > 0, size, 1.0) for point in (minimum.theta, other_end))
     return bool(np.linalg.norm(apart) < np.linalg.norm(begun))
+
+
+def are_same(first: Minimum, second: Minimum) -> bool:
+    """True if two minima are one answer: within three posterior standard deviations of each other."""
+    return _distance(first, second) <= _SAME
 
 
 def _distance(first: Minimum, second: Minimum) -> float:

@@ -21,6 +21,8 @@ from structid.inversion.search.minimum import Progress
 _REFIT = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
 #: Of a fit far beyond its noise: Gauss-Newton steps are too long there, and what tolerances explain of it is a small part.
 _FAR_REFIT = LevenbergMarquardt(max_iterations=7, gain_tolerance=1e-5, initial_damping=1e-3)
+#: Of a refit that goes on from one to a part of the data.
+_LAST_REFIT = LevenbergMarquardt(max_iterations=4, gain_tolerance=1e-4, initial_damping=1e-3)
 
 
 #: Sum of squares, in parts of the number of data, from which on a fit is far beyond its noise.
@@ -64,14 +66,23 @@ class FixedValues:
         return replace(self, problem=self.sample or self.problem, sample=None)
 
     def refit(
-        self, names: tuple[str, ...], theta: FloatArray, chi_square: float, progress: Progress | None = None
+        self,
+        names: tuple[str, ...],
+        theta: FloatArray,
+        chi_square: float,
+        progress: Progress | None = None,
+        start: FloatArray | None = None,
     ) -> FitWithinTolerances:
         """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta` of `names`.
 
-        `chi_square` is the sum of squares at `theta`. Above four times the number of data, steps are damped more, and
-        the refit ends there if it stays above. `theta` is (n_params,).
+        `chi_square` is the sum of squares at `theta`, (n_params,). Above four times the number of data, steps are damped more,
+        and the refit ends there if it stays above. `start` is the end of a refit to a part of the data, free variables of all
+        unknowns with fixed values among them: from there only a few steps are taken.
         """
-        start, far = self._whole(names, theta), _FAR * self.problem.n_data
+        if start is not None:
+            minimum = minimize(self.problem, _LAST_REFIT, start, progress)
+            return self._fit(minimum.theta, minimum.linearization, names)
+        start, far = self._all_free_variables(names, theta), _FAR * self.problem.n_data
         if not self.is_matrix_free and chi_square > far:
             minimum = minimize(self.problem, _FAR_REFIT, start, progress)
             if minimum.costs[-1] > far:
@@ -107,7 +118,7 @@ class FixedValues:
         is a fit with fixed values free within their tolerances, if one was made; it is stored with its `followed` fitted.
         """
         within = None if within is None else self.followed(within, theta)
-        whole, index = self._whole(names, theta), self._index(self.names)
+        whole, index = self._all_free_variables(names, theta), self._index(self.names)
         if self.is_matrix_free:
             linearized, units = self.problem.linearize_operator(whole), np.arange(len(whole))
             columns = np.column_stack([linearized.forward((units == i).astype(np.float64)) for i in index])
@@ -130,7 +141,7 @@ class FixedValues:
             return _REFIT
         return inversion.MatrixFree(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
 
-    def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
+    def _all_free_variables(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
         """Free variables of all unknowns, (n_unknowns,), from `theta` (n_params,), those of the parameters `names`.
 
         Every fixed value is as in the model.

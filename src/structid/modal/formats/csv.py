@@ -120,9 +120,25 @@ def _read_table(path: Path) -> _Table:
     doubled = [name for name in header if name and header.count(name) > 1]
     if doubled:
         raise FileError(f"{path}: has two columns `{doubled[0]}`; leave one out")
-    lines = rows[1:] if separator == "," else [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
+    lines = rows[1:]
+    if separator != ",":
+        _require_one_decimal_sign(path, lines)
+        lines = [[cell.replace(",", ".") for cell in row] for row in lines]
     factors = {word.name: word.factor for word in words if word.factor != 1}
     return _Table(path, header, lines, factors, is_turned, numbers, [word.assumed for word in words if word.assumed])
+
+
+def _require_one_decimal_sign(path: Path, lines: list[list[str]]) -> None:
+    """Raise `FileError` if some numbers in the cells of `lines` have commas and others points, which may be of thousands."""
+    numbers = [cell.strip() for row in lines for cell in row if is_number(cell)]
+    with_comma, with_point = (
+        next((cell for cell in numbers if sign in cell.removesuffix(".")), None) for sign in (",", ".")
+    )  # "1." is the first
+    if with_comma is not None and with_point is not None:
+        raise FileError(
+            f"{path}: has decimal commas, as in {with_comma}, and {with_point}, whose point may be that of thousands or of"
+            " decimals; export all numbers alike, without thousands apart"
+        )
 
 
 class _Word(NamedTuple):

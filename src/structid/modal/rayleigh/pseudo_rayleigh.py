@@ -148,12 +148,12 @@ def pseudo_rayleigh(
     [2.0, 5.0]
     """
     found = stationary_values(records, pair, form, rule, n_modes, tolerance)
-    shapes = found.mode_shapes if mass is None else _by_mass(mass, found.mode_shapes)
+    shapes = found.mode_shapes if mass is None else _inverse_shapes(mass, found.mode_shapes)
     omega, kept, notes = _omega(found.eigenvalues, found.motion.step if form == "second_difference" else 0.0)
     _require_oscillation(omega, found.motion.duration, pair)
     order = np.flatnonzero(kept)[np.argsort(omega[kept], kind="stable")]
     omega = omega[order]
-    notes += _doubts(found, omega, pair, form, n_modes)
+    notes += _doubt_notes(found, omega, pair, form, n_modes)
     source = f"pseudo-Rayleigh quotient, {form}, {pair}, {found.motion.duration:g} s"
     return ModalRecord(
         omega / (2 * np.pi), np.full(len(omega), np.nan), unit_largest(shapes[:, order]), found.motion.channels,
@@ -302,7 +302,7 @@ def _omega(eigenvalues: NumberArray, step: float) -> tuple[FloatArray, NDArray[n
     return omega, kept, tuple(notes)
 
 
-def _by_mass(mass: ArrayLike, shapes: NumberArray) -> NumberArray:
+def _inverse_shapes(mass: ArrayLike, shapes: NumberArray) -> NumberArray:
     """Phi (Phi' M Phi)^-1 for `shapes` Phi (n_channels, n_modes) and the mass matrix M, full or its diagonal.
 
     `InputError` if `mass` has a wrong shape or Phi' M Phi is nearly singular.
@@ -347,7 +347,7 @@ def _require_oscillation(omega: FloatArray, duration: float, pair: str) -> None:
     )
 
 
-def _doubts(
+def _doubt_notes(
     stationary: StationaryValues, omega: FloatArray, pair: str, form: str, n_modes: int | None
 ) -> tuple[str, ...]:
     """Notes on what makes the modes doubtful; `omega` holds their circular frequencies (rad/s), increasing.

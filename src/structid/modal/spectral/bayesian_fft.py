@@ -96,7 +96,7 @@ def bayesian_fft(
                 f"{band.low:.4g} to {band.high:.4g} Hz; widen the band, or measure longer"
             )
         found.append(posterior(lines, band.peaks))
-        notes += _doubts(number, band, found[-1], data)
+        notes += _band_warnings(number, band, found[-1], data)
     assert places is not None
     modes = _modal_record(found, places, options, notes, f"Bayesian FFT, {len(bands)} bands, {data.duration:g} s")
     return ModalIdentification(modes, "bayesian_fft", options=options)
@@ -170,7 +170,7 @@ def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptio
     return Band(low, high, places)
 
 
-def _doubts(number: int, band: Band, posterior: Posterior, data: ScaledMotion) -> list[str]:
+def _band_warnings(number: int, band: Band, posterior: Posterior, data: ScaledMotion) -> list[str]:
     """Warnings on a frequency band whose modes are doubtful; an empty list if none is.
 
     `number` (from 1) is that of the band in the words.

@@ -125,7 +125,7 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
 
 
 def _until_noise(data: ScaledMotion, motion: FreeDecay, n_least: int) -> ScaledMotion | None:
-    """Records cut where their free decay falls to 0.1 of the noise left; None if more than half of the samples would be kept.
+    """Records cut where their free decay falls to `_LOST` of the noise left; None if more than half of the samples would be kept.
 
     The samples after that tell nothing of the modes, and their noise hides modes that die out early. `n_least` is the least
     number of samples to keep of each record.
@@ -170,7 +170,7 @@ def _with_left_over(
     poles = start if fit is None else fit.poles
     if fit is not None and is_near(poles, start) and not is_left_over(data, poles, candidates):
         return picked, chosen_clusters, motion
-    poles = _pursued(data, poles, candidates)
+    poles = _add_candidates(data, poles, candidates)
     wider = free_decay(data, poles)
     if not wider.explains_all or is_left_over(data, poles, candidates):
         notes.append(
@@ -179,10 +179,10 @@ def _with_left_over(
         )
         return picked, chosen_clusters, motion
     chosen = _nearest(sweep, poles)
-    return chosen, tuple(_around(sweep, all_clusters, *place) for place in chosen), wider
+    return chosen, tuple(_cluster_with_pole(sweep, all_clusters, *place) for place in chosen), wider
 
 
-def _pursued(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) -> ComplexArray:
+def _add_candidates(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) -> ComplexArray:
     """Poles with those `candidates` (rad/s) added, strongest first, that lower Schwarz's criterion.
 
     All poles are refined by maximum likelihood each time, and those that no longer stand out are left out. At most four
@@ -213,7 +213,7 @@ def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int
     return chosen
 
 
-def _around(sweep: Sequence[Poles], all_clusters: Sequence[Cluster], number: int, index: int) -> Cluster:
+def _cluster_with_pole(sweep: Sequence[Poles], all_clusters: Sequence[Cluster], number: int, index: int) -> Cluster:
     """Cluster of `all_clusters` that holds the pole `index` of order number `number` in the sweep, with that pole chosen.
 
     If none holds it: a new cluster of that pole alone.
@@ -346,7 +346,7 @@ def _block_rows(data: ScaledMotion, given: int | None) -> int:
 def _is_crowded(selection: PickedPoles, greatest: int) -> bool:
     """True if models of `greatest` states have fewer than four for each mode, so that modes may be merged or missing.
 
-    Clusters that were not taken count as modes too if their probability is 0.5 or more.
+    Clusters that were not taken count as modes too if their probability is `_RATHER` or more.
     """
     likely = sum(cluster.probability >= _RATHER for cluster in selection.others)
     return _STATES_A_MODE * (len(selection.clusters) + likely) > greatest
@@ -420,7 +420,7 @@ def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOption
 
 
 def left_out_clusters(clusters: Sequence[Cluster], frequency: FloatArray, damping_ratio: FloatArray) -> list[LeftOut]:
-    """Clusters with a probability of 0.3 or more that were not taken for a mode, as `LeftOut` with the reason.
+    """Clusters with a probability of `_PERHAPS` or more that were not taken for a mode, as `LeftOut` with the reason.
 
     `frequency` (Hz) and `damping_ratio` are of the modes taken; clusters near one of these are passed over. Both are
     (n_modes,).

@@ -113,7 +113,7 @@ def recovered_modes(result: ModesResult, merging: MergedModes, number: int) -> M
 def _wanted_modes(again: ModalRecord, merged: ModalRecord, lost: IntArray, present: ModalRecord) -> IntArray:
     """Indices, increasing, of modes of `again` that match the `lost` modes of `merged` and are not among `present`.
 
-    A match is within 2 % in frequency, has a MAC of 0.7 or more over the known entries, and a standard deviation of
+    A match is within 2 % in frequency, has a MAC of `_ONE_SHAPE` or more over the known entries, and a standard deviation of
     frequency below the half-power bandwidth. `lost` are mode numbers of `merged`; `present` are modes the set-up
     already has. The result is (n_wanted,), `lost` (n_lost,).
     """

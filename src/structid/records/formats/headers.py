@@ -80,12 +80,14 @@ def time_factor(name: str, unit: str = "") -> float | None:
     match = _TIME_AND_UNIT.match(bare)
     word = match["unit"] if match else bare if bare.lower() in _TIMES_BY_UNIT else ""
     stated = [parse_time_unit(unit or bracketed)] if unit or bracketed else []
-    stated += _read(parse_time_unit, word) + _read(parse_time_unit, bracketed)  # a word may be "stamp" of a time stamp
+    stated += _parse_unit(parse_time_unit, word) + _parse_unit(
+        parse_time_unit, bracketed
+    )  # a word may be "stamp" of a time stamp
     _require_one(stated, f"{name!r} above {unit!r}" if unit else repr(name))
     return stated[0] if stated else None
 
 
-def _read(parse: Callable[[str], T], text: str) -> list[T]:
+def _parse_unit(parse: Callable[[str], T], text: str) -> list[T]:
     """List with the unit parsed from `text` as its only entry; empty if `parse` does not read it."""
     try:
         return [parse(text)] if text else []
@@ -123,7 +125,7 @@ def frequency_factor(name: str, unit: str = "") -> float | None:
         factor = parse_frequency_unit((match["of"] or unit).strip())
     except InputError:
         return float("nan") if is_word and (not match["of"] or match["unit"].strip()[0] in "[(,/_") else None
-    _require_one([factor, *_read(parse_frequency_unit, unit)], f"{name!r} above {unit!r}")
+    _require_one([factor, *_parse_unit(parse_frequency_unit, unit)], f"{name!r} above {unit!r}")
     return factor
 
 
@@ -133,7 +135,7 @@ def factors_in_header(name: str, unit: str, parse: Callable[[str], float]) -> di
     `parse` returns the factor of a unit's text, or raises `InputError`.
     """
     stated = {text: factor for text, factor, _ in units_in_name(name, parse)}
-    return stated | {text: factor for text in (name.strip(), unit) for factor in _read(parse, text)}
+    return stated | {text: factor for text in (name.strip(), unit) for factor in _parse_unit(parse, text)}
 
 
 def require_axis_unit(
@@ -195,7 +197,7 @@ def units_in_name(name: str, parse: Callable[[str], T]) -> list[tuple[str, T, bo
         (text, unit, is_bracketed and text not in _NO_BARE_UNITS)  # a direction or a side may stand in brackets too
         for text, is_bracketed in texts
         if is_bracketed or text not in _NO_BARE_UNITS
-        for unit in _read(parse, text)
+        for unit in _parse_unit(parse, text)
     ]
 
 
@@ -215,12 +217,12 @@ def other_unit_in_name(name: str, parse: Callable[[str], Unit | FrfUnit], kind: 
 
 def is_read_by(text: str, parse: Callable[[str], object]) -> bool:
     """True if a text names a unit for the function `parse`."""
-    return bool(_read(parse, text))
+    return bool(_parse_unit(parse, text))
 
 
 def states_unit(text: str, unit: str, parse: Callable[[str], object]) -> bool:
     """True if a text names the same unit as `unit` does, both read by `parse`."""
-    return parse(unit) in _read(parse, text)
+    return parse(unit) in _parse_unit(parse, text)
 
 
 def level_word(text: str) -> str:

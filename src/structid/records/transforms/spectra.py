@@ -393,7 +393,7 @@ def estimate_frf(
     explained = np.einsum("foi,foi->fo", h1, yx.conj()).real
     ratio = np.divide(explained, yy, out=np.zeros_like(yy), where=yy > 0)
     coherence = np.repeat(np.clip(ratio, 0.0, 1.0)[:, :, None], count, axis=2)
-    values = _values(h1, spectra, estimator)
+    values = _estimate_frfs(h1, spectra, estimator)
     variance = None
     if averages > count:
         gain = np.einsum("fii->fi", inverse).real[:, None, :]
@@ -405,11 +405,11 @@ def estimate_frf(
     return values, coherence, variance
 
 
-def _values(h1: ComplexArray, spectra: Spectra, estimator: Estimator) -> ComplexArray:
+def _estimate_frfs(h1: ComplexArray, spectra: Spectra, estimator: Estimator) -> ComplexArray:
     """FRFs by the estimator H1, H2 or Hv from averaged spectra, (n_lines, n_outputs, n_inputs).
 
-    `h1` are the FRFs of H1. Raises `InputError` for H2 with several inputs, or if an estimate divides by 0. `h1` is
-    (n_lines, n_outputs, n_inputs).
+    `h1` (n_lines, n_outputs, n_inputs) are the FRFs of H1. Raises `InputError` for H2 with several inputs, or if an
+    estimate divides by 0.
     """
     if estimator == "H1":
         return h1

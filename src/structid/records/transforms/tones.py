@@ -653,7 +653,7 @@ def _whitened_lines(values: FloatArray, rate: float) -> tuple[FloatArray, FloatA
 def _over_surroundings(power: FloatArray) -> FloatArray:
     """Power of each line over the median power of the lines around it, (n_lines,).
 
-    Medians are those of blocks of 64 lines; the greatest of a line's block and both neighbours counts.
+    Medians are those of blocks of `_MEDIAN_LINES` lines; the greatest of a line's block and both neighbours counts.
     """
     n = len(power)
     blocks = np.pad(power, (0, -n % _MEDIAN_LINES), mode="edge").reshape(-1, _MEDIAN_LINES)

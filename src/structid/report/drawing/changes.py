@@ -190,11 +190,11 @@ def _changes(answer: IdentifiedParameters, kinds: tuple[str, ...]) -> Changes:
             text = f"{item.term.property.replace('_', ' ')}: {values} ({percent(ratio)})"
             is_significant = bool(is_outside[columns].any())
             text += ", not identified" if not identified else "" if is_significant else ", within its interval"
-            changes[key] = _merged(changes.get(key), Change(ratio, identified, text, is_significant))
+            changes[key] = _merge_changes(changes.get(key), Change(ratio, identified, text, is_significant))
     return changes
 
 
-def _merged(first: Change | None, second: Change) -> Change:
+def _merge_changes(first: Change | None, second: Change) -> Change:
     """Combined change of one element: the larger ratio, significant changes before others, with both texts on two lines.
 
     Identified only if both are; `second` if `first` is None.

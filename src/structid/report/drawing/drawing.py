@@ -84,7 +84,7 @@ def structure_picture(
     in_the_way = [*shapes[1:], *inside] if len(marks) <= _MOST_OBSTACLES else []
     obstacles = symbols.sampled(symbols.joined(in_the_way), 0.4 * character[1])
     wanted = [*_dof_labels(frame, loads, palette.LOAD), *_dof_labels(frame, sensors, palette.SENSOR)]
-    wanted += [] if is_field else _names(frame, shown, marks, {arrow.dof.node for arrow in (*sensors, *loads)})
+    wanted += [] if is_field else _place_labels(frame, shown, marks, {arrow.dof.node for arrow in (*sensors, *loads)})
     placed, lost = place(wanted, character, 0.08 * per_inch, obstacles)
     if lost:
         are = "is" if lost == 1 else "are"
@@ -101,14 +101,14 @@ def structure_picture(
         *_arrow_traces(sensors, palette.SENSOR, 2.0, "sensor"),
         *_arrow_traces(loads, palette.LOAD, 3.2, "load"),
         *(curve(path, plot.Pen(palette.MUTED, 1.6)) for _, path in axes),
-        *_words([(name, path[1] + 0.35 * (path[1] - path[0]), palette.MUTED) for name, path in axes], 11.0),
-        *_words([(label.text, at, label.colour) for label, at in placed], 9.5),
+        *_text_traces([(name, path[1] + 0.35 * (path[1] - path[0]), palette.MUTED) for name, path in axes], 11.0),
+        *_text_traces([(label.text, at, label.colour) for label, at in placed], 9.5),
     )
     bounds = _bounds(corners, [(label.text, at) for label, at in placed], [path for _, path in axes], per_inch)
     return Picture(behind, marks, before, bounds, notes)
 
 
-def _words(words: Sequence[tuple[str, FloatArray, str]], size: float) -> list[plot.Texts]:
+def _text_traces(words: Sequence[tuple[str, FloatArray, str]], size: float) -> list[plot.Texts]:
     """Text traces of the triples `words` (text, position, colour) with the font size `size`, one trace for each colour."""
     found = []
     for colour in dict.fromkeys(colour for *_, colour in words):
@@ -246,7 +246,7 @@ def _connector(
     number, count = taken[key], around.connectors[key]
     taken[key] += 1
     if second is None:
-        along, blocked = _outward(frame, first, around)
+        along, blocked = _ground_direction(frame, first, around)
     else:
         along, blocked = symbols.unit(end - start), around.lines[_pair((first.node, second.node))] > 0
     stub = second is None or bool(np.hypot(*(end - start)) <= 1e-6 * frame.size)
@@ -266,7 +266,7 @@ def _connector(
     return path, wall, 0.5 * (begin + finish) + shift
 
 
-def _outward(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool]:
+def _ground_direction(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool]:
     """Unit direction on paper from a node to the ground for its connector, and True if an element lies that way.
 
     It is opposite to the positive axis of `dof`, unless only that side is occupied. The direction is (2,).
@@ -365,8 +365,8 @@ def _dof_labels(frame: _Frame, arrows: Sequence[_Arrow], colour: str) -> list[La
     return [Label(str(arrow.dof), arrow.tip, away, colour) for arrow, away in zip(arrows, aways, strict=True)]
 
 
-def _names(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set[int]) -> list[Label]:
-    """Labels of element sets, and of nodes: all `shown` ones if there are at most 40, and those in `busy`.
+def _place_labels(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set[int]) -> list[Label]:
+    """Labels of element sets, and of nodes: all `shown` ones if there are at most `_MANY_NODES`, and those in `busy`.
 
     `shown` and `busy` hold node labels.
     """
@@ -387,8 +387,8 @@ def _names(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set
 def _axes(frame: _Frame, corner: FloatArray, used: set[str]) -> tuple[tuple[str, FloatArray], ...]:
     """Names of the global axes with short lines (2, 2) at the lower left of the drawing.
 
-    `corner` is the lower left of the structure; Z is left out in a plane unless it is in `used`, the directions of
-    arrows. `corner` is (2,).
+    `corner` (2,) is the lower left of the structure; Z is left out in a plane unless it is in `used`, the directions of
+    arrows.
     """
     origin = corner - np.array([0.11, 0.05 if is_spatial(frame.structure) else 0.0]) * frame.size
     count = 3 if is_spatial(frame.structure) or "Z" in used else 2

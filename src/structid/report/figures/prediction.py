@@ -53,7 +53,7 @@ def frf_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
 def history_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
     """Figure of predicted time histories with 95 % bands, one sensor at a time; of a change, before and after it.
 
-    At most 3000 samples of a history are drawn, evenly spaced.
+    At most `_MOST_POINTS` samples of a history are drawn, evenly spaced.
     """
     parts = _shown(prediction)
     first = next(iter(parts.values()))

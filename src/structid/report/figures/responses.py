@@ -72,7 +72,7 @@ def worst_channels(fit: RecordFit, count: int = MAX_CHANNELS) -> list[int]:
 def responses_figure(fit: RecordFit) -> plot.Figure:
     """Figure of magnitude, phase and coherence of measured and model FRFs, one channel at a time.
 
-    Models are drawn at the lines that were used or judged. Above 250 000 values the lines are thinned.
+    Models are drawn at the lines that were used or judged. Above `MOST_VALUES` values the lines are thinned.
     """
     whole, found, shown = fit.measured, channels(fit), worst_channels(fit)
     stride = max(1, -(-whole.values.size // MOST_VALUES))

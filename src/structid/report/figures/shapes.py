@@ -62,7 +62,7 @@ def mode_scene(modes: ModalRecord, geometry: Geometry | None) -> Scene:
     shapes = modes.mode_shapes * real_turn(modes.mode_shapes)
     signed = shapes * np.array([dof.sign for dof in modes.channels])[:, None]
     still = np.where(modes.known, signed, 0.0)
-    scene = _row(modes.channels, still) if geometry is None else _placed(modes.channels, still, geometry)
+    scene = _row(modes.channels, still) if geometry is None else _scene_in_space(modes.channels, still, geometry)
     if modes.known.all():
         return scene
     words = "Sensors that no set-up with this mode has stand still in its drawing; their motion is unknown."
@@ -96,7 +96,7 @@ def _row(channels: tuple[Dof, ...], shapes: ComplexArray) -> Scene:
     return Scene(rest, motion, tuple(map(str, channels)), axes, measured, {}, (note,))
 
 
-def _placed(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry) -> Scene:
+def _scene_in_space(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry) -> Scene:
     """Scene of mode shapes on the positions of the nodes (m), scaled to 12 % of the structure's diagonal.
 
     `shapes` (n_channels, n_modes) are along positive axes; rotations are left out. `channels` are the sensors.

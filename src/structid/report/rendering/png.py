@@ -281,7 +281,7 @@ class _Canvas:
         """Draw an area as filled polygons, one for each outline of its path, and note its legend entry."""
         edge = trace.edge or _NONE
         shape = PolyCollection(
-            _pieces(trace.x, trace.y), facecolor=trace.colour, edgecolor=edge.colour, linewidth=edge.width * _PIXEL,
+            _outlines(trace.x, trace.y), facecolor=trace.colour, edgecolor=edge.colour, linewidth=edge.width * _PIXEL,
             alpha=trace.opacity, hatch="////" if trace.hatched else None, zorder=self._order(),
         )  # fmt: skip
         self.axes.add_collection(shape)
@@ -320,7 +320,7 @@ class _Canvas:
         return 2.0 + 0.001 * len(self.axes.get_children())
 
 
-def _pieces(x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
+def _outlines(x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
     """Separate outlines, each (n, 2), of the path `x`, `y` that NaN in `x` divides."""
     points = np.column_stack([x, y])
     gaps = np.flatnonzero(np.isnan(x))

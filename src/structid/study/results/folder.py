@@ -105,12 +105,12 @@ def write_results(result: StudyResult, folder: Path) -> None:
         (folder / PARAMETERS).write_text(changes_table(result.identification.estimate), encoding="utf-8")
     (folder / "estimate.h5").write_bytes(hdf5_bytes(result))
     (folder / "study.toml").write_bytes(result.study.text.encode("utf-8"))
-    (folder / STUDY_PATH).write_text(_way_to(result.study.path, folder) + "\n", encoding="utf-8")
+    (folder / STUDY_PATH).write_text(_relative_path(result.study.path, folder) + "\n", encoding="utf-8")
     if result.solver is not None:
         result.solver.write(folder)
 
 
-def _way_to(path: Path, folder: Path) -> str:
+def _relative_path(path: Path, folder: Path) -> str:
     """The relative path from `folder` to the file `path`; "" if there is none, as between two drives."""
     try:
         return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()

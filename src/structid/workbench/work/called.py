@@ -193,7 +193,7 @@ def _check(opened: OpenFolder, study: str) -> StoredEntry:
     }
 
 
-def _modelled(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
+def _model_magnitudes(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
     """FRF magnitudes of a study's model at its start values, at the used lines of record `number` (counted from 0).
 
     ``frequency`` (Hz) is packed and thinned to about 4000 lines; ``channels`` are mappings of name and packed magnitude, empty
@@ -286,7 +286,9 @@ def _merge(
     return {**merge(paths, options_of(options), opened.inside(out), band), "path": f"{out}/modes.json"}
 
 
-def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str) -> StoredEntry:
+def _modes_beside_model(
+    opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str
+) -> StoredEntry:
     """Measured modes compared with those of a study's model, see `beside` for the parts.
 
     `number` counts the study's records from 0; `measured` is the path of a file of modes, or unsaved modes as the page sends
@@ -376,13 +378,13 @@ _FUNCTIONS: dict[str, Callable[..., StoredEntry]] = {
     "overview": _overview,
     "responses": _responses,
     "check": _check,
-    "modelled": _modelled,
+    "modelled": _model_magnitudes,
     "needs": _needs,
     "plan": _plan,
     "survey": _survey,
     "pick": _pick,
     "merge": _merge,
-    "beside": _beside,
+    "beside": _modes_beside_model,
     "fits": _fits,
     "identified": _identified,
     "use": _use,

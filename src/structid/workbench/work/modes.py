@@ -42,7 +42,7 @@ def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str,
     """Modes of a record with all poles of the stabilization diagram and the spectrum, packed for the page.
 
     `band` is [low, high] in Hz, None for the default. ``poles`` hold frequency (Hz), damping ratio, model order, kind and real
-    shape of the poles of all orders; ``spectrum`` is thinned to about 3000 lines.
+    shape of the poles of all orders; ``spectrum`` is thinned to about `_MOST_LINES` lines.
 
     Raises
     ------

@@ -168,8 +168,8 @@ def _read_numbers(
 ) -> FloatArray:
     """The real numbers of all strings, one after another; `FileError` with the line for a field that is none.
 
-    `offset` and `length` are first byte and size of each line in `buffer`; `table` has first line, number of reals, row and
-    column of each string.
+    `offset` and `length` are first byte and size of each line in `buffer`; `table` has first line, number of reals, row
+    and column of each string. The result is (n_numbers,), `offset` and `length` (n_lines,), `table` (n_strings, 4).
     """
     count = table[:, 1]
     before = np.cumsum(count) - count

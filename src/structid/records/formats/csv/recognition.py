@@ -34,6 +34,8 @@ _COMPLEX = re.compile(
 _POINT, _COMMA = re.compile(r"\.\d"), re.compile(r",\d")
 #: First line of a table of Campbell loggers; names, units and statistics of its columns follow in three lines.
 _TOA5 = re.compile(r'\s*"?TOA5"?\s*[,;\t]')
+#: Sign of a comment before the names of columns, as arrays are saved with.
+_COMMENT_SIGN = re.compile(r'^\s*[#%]+\s*(?=[\w"])')
 #: With thousands apart.
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:[' ]\d{3})+[.,]\d+)")
 #: What may be a whole number with its thousands apart, or one with three decimals.
@@ -198,9 +200,10 @@ def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
             if lines and layout.skip_rows + layout.footer_rows
             else f"{path}: holds no header and no line of numbers; write it again"
         )
-    is_toa5 = layout.skip_rows == 0 and layout.header_rows is None and _TOA5.match(lines[0]) is not None
+    is_toa5 = end > 4 and layout.skip_rows == 0 and layout.header_rows is None and _TOA5.match(lines[0]) is not None
     skip = 1 if is_toa5 else layout.skip_rows
     lines = lines[skip:end]
+    lines[0] = _COMMENT_SIGN.sub("", lines[0])
     separator = _guess_separator(lines) if layout.separator == "auto" else SEPARATORS[layout.separator]
     cells = _split_cells(path, lines, separator)
     n_header = 3 if is_toa5 else _count_header_rows(path, cells, layout)

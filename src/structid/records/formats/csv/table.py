@@ -37,7 +37,7 @@ class Table(NamedTuple):
     ----------
     path : Path
     names : tuple of str
-        Header of every column; its number where the table has none.
+        Header of every column; its number where the table has none; "" for a first column that counts the rows.
     units : tuple of str
         What stands below each name in a second line; "" else.
     values : (n_rows, n_columns) float array
@@ -103,9 +103,14 @@ def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "")
     units = [bare_unit(cell) for cell in grid.header[1]] if len(grid.header) > 1 else []
     below = (*units, *("" for _ in names))[: len(names)]
     to_hertz = _to_hertz(path, names[0], below[0], axis_unit)
+    if to_hertz is not None and not names[0]:
+        raise FileError(
+            f"{path}: line {grid.header_line}, column 1 has no name and counts the rows, where frequencies must stand; export"
+            " without it"
+        )
     if to_hertz is not None:
         grid, names, below = _split_complex(path, grid, names, below)
-    values = _numbers(path, grid, names, to_hertz is None)
+    values = _cells_as_numbers(path, grid, names, to_hertz is None)
     return Table(path, names, below, values, grid.header_line, grid.first_line, grid.words, grid.rows, to_hertz)
 
 
@@ -206,7 +211,7 @@ def _column_names(path: Path, grid: Grid) -> tuple[str, ...]:
             " separators in the header, decimal commas between commas, or merged cells; export all lines alike, name every"
             f" column, or give {layout_words(separator=None)}, {layout_words(decimal=None)} or {layout_words(skip_rows=None)}"
         )
-    if "" in names:
+    if "" in names[1:] or (not names[0] and not _counts_rows(grid)):
         raise FileError(
             f"{path}: line {grid.header_line}, column {names.index('') + 1} has no name, as where cells were merged; name every"
             f" column, or leave the line out with {layout_words(skip_rows=None, header_rows=0)}"
@@ -216,6 +221,12 @@ def _column_names(path: Path, grid: Grid) -> tuple[str, ...]:
             f"{path}: line {grid.header_line} names no channel; head each column as in 12Z+ [m/s^2], or give the `separator`"
         )
     return tuple(names)
+
+
+def _counts_rows(grid: Grid) -> bool:
+    """True if the first column counts the rows from 0 or 1, as the index of a data frame does."""
+    counted = [row[0].strip().strip('"') for row in grid.rows[: min(len(grid.rows), _FEW)] if row]
+    return any(counted == [str(first + i) for i in range(len(counted))] for first in (0, 1))
 
 
 def _strip_empty_end(row: Sequence[str]) -> list[str]:
@@ -230,7 +241,7 @@ def _is_whole(row: Sequence[str]) -> bool:
     return all(is_number(cell) or as_date(cell) is not None for cell in row if cell.strip())
 
 
-def _numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> FloatArray:
+def _cells_as_numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> FloatArray:
     """Cells as numbers, (n_rows, n_columns); with `gaps`, empty cells after the first column and dates become NaN.
 
     Raises `FileError` for any other cell that is no number. `names` are those of the columns.

@@ -75,7 +75,7 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
                 f"{path}: function {function.ordinal} has other frequencies than the first; export all with one setting"
             )
     is_density = _densities(path, functions)
-    quantities, values = scaled_matrix(path, by_pair, channels, references, factors, options, _values)
+    quantities, values = scaled_matrix(path, by_pair, channels, references, factors, options, _spectrum_values)
     channels, references, values, turned = along_global_axes(
         path, blocks, channels, references, quantities, values, options
     )
@@ -278,7 +278,7 @@ def scaled_matrix(
     return tuple(cast(Quantity, quantity_of[dof]) for dof in channels), np.stack(columns, axis=2)
 
 
-def _values(path: Path, function: Dataset58, pair: tuple[Dof, Dof], is_reverse: bool) -> ComplexArray:
+def _spectrum_values(path: Path, function: Dataset58, pair: tuple[Dof, Dof], is_reverse: bool) -> ComplexArray:
     """Complex values of a spectrum, (n_lines,), conjugated if `is_reverse`; `pair` is (response, reference).
 
     Raises `FileError` if an autospectrum is not real and positive, or a cross-spectrum is real.
