@@ -94,7 +94,7 @@ class FixedValues:
     def followed(self, within: FitWithinTolerances, theta: FloatArray) -> FitWithinTolerances:
         """Copy of `within` with `likely`, `followed` and `explained`, which compare it with the answer `theta` (n_params,)."""
         names = tuple(name for name in self.problem.names if not name.startswith(FIXED))
-        data = self.problem.residual(self._whole(names, theta))[: self.problem.n_data]
+        data = self.problem.residual(self._all_free_variables(names, theta))[: self.problem.n_data]
         within = replace(within, explained=explained_part(float(data @ data), within.chi_square, len(data)))
         likely = likely_move(within.asked)
         if np.array_equal(likely, within.asked):
