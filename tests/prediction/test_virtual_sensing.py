@@ -209,12 +209,12 @@ def test_innovations_contradict_a_wrong_model(both, foot, words):
 def test_a_force_of_another_spectrum_does_not_make_a_right_model_wrong(noise, foot, is_stated, words):
     """White noise to 20 Hz, whose exact periodic response a force of a correlation time can only come near to."""
     rng, (a, _) = np.random.default_rng(1), system()
-    lines = np.fft.rfftfreq(1500, 1 / RATE)
+    lines = np.fft.rfftfreq(600, 1 / RATE)
     force = (rng.standard_normal(len(lines)) + 1j * rng.standard_normal(len(lines))) * ((lines > 0) & (lines < 20))
-    force *= FORCE / np.fft.irfft(force, 1500).std()
+    force *= FORCE / np.fft.irfft(force, 600).std()
     s = 2j * np.pi * lines[:, None, None]
     states = np.linalg.solve(s * np.eye(4) - a[:4, :4], np.broadcast_to(a[:4, 4:], (len(lines), 4, 1)))
-    motion = np.fft.irfft((s * states)[:, 2:4, 0] * force[:, None], 1500, axis=0)
+    motion = np.fft.irfft((s * states)[:, 2:4, 0] * force[:, None], 600, axis=0)
     noisy = motion + noise * rng.standard_normal(motion.shape)
     variance = np.full(2, noise**2) if is_stated else None
     record = sid.TimeRecord(RATE, noisy, ["1X", "2X"], ["acceleration"] * 2, variance=variance)
@@ -245,6 +245,30 @@ def test_a_sine_is_found_as_a_force_about_a_frequency():
     error = (found.forces - force)[50:-50]
     assert np.abs(error).max() < 0.05 * FORCE
     assert (np.abs(error) < 1.96 * found.force_std[50:-50]).mean() > 0.93
+
+
+@pytest.mark.parametrize("frequency", [0.0, 4.0])
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_forces_of_higher_order_fall_steeply_and_their_correlation_has_the_stated_integral(order, frequency):
+    """Impulse responses of the chain of low-passes by matrix exponentials; far above the band its power falls by 4 an octave."""
+    force = virtual_sensing._ForceModel.of(0.3, frequency, order, None)
+    covariance = linalg.solve_continuous_lyapunov(force.dynamics, -np.diag(force.noise))
+    step = linalg.expm(0.01 * force.dynamics)
+    correlation, state = [], covariance @ force.output
+    for _ in range(500):
+        correlation.append(force.output @ state)
+        state = step @ state
+
+    def power(hertz):
+        gain = np.linalg.solve(
+            2j * np.pi * hertz * np.eye(len(force.dynamics)) - force.dynamics, np.diag(force.noise**0.5)
+        )
+        return float((np.abs(force.output @ gain) ** 2).sum())
+
+    assert correlation[0] == pytest.approx(1.0)
+    if not frequency:
+        assert np.trapezoid(correlation, dx=0.01) == pytest.approx(0.3, rel=0.01)
+    assert power(4000.0) / power(8000.0) == pytest.approx(4.0**order, rel=0.02)
 
 
 def test_known_forces_leave_nothing_but_noise():
