@@ -38,6 +38,8 @@ _STRAY = 1e-10
 LARGEST_CHECK = 2.0
 #: Random records of the model to which the innovations of the record are compared.
 _REPLICATES = 20
+#: By how much rounding may let an error of a state seem to grow from reading to reading; more is a filter that has lost its digits.
+_UNSTABLE = 1e-9
 #: Largest doublings of the number of samples after which the covariance must have settled, and by what part it may still grow.
 _DOUBLINGS, _CONVERGED = 40, 1e-12
 #: Part of the variance far from the ends, below which what is missing at the end of the record no longer counts.
@@ -293,17 +295,17 @@ def sense(
     is_doubted = is_free and bool(verdict.words)
     sensed_forces = nominal.mean[:, -len(forces) :]
     steeper = chosen.with_likeliest_order(reduced) if is_doubted else None
-    if steeper:
-        chosen = steeper
-        nominal, deviation, verdict = _within_uncertainty(chosen, reduced, others, seed)
+    retried = steeper and _if_steady(steeper, reduced, others, seed)
+    if steeper and retried and (verdict.is_contradicted or not retried[2].is_contradicted):
+        chosen, (nominal, deviation, verdict) = steeper, retried
     # with as many forces as sensors a frequency would explain the resonance of a wrong model
     if is_doubted and len(channels.sensors) > len(forces):
         for order in _FADING:
             likelier = chosen.with_likeliest_frequency(reduced, sensed_forces, order)
             if likelier is None:
                 break
-            retried = _within_uncertainty(likelier, reduced, others, seed)
-            if not retried[2].words:
+            retried = _if_steady(likelier, reduced, others, seed)
+            if retried and not retried[2].words:
                 chosen, (nominal, deviation, verdict) = likelier, retried
                 break
     n_out, n_left = len(wanted), len(channels.left)
@@ -358,6 +360,16 @@ def _within_uncertainty(
     usual = [smoother.innovations(item.filtered(fit.steady)) for item in replicates]
     verdict = judge_innovations(smoother.innovations(fit), usual, smoother.channels.has_stated_noise)
     return nominal, np.sqrt(nominal.variance + spread), verdict
+
+
+def _if_steady(
+    chosen: _ChosenForces, reduced: ReducedMatrices, others: Sequence[ReducedMatrices], seed: int
+) -> tuple[_Smoothed, FloatArray, InnovationVerdict] | None:
+    """Results of `_within_uncertainty`; None where one of the models has no steady filter, as under forces nearly a sine."""
+    try:
+        return _within_uncertainty(chosen, reduced, others, seed)
+    except NoAnswerError:
+        return None
 
 
 _DOUBTED = (
@@ -916,7 +928,7 @@ class _Smoother:
         keep = np.eye(len(predicted)) - gain @ system.reading
         step = system.transition @ keep
         sizes, directions = np.linalg.eigh(innovation)
-        if not sizes[0] > 0:
+        if not (sizes[0] > 0 and np.abs(np.linalg.eigvals(step)).max() < 1 + _UNSTABLE):
             raise NoAnswerError(
                 "the forces move the sensors by so much more than the noise that is stated that the filter loses its digits; state"
                 " the noise that the sensors really have"
