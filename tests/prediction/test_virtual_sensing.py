@@ -303,6 +303,22 @@ def test_known_forces_of_filtered_records_are_not_weakened_between_samples():
     assert errors[1] > 0.015
 
 
+def test_a_history_under_filtered_loads_is_that_of_what_the_filter_left():
+    """White noise up to half the rate at 16 times that; acceleration at the loaded mass follows the load at once too."""
+    factor, n = 16, 600
+    force = np.random.default_rng(14).standard_normal((n, 1))
+    fine = signal.resample(force, factor * n, axis=0)
+    places = ["1X", "2X"], ["2X"]
+    true = sid.predict(make_model(), sid.History(*places, fine, RATE * factor), n_draws=50).values[::factor]
+    errors = []
+    for is_filtered in (True, False):
+        history = sid.History(*places, force, RATE, is_filtered=is_filtered)
+        error = sid.predict(make_model(), history, n_draws=50).values - true
+        errors.append(error[100:-20].std(axis=0) / true.std(axis=0))
+    assert (errors[0] < 0.015).all()
+    assert (errors[1] > 2 * errors[0]).all()
+
+
 @pytest.mark.parametrize("size", [0.0, 500.0])
 def test_known_forces_do_not_hide_the_size_of_unknown_ones(size):
     """A known force at one mass, none to far larger than the unknown force at the other."""

@@ -17,6 +17,7 @@ from structid.core.errors import InputError, NoAnswerError
 from structid.dynamics.exact_discretization import stepped
 from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.innovations import Innovations, InnovationVerdict, judge_innovations
+from structid.prediction.loads import band_limited_loads
 from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis
 from structid.prediction.recovery import Output, OutputMap, distinct_channels, is_von_mises, output_map, parse_outputs
 from structid.records import TimeRecord
@@ -273,7 +274,7 @@ def sense(
     carried = Sides(nothing, nothing) if is_distributed else sides_at(model.values)
     basis = reduction_basis(structure, [model.values], carried, rate / len(record.values), rate / 2)
     stated_time = 1.0 if unknown is None else unknown.correlation_time
-    driving = _between_samples(channels.known, is_filtered)
+    driving = band_limited_loads(channels.known) if is_filtered else channels.known
     smoother = _Smoother(channels, driving, len(forces), stated_time or 1 / rate, is_filtered, rate, read)
     reduced = reduce_structure(structure, model.values, basis, sides_at(model.values))
     if reduced.is_rigid.any() and 0 not in channels.derivatives:
@@ -296,18 +297,15 @@ def sense(
     sensed_forces = nominal.mean[:, -len(forces) :]
     steeper = chosen.with_likeliest_order(reduced) if is_doubted else None
     retried = steeper and _if_steady(steeper, reduced, others, seed)
-    if steeper and retried and (verdict.is_contradicted or not retried[2].is_contradicted):
+    # a steeper spectrum neither hides a wrong model nor makes a right one wrong
+    if steeper and retried and retried[2].is_contradicted == verdict.is_contradicted:
         chosen, (nominal, deviation, verdict) = steeper, retried
     # with as many forces as sensors a frequency would explain the resonance of a wrong model
     if is_doubted and len(channels.sensors) > len(forces):
-        for order in _FADING:
-            likelier = chosen.with_likeliest_frequency(reduced, sensed_forces, order)
-            if likelier is None:
-                break
-            retried = _if_steady(likelier, reduced, others, seed)
-            if retried and not retried[2].words:
-                chosen, (nominal, deviation, verdict) = likelier, retried
-                break
+        likelier = chosen.with_likeliest_frequency(reduced, sensed_forces)
+        retried = likelier and _if_steady(likelier, reduced, others, seed)
+        if likelier and retried and not retried[2].words:
+            chosen, (nominal, deviation, verdict) = likelier, retried
     n_out, n_left = len(wanted), len(channels.left)
     out, seen, force = slice(0, n_out), slice(n_out, n_out + n_left), slice(n_out + n_left, None)
     error = (channels.left_values - nominal.mean[:, seen]) ** 2 / (deviation[:, seen] ** 2 + channels.left_variance)
@@ -692,10 +690,8 @@ class _ChosenForces:
             best = steeper_choice
         return None if best is self else best
 
-    def with_likeliest_frequency(
-        self, reduced: ReducedMatrices, forces: FloatArray, order: int
-    ) -> _ChosenForces | None:
-        """Forces of a spectrum of this order about the likeliest frequency; None where the frequency is not worth a parameter.
+    def with_likeliest_frequency(self, reduced: ReducedMatrices, forces: FloatArray) -> _ChosenForces | None:
+        """Forces of a spectrum of first order about the likeliest frequency; None where the frequency is not worth a parameter.
 
         The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without a frequency. Searches
         with and without a frequency have a correlation time and a size; the frequency is one parameter more, which must raise
@@ -710,7 +706,7 @@ class _ChosenForces:
 
         def of_point(point: FloatArray) -> tuple[_Smoother, float]:
             time, frequency, size = np.exp(point).tolist()
-            return replace(self.smoother, correlation_time=time, frequency=frequency, order=order), size
+            return replace(self.smoother, correlation_time=time, frequency=frequency, order=1), size
 
         def unlikely(point: FloatArray) -> float:
             is_within = _SHORTEST / rate <= np.exp(point[0]) <= _LONGEST * count / rate and np.exp(point[1]) < rate / 2
@@ -735,7 +731,7 @@ class _Smoother:
     ----------
     channels : _Channels
     driving : (n_times, n_known) float array
-        The known forces between samples, see `_between_samples`.
+        The known forces between samples, see `band_limited_loads`.
     n_forces : int
         Unknown forces, the last inputs.
     correlation_time : float
@@ -1076,20 +1072,6 @@ class _Smoother:
             wanted_direct,
             unmoved,
         )
-
-
-def _between_samples(known: FloatArray, is_filtered: bool) -> FloatArray:
-    """Samples `known` (n_times, n_known) of forces, corrected for straight lines between them.
-
-    Straight lines weaken what was sampled behind a filter by sinc(f / rate)^2, by 3 % at a tenth of the rate, so that the
-    samples are made stronger by as much; what the lines add above half the rate hardly moves the modes below it. Forces of
-    records that went through no filter (`is_filtered` false) stay as they are.
-    """
-    if not is_filtered or not known.shape[1]:
-        return known
-    both = np.fft.rfft(np.concatenate([known, known[::-1]]), axis=0)
-    weakened = np.sinc(np.linspace(0, 0.5, len(both))) ** 2
-    return np.asarray(np.fft.irfft(both / weakened[:, None], 2 * len(known), axis=0)[: len(known)])
 
 
 def _combined_forces(inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
