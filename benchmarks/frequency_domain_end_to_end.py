@@ -23,7 +23,7 @@ import structid as sid
 from frequency_domain_solid import errors, identify, simulate, write_study
 from structid.dynamics.factorization import factorizer
 from structid.forward.frf.response import response
-from structid.inversion.search.matrix_free import dense_search_fits
+from structid.inversion.search.least_squares import dense_search_fits
 from structid.unknowns import Smoothness, penalty
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))

@@ -14,9 +14,9 @@ import typer
 from typer.testing import CliRunner
 
 from structid.cli.app import COMMANDS, JOBS, app
-from structid.cli.base import EXIT_CODES
+from structid.cli.base import EXIT_CODES, reported
 from structid.cli.flags import command, flag_spellings, name_flags
-from structid.core.errors import InputError, NoModesError
+from structid.core.errors import InputError, NoModesError, StudyError
 from structid.modal.survey.options import ModesOptions
 from structid.records import CsvLayout, ReadOptions
 
@@ -182,8 +182,14 @@ def test_every_option_of_a_command_has_the_flag_that_its_help_shows(name):
         assert re.search(rf"{flag}[ ,]", shown)
         assert name_flags(f"x.csv: `{option}` must be greater than 0", flags) == f"x.csv: {flag} must be greater than 0"
         assert name_flags(f"give `{option} = 3`", flags) == f"give {flag} 3"
-        key = f"frame.toml, line 8: record {option}: `{option}` must be greater than 0"
-        assert name_flags(key, flags) == key
+
+
+@pytest.mark.parametrize("error, words", [(StudyError, "`band` must rise"), (InputError, "--band must rise")])
+def test_an_error_on_a_key_of_a_study_keeps_the_name_of_the_key(error, words, capsys):
+    with pytest.raises(typer.Exit) as end, reported(lambda message: name_flags(message, {"band": "--band"})):
+        raise error("`band` must rise")
+    assert end.value.exit_code == 2
+    assert capsys.readouterr().err == f"error: {words}\n"
 
 
 def test_what_is_no_option_keeps_its_marks():

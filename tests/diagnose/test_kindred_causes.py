@@ -20,7 +20,8 @@ from structid.diagnose.causes import (
     SensorPolarity,
     candidates,
 )
-from structid.diagnose.derived_candidates import _misplaced, _of_one_card, _off_otherwise, _turned
+from structid.diagnose.causes.separate_element import DifferingElement, DifferingProperty
+from structid.diagnose.derived_candidates import _misplaced, _of_one_card, _of_whole_sets, _off_otherwise, _turned
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.refits import FittedModel, fit_fully, fit_near, restore_fit
 from structid.diagnose.score_test import Screened
@@ -133,6 +134,20 @@ def test_a_foot_that_lets_go_of_all_rotations_is_named_whole(tmp_path):
     assert "the supports 1RX, 1RY, 1RZ are flexible" in first.words
     assert '+ first = ["1RX", "1RY", "1RZ"]' in first.lines
     assert any(line.startswith("+ fixed") and '"1 X Y Z"' in line for line in first.lines)
+
+
+def test_a_fixed_value_of_a_set_is_tried_where_one_of_its_elements_looks_different(tmp_path):
+    base = begun(written_in_space(tmp_path, SPACE))
+
+    def differing(element, prop):
+        return DifferingElement(where=(element,), properties=(DifferingProperty(element, prop),))
+
+    screened = [("girder:2", "axial_stiffness"), ("girder:1", "axial_stiffness"), ("girder:1", "mass")]
+    rows = [Screened(differing(*what), 0.4, float(rank)) for rank, what in enumerate(screened)]
+    assert [(row.candidate.where, row.left) for row in _of_whole_sets(base, rows)] == [
+        (("axial_stiffness[girder]",), 0.0)
+    ]
+    assert _of_whole_sets(base, rows[2:]) == []  # the mass is an unknown already
 
 
 def test_a_foot_lets_go_of_all_rotations_at_once(tmp_path):

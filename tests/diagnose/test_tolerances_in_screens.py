@@ -72,10 +72,13 @@ def test_a_linearized_fit_leaves_the_least_misfit_of_few_rows_as_of_many(drawn, 
 
 
 def test_data_that_a_change_leaves_out_do_not_say_how_far_a_refit_within_tolerances_begins(monkeypatch):
-    """They are no rows of the refit's problem, whose sum of squares it compares with its number of rows."""
+    """They are no rows of the refit's problem, whose sum of squares it compares with its number of rows.
+
+    The refit begins on half of the data, whose sum of squares is half as large.
+    """
     asked = []
 
-    def refit(names, theta, chi_square, progress=None):
+    def refit(names, theta, chi_square, progress=None, start=None):
         asked.append(chi_square)
         return SimpleNamespace(chi_square=5.0, misfits=lambda probability: False, theta=theta)
 
@@ -83,14 +86,16 @@ def test_data_that_a_change_leaves_out_do_not_say_how_far_a_refit_within_toleran
     monkeypatch.setattr(refits, "count_effort", lambda problem: None)
     model = SimpleNamespace(
         is_large=False,
-        target=SimpleNamespace(names=("p",)),
+        target=SimpleNamespace(names=("p",), n_data=20),
         fixed_values=SimpleNamespace(refit=refit, problem=None),
+        coarse_target=SimpleNamespace(n_data=10),
+        coarse_fixed_values=SimpleNamespace(refit=refit, problem=None),
     )
     fitted = refits.fitted_at(model, np.zeros(1), 100.0, left_out=60.0)
     assert fitted.tolerance_test.chi_square == 65.0
     untested = replace(fitted, tolerance_test=refits.ToleranceTest(65.0, False))
     untested._within_tolerances(model.fixed_values)
-    assert asked == [40.0, 40.0]
+    assert asked == [20.0, 40.0, 40.0]
 
 
 def test_changes_that_noise_hides_are_no_directions(drawn):

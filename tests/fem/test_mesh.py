@@ -144,7 +144,8 @@ UNIVERSAL = universal(
     (2411, _POINT_LINES),
     (2412, [columns(1, 94, 1, 1, 7, 4), columns(10, 20, 30, 40), columns(2, 91, 1, 1, 7, 3), columns(20, 60, 30),
             columns(3, 91, 1, 1, 7, 3), columns(60, 50, 30), columns(9, 161, 1, 1, 7, 1), columns(60)]),
-    (2467, [columns(1, 0, 0, 0, 0, 0, 0, 1), "skin", columns(8, 1, 0, 0), columns(2, 0, 0, 0, 0, 0, 0, 2), "doubler",
+    (2467, [columns(7, 0, 0, 0, 0, 0, 0, 0), "an empty group and its line", "",
+            columns(1, 0, 0, 0, 0, 0, 0, 1), "skin", columns(8, 1, 0, 0), columns(2, 0, 0, 0, 0, 0, 0, 2), "doubler",
             columns(8, 2, 0, 0, 8, 3, 0, 0), columns(3, 0, 0, 0, 0, 0, 0, 2), "clamped edge",
             columns(7, 40, 0, 0, 7, 10, 0, 0)]),
 )  # fmt: skip

@@ -23,7 +23,7 @@ from typing import Literal
 from structid.core.arrays import IntArray
 from structid.fem.elements.beam import rod_mass, rod_stiffness
 from structid.fem.elements.element import (
-    LOSS_FACTOR, ElementMatrixTerm, ElementSet, Nodes, Positions, Values, declared, element, element_vectors, node_codes,
+    LOSS_FACTOR, ElementMatrixTerm, ElementSet, Nodes, NodeCoordinates, Values, declared, element, element_vectors, node_codes,
     node_table,
 )
 
@@ -38,7 +38,7 @@ class RubberBand(ElementSet):
     loss_factor: Values = declared(*LOSS_FACTOR, default=0.0)
     colour: Literal["red", "blue"] = declared("What it looks like", default="red")
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[ElementMatrixTerm]]:
+    def matrices(self, positions: NodeCoordinates, present: IntArray) -> Mapping[str, Sequence[ElementMatrixTerm]]:
         """See `ElementSet.matrices`."""
         length, _ = element_vectors(self.name, self.nodes, positions)
         codes = node_codes(self.nodes, ("X",))

@@ -124,3 +124,16 @@ def test_springs_of_tables_and_masses_along_beams_are_listed(tmp_path, cards, ki
     assert part.obstacle == why
     if not why:
         assert [spring.stiffness for spring in part.springs] == [100.0]
+
+
+def test_nodes_with_decimal_commas_are_refused(tmp_path):
+    """Read as Abaqus reads them, these would be other places, without a word."""
+    nodes = (
+        PANEL.replace("2,1,0,0", "2,1,5,0,0,0,0")
+        .replace("3,1,1,0", "3,1,5,1,5,0,0")
+        .replace("1,0,0,0", "1,0,0,0,0,0,0")
+    )
+    with pytest.raises(FileError, match=r"node 3 has 6 numbers and none has a decimal point.*with commas"):
+        read(tmp_path, nodes, ".inp")
+    normals = "*NODE\n1,0,0,0,0,0,1\n2,1,0,0,0,-1,0\n3,1,1,0\n4,0,1,0,,,\n" + PANEL.partition("4,0,1,0\n")[2]
+    assert len(read(tmp_path, normals, ".inp").labels) == 4

@@ -75,7 +75,7 @@ def test_a_start_that_fits_does_not_pay_for_it(monkeypatch):
 def test_without_restarts_nothing_is_linearized_by_its_posterior(monkeypatch):
     monkeypatch.setattr(output_error_search, "posterior_linearized", lambda *_: pytest.fail("asked for it"))
     monkeypatch.setattr(
-        output_error_search, "_tried", lambda *_: iter([((0, -9.0, start), 0), ((passed, -1.0, start), 0)])
+        output_error_search, "_search_starts", lambda *_: iter([((0, -9.0, start), 0), ((passed, -1.0, start), 0)])
     )
     structure, unknown, record = beam(0)
     start, options = unknown.theta_start, TimeOptions(restarts=0)

@@ -7,7 +7,7 @@ from chain_cases import bounded, chain, found, record
 from structid import FrfProblem, Status
 from structid.diagnose.verdict import judged
 from structid.inversion import LevenbergMarquardt
-from structid.inversion.problems.wrapped import FixedVariable
+from structid.inversion.problems.wrapped import FixedVariables
 from structid.inversion.search.least_squares import minimize
 
 
@@ -15,7 +15,12 @@ def profiled(value, answer):
     """Half chi-square with the second stiffness held at a value, from bounds that leave it alone, with the answer's weights."""
     problem = FrfProblem(chain(), bounded((100.0, 2000.0)), answer.problem.record)
     theta = problem.unknowns.transforms.free(np.array([1000.0, value, 1200.0, 900.0]))
-    return minimize(FixedVariable(problem, 1, theta[1]), LevenbergMarquardt(), np.delete(theta, 1)).costs[-1] / 2
+    return (
+        minimize(FixedVariables(problem, np.array([1]), theta[[1]]), LevenbergMarquardt(), np.delete(theta, 1)).costs[
+            -1
+        ]
+        / 2
+    )
 
 
 @pytest.mark.parametrize(

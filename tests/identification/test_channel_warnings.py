@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from structid import Base, Beam, FrfRecord, PointMass, Spring, Structure, Unknown, parameters
-from structid.diagnose.checks.aligned_responses import _tells, aligned, in_order, resonance_pairs
+from structid.diagnose.checks.aligned_responses import _can_judge, aligned, in_order, resonance_pairs
 from structid.diagnose.checks.channels import channel_warnings
 from structid.forward import FrfProblem, simulated_record
 
@@ -319,10 +319,10 @@ def test_reciprocity_is_not_looked_for_in_noise():
 )
 def test_what_is_left_where_motions_cancel_does_not_tell_of_its_sensor(size, told):
     model = np.array(size) * np.ones((40, 1, 1), complex)
-    assert (_tells(model, model.copy()) == np.array(told, bool)).all()
+    assert (_can_judge(model, model.copy()) == np.array(told, bool)).all()
 
 
 def test_a_single_clear_line_does_not_tell_of_its_sensor():
     measured = np.ones((40, 2, 1), complex)
     measured[1:, 1] = np.nan
-    assert _tells(np.ones((40, 2, 1), complex), measured).tolist() == [[True], [False]]
+    assert _can_judge(np.ones((40, 2, 1), complex), measured).tolist() == [[True], [False]]

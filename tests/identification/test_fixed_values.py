@@ -15,7 +15,7 @@ import structid as sid
 from structid.diagnose.verdict import judged
 from structid.forward.fixed_values import append_fixed_factors, with_fixed_values
 from structid.identification.joint_problem import taken_as_exact, tolerances_clause
-from structid.inversion.fixed_values import FIXED
+from structid.inversion.fixed_values import FIXED, tolerance_words
 from structid.modal import ModalRecord
 from structid.modal.modal_record import independent_errors
 from structid.prediction.identified_model import model_of
@@ -326,6 +326,28 @@ def test_elements_of_a_set_that_are_not_sought_are_held_together_and_different_o
     assert freed.values(freed.start).tolist() == unknown.values(unknown.start).tolist()
 
 
+def test_different_values_of_a_set_are_known_as_if_they_erred_together_or_each_alone_whichever_is_worse():
+    structure = weighed_chain()
+    held = [
+        item
+        for item in fixed_properties(structure, sid.parameters(structure, SOUGHT), Tolerances(mass=0.02))
+        if item.kind == "mass"
+    ]
+    masses = np.zeros((len(structure.values), len(held)))
+    for column, item in enumerate(held):
+        masses[item.indices, column] = item.tolerance
+    rows = masses[masses.any(axis=1)]
+    covariance = rows @ rows.T
+    together, alone = np.full((N, N), 0.02**2), 0.02**2 * np.eye(N)
+    for case in (together, alone):
+        assert np.linalg.eigvalsh(covariance - case).min() > -1e-15
+    assert np.ones(N) @ covariance @ np.ones(N) == pytest.approx(np.ones(N) @ together @ np.ones(N))
+    difference = np.array([1.0, -1.0, 0.0, 0.0])
+    assert difference @ covariance @ difference == pytest.approx(difference @ alone @ difference)
+    words = tolerance_words(*zip(*((item.label, item.kind, item.tolerance) for item in held), strict=True))
+    assert words == "2 % of fixed masses"
+
+
 def weighed_chain() -> sid.Structure:
     """The chain with its masses in one set."""
     others = [part for part in chain().elements if not isinstance(part, sid.PointMass)]
@@ -477,14 +499,26 @@ def test_a_prior_that_says_nothing_counts_for_nothing():
 
 
 def test_a_second_order_effect_is_that_of_tolerances_and_not_of_other_errors():
-    """A fifth mass that the model lacks asks for held values far beyond their tolerances: their way is no effect of these."""
+    """A mass that is 25 % too light asks for held values far beyond their tolerances: their way is no effect of these.
+
+    The model that has the held values a likely part of that way off has the parameters that slope and second order say.
+    """
     heavy = (np.array(MASS) * [1.0, 1.25, 1.0, 1.0], SPRING, DASHPOT)
     record = measured(heavy, 1.0, np.random.default_rng(8))
-    unknown = sid.parameters(chain(), SOUGHT)
-    fixed = sid.identify(chain(), unknown, record, sid.IdentifyOptions(tolerances=TOLERANCES)).estimate.fixed
-    way = float(fixed.asked @ fixed.asked)
-    assert way > 4 * len(fixed.asked)
-    estimate = sid.identify(chain(), unknown, record, sid.IdentifyOptions(tolerances=TOLERANCES)).estimate
-    within = unknown.transforms.physical(fixed.theta)
-    left = estimate.values * np.log(estimate.values / within) + fixed.slope @ (fixed.asked * fixed.tolerance)
-    assert fixed.second_order == pytest.approx(left * len(fixed.asked) / way, rel=1e-6)
+    options = sid.IdentifyOptions(tolerances=TOLERANCES)
+    estimate = sid.identify(chain(), sid.parameters(chain(), SOUGHT), record, options).estimate
+    fixed = estimate.fixed
+    way = float(np.sqrt(fixed.asked @ fixed.asked / len(fixed.asked)))
+    assert way > 2
+    factor = dict(zip(fixed.names, np.exp(fixed.asked / way * fixed.tolerance), strict=True))
+    parts = [("mass[m", MASS), ("stiffness[k", SPRING), ("viscous_damping[c", DASHPOT)]
+    moved = chain(*([v * factor.get(f"{name}{i}]", 1.0) for i, v in enumerate(held, 1)] for name, held in parts))
+    gain = factor["calibration[record 1]"]
+    weaker = replace(record, values=record.values / gain, variance=record.variance / gain**2)
+    followed = sid.identify(
+        moved, sid.parameters(moved, SOUGHT), weaker, sid.IdentifyOptions(tolerances=EXACT)
+    ).estimate
+    first = fixed.slope @ (fixed.asked / way * fixed.tolerance)
+    left = estimate.values * np.log(estimate.values / followed.values) + first
+    assert (np.abs(fixed.second_order - left) < estimate.std_noise).all()
+    assert (np.abs(left[1:]) > 4 * estimate.std_noise[1:]).all()

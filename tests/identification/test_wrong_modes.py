@@ -8,7 +8,7 @@ from chain_cases import STIFFNESS, chain, record
 from scipy import linalg
 
 from structid import ModalRecord, Spring, Status, Structure, Unknown, identify, parameters
-from structid.diagnose.verdict import judged
+from structid.diagnose.verdict import _fixes_stiffness, judged
 from structid.identification.identify import identify_together
 from structid.identification.setups.modal import ModalSettings, ModalSetup
 
@@ -50,3 +50,34 @@ def test_a_wrong_model_that_is_not_determined_is_wrong_all_the_same(away):
     answer = identify(chain((900.0,) * 4), unknown, record(chain(STIFFNESS, (2.0, 2.0, 3.0, 1.5))))
     lost = replace(answer, ran_away=away, estimate=replace(answer.estimate, status=Status.NOT_IDENTIFIABLE))
     assert judged(lost).verdict == "wrong_model"
+
+
+@pytest.mark.parametrize(
+    ("scale", "starts", "is_told"),
+    [
+        (1.03, STIFFNESS, True),
+        (0.97, STIFFNESS, True),
+        (1.0, STIFFNESS, False),
+        (1.03, tuple(k * f for k, f in zip(STIFFNESS, (1, 1, 1.3, 0.8), strict=True)), False),
+    ],
+)
+def test_stiffnesses_that_all_moved_together_may_be_a_clock(scale, starts, is_told):
+    """All frequencies are `scale` times those of the model; it is not told where the starts differ from it one by one."""
+    modes = measured(1e-6)
+    modes = replace(modes, frequency=scale * modes.frequency)
+    begun = chain(starts)
+    unknown = parameters(begun, [Unknown("stiffness", "k", each=True)])
+    judgement = judged(identify_together([ModalSetup(begun, unknown, modes)]))
+    assert judgement.verdict in ("sound", "approximate")
+    assert ("All stiffnesses moved together" in judgement.words) is is_told
+    if is_told:
+        assert f"read 3 % too {'high' if scale > 1 else 'low'}" in judgement.words
+
+
+def test_a_fixed_stiffness_tells_a_clock_from_stiffnesses():
+    assert not _fixes_stiffness(found(1e-6).problems[0])
+    own = chain()
+    held = Structure(own.nodes, [*own.elements, Spring("held", ["4X"], stiffness=5.0)], own.fixed, active=["X"])
+    unknown = parameters(held, [Unknown("stiffness", "k", each=True)])
+    [problem] = identify_together([ModalSetup(held, unknown, measured(1e-6))]).problems
+    assert _fixes_stiffness(problem)

@@ -23,7 +23,7 @@ from structid.inversion import (
 from structid.inversion.estimate import estimate
 from structid.inversion.posterior_draws import posterior_draws, solved_std
 from structid.inversion.search.conjugate_gradients import conjugate_gradients, preconditioner
-from structid.inversion.search.matrix_free import dense_search_fits
+from structid.inversion.search.least_squares import dense_search_fits
 from structid.inversion.search.within_tolerances import FixedValues
 
 EXACT = MatrixFree(gain_tolerance=1e-13, inner_tolerance=1e-9)

@@ -10,7 +10,7 @@ from spectral_cases import CLOSE, close_pair, covariances, drawn_lines, modes_of
 from structid import InputError, TimeRecord
 from structid.modal import ModalOptions, identify_modes
 from structid.modal.correlations import outputs
-from structid.modal.spectral.bayesian_fft import _doubts, bayesian_fft
+from structid.modal.spectral.bayesian_fft import _band_warnings, bayesian_fft
 from structid.modal.spectral.bayesian_fft_likelihood import (
     chart,
     coordinates,
@@ -190,7 +190,7 @@ def test_two_modes_that_cannot_be_told_apart_have_no_covariance():
     values = np.linalg.eigvalsh(hessian(whole, place, coordinates(place)))
     assert values[0] <= 1e-6 * values[-1]
     lost = Posterior(same, np.full((4, 4), np.nan), np.full((2, 4, 4), np.nan), True)
-    note = _doubts(1, Band(1.8, 2.3, (2.0, 2.0)), lost, outputs(ambient_chain(0, 60.0)))[0]
+    note = _band_warnings(1, Band(1.8, 2.3, (2.0, 2.0)), lost, outputs(ambient_chain(0, 60.0)))[0]
     assert "do not determine all that 2 modes need, so no covariance is given" in note
     assert _inverse(np.diag([1.0, 0.0])) is None
 

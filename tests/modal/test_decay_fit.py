@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from structid import TimeRecord
 from structid.modal import ModalOptions, modal_identification
 from structid.modal.correlations import outputs
-from structid.modal.subspace.decay_fit import _normal, _projected, decay_fit, decay_shapes
+from structid.modal.subspace.decay_fit import _normal, _project_records, decay_fit, decay_shapes
 from structid.reproduce.chapter_5.simple_beam import beam_omega
 
 POLES = np.array([-0.05 + 2j, -0.1 + 3.1j])
@@ -27,7 +27,7 @@ def record(noise=0.02, seed=0, amplitudes=((1.0, 0.7),), n=400):
 
 
 def misfit(data, poles):
-    return [p.residual for p in _projected(data, poles)]
+    return [p.residual for p in _project_records(data, poles)]
 
 
 def test_gradient_and_normal_matrix_against_differences():
@@ -39,7 +39,7 @@ def test_gradient_and_normal_matrix_against_differences():
     def cost(at):
         return sum(np.sum((r / sigma) ** 2) for r in misfit(data, at[:2] + 1j * at[2:]))
 
-    _, gradient, value = _normal(_projected(data, off), sigma)
+    _, gradient, value = _normal(_project_records(data, off), sigma)
     assert value == pytest.approx(cost(theta), rel=1e-12)
     step = 1e-6 * np.eye(4)
     numeric = [(cost(theta + h) - cost(theta - h)) / 4e-6 for h in step]
@@ -51,7 +51,7 @@ def test_gradient_and_normal_matrix_against_differences():
         return np.concatenate([(r / sigma).ravel() for r in misfit(data, at[:2] + 1j * at[2:])])
 
     slope = np.array([(whitened(theta + h) - whitened(theta - h)) / 2e-6 for h in step])
-    matrix = _normal(_projected(data, POLES), sigma).matrix
+    matrix = _normal(_project_records(data, POLES), sigma).matrix
     np.testing.assert_allclose(matrix, slope @ slope.T, rtol=0, atol=1e-7 * np.abs(matrix).max())
 
 

@@ -97,7 +97,7 @@ def test_small_products_add_up_to_the_whole_ones(shape, kind, tolerance, monkeyp
     sketch = full_field_module._sketch(values, 8, np.random.default_rng(3))
     np.testing.assert_allclose(sketch, whole.T @ drawn, atol=tolerance * np.sqrt(shape[0]) * 10)
     basis = np.random.default_rng(4).standard_normal((shape[1], 5)) / np.sqrt(shape[1])
-    motions, power = full_field_module._projected(values, basis)
+    motions, power = full_field_module._project_samples(values, basis)
     np.testing.assert_allclose(motions, whole @ basis, atol=tolerance * 10)
     assert power == pytest.approx(np.sum(whole**2), rel=tolerance)
 

@@ -284,6 +284,12 @@ def test_tables_of_modes_as_others_lay_them_out(tmp_path, name):
         ("own", "0.02,0.02", "-0.02,0.02", "line 3, column `frequency_std_hz` must not be negative, got -0.02"),
         ("one column a mode", "0.01,0.02", "0.01,x", "row `frequency_std_hz`, column 3 must be a number, got 'x'"),
         ("of another program", "Damping [%],S", "Frequency [Hz],S", "two columns `frequency_hz`"),
+        (
+            "semicolons and decimal commas",
+            "20,25",
+            "1.020",
+            "has decimal commas, as in 8,5, and 1.020, whose point may be",
+        ),
         ("of one more", "No.", "Story", "column 'Story' is no channel"),
     ],
 )

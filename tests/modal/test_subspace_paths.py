@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 from modal_cases import ambient_chain
+from scipy.signal import lfilter
 
+from structid import TimeRecord
 from structid.modal import ModalOptions, modal_identification
 from structid.modal.subspace import kernel as subspace
 from structid.modal.subspace import methods
@@ -37,3 +39,17 @@ def test_leading_singular_vectors_are_those_of_the_complete_decomposition(method
     np.testing.assert_allclose(found[1], [79.0, 78.0, 77.0, 76.0, 75.0], rtol=1e-12)
     for a, b in zip(poles(method), complete, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9)
+
+
+def test_a_record_of_many_modes_is_given_more_states():
+    """Twenty modes at eight points: 60 states leave too few beside noise, which merges modes and bends their damping."""
+    rng = np.random.default_rng(5)
+    frequency, shapes = np.linspace(2.0, 21.0, 20), rng.standard_normal((20, 8))
+    steps = np.exp(2 * np.pi * frequency / 50.0 * (-0.004 + 1j))
+    motion = np.array([lfilter([1.0], [1.0, -z], rng.standard_normal(9000))[1000:].real for z in steps]).T @ shapes
+    motion += 0.05 * motion.std(axis=0) * rng.standard_normal(motion.shape)
+    record = TimeRecord(50.0, motion, [f"{i + 1}Z" for i in range(8)], ("velocity",) * 8)
+    result = modal_identification(record, "ssi_cov", ModalOptions(n_pieces=0))
+    assert result.orders == tuple(range(2, 121, 2))
+    assert np.abs(result.modes.frequency[:, None] / frequency - 1).min(axis=0).max() < 0.005
+    assert modal_identification(RECORD, "ssi_cov", ModalOptions(n_pieces=0)).orders[-1] == 60

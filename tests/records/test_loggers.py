@@ -234,6 +234,14 @@ def test_a_waveform_of_labview_in_ms(tmp_path):
         read_record(path, ReadOptions(channels="1X"))
 
 
+def test_a_point_in_an_lvm_file_of_decimal_commas_is_refused(tmp_path):
+    path = whole("lvm", tmp_path)
+    before, _, after = path.read_text().rpartition(",")
+    path.write_text(f"{before}.{after}")
+    with pytest.raises(FileError, match="its head says decimal commas, and it holds "):
+        read_record(path, options("lvm"))
+
+
 def test_an_lvm_file_of_several_segments_is_sound_and_said_to_hold_them(tmp_path):
     path = whole("lvm", tmp_path)
     text = path.read_text(encoding="cp1252")

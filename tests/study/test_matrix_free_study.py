@@ -21,7 +21,7 @@ from structid.core.errors import InputError
 from structid.identification import search
 from structid.inversion.fixed_values import FixedValueInfluence
 from structid.inversion.posterior_draws import solved_influence
-from structid.inversion.search import matrix_free
+from structid.inversion.search import least_squares
 from structid.study.run import check
 from structid.study.run.check import check_study
 from structid.study.run.checkpoint import checkpoint_folder
@@ -149,7 +149,7 @@ def test_it_comes_by_itself_where_a_dense_search_would_not_fit(plate, tmp_path, 
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     ready = prepare_study(load_study(changed(tmp_path, ('search = "matrix_free"\n', ""))))
     assert not is_matrix_free(ready)
-    small = lambda n_params, n_data: matrix_free.dense_search_fits(n_params, n_data, 1e5)  # noqa: E731
+    small = lambda n_params, n_data: least_squares.dense_search_fits(n_params, n_data, 1e5)  # noqa: E731
     monkeypatch.setattr(search, "dense_search_fits", small)
     assert is_matrix_free(ready)
     dense = prepare_study(load_study(changed(tmp_path, ("n_modes = 6", 'n_modes = 6\nsearch = "levenberg_marquardt"'))))

@@ -18,7 +18,7 @@ from structid import TimeRecord
 from structid.dynamics.transient import sampled_transient
 from structid.forward import TimeOptions
 from structid.forward.time.identify_time import identify_time
-from structid.forward.time.output_error_search import _furthest, _Start, _tried
+from structid.forward.time.output_error_search import _furthest, _search_starts, _Start
 from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.estimate import estimate
 from structid.inversion.intervals.nuts import begun, continued
@@ -228,7 +228,7 @@ def test_of_ways_that_came_as_far_the_one_with_the_least_misfit_is_followed():
             return [{"reached": 3, "excess": 2.0 + item.theta[0], "theta": item.theta, "spent": 5} for item in items]
 
     starts = [_Start(np.array([float(k)])) for k in (4, 1, 7)]
-    ways = [way for way, _ in _tried(iter([starts]), (None, [], None), Told(), None)]
+    ways = [way for way, _ in _search_starts(iter([starts]), (None, [], None), Told(), None)]
     assert [way[:2] for way in ways] == [(3, -6.0), (3, -3.0), (3, -9.0)]
     assert _furthest(ways)[2] == 1.0
 

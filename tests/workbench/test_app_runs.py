@@ -240,11 +240,12 @@ def test_the_first_lines_of_a_table_are_shown_as_they_stand(open_folder):
 
 def test_the_time_for_causes_goes_to_the_command(folder, monkeypatch):
     """The page's time limit and its wish to search on are options of the command that the run executes."""
-    commands = []
+    commands, children = [], []
 
     def recorded(command, **given):
         commands.append(command)
-        return start_child([sys.executable, "-c", ""], **given)
+        children.append(start_child([sys.executable, "-c", ""], **given))
+        return children[-1]
 
     monkeypatch.setattr("structid.workbench.runs.start_child", recorded)
     runs = Runs(open_study_folder(folder))
@@ -255,3 +256,5 @@ def test_the_time_for_causes_goes_to_the_command(folder, monkeypatch):
     with pytest.raises(InputError, match="at least 0 s"):
         runs.start("beam.toml", "c", seconds=-1.0)
     assert len(commands) == 2
+    for child in children:
+        child.wait()

@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 from typer.models import OptionInfo
 
-from structid.core.errors import NoAnswerError, StructidError
+from structid.core.errors import NoAnswerError, StructidError, StudyError
 
 DONE, NOT_DETERMINED, UNUSABLE_INPUT, WRONG_MODEL, INTERRUPTED = 0, 1, 2, 3, 130
 #: What each exit code means, in the words of the help.
@@ -68,6 +68,8 @@ def reported(reword: Callable[[str], str] = str) -> Iterator[None]:
             yield
     except KeyboardInterrupt:
         fail("interrupted; nothing was written", INTERRUPTED)
+    except StudyError as error:
+        fail(str(error), UNUSABLE_INPUT)
     except NoAnswerError as error:
         fail(reword(str(error)), NOT_DETERMINED)
     except StructidError as error:
@@ -104,7 +106,7 @@ def fail(message: str, code: int) -> None:
 
 
 def say(text: object, err: bool = False, is_exact: bool = False) -> None:
-    """Print a line on stdout, or on stderr if `err`; control characters are shown as numbers.
+    """Print `text` as a line on stdout, or on stderr if `err`; control characters are shown as numbers.
 
     Paths are shortened to how the user typed them, unless `is_exact`.
     """

@@ -10,7 +10,7 @@ import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, TypeVar, get_type_hints
 
@@ -31,13 +31,12 @@ _NAMES = {
 }
 
 
-#: An option in a message, alone or with a value; the beginning of a message on a line of a study file.
+#: An option in a message, alone or with a value.
 _OPTION = re.compile(r"`(?P<name>\w+)(?: = (?P<value>[^`]+))?`")
-_IN_STUDY = re.compile(r"[^`]*\.toml\b[^`]*\bline \d+")
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Function for typer: each parameter that is a dataclass of options becomes one flag for each field.
+    """Function for typer made of `function`: each parameter that is a dataclass of options becomes one flag for each field.
 
     Errors of the user's input end it with one message on stderr and an exit code, see `reported`.
     """
@@ -67,7 +66,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
                 values = {flag.name: given.pop(flag.name) for flag in flags}
                 told = {flag.name: values[flag.name] for flag in flags if values[flag.name] != flag.default}
                 told |= {flag: str(absolute_paths(Path(str(told[flag])))) for flag in _FILES if told.get(flag)}
-                given[name] = _made(options[name], told)
+                given[name] = _make_options(options[name], told)
             function(**given)
 
     parameters = [flag for p in signature.parameters.values() for flag in groups.get(p.name, [p])]
@@ -79,12 +78,13 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def flag_spellings(function: Callable[..., None]) -> dict[str, str]:
-    """Flag of each option of a command, such as ``--sampling-rate``, by the option's name in Python."""
+    """Flag of each option of the command `function`, such as ``--sampling-rate``, by the option's name in Python."""
     spellings: dict[str, str] = {}
     for parameter in inspect.signature(function, eval_str=True).parameters.values():
         kind = parameter.annotation
         if isinstance(kind, type) and is_dataclass(kind):
-            spellings |= dict(_spellings(kind))
+            for _, field, name in _option_fields(kind):
+                spellings[field.name] = _flag_names(name)[0]
         for option in getattr(kind, "__metadata__", ()):
             if isinstance(option, OptionInfo):
                 # typer keeps the first name of an annotated option as its default
@@ -93,34 +93,14 @@ def flag_spellings(function: Callable[..., None]) -> dict[str, str]:
     return spellings
 
 
-def _spellings(options: type, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield name and flag of each field of a dataclass of options; fields of dataclasses inside it are included.
-
-    `prefix` begins the flags of an inner dataclass.
-    """
-    kinds = get_type_hints(options)
-    for field in fields(options):
-        inner = _inner(kinds[field.name])
-        if inner is not None:
-            yield from _spellings(inner, f"{prefix}{field.name}_")
-        else:
-            yield field.name, _flag_names(prefix + field.name)[0]
-
-
 def name_flags(message: str, flags: Mapping[str, str]) -> str:
     """`message` with options named by the flags that a user types.
-
-    A message on a line of a study file speaks of that file's keys and stays as it is.
 
     Examples
     --------
     >>> name_flags("`sampling_rate` must be above 0", {"sampling_rate": "--sampling-rate"})
     '--sampling-rate must be above 0'
-    >>> name_flags("frame.toml, line 8: `band` must rise", {"band": "--band"})
-    'frame.toml, line 8: `band` must rise'
     """
-    if _IN_STUDY.match(message):
-        return message
     return _OPTION.sub(lambda text: flags.get(text["name"], text[0]) + _flag_value(text, flags), message)
 
 
@@ -140,7 +120,7 @@ def _inner(kind: object) -> type | None:
     return next((part for part in alternatives(kind) if isinstance(part, type) and is_dataclass(part)), None)
 
 
-def _made(options: type[T], values: Mapping[str, object]) -> T:
+def _make_options(options: type[T], values: Mapping[str, object]) -> T:
     """Instance of the dataclass `options` from flag values by name; missing fields keep their defaults.
 
     Values whose names begin with ``<field>_`` make the dataclass that this field holds.
@@ -151,30 +131,34 @@ def _made(options: type[T], values: Mapping[str, object]) -> T:
         if inner is not None:
             of_inner = [name for name in own if name.startswith(prefix)]
             parts = {name.removeprefix(prefix): own.pop(name) for name in of_inner}
-            own |= {field: _made(inner, parts)} if parts else {}
+            own |= {field: _make_options(inner, parts)} if parts else {}
     return options(**own)
 
 
-def _flags(options: type, prefix: str = "") -> Iterator[inspect.Parameter]:
-    """Yield the parameters of a command line function, one for each field of a dataclass of options.
+def _option_fields(options: type, prefix: str = "") -> Iterator[tuple[type, Field[object], str]]:
+    """Yield dataclass, field and option name of each field of `options`; those of dataclasses inside it follow in their place.
 
-    Fields of an inner dataclass follow in its place, with flags that begin with `prefix`; lists become text.
+    The option name of such an inner field begins with `prefix`, the names of the fields that lead to it.
     """
+    kinds = get_type_hints(options)
+    for field in fields(options):
+        inner = _inner(kinds[field.name])
+        if inner is None:
+            yield options, field, prefix + field.name
+        else:
+            yield from _option_fields(inner, f"{prefix}{field.name}_")
+
+
+def _flags(options: type) -> Iterator[inspect.Parameter]:
+    """Yield the parameters of a command line function, one for each field of a dataclass of options; lists become text."""
     from structid.core.constraints import parameter_descriptions
 
-    kinds, words = get_type_hints(options), parameter_descriptions(options)
-    for field in fields(options):
-        kind, default = kinds[field.name], None if field.default is MISSING else field.default
-        inner = _inner(kind)
-        if inner is not None:
-            yield from _flags(inner, f"{prefix}{field.name}_")
-            continue
+    for owner, field, name in _option_fields(options):
+        kind, default = get_type_hints(owner)[field.name], None if field.default is MISSING else field.default
         if kind not in (*_AS_THEY_ARE, _PAIR):
             kind, default = str, str(default) if default else ""
-        name = prefix + field.name
-        option = typer.Option(
-            *_flag_names(name), help=words[field.name].replace("`", ""), metavar="LOW HIGH" if kind == _PAIR else None
-        )
+        words = parameter_descriptions(owner)[field.name].replace("`", "")
+        option = typer.Option(*_flag_names(name), help=words, metavar="LOW HIGH" if kind == _PAIR else None)
         yield inspect.Parameter(
             name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option]
         )

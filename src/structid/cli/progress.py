@@ -79,23 +79,23 @@ class RunProgress:
 
     def search(self, stage: str, iteration: int, cost: float) -> None:
         """Report iteration number `iteration` of the search stage `stage`, and its sum of squares `cost`."""
-        each = self._each(stage, iteration)
+        each = self._seconds_each(stage, iteration)
         pace = f", {clock(each)} each" if each >= 1 else ""
         total = self.most_iterations if iteration <= self.most_iterations else None
         self._tell(stage, iteration, total, f"{stage}: iteration {iteration}{pace}, misfit {cost:.4g}", cost)
 
     def tasks(self, name: str, done: int, total: int) -> None:
         """Report that `done` of `total` tasks called `name` are finished, with an estimate of the time left."""
-        left = self._left(name, done, total)
+        left = self._remaining_seconds(name, done, total)
         words = f", about {clock(left)} left" if left >= 1 and done < total else ""
         self._tell(name, done, total, f"{name}: {done} of {total}{words}")
 
-    def _left(self, name: str, done: int, total: int) -> float:
+    def _remaining_seconds(self, name: str, done: int, total: int) -> float:
         """Estimated time (s) until all `total` tasks called `name` are finished, `done` of which are; 0 if unknown.
 
         The estimated end is kept until the pace moves it by more than a quarter of the time left, or 2.5 s if that is more.
         """
-        each, now = self._each(name, done), time.monotonic()
+        each, now = self._seconds_each(name, done), time.monotonic()
         if each == 0:
             return 0.0
         end = now + (total - done) * each
@@ -109,7 +109,7 @@ class RunProgress:
         if self.file is not None:
             self.file.write(name, done, total, words, cost)
 
-    def _each(self, name: str, done: int) -> float:
+    def _seconds_each(self, name: str, done: int) -> float:
         """Mean time (s) of a task or iteration called `name` since its first report; 0 if unknown.
 
         `done` is the number of finished ones.
@@ -159,7 +159,7 @@ def _lines() -> ShowProgress:
     shown = time.monotonic()
 
     def show(_name: str, _done: int, _total: int | None, words: str) -> None:
-        """Print `words` on stderr if the last line is at least 60 s old."""
+        """Print `words` on stderr if the last line is at least `_LINE_SECONDS` s old."""
         nonlocal shown
         if time.monotonic() - shown >= _LINE_SECONDS:
             typer.echo(words, err=True)

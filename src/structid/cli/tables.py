@@ -16,7 +16,7 @@ _MOST_GROUPS = 3
 
 
 def show(parts: Iterable[RenderableType]) -> None:
-    """Print `parts` on standard output, as wide as the terminal; 1000 characters wide if it is not a terminal."""
+    """Print `parts` on standard output, as wide as the terminal; `_WIDTH_OF_FILES` characters wide if it is not a terminal."""
     console = Console(highlight=False, markup=False, emoji=False)
     if not console.is_terminal:
         console = Console(highlight=False, markup=False, emoji=False, width=_WIDTH_OF_FILES)

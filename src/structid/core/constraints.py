@@ -132,7 +132,7 @@ def constraint_violation(annotation: object, value: object) -> str:
 
 
 def require_declared(thing: object) -> None:
-    """Raise `InputError` for the first field of a dataclass instance whose value its annotation does not allow."""
+    """Raise `InputError` for the first field of the dataclass instance `thing` whose value its annotation does not allow."""
     for name, annotation in declared_types(type(thing)).items():
         problem = constraint_violation(annotation, getattr(thing, name))
         if problem:
@@ -145,7 +145,7 @@ def split_commas(text: str) -> tuple[str, ...]:
 
 
 def part_of_one(value: float | str) -> float:
-    """A fraction from a number or a text: 0.01 of ``0.01`` and of ``1 %``; NaN if it is no number."""
+    """`value`, a number or a text, as a fraction: 0.01 of ``0.01`` and of ``1 %``; NaN if it is no number."""
     text = str(value).strip()
     try:
         return float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)

@@ -88,7 +88,7 @@ def join_words(items: Sequence[object], most: int = 6) -> str:
 
 
 def as_sentence(words: str) -> str:
-    """A clause as a sentence: first letter in capitals if the first word is of letters only, and a full stop if it has none."""
+    """The clause `words` as a sentence: a capital if the first word has letters only, and a full stop at its end."""
     first = words.split(" ", 1)[0]
     start = words[0].upper() + words[1:] if first.isalpha() else words
     return start if start.endswith((".", "?", "!")) else f"{start}."
@@ -127,7 +127,7 @@ def data_array(
 
 
 def data_frame(columns: Mapping[str, Iterable[object]], index: str) -> pd.DataFrame:
-    """Columns of equal length as a ``pandas.DataFrame``, with the column called `index` as its index.
+    """A ``pandas.DataFrame`` of `columns`, sequences of equal length by name; the column called `index` becomes its index.
 
     Raises
     ------

@@ -166,10 +166,10 @@ def renamed(
         if old.unsigned in chosen:
             raise InputError(f"{text} is renamed twice; give it one name")
         chosen[old.unsigned] = Dof(new.node, new.direction, new.sign * old.sign)
-    return _renamed(sensors, wanted[0]), _renamed(loads, wanted[1])
+    return _rename_dofs(sensors, wanted[0]), _rename_dofs(loads, wanted[1])
 
 
-def _renamed(dofs: Sequence[Dof], names: Mapping[Dof, Dof]) -> tuple[Dof, ...]:
+def _rename_dofs(dofs: Sequence[Dof], names: Mapping[Dof, Dof]) -> tuple[Dof, ...]:
     """Copy of `dofs` in order with new names and combined signs.
 
     `names` maps unsigned degrees of freedom to new ones; others keep theirs. Raises `InputError` if two would have the same

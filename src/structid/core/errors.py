@@ -25,6 +25,10 @@ class FileError(InputError):
     """A file cannot be read or written as asked; the message begins with its path."""
 
 
+class StudyError(InputError):
+    """Something in a study file cannot be used; the message begins with file, line, section and key."""
+
+
 class StoredSpectraError(FileError):
     """A file holds spectra or correlation functions of motion, which are no record of frequency responses or histories.
 

@@ -64,7 +64,7 @@ def paths_as_called(text: str) -> str:
 
 
 def import_paths(entries: list[str], folder: Path) -> list[str]:
-    """Entries of an import path made absolute from `folder`, each once.
+    """`entries` of an import path made absolute from `folder`, each once.
 
     `folder` itself is left out, unless structid lies there.
     """
@@ -74,7 +74,7 @@ def import_paths(entries: list[str], folder: Path) -> list[str]:
 
 
 def child_environment(changes: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Environment variables of a child process: those of this one with `changes`, and Python's safe path on.
+    """Environment variables of a child process: those of this one with `changes` (None for none), and Python's safe path on.
 
     The working directory is taken out of ``PYTHONPATH``.
     """
@@ -119,7 +119,7 @@ def python_arguments(*words: str) -> list[str]:
 
 
 def kill_child(process: subprocess.Popen[bytes]) -> None:
-    """Kill a child of `start_child` with a group of its own, and all that it started; it is not waited for."""
+    """Kill the child `process` of `start_child` with a group of its own, and all that it started; it is not waited for."""
     if hasattr(os, "killpg"):
         with suppress(ProcessLookupError, PermissionError):  # it has ended, or its children take another user
             os.killpg(process.pid, signal.SIGKILL)

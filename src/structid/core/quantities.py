@@ -87,6 +87,8 @@ def likeness(value: float, decimals: int = 3) -> str:
 def percent(ratio: float, digits: int = 3, signed: bool = True, most_decimals: int = 2) -> str:
     """`ratio` in per cent, with its sign; no more than `most_decimals`, but as many as it takes to tell it from 0.
 
+    `digits` are significant ones of the number in per cent; a dash for a ratio that is not finite.
+
     Examples
     --------
     >>> percent(-0.1234), percent(0.05, signed=False), percent(0.00046), percent(1.2e-5)
@@ -106,7 +108,7 @@ def percent(ratio: float, digits: int = 3, signed: bool = True, most_decimals: i
 
 
 def span_digits(low: float, high: float) -> tuple[int, int]:
-    """Significant digits, for each end, that show an interval to a hundredth of its width: 1 to 10.
+    """Significant digits, for each end, that show the interval from `low` to `high` to a hundredth of its width: 1 to 10.
 
     4 and 4 if an end is not finite, or the width is not above 0.
     """
@@ -119,7 +121,7 @@ def span_digits(low: float, high: float) -> tuple[int, int]:
 
 
 def span_text(low: float, high: float, unit: str = "") -> str:
-    """An interval as text with its unit, its ends to a hundredth of its width, such as ``1.2 to 1.4 kg``.
+    """The interval from `low` to `high` as text with its unit, its ends to a hundredth of its width: ``1.2 to 1.4 kg``.
 
     An infinite end is put in words, as in ``below 3 kg, no lower limit``; a dash if an end is NaN.
     """

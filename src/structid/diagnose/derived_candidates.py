@@ -12,7 +12,9 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.diagnose.causes import LoadPosition, SensorPolarity, SensorPosition
 from structid.diagnose.causes.delay import SensorDelay
+from structid.diagnose.causes.fixed_value import fixed_values
 from structid.diagnose.causes.offset import MassOffset
+from structid.diagnose.causes.separate_element import DifferingElement
 from structid.diagnose.refits import FittedModel
 from structid.diagnose.score_test import Screened
 from structid.diagnose.screening import Shortlist
@@ -27,12 +29,35 @@ from structid.fem import Structure
 def derived_candidates(base: FittedModel, shortlist: Shortlist) -> list[Screened]:
     """Further changes worth a fit, without a linear look, that follow from the most promising screened ones.
 
-    In this order: sensors that are late together, other offsets of masses, sensors of opposite sense and at other nodes where
-    they are better left out, loads at other nodes, and supports that become flexible in several rotations.
+    In this order: fixed values of sets one of whose elements looks different, sensors that are late together, other
+    offsets of masses, sensors of opposite sense and at other nodes where they are better left out, loads at other nodes,
+    and supports that become flexible in several rotations.
     """
     rows = shortlist.rows
     lost = shortlist.lost
-    return [*_of_one_card(rows), *_off_otherwise(rows), *_turned(rows, lost), *_misplaced(base, lost), *shortlist.feet]
+    return [
+        *_of_whole_sets(base, rows),
+        *_of_one_card(rows),
+        *_off_otherwise(rows),
+        *_turned(rows, lost),
+        *_misplaced(base, lost),
+        *shortlist.feet,
+    ]
+
+
+def _of_whole_sets(base: FittedModel, rows: Sequence[Screened]) -> list[Screened]:
+    """Candidates that a fixed property of a whole set is wrong, for sets of which `rows` have an element that differs in it.
+
+    A linear step from a fit that is far off promises little of a fixed value, while elements are screened at other points too.
+    """
+    setup = base.modified.setups[0]
+    of_set = {value.where[0]: value for value in fixed_values(setup.structure, setup.parameters)}
+    first: dict[str, Screened] = {}
+    for row in rows:
+        if isinstance(row.candidate, DifferingElement) and len(row.candidate.properties) == 1:
+            differing = row.candidate.properties[0]
+            first.setdefault(f"{differing.property}[{differing.element.rpartition(':')[0]}]", row)
+    return [Screened(of_set[name], 1.0, row.left) for name, row in first.items() if name in of_set]
 
 
 def _of_one_card(screened_rows: Sequence[Screened]) -> list[Screened]:
@@ -80,14 +105,14 @@ def _misplaced(base: FittedModel, left_out: Sequence[Screened]) -> list[Screened
                 continue
             for dof in dofs:
                 if is_load or (number, dof.place) in better_out:
-                    others = [one for one in _about(setup.structure, dof) if one not in measured]
+                    others = [one for one in _dofs_nearby(setup.structure, dof) if one not in measured]
                     kind = LoadPosition if is_load else SensorPosition
                     pairs = [(dof.place, one.place) for one in others]
                     screened += [Screened(kind(where=pair, record=number), 1.0, base.misfit) for pair in pairs]
     return screened
 
 
-def _about(structure: Structure, dof: Dof) -> list[Dof]:
+def _dofs_nearby(structure: Structure, dof: Dof) -> list[Dof]:
     """Degrees of freedom in the direction of `dof` at up to four of the nearest other nodes that can move in it."""
     nodes = {label: np.asarray(position) for label, position in structure.nodes.items()}
     distance = {label: float(np.linalg.norm(x - nodes[dof.node])) for label, x in nodes.items() if label != dof.node}

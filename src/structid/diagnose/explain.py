@@ -60,7 +60,7 @@ def diagnose_by_search(
     """
     estimate = identification.estimate
     try:
-        explanation = search_causes(_base(model, identification), work, budget.portion(1.0))
+        explanation = search_causes(_answer_as_model(model, identification), work, budget.portion(1.0))
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
         return without_causes(identification, f"causes could not be looked for: {error}", find_disagreements)
     if explanation.better is not None:
@@ -76,7 +76,7 @@ def diagnose_by_search(
     return _diagnose_explained(model, identification, explanation, sensitivities, find_disagreements)
 
 
-def _base(model: TestedModel, identification: Identification) -> FittedModel:
+def _answer_as_model(model: TestedModel, identification: Identification) -> FittedModel:
     """The answer as a `FittedModel` without changes, from which a search for causes starts; no fit is made for it."""
     theta = identification.estimate.theta
     estimate = identification.estimate
@@ -104,7 +104,7 @@ def diagnose_sound(
     if doubts:
         try:
             names = [one.name for one in doubts]
-            explanation = with_freed(_base(model, identification), names, len(sensitivities), work)
+            explanation = with_freed(_answer_as_model(model, identification), names, len(sensitivities), work)
         except (StructidError, np.linalg.LinAlgError) as error:
             why = f"it could not be fitted with its fixed values free: {error}"
             return without_causes(identification, why, find_disagreements, sensitivities)
@@ -113,7 +113,7 @@ def diagnose_sound(
         )
     if is_asked and _can_be_asked(model, identification):
         try:
-            explanation = requested_changes(_base(model, identification), work)
+            explanation = requested_changes(_answer_as_model(model, identification), work)
         except (StructidError, np.linalg.LinAlgError) as error:
             why = f"single changes could not be tested: {error}"
             return without_causes(identification, why, find_disagreements, sensitivities)
@@ -149,7 +149,7 @@ def _diagnose_explained(
     estimate = identification.estimate
     is_doubted = bool(doubted(sensitivities))
     likely = explanation.likely if is_doubted or not is_sound(identification) or not is_search else ()
-    ranked = _ranked(explanation)
+    ranked = _rank_changes(explanation)
     made = tuple(_cause(identification, explanation, fit, is_alike) for fit, is_alike in ranked)
     made = (*made[:1], *(_friction_like(made[0]) if made else ()), *made[1:])
     is_hidden = bool(identification.missed)
@@ -206,7 +206,7 @@ def _friction_like(cause: Cause) -> tuple[Cause, ...]:
     return (replace(cause, kind="friction", words=words, is_alike=True, has_fit=False),)
 
 
-def _ranked(explanation: Explanation) -> list[tuple[FittedModel, bool]]:
+def _rank_changes(explanation: Explanation) -> list[tuple[FittedModel, bool]]:
     """Fitted changes in the order of the report, each with True if it cannot be distinguished from the likeliest.
 
     First the two likeliest, then two second causes, the rest of those alike (up to four of them), and others. The list is cut

@@ -42,10 +42,10 @@ def fixed_value_sensitivities(model: TestedModel, identification: Identification
         return ()
     fixed = fixed_values(setup.structure, setup.parameters)
     known = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-    target = _freed(model, identification, fixed, known)
+    target = _free_fixed_values(model, identification, fixed, known)
     if target is None:  # what can be freed, one by one
-        fixed = tuple(one for one in fixed if _freed(model, identification, (one,), known) is not None)
-        target = _freed(model, identification, fixed, known)
+        fixed = tuple(one for one in fixed if _free_fixed_values(model, identification, (one,), known) is not None)
+        target = _free_fixed_values(model, identification, fixed, known)
     if target is None or not fixed:
         return ()
     theta = target.theta_start
@@ -64,7 +64,7 @@ def fixed_value_sensitivities(model: TestedModel, identification: Identification
     return tuple(replace(one, tolerance=tolerances.get(one.name, 0.0)) for one in several)
 
 
-def _freed(
+def _free_fixed_values(
     model: TestedModel, identification: Identification, fixed: Sequence[FixedValue], known: dict[str, float]
 ) -> Problem | None:
     """The joint problem with the fixed values `fixed` among its unknowns, started at the answer; None where that fails.

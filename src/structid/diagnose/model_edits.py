@@ -451,10 +451,10 @@ class ScaleAxis:
     def apply(self, draft: ModelDraft) -> None:
         """Multiply frequencies, sampling rates, tones, bands and excluded spans of a model draft by the factor."""
         for record in draft.records:
-            record.set("record", self._scaled(record.get("record")))
+            record.set("record", self._scale_axis(record.get("record")))
             if isinstance(record.setup, TimeSetup):
                 shown, settings = record.get("shown"), record.get("settings")
-                record.set("shown", None if shown is None else self._scaled(shown))
+                record.set("shown", None if shown is None else self._scale_axis(shown))
                 record.set("settings", replace(settings, tones=tuple(self.factor * tone for tone in settings.tones)))
         options = draft.options
         bands = {name: self._span(getattr(options, name)) for name in ("band", "evaluation_band")}
@@ -463,7 +463,7 @@ class ScaleAxis:
     def _span(self, span: tuple[float, float] | None) -> Any:
         return None if span is None else (self.factor * span[0], self.factor * span[1])
 
-    def _scaled(self, record: FrfRecord | TimeRecord | ModalRecord) -> FrfRecord | TimeRecord | ModalRecord:
+    def _scale_axis(self, record: FrfRecord | TimeRecord | ModalRecord) -> FrfRecord | TimeRecord | ModalRecord:
         """The record with its frequencies or sampling rate multiplied by the factor, and segment lengths divided by it.
 
         The covariance of modal frequencies and damping ratios is scaled too.

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, evenly_spaced_indices
 from structid.core.errors import StructidError
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.places import MOST_DOFS, has_places
@@ -23,9 +23,11 @@ from structid.diagnose.thresholds import (
     CHANGE_EFFORT,
     MOST_CACHED,
     NEAR_LEVELS,
+    NEAR_LINES,
     NEAR_MODEL_ERROR,
     RACED_AT,
     START_ERROR,
+    WORTH_THINNING,
 )
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.forward import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
@@ -51,6 +53,7 @@ from structid.records import FrfRecord
 from structid.unknowns.named_unknowns import begun_at
 
 FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
+_COARSE = replace(FINAL, gain_tolerance=1e-4)
 QUICK = Raced(max_iterations=12, gain_tolerance=1e-2, left_at=RACED_AT)
 
 
@@ -117,6 +120,21 @@ class ModifiedModel:
         """The values that the models fix, free within their tolerances; None where they are exact."""
         return fixed_values(freed_problems(self.setups, self.problems, self.model.options.tolerances))
 
+    @cached_property
+    def coarse_problems(self) -> tuple[RecordProblem, ...]:
+        """The problems on 300 lines of each record that has 450 or more; as they are for other records and data."""
+        return tuple(_on_fewer_lines(problem) for problem in self.problems)
+
+    @cached_property
+    def coarse_target(self) -> Problem:
+        """The joint problem of `coarse_problems`."""
+        return joint_problem(self.coarse_problems)
+
+    @cached_property
+    def coarse_fixed_values(self) -> FixedValues | None:
+        """`fixed_values` on the lines of `coarse_problems`."""
+        return fixed_values(freed_problems(self.setups, self.coarse_problems, self.model.options.tolerances))
+
     def changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
         """The model with one more change: a candidate with its strength; of small models the last ones are cached.
 
@@ -137,7 +155,9 @@ class ModifiedModel:
         return ChangedModels()
 
     def _changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
-        """The model with one more change, made anew; its data have the weights of this model's, its starts are the set-ups'.
+        """The model with the change `candidate` of size `strength` besides, made anew.
+
+        Its data have the weights of this model's, its start values are those of the set-ups.
 
         Raises
         ------
@@ -315,12 +335,20 @@ class ModifiedModel:
         StructidError
             If the model can be evaluated at none of them, or each fit takes more than `fit_limits`.
         """
+        return self._best_fit(self.target, FINAL, starts)
+
+    def fitted_on_fewer_lines(self, starts: Sequence[FloatArray]) -> Minimum:
+        """The minimum as of `fitted`, but on at most 300 lines of each record: where a full fit may start."""
+        return self._best_fit(self.coarse_target, _COARSE, starts)
+
+    def _best_fit(self, problem: Problem, method: LevenbergMarquardt, starts: Sequence[FloatArray]) -> Minimum:
+        """The best minimum of a problem from several starts; see `fitted`."""
         minima: list[Minimum] = []
         last: Exception | None = None
         for theta in starts:
             best = min((float(minimum.costs[-1]) for minimum in minima), default=np.inf)
             try:
-                minima.append(self.minimize(self.target, FINAL.raced(best, RACED_AT), theta))
+                minima.append(self.minimize(problem, method.raced(best, RACED_AT), theta))
             except (StructidError, np.linalg.LinAlgError) as error:
                 last = error
         if not minima:
@@ -420,6 +448,14 @@ def _prepared(
     else:
         kept = None
     return kept or setup.prepared(options).problem
+
+
+def _on_fewer_lines(problem: RecordProblem) -> RecordProblem:
+    """The problem on 300 evenly spaced lines; as it is where it has less than 450, or its data are not lines."""
+    n_lines = len(problem.frequency)
+    if n_lines < WORTH_THINNING * NEAR_LINES:
+        return problem
+    return problem.with_lines(evenly_spaced_indices(n_lines, NEAR_LINES))
 
 
 def _on_lines(problem: FrfProblem, frequency: FloatArray) -> FrfProblem:

@@ -107,7 +107,7 @@ class Receptances:
     def _alone(self) -> Flexibility:
         """Receptances G = Z^-1 of the model without measured components, in m/N; zero at driven degrees of freedom.
 
-        By modes for more than 600 degrees of freedom without driving supports, else by an inverse at each line.
+        By modes for more than `MOST_DENSE_DOFS` degrees of freedom without driving supports, else by an inverse at each line.
         """
         if self.structure.n_dofs > MOST_DENSE_DOFS and not self._bases:
             return modal_flexibility(self.structure, self.values, self.laplace)
@@ -136,7 +136,10 @@ class Receptances:
         return pushed, own + self._ends.T @ pushed
 
     def _joined(self, motion: ComplexArray) -> ComplexArray:
-        """Motion (n_lines, n_dofs, n) of the model with its measured components, from `motion` without them."""
+        """Motion (n_lines, n_dofs, n) of the model with its measured components, from `motion` without them.
+
+        Without measured components `motion`, of the same shape, is returned as it is.
+        """
         if self._ends is None:
             return motion
         pushed, receptance = self._joints
@@ -202,7 +205,7 @@ class Receptances:
         return tuple(held), follow.T @ columns, columns[:, ends, np.arange(len(ends))]
 
     def _stiffness_columns(self, structure: Structure, columns: IntArray) -> ComplexArray:
-        """Columns at some positions of the dynamic stiffness Z of `structure`, (n_lines, n_dofs, n_columns)."""
+        """Columns, by their indices `columns`, of the dynamic stiffness Z of `structure`, (n_lines, n_dofs, n_columns)."""
         inertia, viscous, elastic, structural = (
             structure.matrix(kind, self.values)[:, columns].toarray()
             for kind in ("mass", "damping", "stiffness", "structural_damping")
@@ -259,7 +262,7 @@ class Receptances:
         return bool(self._can_move[place[is_known]].any())
 
     def _rows_of_codes(self, codes: IntArray) -> tuple[IntArray, np.ndarray]:
-        """Rows (n_codes,) of degrees of freedom in `_follow`, and a mask (n_codes,) of those that the model has.
+        """Rows (n_codes,) in `_follow` of the degrees of freedom `codes`, and a mask (n_codes,) of those that the model has.
 
         Rows of the others mean nothing.
         """

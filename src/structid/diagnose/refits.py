@@ -162,8 +162,11 @@ def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, lef
     fixed_values = modified.fixed_values
     if modified.is_large or fixed_values is None or not is_beyond_noise(fitted):
         return fitted
-    effort = count_effort(fixed_values.problem)
-    within = fixed_values.refit(modified.target.names, theta, chi_square - left_out, effort)
+    start, names, kept = None, modified.target.names, chi_square - left_out
+    coarse, part = modified.coarse_fixed_values, modified.coarse_target.n_data / modified.target.n_data
+    if coarse is not None and part < 1:
+        start = coarse.refit(names, theta, part * kept, count_effort(coarse.problem)).theta
+    within = fixed_values.refit(names, theta, kept, count_effort(fixed_values.problem), start)
     test = ToleranceTest(within.chi_square + left_out, within.misfits(MISFIT), within.theta)
     return replace(fitted, tolerance_test=test)
 
@@ -330,13 +333,14 @@ def restore_fit(base: FittedModel, candidate: Candidate, stored: StoredFit) -> F
 def _fit_to_the_end(base: FittedModel, modified: ModifiedModel, theta: FloatArray) -> FittedModel:
     """The full fit of a changed model: the best of those from `theta` (n_params,) and from the values of `base`.
 
-    Other strengths are tried where the kind of change asks for it, and outlying lines and tones are looked for again after the
-    fit, up to four times.
+    Starts are compared on fewer lines, and so are other strengths where the kind of change asks for them. Outlying lines and
+    tones are looked for again after the fit, up to four times.
     """
     starts = [theta, modified.theta_of(base.values)]
     if modified.changes[-1].candidate.begins_at_start:
         starts.append(np.asarray(modified.target.theta_start))
-    modified, minimum = _try_other_strengths(base, modified, modified.fitted(starts))
+    modified, coarse = _try_other_strengths(base, modified, modified.fitted_on_fewer_lines(starts))
+    minimum = modified.fitted([coarse.theta])
     for _ in range(MOST_PASSES):
         again = _with_other_lines(base, modified, minimum.theta)
         if again is None:
@@ -348,7 +352,7 @@ def _fit_to_the_end(base: FittedModel, modified: ModifiedModel, theta: FloatArra
 
 
 def _try_other_strengths(base: FittedModel, modified: ModifiedModel, minimum: Minimum) -> tuple[ModifiedModel, Minimum]:
-    """The best fit over several strengths of the last change, as the model with that strength and its minimum.
+    """The best fit on fewer lines over several strengths of the last change: the model with that strength, and its minimum.
 
     `modified` and `minimum` themselves where none is better, and for candidates without `other_strengths`.
     """
@@ -361,7 +365,7 @@ def _try_other_strengths(base: FittedModel, modified: ModifiedModel, minimum: Mi
             try:
                 other = base.modified.changed(candidate, q)
                 start = other.theta_of({**base.values, **_values_in_study(modified, minimum.theta, base)})
-                again = other.fitted([start])
+                again = other.fitted_on_fewer_lines([start])
             except (StructidError, np.linalg.LinAlgError):
                 continue
             if again.costs[-1] < minimum.costs[-1]:
@@ -378,7 +382,8 @@ def _values_in_study(modified: ModifiedModel, theta: FloatArray, base: FittedMod
 def _with_other_lines(base: FittedModel, modified: ModifiedModel, theta: FloatArray) -> ModifiedModel | None:
     """The model with the last change replaced by one for the outlying lines or tones that show after its fit at `theta`.
 
-    None where these are the same as before or there are none, for every other kind of candidate, and for several records.
+    None where these are the same as before or there are none, for every other kind of candidate, and for several
+    records. `theta` is (n_params,).
     """
     candidate, strength, _ = modified.changes[-1]
     if not isinstance(candidate, OutlyingLines | Tone) or len(base.modified.problems) > 1:

@@ -217,7 +217,7 @@ class Point:
         return _squares(self._residuals_off_parameters(candidate, strengths))
 
     def _residuals_off_parameters(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
-        """Whitened residuals with a candidate at each strength, less what the parameters can follow, (n_rows, n_strengths)."""
+        """Whitened residuals with `candidate` at each of `strengths`, without what parameters can follow, (n_rows, n_strengths)."""
         rows = np.empty((len(self.residual), len(strengths)))
         METER.add(screening_effort(*rows.shape))
         rows[:] = self.residual[:, None]

@@ -125,7 +125,9 @@ def shortlist_candidates(
     faulty = _faulty(base)
     certain = faulty | _exchanged(base, points)
     nearest_first = range(len(points))[::-1]
-    answers = map_within_budget(budget, work, name, _looked, (tuple(points), names), nearest_first, least=1)[::-1]
+    answers = map_within_budget(budget, work, name, _screen_candidates, (tuple(points), names), nearest_first, least=1)[
+        ::-1
+    ]
     held_nodes = {dof.node for setup in base.modified.setups for dof in setup.structure.fixed}
     best, others, here = _Promises(), _Promises(), _Promises()
     tried, feet, of_points = 0, list[Screened](), list[list[Screened]]()
@@ -300,7 +302,9 @@ def _by_modes(
     return [rows[k] for k in (*first, *order)]
 
 
-def _looked(looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: TaskContext) -> dict[str, FloatArray]:
+def _screen_candidates(
+    looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: TaskContext
+) -> dict[str, FloatArray]:
     """Arrays ``strength`` (the best) and ``left`` (misfit with it), (n_candidates,) each, of all candidates at one point.
 
     `looks` are all linearized problems and the names of the records, `number` is the position of the problem.

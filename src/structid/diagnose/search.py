@@ -347,7 +347,9 @@ def _search_once(base: FittedModel, work: TaskExecutor, which: str, budget: Sear
         *(Screened(one, 1.0, base.misfit) for one in data),
     ]
     tried = shortlist.tried + len(few)
-    looked = [*few, *derived_candidates(base, shortlist), *shortlist.rows]
+    screened_sets = {one.candidate.key for one in few}
+    derived = [one for one in derived_candidates(base, shortlist) if one.candidate.key not in screened_sets]
+    looked = [*few, *derived, *shortlist.rows]
     changes = [(one.candidate, one.strength) for one in looked]
     first = len(looked) - len(shortlist.rows)
     alike = [*range(first), *(first + k for k in _first_alike(shortlist.rows))]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -15,7 +16,7 @@ from structid.diagnose.causes.clock import Clock
 from structid.diagnose.refits import CandidateOfStrength, FittedModel
 from structid.diagnose.score_test import Screened
 from structid.diagnose.search_budget import METER, UNLIMITED, SearchBudget, iteration_effort, map_within_budget
-from structid.diagnose.thresholds import LEAST_DROP
+from structid.diagnose.thresholds import FIRST_OF_SET_KIND, LEAST_DROP
 from structid.diagnose.tolerance_directions import fixed_columns, tolerance_directions
 from structid.inversion.linearization import triangle_of
 from structid.inversion.search.work import TaskContext, TaskExecutor
@@ -50,7 +51,7 @@ class LinearizedFit(NamedTuple):
         return self._misfit_with(np.zeros((len(self.triangle), 0)))
 
     def misfit_with_freed(self, names: Sequence[str]) -> float:
-        """The misfit after one linear step that also multiplies these fixed values by one common factor, without a prior."""
+        """Weighted sum of squares after a linear step that also multiplies the fixed values `names` by one factor without prior."""
         first = self.triangle.shape[1] - len(self.names) - 1
         chosen = [first + self.names.index(name) for name in names]
         return self._misfit_with(self.triangle[:, chosen].sum(axis=1, keepdims=True))
@@ -84,11 +85,11 @@ def misfit_after_step(augmented: FloatArray, n_params: int, n_directions: int) -
 
 
 def linearize_fit(fitted: FittedModel) -> LinearizedFit:
-    """A fit linearized once for all changes that are compared with it; for large models fixed values are exact."""
-    modified, target = fitted.modified, fitted.modified.target
+    """A fit on fewer lines, linearized once for all changes that are compared with it; in large models fixed values are exact."""
+    modified, target = fitted.modified, fitted.modified.coarse_target
     METER.add(iteration_effort(target))
     at = target.linearize(fitted.theta)
-    fixed_values = None if modified.is_large else modified.fixed_values
+    fixed_values = None if modified.is_large else modified.coarse_fixed_values
     names, columns, tolerance = fixed_columns(fixed_values, target.names, fitted.theta, len(at.residual))
     directions = tolerance_directions(at.jacobian, columns * tolerance)
     triangle = triangle_of(np.column_stack([at.jacobian, directions, columns, at.residual]))
@@ -98,7 +99,8 @@ def linearize_fit(fitted: FittedModel) -> LinearizedFit:
 def screen_sets(base: FittedModel, work: TaskExecutor, name: str, budget: SearchBudget = UNLIMITED) -> list[Screened]:
     """Changes of sets, records and mesh that lower the misfit by one linear step, each with its best strength, unsorted.
 
-    The drop must be 2 % at least, except for mesh, shear, window and clock, which are kept whenever their model exists. `name`
+    The drop must be 2 % at least, except for mesh, shear, window and clock, which are kept whenever their model exists. Of each
+    other family, and of shear, the four most telling go on. Misfits are estimated from at most 300 lines of each record. `name`
     is that of the stage in progress messages.
     """
     several = set_candidates(base.modified.model, base.modified.problems)
@@ -106,12 +108,19 @@ def screen_sets(base: FittedModel, work: TaskExecutor, name: str, budget: Search
     linearized = linearize_fit(base)
     left = iter(screen_changes(linearized, sized, work, name, budget))
     unchanged, screened = linearized.misfit, list[Screened]()
+    scale = base.modified.target.n_data / base.modified.coarse_target.n_data
     for candidate in several:
         least, strength = min((next(left), float(strength)) for strength in candidate.strengths)
         needs_no_drop = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow | Clock)
         if np.isfinite(least) and (needs_no_drop or least < (1 - LEAST_DROP) * unchanged):
-            screened.append(Screened(candidate, strength, least))
-    return screened
+            screened.append(Screened(candidate, strength, scale * least))
+    counts, telling = Counter[str](), set[int]()
+    for k in sorted(range(len(screened)), key=lambda k: screened[k].left):
+        family = screened[k].candidate.family
+        counts[family] += 1
+        if counts[family] <= FIRST_OF_SET_KIND or isinstance(screened[k].candidate, Clock):
+            telling.add(k)
+    return [screened[k] for k in sorted(telling)]
 
 
 def screen_changes(
@@ -144,8 +153,8 @@ def _screen_change(linearized: LinearizedFit, change: CandidateOfStrength, tools
     base = linearized.fitted
     try:
         modified = base.modified.changed(*change)
-        target, theta = modified.target, modified.theta_of(base.values)
-        n_data, is_comparable = target.n_data, target.n_data == base.modified.target.n_data
+        target, theta = modified.coarse_target, modified.theta_of(base.values)
+        n_data, is_comparable = target.n_data, target.n_data == base.modified.coarse_target.n_data
         if is_comparable and target.names == base.modified.target.names:
             difference = np.linalg.norm(target.residual(theta)[:n_data] - linearized.residual[:n_data])
             if 2 * difference < LEAST_DROP * np.sqrt(linearized.misfit):

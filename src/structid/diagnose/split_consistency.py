@@ -99,7 +99,7 @@ def disagreements(
     known = tolerances_of(freed)
     held = tuple(FixedValues(part, known) if known else None for part in loose) or (None,) * len(parts)
     starts = [theta[[place[name] for name in part.names]] for part in parts]
-    fits = iter(work.map("parts of the data", _fitted, _Parts(tuple(parts), held), list(enumerate(starts))))
+    fits = iter(work.map("parts of the data", _fit_part, _Parts(tuple(parts), held), list(enumerate(starts))))
     found = []
     for first, second in pairs:
         one, other = next(fits), next(fits)
@@ -135,11 +135,11 @@ class _Parts(NamedTuple):
     held: tuple[FixedValues | None, ...]
 
 
-def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: TaskContext) -> _Fit:
+def _fit_part(parts: _Parts, item: tuple[int, FloatArray], tools: TaskContext) -> _Fit:
     """The fit of one part: ``values``, ``std`` and ``changes`` by fixed values; an empty dict where it cannot be fitted.
 
-    `values` and `std` are (n_params,), `changes` (n_params, n_fixed). `item` is the number of the part and the free variables
-    at which its fit starts.
+    `values` and `std` are (n_params,), `changes` (n_params, n_fixed). `item` is the number of the part and the free
+    variables at which its fit starts. Free variables are (n_params,).
     """
     number, start = item
     search = Search(restarts=0, start=start)
@@ -170,7 +170,7 @@ def _pairs(problems: Sequence[RecordProblem], by_sensors: bool) -> Iterator[tupl
     frequency = np.sort(np.concatenate([problem.frequency for problem in problems]))
     if len(frequency) >= 2 * FEWEST_PART_LINES:
         middle = float(np.median(frequency))
-        low, high = ([_lines(p, p.frequency <= middle) if below else _lines(p, p.frequency > middle) for p in problems]
+        low, high = ([_select_lines(p, p.frequency <= middle if below else p.frequency > middle) for p in problems]
                      for below in (True, False))  # fmt: skip
         if all(part is not None for part in (*low, *high)):
             yield (f"below {middle:.4g} Hz", _whole(low)), (f"above {middle:.4g} Hz", _whole(high))
@@ -193,7 +193,7 @@ def _whole(parts: Sequence[RecordProblem | None]) -> Problem:
     return joint_problem([part for part in parts if part is not None])
 
 
-def _lines(problem: RecordProblem, keep: np.ndarray) -> RecordProblem | None:
+def _select_lines(problem: RecordProblem, keep: np.ndarray) -> RecordProblem | None:
     """The problem on the lines where `keep` (n_lines,) is True; None if it cannot be cut, or has fewer than 16."""
     if keep.sum() < FEWEST_PART_LINES:
         return None

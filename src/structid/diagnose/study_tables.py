@@ -138,7 +138,7 @@ def keep_elements(entry: Tables, kept: list[str], is_factor: bool) -> None:
 
 
 def _spans(name: str, numbers: list[int]) -> list[str]:
-    """Element names such as ``set:2-4`` or ``set:6``, one for each run of consecutive `numbers`, which ascend."""
+    """Texts ``name:2-4`` or ``name:6`` for elements of the set `name`, one for each run of consecutive `numbers`, which ascend."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:

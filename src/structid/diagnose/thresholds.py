@@ -26,6 +26,8 @@ LARGE_ERROR = 0.02
 #: Degrees of freedom that data must have beyond those that parameters take from them, or they test nothing: 1 to rounding, which
 #: one value more than there are parameters leaves.
 LEAST_FREEDOM = 0.99
+#: Chance that stiffnesses which all moved by one ratio seem to have moved apart, so that a clock is not mentioned.
+COMMON_RISK = 0.05
 #: Degrees of freedom below which a residual hardly tests a model: chi-square then scatters by a third of itself.
 FEW_FREEDOMS = 15
 #: Part of a misfit that one change removes from where on it is the cause, if it leaves noise alone.
@@ -110,6 +112,9 @@ FIRST_OF_POINT = 6
 FINELY_SCREENED = 16
 #: Candidates of each kind that go on besides.
 FIRST_OF_KIND = 2
+#: Changes of sets of each family, the most promising ones by a linear step, that go on: two are refitted at most (`SET_REFITS`).
+#: With 33 instead of 20 near fits the causes of the measured frame are the same.
+FIRST_OF_SET_KIND = 4
 #: Candidates at most that are fitted near.
 SHORTLIST = 38
 #: Of those that promise most at the fit so many are fitted to the end, however a fit with 10 % of model error sees them.
@@ -207,6 +212,8 @@ FULL_DOFS = 500
 MODAL_VIEW_ERROR, MODAL_VIEW_DECAY, MODAL_VIEW_LINES, MODAL_VIEW_LOADS = 0.02, 0.02, 90, 2
 #: Lines of a record that changes are fitted near on: with fewer, and fewer finalists and steps, swapped cables were lost.
 NEAR_LINES = 300
+#: Lines of a record, in parts of these, from where on full fits begin on so few: below, the fit on all is as quick.
+WORTH_THINNING = 1.5
 #: Error of each value of a quick fit, and of the start of each parameter, as parts of them.
 NEAR_MODEL_ERROR, START_ERROR = 0.1, 0.2
 #: Decays of the smoothed lines, in parts of their frequency, of the first steps of a quick fit,

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from scipy import special
 
 from structid.core.display import Overview, Shown, as_sentence, join_words, plural
 from structid.core.quantities import percent
@@ -15,6 +16,7 @@ from structid.diagnose.data_rows import misfit_of_lines
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted
 from structid.diagnose.split_consistency import Disagreement, disagreements
 from structid.diagnose.thresholds import (
+    COMMON_RISK,
     CONTRADICTING_PART,
     DOUBT,
     ELEMENT_SCATTER,
@@ -37,8 +39,8 @@ from structid.diagnose.thresholds import (
     TOLD_SHIFT,
     WHOLE,
 )
+from structid.forward import ModalProblem, RecordProblem
 from structid.identification.alternatives import Alternatives
-from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identified import Identification
@@ -46,6 +48,9 @@ from structid.identification.warning_words import ran_away_words
 from structid.inversion import Status
 from structid.inversion.fixed_values import limit_of
 from structid.inversion.search.work import SERIAL, TaskExecutor
+
+if TYPE_CHECKING:
+    from structid.identification.fits.modal_fit import ModalFit
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined", "untested"]
 
@@ -396,10 +401,57 @@ def judged(
         given = replace(
             given, words=f"{given.words} The record itself shows: {faults[0]}.", reasons=(*given.reasons, *faults)
         )
+    shared = clock_or_stiffness(identification) if given.verdict in ("sound", "approximate") else ""
+    if shared:
+        given = replace(given, words=f"{given.words} {as_sentence(shared)}", reasons=(*given.reasons, shared))
     return replace(
         given,
         reasons=(*given.reasons, *(words for one in identification.priors.varied for words in one.outlying_words)),
     )
+
+
+def clock_or_stiffness(identification: Identification) -> str:
+    """A clause that a clock explains as well why all stiffnesses moved together from their starts; "" where it does not.
+
+    Frequencies that are all read c times too high give c^2 times all stiffnesses over masses, and nothing else. The clause is
+    there for measured modes of models without a fixed stiffness, where the ratios of at least two stiffnesses to their starts
+    agree with one common ratio (chi-square, 5 %) that differs from 1 by more than their uncertainty and 1 %.
+    """
+    estimate, problems = identification.estimate, identification.problems
+    index = np.flatnonzero(np.array(estimate.kinds) == "stiffness")
+    is_of_modes = all(isinstance(problem, ModalProblem) for problem in problems)
+    if not is_of_modes or len(index) < 2 or any(_fixes_stiffness(problem) for problem in problems):
+        return ""
+    start = {
+        name: value for problem in problems for name, value in zip(problem.names, problem.unknowns.start, strict=True)
+    }
+    values, begun = estimate.values[index], np.array([start[estimate.names[i]] for i in index])
+    covariance = estimate.covariance[np.ix_(index, index)] / np.outer(values, values)
+    if not (np.isfinite(covariance).all() and (values > 0).all() and (begun > 0).all()):
+        return ""
+    moved = np.log(values / begun)
+    try:
+        weights = np.linalg.solve(covariance, np.ones(len(index)))
+        apart = np.linalg.solve(covariance, moved - (common := float(weights @ moved / weights.sum())))
+    except np.linalg.LinAlgError:
+        return ""
+    is_common = special.chdtrc(len(index) - 1, float((moved - common) @ apart)) > COMMON_RISK
+    if not is_common or abs(common) < max(MATTERS / np.sqrt(weights.sum()), SHIFTS):
+        return ""
+    ratio = float(np.exp(common))
+    return (
+        f"all stiffnesses moved together, to {ratio:.3g} times their starts: measured modes cannot tell that from frequencies"
+        f" that are all read {100 * abs(np.sqrt(ratio) - 1):.2g} % too {'high' if ratio > 1 else 'low'}; check the clock or"
+        " sampling rate"
+    )
+
+
+def _fixes_stiffness(problem: RecordProblem) -> bool:
+    """True if the model of a problem has a stiffness that no parameter changes and that is not 0."""
+    unknown = problem.parameters
+    is_fixed = (np.diff(unknown.design.tocsr().indptr) == 0) & (unknown.offset != 0)
+    properties = problem.structure.properties
+    return any(item.term.kind == "stiffness" and is_fixed[item.values].any() for item in properties)
 
 
 def data_disagreements(identification: Identification, work: TaskExecutor = SERIAL) -> tuple[Disagreement, ...]:
@@ -445,7 +497,9 @@ def _judged(
 ) -> Judgement:
     """The verdict by misfit, noise, priors, bounds, causes and doubted fixed values; the first rule that applies decides.
 
-    Arguments are those of `judged`; `doubts` are the fixed values that are doubted. Faults of records are not looked at.
+    Arguments are those of `judged`; `doubts` are the fixed values that are doubted. Faults of records are not looked
+    at. `n_tried` counts the changes that were fitted; `find_disagreements` fits parts of the data, and is called only
+    where the verdict depends on it.
     """
     estimate = identification.estimate
     if identification.alternatives is not None:
@@ -742,7 +796,7 @@ def _off_modes(fit: ModalFit) -> list[tuple[float, str]]:
     damping = np.maximum(np.nan_to_num(fit.measured.damping_ratio[data.measured]), LEAST_DAMPING)
     off = pairs.frequency - data.frequency
     distance = np.abs(off) / (damping * data.frequency)
-    is_off = (distance > HALF_BANDWIDTHS_OFF) & (np.abs(off) > FAR_OFF * data.frequency_std)
+    is_off = (distance > HALF_BANDWIDTHS_OFF) & fit.is_far_off
     return [_missed(data.frequency[i], pairs.frequency[i], distance[i]) for i in np.flatnonzero(is_off)]
 
 

@@ -141,7 +141,8 @@ def _difference(fields: ComplexArray, exact: ComplexArray) -> float:
 def _check_lines(poles: FloatArray, lines: FloatArray) -> IntArray:
     """Indices of the lines nearest to each pole within the band, and of eight spread over it, increasing.
 
-    `poles` and `lines` are frequencies in one unit; they need not be sorted.
+    `poles` and `lines` are frequencies in one unit; they need not be sorted. Only poles (n_poles,) between the least
+    and the largest of `lines` (n_lines,) count.
     """
     order = np.argsort(lines)
     in_band = poles[(poles >= lines.min()) & (poles <= lines.max())]

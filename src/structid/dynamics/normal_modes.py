@@ -84,7 +84,7 @@ def modes(
     damping, structural : (n_dofs, n_dofs) sparse arrays, optional
         Viscous damping, and imaginary part of the complex stiffness.
     n_modes : int, optional
-        How many; all by default (up to 20 for more than 600 degrees of freedom).
+        How many; all by default (up to 20 for more than `_DENSE_UP_TO` degrees of freedom).
     strains : function without arguments, optional
         Gives B with K = B'B, or None. It is called where rounding of the stiffness matrix shows in frequencies: modes are
         then computed from B, whose relative rounding errors are much smaller.
@@ -149,8 +149,9 @@ def _large_modes(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Circular frequencies (rad/s), mass-normalized shapes and relative rounding errors of a large sparse model.
 
-    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency. If many of all modes are wanted, the model is
-    solved densely after all.
+    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency. If many of all modes are wanted, the
+    model is solved densely after all. `strains` makes an operator B with K = B'B, or gives None where there is none;
+    then roundings of K are not avoided.
     """
     n_heavy = int((mass.diagonal() > 0).sum())
     if _MOST_BY_LANCZOS * n_modes >= n_heavy:
@@ -182,8 +183,8 @@ def frequencies_between(
 ) -> tuple[FloatArray, bool]:
     """Natural frequencies (Hz) above `lowest` and up to `highest` (Hz), rising, and True if the list is complete.
 
-    `known` are the lowest modes of the model. If the list is not complete, as in a large model, it may hold only the first such
-    frequency.
+    `known` are the lowest modes of the model. If the list is not complete, as in a large model, it may hold only the
+    first such frequency. The frequencies are (n_modes,).
     """
     frequency = known.frequency
     is_all = mass.shape[0] <= _DENSE_UP_TO or bool(frequency[-1] > highest)
@@ -248,6 +249,7 @@ def _root(
     """R with R'R = K + `shift` M, L with L L' = M, and the order of the degrees of freedom in both; None without an R.
 
     R comes from a QR decomposition with B (`operator`), or from Cholesky's of the shifted stiffness if that is None.
+    `mass` and `stiffness` are M and K, (n_dofs, n_dofs).
     """
     heavy = np.diag(mass) > 0
     size = np.sqrt(np.where(heavy, np.diag(mass), 1.0))
@@ -381,9 +383,10 @@ def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
 
 
 def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues omega^2, ascending, and mass-normalized shapes (n_dofs, n_heavy), massless motions condensed statically.
+    """Eigenvalues omega^2, ascending, and mass-normalized shapes (n_dofs, n_heavy) of `mass`, `stiffness` (n_dofs, n_dofs).
 
-    Massless are degrees of freedom, or combinations of them, without mass.
+    Massless are degrees of freedom, or combinations of them, without mass. Massless motions are condensed statically;
+    n_heavy is the number of motions with mass.
     """
     heavy = np.diag(mass) > 0
     if _is_definite(mass[np.ix_(heavy, heavy)]):
@@ -409,7 +412,7 @@ def _condensed_modes(
 ) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues omega^2 and shapes (n_dofs, n_heavy); degrees of freedom that are not `heavy` (mask) follow statically.
 
-    `SingularModelError` if those have no stiffness.
+    `SingularModelError` if those have no stiffness. `mass` and `stiffness` are (n_dofs, n_dofs).
     """
     if heavy.all():
         return linalg.eigh(stiffness, mass)

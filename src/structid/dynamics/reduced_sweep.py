@@ -83,7 +83,7 @@ class FieldSweep:
     def verified(self, error_of: ErrorOf) -> float | None:
         """Error of the fields at the line with the largest residual, after the basis has grown until it is small enough.
 
-        `error_of` returns the error of the basis at a line in parts of what is allowed; small enough is 0.3 of that.
+        `error_of` returns the error of the basis at a line in parts of what is allowed; small enough is `_SAFE` of that.
 
         Returns
         -------
@@ -102,7 +102,7 @@ class FieldSweep:
         while self.n_lines >= FEWEST_LINES:
             if self.n_factorizations >= max(3, self.n_lines // 3) or self.n_basis >= most:
                 break
-            self._begin()
+            self._add_undamped_line()
             self._next()
             projected = self.fields(self._line)
             error = error_of(self._line, self._converged_fields(), projected)
@@ -118,7 +118,7 @@ class FieldSweep:
 
         A single factorization serves all lines, in rounds; lines that do not converge get a separate factorization.
         """
-        self._begin()
+        self._add_undamped_line()
         for _ in range(_MOST_ROUNDS):
             unsolved = [line for line in range(self.n_lines) if self.basis.left(line) > _IN_FULL]
             if not unsolved or self._last is None:
@@ -145,7 +145,7 @@ class FieldSweep:
                 last = residual
         return self._factorize_line()
 
-    def _begin(self) -> None:
+    def _add_undamped_line(self) -> None:
         """Take in the line without damping, a quarter of the products; with it where it lies at an undamped resonance."""
         try:
             self._factorize_line(is_damped=False)
@@ -368,7 +368,7 @@ class FieldBasis:
 def _sketching_matrix(n: int) -> sparse.csr_array:
     """Random sparse matrix, (n_sums, n), that adds n equations with random signs; it keeps norms to about a tenth.
 
-    n_sums is 2000; up to that n it is the identity.
+    n_sums is `_SUMS`; up to that n it is the identity.
 
     References
     ----------

@@ -154,10 +154,10 @@ class Deck:
 
 
 def with_frequencies(texts: Mapping[str, str], frequency: Sequence[float]) -> dict[str, str]:
-    """Texts of the deck with the frequencies that the solver is to compute, and a file `FREQUENCIES` that lists them.
+    """`texts` of the deck, by file name, with the frequencies that the solver is to compute, and a file that lists them.
 
-    A line with the mark ``{{frequency}}`` is repeated for each of `frequency` in Hz. `InputError` if the deck has a file of
-    that name already.
+    A line with the mark ``{{frequency}}`` is repeated for each of `frequency` in Hz. `InputError` if the deck has a
+    file of that name already. That file is called `FREQUENCIES`.
     """
 
     def number(mark: re.Match[str], value: float) -> str:

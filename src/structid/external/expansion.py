@@ -289,7 +289,8 @@ def _fit_products(
 def _in_powers_of_values(polynomial: Mapping[Powers, FloatArray], table: _Table) -> dict[Powers, FloatArray]:
     """Coefficients (n_numbers,) of the polynomial by powers of value / reference instead of u.
 
-    Coefficients at rounding level are set to 0, and powers without any other are left out.
+    Coefficients at rounding level are set to 0, and powers without any other are left out. The polynomial maps powers
+    of u, the relative changes of parameters, to coefficients (n_numbers,).
     """
     total: dict[Powers, FloatArray] = {}
     centre = {name: one.origin for name, one in table.axes.items()}

@@ -121,7 +121,8 @@ def _channel_indices(
 ) -> tuple[IntArray, FloatArray]:
     """Index in `of_file`, the channels of the file, of each channel in `wanted`, and 1 or -1 for the relative sense.
 
-    `word` is "sensor" or "load", for the `FileError` if a channel is missing.
+    `word` is "sensor" or "load", for the `FileError` if a channel is missing. `wanted` and `of_file` may name a channel
+    in opposite senses. Both results are (n_wanted,).
     """
     index_and_sign = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(of_file)}
     missing = [str(dof.unsigned) for dof in wanted if dof.unsigned not in index_and_sign]
@@ -309,7 +310,8 @@ def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: Tas
 def _change(centre: ComplexArray, run: ComplexArray, point: Point) -> float:
     """Relative change of the FRFs from `centre` to `run`, the root mean square over lines and channels.
 
-    Changes of single values above 1 count as 1. `point` is not used.
+    Changes of single values above 1 count as 1. `point` is not used. `centre` and `run` are (n_lines, n_outputs,
+    n_inputs).
     """
     size = np.abs(centre)
     there = size > 0

@@ -206,7 +206,10 @@ def _run_matrices(frequency: FloatArray, c: FloatArray, d: FloatArray, kappa: fl
 
 
 def _parabola(changes: Sequence[float], differences: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Slope and quadratic coefficient of the parabola that is 0 at no change and has `differences` at both `changes`."""
+    """Slope and quadratic coefficient, shaped as an entry of `differences`, of a parabola through 0 and two points.
+
+    It is 0 at no change and has the two `differences` at the two `changes`.
+    """
     a, b = changes
     square: FloatArray = (differences[1] / b - differences[0] / a) / (b - a)
     return differences[0] / a - a * square, square
@@ -221,8 +224,9 @@ def _outer_stiffness(
 ) -> float:
     """Stiffness of the directions outside the centre's shapes that minimizes the second-order changes of K.
 
-    `coordinates` and `free` hold C and D of each run (see `tangent`). The result is limited to a range about the highest
-    eigenvalue, and is its upper end if nothing moves outside.
+    `differences` hold the two runs of each parameter, of which the `n_modes` lowest modes count; `coordinates` and
+    `free` hold C and D of each run (see `tangent`). The result is limited to a range about the highest eigenvalue, and
+    is its upper end if nothing moves outside.
     """
     eigenvalues = [
         (2 * np.pi * run.frequency[:n_modes]) ** 2 for pair_of_runs in differences for run in pair_of_runs.runs

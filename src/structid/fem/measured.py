@@ -83,10 +83,10 @@ class MeasuredComponent:
         source: str = "",
         variance: ArrayLike | None = None,
     ) -> None:
-        """A component known by its measured receptance (n_lines, n, n), m/N, at the lines `frequency`, Hz.
+        """The component `name` known by its measured receptance (n_lines, n, n), m/N, at the lines `frequency`, Hz.
 
-        `interface` are its n degrees of freedom in the order of rows and columns, `variance` is E|error|^2 of each value
-        (same shape; None if unknown), and `source` names the file.
+        `interface` are its n degrees of freedom in the order of rows and columns, `variance` is E|error|^2 of each
+        value (same shape; None if unknown), and `source` names the file.
 
         Raises
         ------

@@ -24,7 +24,7 @@ _NOTHING = 1e-13
 
 
 def damping_term(damping_ratio: float) -> PropertyMatrices:
-    """The damping ratio as a property.
+    """The `damping_ratio` of all modes as a property of the structure.
 
     Raises
     ------
@@ -130,6 +130,7 @@ class ModalDamping(Factor):
         """Derivative of the damping entries by parameters, sparse (n_entries, n_parameters), at property `values`.
 
         `design` (n_values, n_parameters) is the derivative of the values by the parameters; see `Factor.change`.
+        `values` (n_values,) are those of the whole structure.
         """
         state = self.at(values)
         changes = [(part, part.change(values, design).tocsc()) for part in self.parts]
@@ -147,7 +148,7 @@ class ModalDamping(Factor):
         return sparse.coo_array((rows.ravel(), indices), (len(self.rows), design.shape[1])).tocsr()
 
     def at(self, values: FloatArray) -> ModalState:
-        """The modes of the structure at these property `values`; the last result is kept."""
+        """The modes of the structure at the property `values` (n_values,); the last result is kept."""
         key = values[self._values].tobytes()
         if key not in self._known:
             self._known.clear()

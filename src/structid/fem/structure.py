@@ -566,7 +566,7 @@ def _require_interfaces(structure: Structure) -> None:
 
 
 def _require_subdivision(structure: Structure) -> None:
-    """Raise `InputError` unless `subdivide` is a whole number from 1 to 100 and, above 1, some lines can be cut."""
+    """Raise `InputError` unless `subdivide` is a whole number from 1 to `MOST_PIECES` and, above 1, some lines can be cut."""
     pieces = structure.subdivide
     if not isinstance(pieces, int) or not 1 <= pieces <= MOST_PIECES:
         raise InputError(f"`subdivide` must be a whole number from 1 to {MOST_PIECES}, got {pieces!r}")

@@ -149,7 +149,8 @@ def _terms(
 ) -> tuple[PropertyMatrices, ...]:
     """The terms of a set whose lines are cut into `pieces`, with inner nodes labelled from `first` on.
 
-    Lines stay whole if `pieces` is 1.
+    Lines stay whole if `pieces` is 1. `positions` are node coordinates in m by label; `used_codes` (n_codes,) the
+    degrees of freedom of the other elements.
     """
     if pieces > 1:
         return _cut_into_pieces(element, positions, used_codes, pieces, first)

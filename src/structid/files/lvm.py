@@ -82,9 +82,11 @@ class _Segment(NamedTuple):
     comma: bool
 
     def decimal(self, text: str) -> float:
-        """The number in a cell; NaN for an empty one."""
+        """The number in a cell; NaN for an empty one, `ValueError` for one with a point where the head says decimal commas."""
         if not text.strip():
             return np.nan
+        if self.comma and "." in text:
+            raise ValueError(f"its head says decimal commas, and it holds {text.strip()}")
         return float(text.replace(",", ".") if self.comma else text)
 
     def of_channels(self, key: str, count: int, step: int) -> list[str]:

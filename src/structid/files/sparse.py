@@ -38,6 +38,8 @@ def checked_sparse_matrix(
 def coordinates(shape: tuple[int, int], rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> sparse.csc_array:
     """Sparse matrix of `shape` from row, column (from 0) and value of each entry; entries at the same place are added.
 
+    `rows`, `columns` and `values` are (n_entries,).
+
     Raises
     ------
     ValueError

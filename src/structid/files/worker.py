@@ -32,7 +32,7 @@ _HEADROOM = 2**30
 def plain(value: StoredEntry, arrays: list[np.ndarray]) -> JsonValue:
     """JSON of `value`, a tree of mappings, lists, numbers, texts and arrays; its arrays are appended to `arrays`.
 
-    An array is replaced by its index in `arrays`; see `fill_tree`.
+    An array is replaced by its index in `arrays`; see `fill_tree`. NumPy numbers become those of Python.
     """
     if isinstance(value, np.ndarray):
         arrays.append(value)
@@ -71,7 +71,7 @@ def hdf5_shapes(path: str) -> dict[str, StoredEntry]:
     found: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        """Note shape, type and first byte of a dataset."""
+        """Read the variable `item` under its `name`, unless it is one of MATLAB's own groups."""
         if isinstance(item, h5py.Dataset) and item.shape is not None:
             dtype = _complex_type(item.dtype)
             text = h5py.check_string_dtype(item.dtype) is not None
@@ -111,7 +111,7 @@ def hdf5_attributes(path: str) -> dict[str, StoredEntry]:
 
 
 def hdf5_fields(path: str, names: list[str]) -> dict[str, StoredEntry]:
-    """The datasets called `names` of an HDF5 file: arrays of numbers, a text, or lists of texts."""
+    """The datasets called `names` of the HDF5 file at `path`, by name: arrays of numbers, a text, or lists of texts."""
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -120,7 +120,10 @@ def hdf5_fields(path: str, names: list[str]) -> dict[str, StoredEntry]:
 
 
 def hdf5_part(path: str, name: str, begin: int, stop: int, axis: int) -> np.ndarray:
-    """Entries `begin` to `stop` (exclusive) along `axis` 0 or 1 of the two-dimensional dataset `name` of an HDF5 file."""
+    """Entries `begin` to `stop` (exclusive) along `axis` 0 or 1 of the two-dimensional dataset `name` of an HDF5 file.
+
+    `path` is the file's. The result is (stop - begin, n) or (n, stop - begin).
+    """
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -131,7 +134,7 @@ def hdf5_part(path: str, name: str, begin: int, stop: int, axis: int) -> np.ndar
 
 
 def matlab_73(path: str) -> dict[str, StoredEntry]:
-    """Every variable of numbers or texts of a MAT file of version 7.3 (HDF5), by name."""
+    """Every variable of numbers or texts of the MAT file at `path` of version 7.3 (HDF5), by name."""
     import h5py
 
     found: dict[str, StoredEntry] = {}
@@ -150,7 +153,7 @@ def matlab_73(path: str) -> dict[str, StoredEntry]:
 
 
 def matlab(path: str) -> dict[str, StoredEntry]:
-    """Every variable of numbers or texts of a MAT file before version 7.3, by name; sparse matrices as their parts."""
+    """Every variable of numbers or texts of the MAT file at `path` before version 7.3, by name; sparse matrices as parts."""
     from scipy.io import loadmat
 
     found: dict[str, StoredEntry] = {}
@@ -161,7 +164,7 @@ def matlab(path: str) -> dict[str, StoredEntry]:
 
 
 def _note_matlab(variables: dict[str, StoredEntry], name: str, value: np.ndarray | sparse.csc_array) -> None:
-    """Add a MATLAB variable to `variables` by its name, or each field of a struct as ``name.field``.
+    """Add the MATLAB variable `value` to `variables` by its `name`, or each field of a struct as ``name.field``.
 
     Objects, arrays of structs, and cells of other things than texts are left out; a sparse matrix becomes its parts.
     """
@@ -257,7 +260,10 @@ def _complex_type(dtype: np.dtype) -> np.dtype:
 
 
 def _as_complex(array: np.ndarray) -> np.ndarray:
-    """`array` with pairs of real and imaginary parts turned into complex numbers; other arrays unchanged."""
+    """`array` with pairs of real and imaginary parts turned into complex numbers; other arrays unchanged.
+
+    The shape stays.
+    """
     if array.dtype.names and _complex_type(array.dtype) != array.dtype:
         real, imaginary = array.dtype.names
         return np.asarray(array[real] + 1j * array[imaginary])
@@ -265,7 +271,7 @@ def _as_complex(array: np.ndarray) -> np.ndarray:
 
 
 def ansys(path: str) -> dict[str, StoredEntry]:
-    """Contents of an ANSYS file by name: matrices and their rows from ``.full``, matrices of each element from ``.emat``.
+    """Contents of the ANSYS file at `path` by name: matrices and their rows from ``.full``, element matrices from ``.emat``.
 
     A matrix is [shape, column starts, rows, values]; elements are pairs of equation numbers and values by kind.
     """

@@ -107,7 +107,10 @@ class ChannelErrors(NamedUnknowns):
         return output[:, :, None] / input_[:, None, :]
 
     def lateness(self, physical: FloatArray) -> FloatArray:
-        """Delay of every FRF, s, (n_outputs, n_inputs)."""
+        """Delay of every FRF, s, (n_outputs, n_inputs).
+
+        `physical` are the values of the channel errors, (n_errors,).
+        """
         delays = self.rows("delay")
         late: FloatArray = np.tensordot(physical[delays], self.exponents[delays], 1)
         return late

@@ -108,7 +108,7 @@ def channel_errors(record: ChannelsOfRecord, unknowns: Iterable[ChannelUnknown])
     >>> channel_errors(record, [ChannelUnknown("gain", "all", each=True), ChannelUnknown("delay", inputs="1X")]).names
     ('gain[1X+]', 'gain[2X+]', 'delay[load 1X+]')
     """
-    groups = [group for unknown in unknowns for group in _groups(record, unknown)]
+    groups = [group for unknown in unknowns for group in _parameters_of(record, unknown)]
     _require_distinct(groups)
     free = [group for group in groups if group.unknown.property != "polarity"]
     poles = [group for group in groups if group.unknown.property == "polarity"]
@@ -140,7 +140,7 @@ def channel_errors(record: ChannelsOfRecord, unknowns: Iterable[ChannelUnknown])
     return made
 
 
-def _groups(record: ChannelsOfRecord, unknown: ChannelUnknown) -> list[_Group]:
+def _parameters_of(record: ChannelsOfRecord, unknown: ChannelUnknown) -> list[_Group]:
     """Parameters that the declaration `unknown` makes on the channels of `record`: one for each channel, or one for all.
 
     Raises `InputError` if the property is unknown, no channel is named, or an option does not fit the property.
@@ -148,8 +148,8 @@ def _groups(record: ChannelsOfRecord, unknown: ChannelUnknown) -> list[_Group]:
     if unknown.property not in (*_CONTINUOUS, "polarity"):
         known = ", ".join((*_CONTINUOUS, "polarity"))
         raise InputError(f"channel error `property` must be one of {known}, got {unknown.property!r}")
-    outputs = _chosen("outputs", unknown.outputs, record.outputs)
-    inputs = _chosen("inputs", unknown.inputs, record.inputs)
+    outputs = _channel_indices("outputs", unknown.outputs, record.outputs)
+    inputs = _channel_indices("inputs", unknown.inputs, record.inputs)
     if unknown.property == "window_decay":
         if outputs or inputs:
             raise InputError("a window's decay belongs to all channels; leave `outputs` and `inputs` out")
@@ -170,7 +170,7 @@ def _groups(record: ChannelsOfRecord, unknown: ChannelUnknown) -> list[_Group]:
     return [_Group(unknown, label, *end) for label, end in zip(named, ends, strict=True)]
 
 
-def _chosen(key: str, given: str | Sequence[str], channels: tuple[Dof, ...]) -> tuple[int, ...]:
+def _channel_indices(key: str, given: str | Sequence[str], channels: tuple[Dof, ...]) -> tuple[int, ...]:
     """Indices in `channels` of the degrees of freedom `given`, in either direction; all for "all".
 
     `key` names the option in errors. Raises `InputError` if a channel is missing, or is read by several channels.
@@ -231,7 +231,10 @@ def _limits(group: _Group) -> tuple[float, float]:
 
 
 def _require_ranges(groups: list[_Group], errors: ChannelErrors) -> None:
-    """Raise `InputError` if a start lies outside its bounds, or a prior is unsound or does not fit the bounds."""
+    """Raise `InputError` if a start lies outside its bounds, or a prior is unsound or does not fit the bounds.
+
+    `groups` and the parameters of `errors` are in the same order.
+    """
     rows = zip(groups, errors.names, errors.start, errors.transforms.lower, errors.transforms.upper, strict=True)
     for group, name, value, low, high in rows:
         prior = group.unknown.prior

@@ -138,10 +138,10 @@ def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: i
     return ParameterForces((pattern % n_dofs).astype(kind_of), indptr.astype(kind_of), tuple(maps), n_dofs)
 
 
-def _pairs(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+def _weight_derivatives(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
     """Element index, parameter index and derivative of every element weight that depends on a parameter.
 
-    Three arrays of equal length, in parts that fit into memory.
+    Three arrays of equal length, in parts that fit into memory. The arrays are (n_pairs,).
     """
     element = np.repeat(np.arange(part.slope.shape[0]), np.diff(part.slope.indptr))
     local = part.blocks.dofs.shape[1] ** 2 if isinstance(part.blocks, Blocks) else 1
@@ -160,7 +160,7 @@ def _force_keys(part: WeightedElements, n_dofs: int) -> Iterator[IntArray]:
         yield np.unique(_matrix_entries(part, n_dofs)[0])
         return
     acts = part.blocks.local.any(axis=2) & (part.blocks.dofs >= 0)
-    for element, parameter, _ in _pairs(part):
+    for element, parameter, _ in _weight_derivatives(part):
         yield np.unique((parameter[:, None] * n_dofs + part.blocks.dofs[element])[acts[element]])
 
 
@@ -177,7 +177,7 @@ def _force_maps(
         yield np.searchsorted(pattern, key), column, value
         return
     kind = index_kind(max(len(pattern), n_dofs))
-    for element, parameter, slope in _pairs(part):
+    for element, parameter, slope in _weight_derivatives(part):
         key = parameter[:, None] * n_dofs + part.blocks.dofs[element]
         row = np.minimum(np.searchsorted(pattern, key.ravel()), len(pattern) - 1).astype(kind)
         _, column, kept = part.blocks.stored(element)
@@ -194,7 +194,7 @@ def _matrix_entries(part: WeightedElements, n_dofs: int) -> tuple[IntArray, IntA
 
     The key is parameter index times n_dofs plus row. Entries may repeat and add up.
     """
-    joined = _joined(part.blocks.entries(), part.slope, n_dofs)
+    joined = _derivative_entries(part.blocks.entries(), part.slope, n_dofs)
     pieces = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)), *((k, c, v) for k, c, _, v in joined)]
     key, column, value = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
     return key, column, value
@@ -327,7 +327,9 @@ def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: spar
         known = of_value[weight] >= 0
         entries = row[known], column[known], weight[known], value[known]
         own_rows = table[np.maximum(of_value, 0)]
-        pieces += [(key, at, of_slope[which], own) for key, at, which, own in _joined(entries, own_rows, n_dofs)]
+        pieces += [
+            (key, at, of_slope[which], own) for key, at, which, own in _derivative_entries(entries, own_rows, n_dofs)
+        ]
     key, at, slope, change = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
     pattern, maps, operators = np.unique(key), [], []
     for matrix_index in np.unique(at // n_dofs).tolist():
@@ -347,7 +349,7 @@ def _weighed_entries(
     """Entries of all element matrices of the contributions `members`: row, column, index of the element weight, value.
 
     Columns are raised by `n_dofs` times the index of the matrix in `matrix_kinds`; weights are numbered through all
-    contributions.
+    contributions. All four are (n_entries,).
     """
     known = {id(item.blocks): item.blocks.entries() for item in members}
     none: IntArray = np.zeros(0, dtype=np.int64)
@@ -361,13 +363,13 @@ def _weighed_entries(
     return row, column, weight, value
 
 
-def _joined(
+def _derivative_entries(
     entries: tuple[IntArray, IntArray, IntArray, FloatArray], design: sparse.csr_array, n_dofs: int
 ) -> Iterator[tuple[IntArray, IntArray, IntArray, FloatArray]]:
     """Entries of the derivatives of matrices by parameters, in parts: key, column, index of the element weight, and value.
 
-    The key is parameter index times n_dofs plus row. `entries` are row, column, weight index and value of the element matrices;
-    `design` (n_weights, n_params) is the derivative of the weights.
+    The key is parameter index times n_dofs plus row. `entries` are row, column, weight index and value of the element
+    matrices; `design` (n_weights, n_params) is the derivative of the weights. Every array is (n_entries,).
     """
     row, column, element, value = entries
     counts = np.diff(design.indptr)

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Self, TypeVar, cast
+from typing import TYPE_CHECKING, ClassVar, Self, TypeVar, cast
 
 import numpy as np
 from scipy import sparse
@@ -57,7 +57,10 @@ def linearization_with_priors(
 
 
 def sparse_prior_rows(unknowns: NamedUnknowns, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-    """Residual (n_priors,) of all priors and its derivative with respect to the free variables, sparse (n_priors, n_params)."""
+    """Residual (n_priors,) of all priors and its derivative with respect to the free variables, sparse (n_priors, n_params).
+
+    `theta` (n_params,) are the free variables.
+    """
     residual, rows = unknowns.sparse_prior_rows(unknowns.physical(theta))
     members, free_residual, weights = free_prior_rows(unknowns.free_prior, theta)
     free_rows = sparse.csr_array((weights, (np.arange(len(members)), members)), (len(members), len(theta)))
@@ -69,7 +72,8 @@ def complex_rows(n_lines: int, names: Sequence[str], averages: FloatArray | None
     """Labels of data rows for complex values: real parts of all lines and channels first, then imaginary parts.
 
     Lines vary slowest; `names` are those of the channels. `averages` (n_data,) are the numbers of averages behind the
-    variances, None if these are known.
+    variances, None if these are known. Rows are numbered by `n_lines` lines and two series (real, imaginary) for each
+    name.
     """
     index, channel = np.repeat(np.arange(n_lines), len(names)), np.tile(2 * np.arange(len(names)), n_lines)
     both = tuple(name for name in names for _ in range(2))
@@ -118,6 +122,8 @@ class RecordProblem(Problem):
     structure: Structure
     parameters: Parameters
     channels: ChannelErrors | None = None
+    #: True where the record holds modes, False where it holds responses.
+    compares_modes: ClassVar[bool] = False
 
     @cached_property
     def unknowns(self) -> NamedUnknowns:
@@ -207,7 +213,7 @@ class RecordProblem(Problem):
         return self.with_parts((self.parameters, channels))
 
     def with_free_prior(self, mean: FloatArray, std: FloatArray) -> Self:
-        """A copy with a Gaussian prior on its free variables, (n_params,) each; see `NamedUnknowns.free_prior`."""
+        """A copy with a Gaussian prior `mean`, `std` on its free variables, (n_params,) each; see `NamedUnknowns.free_prior`."""
         ends = np.cumsum([part.n_params for part in self.parts])[:-1]
         priors = zip(self.parts, np.split(mean, ends), np.split(std, ends), strict=True)
         return self.with_parts([replace(part, free_prior=(m, s)) for part, m, s in priors])
@@ -241,7 +247,10 @@ def with_polarities(problem: P, signs: Sequence[float]) -> P:
 
 
 def decide_polarities(problem: P, theta: FloatArray) -> P:
-    """A copy of `problem` with the polarities by which the model at `theta` agrees best in phase with the measurement."""
+    """A copy of `problem` with the polarities by which the model at `theta` agrees best in phase with the measurement.
+
+    `theta` (n_params,) are free variables. Without polarities the problem itself is returned.
+    """
     if problem.channels is None or not problem.channels.polarity_names:
         return problem
     return problem.with_channels(problem.channels.decided(*problem.measured_and_predicted(theta)))

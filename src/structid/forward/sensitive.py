@@ -130,7 +130,7 @@ def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[
     """Indices of the property values on which the derivatives of element weights depend.
 
     These are factors of a weight, and what they multiply if a factor is a parameter. `sensitive` comes from
-    `sensitive_elements`.
+    `sensitive_elements`. The result is (n,), sorted.
     """
     counts, marks = np.diff(unknown.design.tocsr().indptr), np.zeros(len(unknown.offset), dtype=bool)
     for member in (member for group in sensitive for member in group.members):
@@ -147,8 +147,9 @@ def weighted_elements(
 ) -> WeightedParts:
     """Element matrices with the derivatives of their weights by the parameters, at `physical` (n_params,).
 
-    A loss factor that is equal in all elements of a family, and no parameter, is a multiple of their stiffness: both matrices
-    then share one part. Parts that enter the same matrices with the same factors are of one kind.
+    A loss factor that is equal in all elements of a family, and no parameter, is a multiple of their stiffness: both
+    matrices then share one part. Parts that enter the same matrices with the same factors are of one kind. `sensitive`
+    comes from `sensitive_elements`.
     """
     weights, design = unknown.values(physical), unknown.design.tocsr()
     counts = np.diff(design.indptr)

@@ -11,7 +11,8 @@ from structid.core.arrays import FloatArray, locked
 from structid.core.display import format_number
 from structid.core.dof import Dof
 from structid.dynamics import Modes
-from structid.forward import ModalProblem, RecordProblem
+from structid.forward import RecordProblem
+from structid.forward.modal import compares_modes
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.joint_problem import indices_of
 from structid.inversion import Estimate
@@ -151,7 +152,7 @@ def _relative_distance(values: FloatArray, start: FloatArray) -> float:
 
 def _measured_words(problems: Sequence[RecordProblem]) -> str:
     """The measured quantities as the subject of a sentence, such as "these modes"."""
-    modal = [problem for problem in problems if isinstance(problem, ModalProblem)]
+    modal = [problem for problem in problems if compares_modes(problem)]
     if len(modal) == len(problems):
         return "these modes" if any(problem.data.has_shapes for problem in modal) else "these frequencies"
     return "these data"
@@ -175,7 +176,7 @@ def deciding_measurement(
     if not problem.structure.has_modes:
         return None
     own = values[:, indices_of(names, problem.names)]
-    n_measured = problem.data.measured.size if isinstance(problem, ModalProblem) else 0
+    n_measured = problem.data.measured.size if compares_modes(problem) else 0
     count = max(n_measured, 1) + _MODES_BEYOND
     sets = [structure_modes(problem.structure, problem.property_values(each), count) for each in own]
     n_modes = min(len(each.frequency) for each in sets)

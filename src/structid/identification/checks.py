@@ -73,7 +73,7 @@ def require_sound_model(structure: Structure, values: FloatArray, lowest: float)
     """Raise `SingularModelError` where the model has a mechanism, so that responses or modes do not exist.
 
     Two things are looked for, with the degrees of freedom that take part: motion without mass, damping and stiffness;
-    and, where a line at 0 Hz is used, motion without stiffness (supports are missing). Models of more than 600
+    and, where a line at 0 Hz is used, motion without stiffness (supports are missing). Models of more than `_DENSE_UP_TO`
     degrees of freedom are left to the factorization.
 
     Parameters
@@ -128,7 +128,8 @@ def _scaled(matrix: FloatArray) -> FloatArray:
 def _null_words(structure: Structure, matrix: FloatArray, members: np.ndarray | None = None) -> str:
     """Names of the degrees of freedom that move most in a null vector of `matrix`, at most six; "" if it is regular.
 
-    `matrix` is positive semidefinite; `members` are the indices of its rows among all degrees of freedom, all by default.
+    `matrix` is positive semidefinite; `members` are the indices of its rows among all degrees of freedom, all by
+    default. `matrix` is (n, n), `members` (n,).
     """
     if not len(matrix):
         return ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from structid.fem import Structure
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.alternatives import Alternatives
 from structid.identification.fits.missed import MissedValues
-from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.ratios import Ratios
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import Resonance
@@ -30,6 +30,9 @@ from structid.inversion.intervals.intervals import Intervals
 from structid.plotting import IdentificationPlots
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
+
+if TYPE_CHECKING:
+    from structid.identification.fits.modal_fit import ModalFit
 
 #: Part of a parameter's variance from which on it is owed to priors.
 _MOSTLY = 0.5
@@ -197,10 +200,10 @@ class Identification(Shown, IdentificationPlots):
     @property
     def assumption(self) -> str:
         """The errors of fixed values that standard deviations and intervals include, and the choice of the mesh, in words."""
-        return "; ".join(words for words in (self._assumed, self.mesh) if words)
+        return "; ".join(words for words in (self._fixed_value_clause, self.mesh) if words)
 
     @property
-    def _assumed(self) -> str:
+    def _fixed_value_clause(self) -> str:
         """A clause on the errors of fixed values that the standard deviations include."""
         fixed = self.estimate.fixed
         if fixed is not None:

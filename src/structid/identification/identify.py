@@ -136,7 +136,9 @@ def identify_together(
         tests = found.goodness.residual_tests.named(_series_names(setups, problems))
         found = replace(found, goodness=replace(found.goodness, residual_tests=tests))
     ends = parameter_intervals(target or problems[0], found, chosen.intervals, seed=chosen.seed, work=work)
-    seen = list(zip(setups, titles(setups), problems, [_own(problem, found) for problem in problems], strict=True))
+    seen = list(
+        zip(setups, titles(setups), problems, [_fitted_unknowns(problem, found) for problem in problems], strict=True)
+    )
     fits = [setup.response_fit(title, problem, own, chosen) for setup, title, problem, own in seen]
     modal_fits = [setup.modal_fit(title, problem, own, chosen) for setup, title, problem, own in seen]
     lost = [setup.truncation(problem, own.theta) for setup, _, problem, own in seen]
@@ -203,7 +205,7 @@ def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem])
     return own + [f"scatter of {one.name}" for one in scatter_problems(problems)]
 
 
-def _own(problem: RecordProblem, estimate: Estimate) -> FittedUnknowns:
+def _fitted_unknowns(problem: RecordProblem, estimate: Estimate) -> FittedUnknowns:
     """Free variables, values and initial values of the problem's parameters, from the estimate of all parameters.
 
     After a linear fit, which has no free variables, they are made from the values; a value out of range takes that of the

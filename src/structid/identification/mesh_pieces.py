@@ -163,7 +163,10 @@ def _deviation(identification: Identification) -> FloatArray:
 
 
 def _shift(jacobian: FloatArray, change: FloatArray) -> FloatArray:
-    """First-order shift (n_params,) of the minimum by a `change` (n_rows,) of the residual; NaN if not determined."""
+    """First-order shift (n_params,) of the minimum by a `change` (n_rows,) of the residual with this `jacobian`; else NaN.
+
+    It is NaN for parameters that are not determined; `jacobian` is (n_rows, n_params).
+    """
     bread = inverse_information(jacobian)
     seen = np.isfinite(np.diag(bread))
     shift = np.full(len(bread), np.nan)

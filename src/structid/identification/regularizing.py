@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -18,7 +19,6 @@ from structid.identification.joint_problem import indices_of, joint_problem, joi
 from structid.identification.options import IdentifyOptions
 from structid.identification.varying import FoundScatter, found_scatter, free_scatters, with_scatters
 from structid.inversion import Estimate, JointProblem, Linearization, Method, Problem
-from structid.inversion.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
 from structid.inversion.regularization.strengths import (
     LocalModel,
     Strengths,
@@ -33,6 +33,9 @@ from structid.inversion.regularization.strengths import (
 from structid.inversion.search.multistart import named
 from structid.inversion.search.work import StageProgress, TaskExecutor
 from structid.unknowns import Coupling, Regularization, penalty, term_name
+
+if TYPE_CHECKING:
+    from structid.inversion.regularization.drawn_strengths import Differences
 
 #: Where the magnitude of a logarithm is rounded off: changes below 0.1 % count as none.
 _SMOOTHING = 1e-3
@@ -128,7 +131,7 @@ def regularized(
     """
     if not options.regularization and not free_scatters(problems):
         return Regularized(tuple(problems))
-    chosen = _by_draws if method.is_matrix_free else _by_local_models
+    chosen = _regularize_by_draws if method.is_matrix_free else _regularize_by_local_models
     return chosen(problems, options, method, progress, work)
 
 
@@ -154,7 +157,7 @@ def unit_penalties(problems: Sequence[RecordProblem], terms: Sequence[Regulariza
     return tuple(penalty(first.structure, first.parameters, term) for term in terms)
 
 
-def _by_draws(
+def _regularize_by_draws(
     problems: Sequence[RecordProblem],
     options: IdentifyOptions,
     method: Method,
@@ -163,8 +166,11 @@ def _by_draws(
 ) -> Regularized:
     """Regularized problems for a matrix-free search, with strengths settled by posterior draws; see `settled_strengths`.
 
-    Without strengths to be chosen nothing is fitted.
+    Without strengths to be chosen nothing is fitted. `progress` is called with the name of the stage, its iteration and
+    the sum of squares; None for no reports.
     """
+    from structid.inversion.regularization.drawn_strengths import balanced_strengths, settled_strengths
+
     terms, unit = options.regularization, unit_penalties(problems, options.regularization)
 
     def regularized_problems(strengths: Sequence[float]) -> tuple[RecordProblem, ...]:
@@ -185,7 +191,7 @@ def _by_draws(
         ]
         return Regularized(regularized_problems(strengths), tuple(regularizations))
     if options.pole_free_start:
-        theta = _staged(regularized_problems(strengths), method, theta, progress, work)
+        theta = _run_first_stages(regularized_problems(strengths), method, theta, progress, work)
     told = named(progress, "strength of smoothness")
     found = settled_strengths(made, differences, given, strengths, theta, options.seed, told, work.minimize)
     regularizations = [
@@ -195,19 +201,22 @@ def _by_draws(
     return Regularized(regularized_problems(found.strengths), tuple(regularizations), found.theta)
 
 
-def _by_local_models(
+def _regularize_by_local_models(
     problems: Sequence[RecordProblem],
     options: IdentifyOptions,
     method: Method,
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> Regularized:
-    """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`."""
+    """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`.
+
+    `progress` is called with the name of the stage, its iteration and the sum of squares; None for no reports.
+    """
     begun = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
     search = _Search(begun, tuple(options.regularization), method, work)
     theta = np.array(search.problem.theta_start)
     if options.pole_free_start:
-        theta = _staged(search.regularized_problems(begun, search.start), method, theta, progress, work)
+        theta = _run_first_stages(search.regularized_problems(begun, search.start), method, theta, progress, work)
     found = settled(search.refit, search.model, search.choose, theta, search.start)
     n_terms = len(search.terms)
     regularizations = tuple(
@@ -217,20 +226,25 @@ def _by_local_models(
         )
     )
     scatters = {
-        one.name: found_scatter(_folded(found.model, [k], found.strengths), [float(found.strengths[k])], 0)
+        one.name: found_scatter(
+            _with_penalties_as_data(found.model, [k], found.strengths), [float(found.strengths[k])], 0
+        )
         for k, one in enumerate(search.scatters, n_terms)
     }
     return Regularized(search.regularized_problems(problems, found.strengths), regularizations, scatters=scatters)
 
 
-def _staged(
+def _run_first_stages(
     problems: Sequence[RecordProblem],
     method: Method,
     theta: FloatArray,
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> FloatArray:
-    """Free variables (n_params,) after the first stage sequence of the joint problem, started at `theta`."""
+    """Free variables (n_params,) after the first stage sequence of the joint problem, started at `theta`.
+
+    `theta` is (n_params,); None for `progress` reports nothing.
+    """
     for name, stage in next(iter(joint_schedules(problems)), ()):
         theta = work.minimize(stage, method.for_stages(), theta, named(progress, name)).theta
     return theta
@@ -238,6 +252,8 @@ def _staged(
 
 def _differences(coupling: Coupling, n_params: int) -> Differences:
     """The rows of `coupling` among all parameters, of which its own are the first."""
+    from structid.inversion.regularization.drawn_strengths import Differences
+
     wide = coupling.among(n_params, 0)
     return Differences(sparse.csr_array(wide.matrix), wide.residual, lambda physical: wide.sparse_rows(physical)[1])
 
@@ -251,8 +267,9 @@ def _applied_regularization(
 ) -> AppliedRegularization:
     """Record of a regularization as it was used: name, rule and strengths of its rows.
 
-    `rest` (n_rows,) is the residual of its rows at strength 1, from which a sparsity counts the free parameters. `converged`
-    says whether the strength settled, `determined` how many combinations the data determine.
+    `rest` (n_rows,) is the residual of its rows at strength 1, from which a sparsity counts the free parameters.
+    `converged` says whether the strength settled, `determined` how many combinations the data determine. `strength` is
+    one number or (n_rows,).
     """
     strengths = locked(np.array(np.broadcast_to(strength, rest.shape)))
     n_free = int((np.abs(rest) > _SMOOTHING).sum()) if term.is_sparse else None
@@ -337,7 +354,8 @@ class _Search:
         together += range(len(self.terms), len(strengths))
         if together:
             found = marginal_likelihood_strengths(
-                _folded(model, together, strengths), tuple(float(np.asarray(strengths[k])) for k in together)
+                _with_penalties_as_data(model, together, strengths),
+                tuple(float(np.asarray(strengths[k])) for k in together),
             )
             for k, strength in zip(together, found, strict=True):
                 made[k] = strength
@@ -345,9 +363,9 @@ class _Search:
             if term.is_sparse:
                 made[k] = self._sparse(model, k, tuple(made))
             elif term.rule == "l_curve":
-                made[k] = l_curve_strength(_folded(model, [k], tuple(made)))
+                made[k] = l_curve_strength(_with_penalties_as_data(model, [k], tuple(made)))
             elif term.rule == "discrepancy":
-                local = _folded(model, [k], tuple(made))
+                local = _with_penalties_as_data(model, [k], tuple(made))
                 made[k] = discrepancy_strength(local, len(local.data.residual))
         return tuple(made)
 
@@ -362,7 +380,7 @@ class _Search:
         return absolute_strengths(model, index, strengths, given, _SMOOTHING)
 
 
-def _folded(model: LocalModel, kept: Sequence[int], strengths: Strengths) -> LocalModel:
+def _with_penalties_as_data(model: LocalModel, kept: Sequence[int], strengths: Strengths) -> LocalModel:
     """Local model with all penalties but those at positions `kept` counted as data, at their `strengths`."""
     parts = [(model.data.residual, model.data.jacobian)]
     for k, part in enumerate(model.penalties):

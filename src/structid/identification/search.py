@@ -9,9 +9,11 @@ from itertools import product
 
 import numpy as np
 
+from structid import inversion
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
-from structid.forward import ModalProblem, RecordProblem
+from structid.forward import RecordProblem
+from structid.forward.modal import compares_modes
 from structid.forward.record_problem import decide_polarities, polarities, with_polarities
 from structid.identification.joint_problem import (
     fixed_values,
@@ -27,9 +29,9 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import AppliedRegularization, regularized, takes_matrix_free
 from structid.identification.setups.setup import AnySetup
 from structid.identification.varying import Varied, varied, widened_estimate
-from structid.inversion import Estimate, MatrixFree, Method, Problem, Search, Status
+from structid.inversion import Estimate, Method, Problem, Search, Status
 from structid.inversion.estimate import estimate
-from structid.inversion.search.matrix_free import dense_search_fits
+from structid.inversion.search.least_squares import dense_search_fits
 from structid.inversion.search.work import StageProgress, TaskExecutor
 
 _MOST_TRIED = 3
@@ -81,7 +83,8 @@ def search_parameters(
 ) -> SearchOutcome:
     """Best estimate over the problems of all records, by the method that set-ups and options ask for.
 
-    Regularizations, polarities of channels and weights are settled on the way.
+    Regularizations, polarities of channels and weights are settled on the way. `progress` is called with the name of
+    the stage, its iteration and the sum of squares; None for no reports.
 
     Raises
     ------
@@ -175,7 +178,7 @@ def wide_starts(problems: Sequence[RecordProblem]) -> int:
     Few are modes without a known shape entry, or with fewer values than twice the parameters. The number falls with the cube of
     the size above 60 degrees of freedom; below 8 it is 0.
     """
-    modal = [problem for problem in problems if isinstance(problem, ModalProblem)]
+    modal = [problem for problem in problems if compares_modes(problem)]
     if len(modal) < len(problems) or any(problem.settings.form != "output" for problem in modal):
         return 0
     n_values = sum(problem.n_data - problem.linearize(problem.theta_start).n_eliminated for problem in modal)
@@ -191,10 +194,7 @@ def _keeping_order(problems: Sequence[RecordProblem], theta: FloatArray) -> Prob
     """Joint problem in which modes without shapes stay paired in order, if they are so at `theta` (n_params,)."""
     names = joint_problem(problems).names
     return joint_problem(
-        [
-            one.keeping_order(theta[indices_of(names, one.names)]) if isinstance(one, ModalProblem) else one
-            for one in problems
-        ]
+        [one.keeping_order(theta[indices_of(names, one.names)]) if compares_modes(one) else one for one in problems]
     )
 
 
@@ -217,7 +217,7 @@ def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -
     whole = joint_problem(problems)
     if not options.matrix_free and (obstacle or dense_search_fits(len(whole.names), whole.n_data)[0]):
         return dense
-    return MatrixFree(max_iterations=options.method.max_iterations, gain_tolerance=_GAIN_TOLERANCE)
+    return inversion.MatrixFree(max_iterations=options.method.max_iterations, gain_tolerance=_GAIN_TOLERANCE)
 
 
 def matrix_free_obstacle(problems: Sequence[RecordProblem], options: IdentifyOptions) -> str:

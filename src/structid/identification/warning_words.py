@@ -110,7 +110,7 @@ def estimate_warnings(estimate: Estimate) -> tuple[str, ...]:
 
 
 def ran_away(estimate: Estimate, problems: Sequence[RecordProblem]) -> tuple[int, ...]:
-    """Indices of positive parameters without prior that ended a factor of 1000 or more from their start.
+    """Indices of positive parameters without prior that ended a factor of `_FAR` or more from their start.
 
     Parameters that are identified in a fit to within the noise do not count, nor does a damping that goes to 0.
     """
@@ -127,7 +127,7 @@ def ran_away(estimate: Estimate, problems: Sequence[RecordProblem]) -> tuple[int
 
 
 def ran_away_words(estimate: Estimate, index: int) -> str:
-    """A clause that says which parameter ran away, from where and to where."""
+    """A clause that says which parameter (at `index`) ran away, from where and to where."""
     unit = "" if estimate.units[index] == "1" else f" {estimate.units[index]}"
     moved = f"from {estimate.initial[index]:.3g} to {estimate.values[index]:.3g}{unit}"
     return f"{estimate.names[index]} ran away ({moved}): not an answer"

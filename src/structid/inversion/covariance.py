@@ -21,7 +21,8 @@ LEAST_FREEDOM = 2.0
 def inverse_information(jacobian: FloatArray) -> FloatArray:
     """Inverse (J'J)^-1 by singular values, (n_params, n_params); NaN for parameters in a null direction.
 
-    A direction is null where its singular value, with unit columns, is below 1e-10 of the largest.
+    A direction is null where its singular value, with unit columns, is below 1e-10 of the largest. `jacobian` is
+    (n_rows, n_params).
     """
     scale = np.linalg.norm(jacobian, axis=0)
     n_params = len(scale)
@@ -40,9 +41,10 @@ def inverse_information(jacobian: FloatArray) -> FloatArray:
 def noise_covariance(problem: Problem, theta: FloatArray, linearization: Linearization) -> FloatArray:
     """Covariance of the free variables from noise alone, (n_params, n_params); NaN for parameters not determined.
 
-    It is A^-1 (J' Sigma J + P'P) A^-1 with A = J'J + P'P, where J are the data rows and P the prior rows of the Jacobian, and
-    Sigma the covariance of the whitened errors by `problem.noise_law`. For independent unit errors it is A^-1; for variances
-    estimated from n averages Sigma is n / (n - 3).
+    It is A^-1 (J' Sigma J + P'P) A^-1 with A = J'J + P'P, where J are the data rows and P the prior rows of the
+    Jacobian, and Sigma the covariance of the whitened errors by `problem.noise_law`. For independent unit errors it is
+    A^-1; for variances estimated from n averages Sigma is n / (n - 3). `theta` (n_params,) are the free variables at
+    which `linearization` was made.
     """
     bread, rows = inverse_information(linearization.jacobian), problem.n_data
     seen = np.isfinite(np.diag(bread))
@@ -59,9 +61,10 @@ def noise_covariance(problem: Problem, theta: FloatArray, linearization: Lineari
 def chi_square_law(problem: Problem, theta: FloatArray, linearization: Linearization) -> tuple[float, float]:
     """Scale and degrees of freedom of the scaled chi-square distribution of the sum of squares under noise alone.
 
-    Where few averages determine the variances of rows, see `row_law`. For rows with correlated errors the residual has the
-    covariance P Sigma P, with P the projection onto the complement of the Jacobian; scale and degrees of freedom match the mean
-    and variance of the sum of squares (Satterthwaite 1946, Biometrics Bull. 2, 110-114).
+    Where few averages determine the variances of rows, see `row_law`. For rows with correlated errors the residual has
+    the covariance P Sigma P, with P the projection onto the complement of the Jacobian; scale and degrees of freedom
+    match the mean and variance of the sum of squares (Satterthwaite 1946, Biometrics Bull. 2, 110-114). `theta`
+    (n_params,) are the free variables at which `linearization` was made.
     """
     freedom = float(max(len(linearization.residual) - linearization.n_params - linearization.n_eliminated, 0))
     changes = problem.noise_law(theta).factor
@@ -104,8 +107,9 @@ def fit_covariance(problem: Problem, theta: FloatArray) -> FloatArray:
 def correlation_length(residual: FloatArray, lines: IntArray, series: IntArray) -> float:
     """Correlation length of a residual in lines: 1 + 2 times the sum of its autocorrelations from lag 1.
 
-    The sum ends before the first autocorrelation below 0.05; the autocovariances are summed over all channels. `lines` and
-    `series` (n_data,) are the line number and the channel number of each row. 1 for a residual of zeros.
+    The sum ends before the first autocorrelation below 0.05; the autocovariances are summed over all channels. `lines`
+    and `series` (n_data,) are the line number and the channel number of each row. 1 for a residual of zeros. `residual`
+    is (n_data,).
     """
     n_lines = int(lines.max(initial=0)) + 1
     numerator = np.zeros(n_lines)
@@ -245,9 +249,9 @@ def larger_covariance(first: FloatArray, second: FloatArray) -> FloatArray:
 def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tuple[IntArray, ...]:
     """Block number of each data row, (n_data,), in one or two groupings: by stretches of lines, and by channels.
 
-    Blocks of lines are about four correlation lengths of `residual` long, at least ten if there are as many lines. The
-    grouping by channels (real and imaginary part together) is left out if there are fewer than four. `lines` and `series`
-    (n_data,) number the line and channel of each row.
+    Blocks of lines are about four correlation lengths of `residual` (n_data,) long, at least ten if there are as many
+    lines. The grouping by channels (real and imaginary part together) is left out if there are fewer than four. `lines`
+    and `series` (n_data,) number the line and channel of each row.
     """
     n_lines = int(lines.max(initial=0)) + 1
     length = 4 * correlation_length(residual, lines, series)

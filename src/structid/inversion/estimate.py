@@ -26,6 +26,7 @@ from structid.inversion.search.minimum import Minimum, StageCourse, squared
 from structid.inversion.search.multistart import (
     DistinctMinimum,
     Search,
+    are_same,
     cost_rank,
     distinct_answers,
     ends_at_other,
@@ -106,7 +107,7 @@ class ParameterValues:
     scale: FloatArray | None = None
 
     def free_std(self, std: FloatArray) -> FloatArray:
-        """Standard deviations (n_params,) of the free variables from those in physical units; NaN where a slope is 0."""
+        """Standard deviations (n_params,) of the free variables from `std` in physical units; NaN where a slope is 0."""
         if self.slope is None:
             return std
         return np.divide(std, np.abs(self.slope), out=np.full(len(std), np.nan), where=self.slope != 0)
@@ -647,7 +648,8 @@ def estimate(
             refit_best()
         columns = fixed.sensitivities_at(problem.names, best.theta, refits.get(best))
         # without a Jacobian, the draws tell first how many degrees of freedom the residual has
-        columns = replace(columns, refit=refit_best) if chosen.is_matrix_free else columns
+        if chosen.is_matrix_free:
+            columns = replace(columns, refit=lambda: fixed.followed(refit_best(), best.theta))
     uncertainty = chosen.uncertainty(problem, best, misfit_probability, search.seed, columns)
     within = refits.get(best)
     theta, residual = best.theta, best.linearization.residual
@@ -697,10 +699,12 @@ def _refit_once(
 ) -> FitWithinTolerances:
     """Refit of `minimum` with fixed values free within their tolerances, cached in `refits`.
 
-    `names` are the names of the parameters in the order of the free variables of `minimum`.
+    Minima that are one answer share one refit. `names` are the names of the parameters in the order of the free variables of
+    `minimum`.
     """
     if minimum not in refits:
-        refits[minimum] = fixed.refit(names, minimum.theta, float(minimum.costs[-1]))
+        shared = next((fit for other, fit in refits.items() if are_same(other, minimum)), None)
+        refits[minimum] = shared or fixed.refit(names, minimum.theta, float(minimum.costs[-1]))
     return refits[minimum]
 
 

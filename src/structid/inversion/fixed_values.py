@@ -46,9 +46,9 @@ class FixedValueInfluence:
     theta : (n_params,) float array
         Free variables of the parameters there; those of the answer where noise explains the residual.
     second_order : (n_params,) float array
-        What `slope` leaves of the way between the two fits, physical units: large where fixed values move resonances by as much as
-        these are wide. It goes with the square of that way, and is that of a way as long as tolerances make it: where other errors
-        of the model ask for more, they do not count as tolerances.
+        Change of the parameters that `slope` leaves out where the fixed values move as far as the data ask, physical units: large
+        where they move resonances by as much as these are wide. Where the data ask for more than tolerances make likely, as
+        other errors of the model do, it is that of a move in the same proportions as long as tolerances make it.
 
     References
     ----------
@@ -105,16 +105,23 @@ class FixedValueInfluence:
     @property
     def words(self) -> str:
         """Tolerances of fixed values in words, such as ``1 % of fixed masses and stiffnesses``."""
-        return tolerance_words(self.kinds, self.tolerance.tolist())
+        return tolerance_words(self.names, self.kinds, self.tolerance.tolist())
 
 
-def tolerance_words(kinds: Sequence[str], tolerances: Sequence[float]) -> str:
+def tolerance_words(names: Sequence[str], kinds: Sequence[str], tolerances: Sequence[float]) -> str:
     """Tolerances of fixed values in words, such as ``1 % of fixed masses and stiffnesses``.
 
-    `kinds` and `tolerances` (relative, 0.01 for 1 %) have one entry for each fixed value; kinds of equal tolerance are joined.
+    `names`, `kinds` and `tolerances` (relative, 0.01 for 1 %) have one entry for each fixed value; kinds of equal tolerance are
+    joined. Where elements of a set err on their own, ``mass[deck:2]``, what they have in common, ``mass[deck]``, is left out: its
+    tolerance is a part of theirs.
     """
+    in_common = {name.rpartition(":")[0] + "]" for name in names if ":" in name}
     kinds_of_size: dict[str, list[str]] = {}
-    pairs = list(zip(kinds, tolerances, strict=True))
+    pairs = [
+        (kind, tolerance)
+        for name, kind, tolerance in zip(names, kinds, tolerances, strict=True)
+        if name not in in_common
+    ]
     for what, several in _CALLED.items():
         sizes = sorted({tolerance for kind, tolerance in pairs if kind in several})
         if sizes:
@@ -127,6 +134,14 @@ def tolerance_words(kinds: Sequence[str], tolerances: Sequence[float]) -> str:
 def limit_of(count: int, probability: float = 1e-3) -> float:
     """Limit in tolerances that any of `count` fixed values exceeds with at most this probability (Bonferroni, two-sided)."""
     return float(special.ndtri(1 - probability / (2 * max(count, 1))))
+
+
+def likely_move(asked: FloatArray) -> FloatArray:
+    """Changes `asked` (n_fixed,) of fixed values, in tolerances, shortened to a mean square of 1 where it is larger.
+
+    1 is what errors as large as the tolerances have; their proportions stay.
+    """
+    return asked / np.sqrt(max(float(asked @ asked) / max(len(asked), 1), 1.0))
 
 
 def _size(parts: list[float]) -> str:
@@ -148,6 +163,10 @@ class FitWithinTolerances:
         Logarithm of each fixed value over what the model has, in tolerances.
     parameters : (n_params,) float array
         Free variables of the parameters alone.
+    likely : (n_fixed,) float array
+        `asked`, shortened by `likely_move` where `FixedValues.followed` was called.
+    followed : (n_params,) float array
+        Free variables of the parameters that fit best where the fixed values are at `likely`; `parameters` if that is `asked`.
     """
 
     problem: Problem
@@ -155,6 +174,8 @@ class FitWithinTolerances:
     at: Linearization | OperatorLinearization
     asked: FloatArray
     parameters: FloatArray
+    likely: FloatArray
+    followed: FloatArray
 
     @property
     def chi_square(self) -> float:
@@ -222,7 +243,7 @@ class FixedColumns:
             kinds=tuple(self.kinds[i] for i in index),
             tolerance=self.tolerance[index],
             columns=self.columns[:, index],
-            within=None if within is None else replace(within, asked=within.asked[index]),
+            within=None if within is None else replace(within, asked=within.asked[index], likely=within.likely[index]),
             refit=None,
         )
 
@@ -253,8 +274,9 @@ class FixedColumns:
         within = self.within
         asked = np.zeros(len(self.names)) if within is None else within.asked
         free = theta if within is None else within.parameters
-        likely = min(1.0, len(asked) / max(float(asked @ asked), 1.0))
-        second_order = likely * (theta - free + changes @ (asked * self.tolerance)) * slope
+        remainder: FloatArray = np.zeros(len(theta))
+        if within is not None:
+            remainder = theta - within.followed + changes @ (within.likely * self.tolerance)
         return FixedValueInfluence(
-            self.names, self.kinds, self.tolerance, changes * slope[:, None], asked, free, second_order
+            self.names, self.kinds, self.tolerance, changes * slope[:, None], asked, free, remainder * slope
         )

@@ -68,9 +68,10 @@ def triangle_of(rows: FloatArray) -> FloatArray:
 
 
 def solve_upper(triangle: FloatArray, right: FloatArray, transposed: bool = False) -> FloatArray:
-    """Solution x of R x = b, or of R'x = b if `transposed`, for an upper triangle R; of the shape of b.
+    """Solution x of R x = b, or of R'x = b if `transposed`, for the upper `triangle` R (n, n) and b, `right`, (n,) or (n, k).
 
-    It has the digits of `scipy.linalg.solve_triangular`, whose checks take several times as long as a small system.
+    It has the digits of `scipy.linalg.solve_triangular`, whose checks take several times as long as a small system. The
+    result has the shape of `right`.
 
     Raises
     ------

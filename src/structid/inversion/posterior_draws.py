@@ -116,8 +116,9 @@ def solved_influence(
 ) -> tuple[FixedValueInfluence | None, str]:
     """Influence of fixed values on the parameters by conjugate gradients, and words on values taken as exact.
 
-    Each fixed value takes one system of equations; a value whose system does not converge is taken as exact. The influence is
-    None if all are, and the words are "" if none is. `precondition` is the `preconditioner` without damping, made if None.
+    Each fixed value takes one system of equations; a value whose system does not converge is taken as exact. The
+    influence is None if all are, and the words are "" if none is. `precondition` is the `preconditioner` without
+    damping, made if None. `theta` (n_params,) are the free variables at which `linearization` was made.
     """
     precondition = precondition or preconditioner(linearization, np.zeros(linearization.n_params))
     rest, kept, changes = np.zeros(linearization.prior.shape[0]), [], []
@@ -140,6 +141,7 @@ def drawn_covariance(
     """Covariance represented by draws `sampled` (n_draws, n_params) of errors of the free variables, in physical units.
 
     Standard deviations are NaN with fewer than two draws, and for parameters with no influence on data and priors.
+    `theta` (n_params,) are the free variables at the answer.
     """
     slope, count = problem.slope(theta), len(sampled)
     std = np.sqrt((sampled**2).mean(axis=0)) if count > 1 else np.full(linearization.n_params, np.nan)

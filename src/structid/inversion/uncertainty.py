@@ -254,7 +254,10 @@ class Spread:
 
     @property
     def correlation(self) -> FloatArray:
-        """Correlation matrix of the parameters; NaN where a variance is not known, or 0."""
+        """Correlation matrix of the parameters; NaN where a variance is not known, or 0.
+
+        It is (n_params, n_params).
+        """
         scale = np.outer(self.std, self.std)
         known = np.isfinite(scale) & (scale > 0)
         return np.divide(self.covariance, scale, out=np.full_like(scale, np.nan), where=known)

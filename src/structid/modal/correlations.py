@@ -129,8 +129,9 @@ def _mean_and_variance(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> FloatArray:
     """Root mean square of every channel over all records, (n_channels,), without subtracting means.
 
-    `series` are the samples of each record, (n_times, n_channels). Raises `InputError` if the standard deviation of a channel
-    is at most 1e-9 of the median of its quantity or of its own root mean square.
+    `series` are the samples of each record, (n_times, n_channels). Raises `InputError` if the standard deviation of a
+    channel is at most 1e-9 of the median of its quantity or of its own root mean square. `channels` and their
+    `quantities` are for the check and its message.
     """
     n_samples = sum(map(len, series))
     moments = [_mean_and_variance(y) for y in series]

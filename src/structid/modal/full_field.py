@@ -66,7 +66,7 @@ class SharedMotions:
 def sample_blocks(values: NDArray[np.floating]) -> Iterator[tuple[slice, NDArray[np.floating]]]:
     """Iterator over blocks of consecutive rows of `values`, which may be a memory map, as (slice of rows, array).
 
-    A block holds about four million entries, but at least 240 rows.
+    A block holds about four million entries, but at least `_ROWS` rows.
     """
     step = max(_ROWS, _AT_ONCE // max(values.shape[1], 1))
     for start in range(0, len(values), step):
@@ -111,7 +111,7 @@ def shared_motions(values: ArrayLike, rank: int = 40, rng: np.random.Generator |
     Notes
     -----
     With no more channels than samples, by the eigenvectors of the covariance: n^2 N operations for n channels and N
-    samples. With more, by a randomized range finder of about rank + 5 columns: 4 n N (rank + 5) operations in two
+    samples. With more, by a randomized range finder of about rank + `_OVERSAMPLING` columns: 4 n N (rank + 5) operations in two
     passes over the samples, and no array larger than n (rank + 5) beside them. Products are taken in the precision of
     the record, a few hundred samples or channels at a time, and added up in double precision.
     """
@@ -131,7 +131,7 @@ def shared_motions(values: ArrayLike, rank: int = 40, rng: np.random.Generator |
     else:
         width = min(-(-(rank + _OVERSAMPLING) // _WIDE) * _WIDE, len(table))
         basis, gram = _nearly_orthonormal(_sketch(table, width, rng or np.random.default_rng(0)))
-    motions, power = _projected(table, basis)
+    motions, power = _project_samples(table, basis)
     if not np.isfinite(power) or power == 0.0:
         words = "only zeros" if power == 0.0 else "NaN or infinite samples"
         raise InputError(f"`values` hold {words}; leave these channels or samples out, or repair the file")
@@ -182,7 +182,7 @@ def _sketch(table: NDArray[np.floating], width: int, rng: np.random.Generator) -
     return sketch
 
 
-def _projected(table: NDArray[np.floating], basis: FloatArray) -> tuple[FloatArray, float]:
+def _project_samples(table: NDArray[np.floating], basis: FloatArray) -> tuple[FloatArray, float]:
     """Projected samples W Q, (n_times, rank), and the sum of squares of the samples W.
 
     `table` (n_times, n_channels) is W and `basis` (n_channels, rank) is Q; rank is the number of its columns.
@@ -214,7 +214,7 @@ def _square_sum(values: NDArray[np.floating]) -> float:
 
 
 def _nearly_orthonormal(sketch: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Basis Q of the column space of `sketch`, orthonormal within 0.1 per entry of Q'Q, and Q'Q.
+    """Basis Q of the column space of `sketch`, orthonormal within `_NEARLY` per entry of Q'Q, and Q'Q.
 
     Q has the shape of `sketch` (n_channels, width). It is zero, with the identity, if `sketch` is not finite.
     """

@@ -127,7 +127,7 @@ def merged_setups(
         )
     notes = _losses(setups, members, shared, frequency_guard)
     notes += [f"set-up {i}: {words}" for i, setup in enumerate(setups, 1) for words in setup.warnings]
-    return _merged(setups, members, notes)
+    return _merge_matched(setups, members, notes)
 
 
 def _require_different(setups: Sequence[ModalRecord], called: Sequence[str]) -> None:
@@ -284,7 +284,7 @@ def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Seq
     return ", ".join(reasons) or "its match is paired with another mode"
 
 
-def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> MergedModes:
+def _merge_matched(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> MergedModes:
     """`MergedModes` of the modes matched by `members`: weighted means of frequencies and damping ratios, and merged shapes.
 
     `members` (n_setups, n_modes) are mode numbers in each set-up, -1 where missing. `notes` are the warnings so far; further
@@ -397,9 +397,10 @@ def _unsure_scatter(n_setups: IntArray) -> FloatArray:
 
 
 def _frequency_agreement(frequency: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Chi-square of each mode's frequencies (n_setups, n_modes) about their mean, and its p-value, (n_modes,) each.
+    """Chi-square of each mode's `frequency` (n_setups, n_modes) about its mean over set-ups, and its p-value, (n_modes,) each.
 
-    Only set-ups that state a variance count; NaN for a mode with fewer than two of them.
+    Only set-ups that state a variance count; NaN for a mode with fewer than two of them. `variance` is shaped as
+    `frequency`, NaN where it is not stated.
     """
     from scipy import special
 
@@ -500,9 +501,10 @@ def _all_stated(
 ) -> list[FloatArray]:
     """Standard deviations of all shape entries of each part, with unstated ones (NaN) replaced by the median of the others.
 
-    `parts` are the shapes of one mode in each set-up, `errors` their standard deviations, `places` the channel indices of
-    their entries; the result is like `errors`, and all 1 if none is stated. The median is taken of errors over the norm of
-    the part at the sensors that all parts have.
+    `parts` are the shapes of one mode in each set-up, `errors` their standard deviations, `places` the channel indices
+    of their entries; the result is like `errors`, and all 1 if none is stated. The median is taken of errors over the
+    norm of the part at the sensors that all parts have. Entries of the three sequences are (n_own_channels,), one for
+    each set-up.
     """
     shared = reduce(np.intersect1d, places)
     sizes = [float(np.linalg.norm(part[np.isin(place, shared)])) for part, place in zip(parts, places, strict=True)]
@@ -585,6 +587,7 @@ def _order(index: Sequence[IntArray]) -> list[int]:
     """Order of the set-ups in which each shares a channel with an earlier one, starting with set-up 0.
 
     `index` are the channel indices of each set-up. Raises `InputError` if a set-up shares no channel with the others.
+    The entries of `index` are (n_own_channels,).
     """
     order, seen, rest = [0], set(index[0].tolist()), list(range(1, len(index)))
     while rest:
@@ -606,8 +609,8 @@ def _best_shape(
 ) -> ComplexArray:
     """Weighted least-squares shape (n_channels,) of the parts, with the scale `factors` of the parts held.
 
-    `errors` are the standard deviations of the parts' entries, `index` their channels; part s is modelled as
-    factors[s] * shape[index[s]].
+    `errors` are the standard deviations of the parts' entries, `index` their channels; part s is modelled as factors[s]
+    * shape[index[s]]. Entries of `parts`, `errors` and `index` are (n_own_channels,), `factors` is (n_setups,).
     """
     top, bottom = np.zeros(n_channels, dtype=np.complex128), np.zeros(n_channels)
     for part, error, own, factor in zip(parts, errors, index, factors, strict=True):

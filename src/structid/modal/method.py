@@ -23,8 +23,8 @@ class ModalOptions:
     Parameters
     ----------
     orders : sequence of int, optional
-        Numbers of states to try; by default 2, 4, ... as far as channels and delays have room, at most 60. One
-        order only gives all its poles that meet `criteria`.
+        Numbers of states to try; by default 2, 4, ... 60, as far as channels and delays have room, and twice as many
+        where there are fewer than four for each likely mode. One order only gives all its poles that meet `criteria`.
     block_rows : int, optional
         Delays on either side of a block Hankel matrix; by default 30, less for short records, more for few channels.
     criteria : HardCriteria

@@ -271,6 +271,7 @@ def by_frequency(
     """`ModalRecord` of modes in any order, sorted by frequency (Hz); covariance and shapes are reordered with them.
 
     Shapes of arguments are those of `ModalRecord`; `others` are its fields `warnings`, `source` and `scaling`.
+    `covariance` (2 n_modes, 2 n_modes) is of frequencies, then damping ratios; None if unknown, as `shape_std`.
     """
     order = np.argsort(frequency, kind="stable")
     both = np.concatenate([order, order + len(order)])
@@ -311,7 +312,7 @@ def _side_by_side(parts: Sequence[FloatArray | None]) -> FloatArray | None:
 
 
 def unit_largest(shapes: NumberArray) -> NumberArray:
-    """Shapes (n_channels, n_modes) with each column divided by its entry of largest magnitude, which becomes 1.
+    """`shapes` (n_channels, n_modes) with each column divided by its entry of largest magnitude, which becomes 1.
 
     NaN entries are passed over; a column of NaN stays NaN.
     """
@@ -321,7 +322,7 @@ def unit_largest(shapes: NumberArray) -> NumberArray:
 
 
 def largest_entries(shapes: NumberArray, empty: float = 0.0) -> FloatArray:
-    """Magnitude of the largest known (not NaN) entry of each column, (n_modes,); `empty` where all are NaN."""
+    """Magnitude of the largest known (not NaN) entry of each column of `shapes`, (n_modes,); `empty` where all are NaN."""
     known = ~np.isnan(shapes)
     sizes = np.where(known, np.abs(shapes), 0.0).max(axis=0, initial=0.0)
     return np.asarray(np.where(known.any(axis=0), sizes, empty))

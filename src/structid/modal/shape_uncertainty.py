@@ -101,7 +101,7 @@ def mac_with_std(first: ModalRecord, second: ModalRecord) -> ShapeQuantity:
 
 
 def _of_every_mode(modes: ModalRecord, quantity: Callable[[ComplexArray], FloatArray]) -> ShapeQuantity:
-    """`ShapeQuantity` (n_modes,) of a function of shapes, with standard deviations from 500 drawn sets of shapes.
+    """`ShapeQuantity` (n_modes,) of a function of shapes, with standard deviations from `_DRAWS` drawn sets of shapes.
 
     `quantity` maps shapes (n_channels, n) to values (n,). Deviations are NaN if `modes` state no errors of shapes.
     """

@@ -92,7 +92,7 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
     """
     options = resolve_options(structure, unknown, options)
     require_sound_model(structure, unknown.values(unknown.start), float(min(options.frequency)))
-    ground = _ground(structure, unknown, options, tolerances or Tolerances())
+    ground = _prepare_selection(structure, unknown, options, tolerances or Tolerances())
     sensors, loads = _best_sensors_and_loads(ground)
     chosen = _at_all_lines(ground, "chosen", sensors, loads)
     installed = None
@@ -119,7 +119,9 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
         next_sensors=_next_sensors(ground, installed or chosen),
         enough=None if lines is None or options.target is None else _smallest_sufficient(ground, chosen, loads, lines),
         identifiability=identifiability(ground.rows(sensors, loads), unknown.start, unknown.names),
-        assumption=tolerance_words(ground.candidates.held_kinds, ground.candidates.tolerance.tolist()),
+        assumption=tolerance_words(
+            ground.candidates.held_names, ground.candidates.held_kinds, ground.candidates.tolerance.tolist()
+        ),
     )
 
 
@@ -186,7 +188,9 @@ class _TestSelection:
         return information_root(rows)
 
 
-def _ground(structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances) -> _TestSelection:
+def _prepare_selection(
+    structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances
+) -> _TestSelection:
     """Information of every pair of candidate sensor and load, and of the priors, at the initial values of `unknown`."""
     held = fixed_properties(structure, unknown, tolerances) if structure.has_matrices else ()
     candidates = Candidates(
@@ -266,7 +270,7 @@ def _at_all_lines(
 ) -> PlannedTest:
     """The test with the candidates of these indices at every line, with its predicted deviations.
 
-    `label` names the test in tables.
+    `label` names the test in tables. `sensors` and `loads` are indices of candidates.
     """
     options = ground.options
     cross = ground.cross[np.ix_(list(sensors), list(loads))].sum(axis=(0, 1))
@@ -302,7 +306,7 @@ def _best_lines(
 ) -> tuple[PlannedTest | None, PlannedTest | None]:
     """The test `chosen` at its `count` most informative lines, and at `count` evenly spaced lines; both None if not asked for.
 
-    `lines` are the information roots of `line_roots`, None if they were not needed.
+    `lines` (n_lines, n_rows, n_params) are the information roots of `line_roots`, None if they were not needed.
     """
     if lines is None or count is None:
         return None, None
@@ -407,6 +411,11 @@ class Candidates:
         return np.array([item.tolerance for item in self.held] + [self.calibration] * (self.calibration > 0))
 
     @property
+    def held_names(self) -> tuple[str, ...]:
+        """Name of each value that has an entry in `tolerance`."""
+        return (*(item.label for item in self.held), *(("calibration",) if self.calibration > 0 else ()))
+
+    @property
     def held_kinds(self) -> tuple[str, ...]:
         """Kind of each value that has an entry in `tolerance`, such as "gain" for the common gain."""
         return (*(item.kind for item in self.held), *(("gain",) if self.calibration > 0 else ()))
@@ -469,8 +478,8 @@ def _row_chunks(
 ) -> Iterator[tuple[slice, slice, FloatArray]]:
     """Chunks of whitened sensitivities, each with the slice of `loads` and the slice of lines that it covers.
 
-    A chunk is (n_lines, n_sensors, n_loads, 2, n_columns): real and imaginary parts, and columns of the parameters, then of the
-    fixed values.
+    A chunk is (n_lines, n_sensors, n_loads, 2, n_columns): real and imaginary parts, and columns of the parameters,
+    then of the fixed values. `sensors` and `loads` are indices of candidates.
     """
     n_params, n_dofs = candidates.parameters.n_params + len(candidates.tolerance), candidates.structure.n_dofs
     has_friction = any(isinstance(element, Friction) for element in candidates.structure.elements)

@@ -258,7 +258,10 @@ def _require_node(structure: Structure, node: int) -> None:
 def _require_mass_at_most(
     name: str, mass: float, most: float, structure: Structure, parameters: Parameters, remedy: str
 ) -> None:
-    """Raise `InputError` if `mass`, kg, is more than `most` times that of the structure; `name` is the argument."""
+    """Raise `InputError` if `mass`, kg, is more than `most` times that of the structure; `name` is the argument.
+
+    `remedy` ends the message.
+    """
     whole = structure.mass_of(parameters.values(parameters.start))
     if mass > most * whole > 0:
         times = "" if most == 1 else f"{most:g} times "

@@ -72,7 +72,7 @@ class IdentifiedModel:
         Raises
         ------
         NoAnswerError
-            If too few of 200 `n_draws` random models lie within the limits.
+            If too few of `_MOST_TRIALS` times `n_draws` random models lie within the limits.
         """
         transforms = self.parameters.transforms
         positive = np.array([kind == "log" for kind in transforms.kinds])

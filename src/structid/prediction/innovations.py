@@ -49,11 +49,11 @@ def mean_square(whitened: FloatArray) -> float:
 
 
 def foretold_part(whitened: FloatArray) -> float:
-    """Sum of the squared correlations of innovations (n_times, n) with earlier ones over lags and pairs of directions, over n.
+    """Squared correlations of innovations `whitened` (n_times, n) with earlier ones, summed over lags and directions, over n.
 
-    Lags run to 50 samples, or a quarter of the record if that is less. Where it is small it is about the part of their variance
-    that a linear prediction from earlier ones would remove; it may exceed 1. Chance alone makes it n n_lags / n_times. Hosking
-    (1980), J. Am. Stat. Assoc. 75, 602-608.
+    Lags run to `_LAGS` samples, or a quarter of the record if that is less. Where it is small it is about the part of their
+    variance that a linear prediction from earlier ones would remove; it may exceed 1. Chance alone makes it n n_lags /
+    n_times. Hosking (1980), J. Am. Stat. Assoc. 75, 602-608.
     """
     rms = np.sqrt(np.mean(whitened**2, axis=0))
     scaled = whitened / np.where(rms > 0, rms, 1.0)
@@ -136,7 +136,8 @@ def judge_innovations(
 def _larger(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
     """Words on whitened innovations (n_times, n) that are significantly larger than those of replicates; "" where they are not.
 
-    Their root mean square must also exceed the geometric mean of those of replicates by more than 20 %; "" too if n is 0.
+    Their root mean square must also exceed the geometric mean of those of replicates by more than 20 %; "" too if n is
+    0. Each of `replicates` is shaped as `whitened`.
     """
     if not whitened.size:
         return ""
@@ -150,7 +151,8 @@ def _larger(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
 def _correlated(whitened: FloatArray, replicates: Sequence[FloatArray], least: float = _FORETOLD) -> str:
     """Words on whitened innovations (n_times, n) that are more correlated in time than those of replicates, else "".
 
-    `least` is the least excess of `foretold_part` over the mean of replicates; "" too if n is 0.
+    `least` is the least excess of `foretold_part` over the mean of replicates; "" too if n is 0. Each of `replicates`
+    is shaped as `whitened`.
     """
     if not whitened.size:
         return ""

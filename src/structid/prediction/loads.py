@@ -24,6 +24,8 @@ _MOST_SAMPLES = 1e7
 def half_sine(amplitude: float, width: float, duration: float, sampling_rate: float) -> FloatArray:
     """Half-sine pulse of `amplitude` and `width`, s, from the start of a record of `duration`, s, (n_times,).
 
+    `sampling_rate` is in Hz.
+
     Raises
     ------
     InputError
@@ -36,6 +38,8 @@ def half_sine(amplitude: float, width: float, duration: float, sampling_rate: fl
 
 def sine(amplitude: float, frequency: float, duration: float, sampling_rate: float) -> FloatArray:
     """Sine of `amplitude` and `frequency`, Hz, that begins at 0, over `duration`, s, (n_times,).
+
+    `sampling_rate` is in Hz.
 
     Raises
     ------
@@ -136,8 +140,8 @@ def _located(path: Path, number: int) -> Iterator[None]:
 def _heading_factors(frequency: str, density: str, is_support: bool | None) -> tuple[float, float]:
     """Factors of the columns with these headings to Hz and to N^2/Hz or (m/s^2)^2/Hz; 1 where they state no unit in brackets.
 
-    `is_support` says that the density must be of an acceleration (True) or a force (False); None accepts both. `InputError` if
-    the unit cannot be read or is of another quantity.
+    `is_support` says that the density must be of an acceleration (True) or a force (False); None accepts both.
+    `InputError` if the unit cannot be read or is of another quantity. `frequency` and `density` are the headings.
     """
     axis, unit = (match[1] if (match := _IN_BRACKETS.search(text)) else "" for text in (frequency, density))
     hertz = parse_frequency_unit(axis) if axis else 1.0
@@ -158,7 +162,10 @@ def _heading_factors(frequency: str, density: str, is_support: bool | None) -> t
 
 
 def _require_samples(duration: float, sampling_rate: float) -> None:
-    """Raise `InputError` unless a history of `duration`, s, has from two to ten million samples."""
+    """Raise `InputError` unless a history of `duration`, s, has from two to ten million samples.
+
+    `sampling_rate` is in Hz.
+    """
     if not duration * sampling_rate >= 2:
         raise InputError(f"`duration` must hold at least two samples, got {duration:g} s", "duration")
     if duration * sampling_rate > _MOST_SAMPLES:
@@ -173,6 +180,7 @@ def _require_rate(value: float, frequency: float, duration: float, sampling_rate
     """Raise `InputError` unless a load of `frequency`, Hz, has at least eight samples a period and fits the record.
 
     `value` is the option that `what` names in errors, and must be positive; the record has 2 to 10 million samples.
+    `duration` is in s, `sampling_rate` in Hz.
     """
     if not (np.isfinite(value) and value > 0):
         raise InputError(f"the {what} must be greater than 0, got {value:g}")

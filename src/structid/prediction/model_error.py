@@ -116,7 +116,10 @@ class ModelError:
         return np.asarray(draws + noise * (std / np.sqrt(2)))
 
     def added_to_histories(self, draws: FloatArray, sampling_rate: float, rng: np.random.Generator) -> FloatArray:
-        """Histories `draws` (n_draws, n_times, n_outputs) with random model errors added, relative at each frequency."""
+        """Histories `draws` (n_draws, n_times, n_outputs) with random model errors added, relative at each frequency.
+
+        `sampling_rate` is in Hz; the result has the shape of `draws`.
+        """
         n_draws, n_times, n_outputs = draws.shape
         padded = next_fast_len(2 * n_times, real=True)
         frequency = np.fft.rfftfreq(padded, 1 / sampling_rate)

@@ -209,9 +209,10 @@ class PoleSum:
         return np.asarray(total)
 
     def combined_frf(self, frequency: FloatArray, orders: Sequence[int]) -> ComplexArray:
-        """FRFs (n_frequencies, n_outputs, n_inputs) of the outputs of `combined`, `frequency` in Hz.
+        """FRFs (n_frequencies, n_outputs, n_inputs) of the outputs of `combined`, at `frequency` (n_frequencies,) in Hz.
 
-        Each derivative is taken by its power of i omega, which keeps digits at low frequencies.
+        Each derivative is taken by its power of i omega, which keeps digits at low frequencies. `orders` are those of
+        `combined`.
         """
         s = (2j * np.pi * frequency)[:, None, None]
         groups = np.split(self.frf(frequency), len(orders), axis=1)

@@ -239,7 +239,8 @@ def _draw_all(
 ) -> list[_ValueAndDraws]:
     """Base of each quantity by the identified model, and by each of the random models, (n_draws, ...), as pairs.
 
-    `structure` and `parameters` may be those after a change. `InputError` for fewer than 50 draws.
+    `structure` and `parameters` may be those after a change. `InputError` for fewer than `_FEWEST` draws. `seed` fixes the
+    random models.
     """
     if n_draws < _FEWEST:
         raise InputError(f"`n_draws` must be at least {_FEWEST} for a 95 % band, got {n_draws}")
@@ -286,7 +287,8 @@ def _evaluated(evaluate: Evaluator, physical: FloatArray) -> NumberArray:
 def parameter_points(model: IdentifiedModel) -> list[FloatArray]:
     """Physical parameters for a reduction: the identified ones, and up to 12 that are off by a large independent error each.
 
-    Each of these is off by two standard deviations of one of the largest errors, and at least 0.001 of the identified value.
+    Each of these is off by two standard deviations of one of the largest errors, and at least 0.001 of the identified
+    value. Entries are (n_params,), in physical units.
     """
     order = np.argsort(-np.linalg.norm(model.factor, axis=0))[:_MOST_POINTS]
     lines = _OFF * np.eye(model.factor.shape[1])[order]
@@ -300,6 +302,7 @@ def _predict_all(
     """Predictions of `quantities` from their bases `drawn` by the identified and the random models, with the model `error`.
 
     The error of a base is drawn once for all quantities that follow from it. `words` say what the uncertainty includes.
+    `seed` fixes the random errors; None for `error` leaves them out.
     """
     missed: dict[int, NumberArray | None] = {}
     predictions = []
@@ -319,7 +322,8 @@ def _with_model_error(
 ) -> NumberArray | None:
     """Draws (n_draws, ...) of FRFs, histories or spectra with random model errors added; None for other quantities.
 
-    `nominal` are the values by the identified model.
+    `nominal` are the values by the identified model. `nominal` are the values by the identified model, `draws` those by
+    the random models, and `seed` fixes the errors.
     """
     rng = np.random.default_rng(seed + 1)
     if isinstance(base, Frf):
@@ -337,7 +341,8 @@ def _with_model_error(
 def _band(quantity: Quantity, nominal: NumberArray, draws: NumberArray, words: str) -> Prediction:
     """Prediction with its 95 % band, from the quantity by the identified model and by the random models (n_draws, ...).
 
-    `words` say what the uncertainty includes. Draws along axes of time or frequency are not kept.
+    `words` say what the uncertainty includes. Draws along axes of time or frequency are not kept. `nominal` is the
+    quantity by the identified model, `draws` (n_draws, ...) those by the random models.
     """
     sizes = np.abs(draws) if np.iscomplexobj(draws) else draws
     # between order statistics so that the truth, which is like one model more, lies inside with the probability LEVEL

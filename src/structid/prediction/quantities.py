@@ -103,7 +103,10 @@ class Frf:
         frequency: Sequence[float] | FloatArray,
         kind: FrfKind = "accelerance",
     ) -> None:
-        """Read the names of sensors and loads, and require an increasing axis of frequencies above 0 Hz."""
+        """Read the names of sensors and loads, and require an increasing axis of frequencies above 0 Hz.
+
+        `outputs` and `inputs` are names such as "12Y+" or objects; `frequency` is (n_frequencies,) in Hz.
+        """
         lines = np.asarray(frequency, dtype=np.float64)
         require_shape("frequency", lines, (None,))
         if not (lines > 0).all():
@@ -185,7 +188,7 @@ class Frf:
             return response_of.outputs, _by_poles(response_of, self.frequency)
         exact = response(structure, parameters, self._record(inputs))
         rows = output_map(structure, self.outputs, order)
-        solved = exact.values_at if self.is_motion else _by_fields(exact, structure, parameters, rows, self)
+        solved = exact.values_at if self.is_motion else _frf_by_fields(exact, structure, parameters, rows, self)
         if structure.n_dofs <= DENSE_UP_TO or not _is_linear(structure):
             return rows, solved
         response_of = linear_response(structure, parameters, points, self.outputs, inputs, order, band)
@@ -215,7 +218,9 @@ def _by_poles(response_of: LinearResponse, frequency: FloatArray) -> Evaluator:
     return lambda physical: response_of.poles_at(physical).combined_frf(frequency, response_of.outputs.orders)
 
 
-def _by_fields(exact: Response, structure: Structure, parameters: Parameters, rows: OutputMap, frf: Frf) -> Evaluator:
+def _frf_by_fields(
+    exact: Response, structure: Structure, parameters: Parameters, rows: OutputMap, frf: Frf
+) -> Evaluator:
     """FRFs of the rows of `rows` as a function of physical parameters, from the motion of all degrees of freedom.
 
     The function returns (n_frequencies, n_rows, n_inputs); the inputs of `frf` are forces.
@@ -288,7 +293,10 @@ class History:
         relative: bool = False,
         is_filtered: bool = False,
     ) -> None:
-        """Read the names of sensors and loads; require finite loads, a positive sampling rate and a known motion."""
+        """Read the names of sensors and loads; require finite loads, a positive sampling rate and a known motion.
+
+        `loads` is (n_times, n_inputs); `sampling_rate` is in Hz.
+        """
         sensors, driven = (
             distinct_channels("outputs", parse_outputs(outputs)),
             distinct_channels("inputs", parse_inputs(inputs)),
@@ -357,8 +365,8 @@ class History:
 def support_acceleration(displacement: FloatArray, sampling_rate: float) -> FloatArray:
     """Acceleration (n_times, n), m/s^2, of supports that move from rest with `displacement` (n_times, n), m.
 
-    It is that of the cubic spline through the samples, which is linear between them, as `History` takes it. The record must
-    begin at 0, where the structure is at rest.
+    It is that of the cubic spline through the samples, which is linear between them, as `History` takes it. The record
+    must begin at 0, where the structure is at rest. `sampling_rate` is in Hz.
 
     Raises
     ------
@@ -550,7 +558,7 @@ class Extremes(DerivedQuantity):
         return self.spectrum
 
     def derived(self, values: NumberArray) -> NumberArray:
-        """Mean or quantile of the largest magnitude, (n_outputs,), from spectral densities (n_frequencies, n_outputs)."""
+        """Mean or quantile of the largest magnitude, (n_outputs,), from spectral densities `values` (n_frequencies, n_outputs)."""
         w = 2 * np.pi * self.spectrum.frf.frequency
         moments = [np.trapezoid(w[:, None] ** k * values.real, w / (2 * np.pi), axis=0) for k in range(3)]
         return np.array([self._maximum(*each) for each in zip(*(m.tolist() for m in moments), strict=True)])
@@ -628,7 +636,10 @@ class NaturalModes:
         mass = structure.matrix("mass", parameters.values(points[0]))
 
         def evaluate(physical: FloatArray) -> FloatArray:
-            """Frequency and damping ratio of the modes that are most like the identified ones, (n_modes, 2)."""
+            """Frequency (Hz) and damping ratio (n_modes, 2) of the modes most like the identified ones.
+
+            `physical` (n_params,) are the parameters.
+            """
             found = structure_modes(structure, parameters.values(physical), n_modes + _MORE_MODES)
             alike = np.abs(first.T @ (mass @ found.mode_shapes))
             order = alike.argmax(axis=1)

@@ -103,10 +103,10 @@ class StateSpace(Shown):
         for name, parts in zip(("a", "b", "c", "d"), zip(*self.draws, strict=True), strict=False):
             content[f"{name}_draws"] = np.stack(parts)
         with atomic_write(path) as temporary:
-            temporary.write_bytes(_bytes_of(path.suffix.lower(), content))
+            temporary.write_bytes(_encode_arrays(path.suffix.lower(), content))
 
 
-def _bytes_of(suffix: str, content: dict[str, object]) -> bytes:
+def _encode_arrays(suffix: str, content: dict[str, object]) -> bytes:
     """Content of a file that holds the arrays of `content` by name, in the format of `suffix`: .npz, .mat or .h5."""
     buffer = io.BytesIO()
     if suffix == ".npz":
@@ -225,9 +225,9 @@ def state_space(
 
 
 def _judged_lines(reduced: ReducedMatrices, low: float, high: float) -> FloatArray:
-    """Frequencies, Hz, increasing, at which an error is judged: 500 evenly spaced, and 25 across each resonance.
+    """Frequencies, Hz, increasing, at which an error is judged: 500 evenly spaced, and `_ACROSS` across each resonance.
 
-    `low` and `high` are the ends of the band, Hz; those outside it are left out.
+    `low` and `high` are the ends of the band, Hz; those outside it are left out. The result is (n_frequencies,).
     """
     omega = reduced.omega[~reduced.is_rigid]
     half = np.diag(reduced.viscous_equivalent())[~reduced.is_rigid] / 2
@@ -285,7 +285,7 @@ class _Equations:
         return len(self.a)
 
     def frf(self, frequency: FloatArray) -> np.ndarray:
-        """FRFs of the equations in continuous time, (n_frequencies, n_outputs, n_inputs)."""
+        """FRFs of the equations in continuous time at `frequency` (Hz), (n_frequencies, n_outputs, n_inputs)."""
         poles, vectors = np.linalg.eig(self.a[self.n_rigid :, self.n_rigid :])
         into = np.linalg.solve(vectors, self.b[self.n_rigid :].astype(complex))
         out = self.c[:, self.n_rigid :] @ vectors
@@ -392,9 +392,9 @@ class _Equations:
 def _reflect_unstable_poles(a: FloatArray, least: float) -> FloatArray:
     """Matrix `a` with unstable poles reflected, so that they decay as fast as they grew.
 
-    Reflected are poles that grow, or decay by less than half of `least` times their size; they then decay by at least 1e-4 of
-    their size. Balancing on a band moves poles outside it across the imaginary axis, or onto it; in the band the reflected ones
-    act alike.
+    Reflected are poles that grow, or decay by less than half of `least` times their size; they then decay by at least
+    1e-4 of their size. Balancing on a band moves poles outside it across the imaginary axis, or onto it; in the band
+    the reflected ones act alike. `a` is (n, n).
     """
     poles, vectors = np.linalg.eig(a)
     slow = poles.real > -0.5 * least * np.abs(poles)

@@ -208,8 +208,9 @@ def _couple_damper(
 ) -> ComplexArray:
     """Receptances (..., n_lines, n_outputs, n_inputs) with a damper coupled at the first output and first input.
 
-    H - H_od z H_di / (1 + z H_dd), where z = -w^2 m (k + i w c) / (k + i w c - w^2 m) is the force that moves the foot of the
-    damper, per displacement. `frequency` (n_lines,) and `tuned` are in Hz, `mass` in kg, `ratio` is the damping ratio.
+    H - H_od z H_di / (1 + z H_dd), where z = -w^2 m (k + i w c) / (k + i w c - w^2 m) is the force that moves the foot
+    of the damper, per displacement. `frequency` (n_lines,) and `tuned` are in Hz, `mass` in kg, `ratio` is the damping
+    ratio. `receptance` is in m/N, `frequency` (n_lines,).
     """
     w, rate = 2 * np.pi * frequency, 2 * np.pi * tuned
     strut = mass * (rate**2 + 2j * ratio * rate * w)

@@ -834,7 +834,8 @@ class _Smoother:
         From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is
         at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with the square root of
         the time, so that the spectral density at high frequencies stays; a stated `std`, N, is kept. For the trust see
-        `with_likeliest_std`. The search goes through all times first, unless that of this smoother `is_near`.
+        `with_likeliest_std`. `std` is estimated too if it is None. The search goes through all times first, unless that of
+        this smoother `is_near`.
         """
         shortest, longest = np.log(_SHORTEST / self.rate), np.log(len(self.channels.measured) / self.rate / 4)
         above = _decades_above(reduced)

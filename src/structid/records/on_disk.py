@@ -262,8 +262,9 @@ def _make_record(
 ) -> OnDiskRecord:
     """The record on disk of an array of samples by channels, after checks of its shape and channels.
 
-    `array` is the dataset's name in HDF5 ("" for NPY), `rate` the sampling rate in Hz, `shape` that of the stored array in
-    either order (samples are rows if both axes fit), and `factors` (n_channels,) scale to SI; None if already in SI.
+    `array` is the dataset's name in HDF5 ("" for NPY), `rate` the sampling rate in Hz, `shape` that of the stored array
+    in either order (samples are rows if both axes fit), and `factors` (n_channels,) scale to SI; None if already in SI.
+    `quantities` are those of the channels.
     """
     count = len(channels)
     if len(shape) != 2 or count not in shape:
@@ -380,8 +381,9 @@ def _sample_chunks(
 ) -> Iterator[tuple[int, int]]:
     """Consecutive ranges (begin, stop) of sample numbers that cover `first` to `last`, stop exclusive.
 
-    A range has at most `longest` samples; without it, the length depends on the size of the record. `last` None means the
-    end. Raises `InputError` if the bounds lie outside of the record or `longest` is below 1.
+    A range has at most `longest` samples; without it, the length depends on the size of the record. `last` None means
+    the end. Raises `InputError` if the bounds lie outside of the record or `longest` is below 1. `n_times` and
+    `n_channels` are the size of the record.
     """
     end = n_times if last is None else last
     if not 0 <= first <= end <= n_times:

@@ -252,7 +252,7 @@ class FrfRecord(Shown):
                 f"no frequency line is left of {self.frequency[0]:g}-{self.frequency[-1]:g} Hz; widen the band"
             )
         decay = None if self.decay is None else self.decay[keep]
-        return _cut(self, (keep,), self.frequency[keep], decay, self.outputs, self.inputs)
+        return _select_lines(self, (keep,), self.frequency[keep], decay, self.outputs, self.inputs)
 
     def channels(self, outputs: tuple[Dof, ...]) -> FrfRecord:
         """The record reduced to `outputs`, in the order of the argument; all inputs stay.
@@ -273,7 +273,7 @@ class FrfRecord(Shown):
         """The record reduced to the outputs and inputs with these indices, in this order."""
         index = np.ix_(range(self.frequency.size), outputs, inputs)
         named = tuple(self.outputs[i] for i in outputs), tuple(self.inputs[i] for i in inputs)
-        return _cut(self, index, self.frequency, self.decay, *named)
+        return _select_lines(self, index, self.frequency, self.decay, *named)
 
     def as_kind(self, kind: FrfKind) -> FrfRecord:
         """The record converted between receptance, mobility and accelerance, by a power of the Laplace variable.
@@ -301,7 +301,7 @@ class FrfRecord(Shown):
 
 
 def _is_magnitude(values: AnyArray) -> bool:
-    """True if values look like magnitudes: real, none negative, and not all equal; False for fewer than 8 values."""
+    """True if values look like magnitudes: real, none negative, and not all equal; False for fewer than `_SEVERAL` values."""
     if values.dtype.kind not in "fiu" or values.size < _SEVERAL:
         return False
     return bool((values >= 0).all() and (values != values.flat[0]).any())
@@ -322,7 +322,7 @@ def _require_within(record: FrfRecord, name: str, array: FloatArray) -> None:
         )
 
 
-def _cut(
+def _select_lines(
     record: FrfRecord,
     index: tuple[np.ndarray, ...],
     frequency: FloatArray,

@@ -18,7 +18,11 @@ _HEADER = (
 
 
 def comparison_table(result: ComparisonResult) -> Table:
-    """Table of all compared parameters, one row each, declared changes first and marked "changed"."""
+    """Table of all compared parameters, one row each, declared changes first and marked "changed".
+
+    Columns are name, unit, values before and after with deviations, relative change, its deviation, p-value, adjusted
+    p-value, mark and detection limit.
+    """
     comparison = result.comparison
     order = comparison.order
     rows: list[tuple[str, ...]] = []

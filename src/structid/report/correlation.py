@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.compare.correlation.correlating import (
-    CORRELATION_PAGE,
-    StudyCorrelation,
-    before_and_after,
-    expansion_sizes,
-)
-from structid.compare.correlation.modes import ModesCorrelation
-from structid.compare.correlation.responses import ResponsesCorrelation
+from structid.compare.correlation.responses import ResponsesCorrelation, correlated_responses
+from structid.core.arrays import FloatArray
 from structid.core.display import first_warnings, plural
+from structid.core.errors import InputError, SingularModelError
 from structid.core.quantities import NOTHING, likeness, number, percent
 from structid.identification.identified import Identification
 from structid.report.figures.correlation import (
@@ -33,6 +30,12 @@ from structid.report.page import Page
 from structid.report.rendering import plot
 from structid.report.tables import Table, printed, provenance_table
 
+if TYPE_CHECKING:
+    from structid.compare.correlation.correlating import StudyCorrelation
+    from structid.compare.correlation.modes import ModesCorrelation
+    from structid.identification.fits.modal_fit import ModalFit
+
+CORRELATION_PAGE = "correlation.html"
 #: Modes of a basis that are named at most.
 _MOST_NAMED = 8
 Figures = dict[str, plot.Figure]
@@ -93,7 +96,7 @@ def expansion_table(part: ModesCorrelation) -> Table | None:
     if part.expanded is None:
         return None
     rows = []
-    for i, (residual, median) in enumerate(expansion_sizes(part)):
+    for i, (residual, median) in enumerate(part.expansion_sizes):
         basis = part.expanded.basis[i]
         made = ", ".join(str(k + 1) for k in basis) if len(basis) <= _MOST_NAMED else f"{len(basis)} modes near it"
         made = made or ("dynamic stiffness" if part.measured.known[:, i].any() else "no shape known")
@@ -233,6 +236,39 @@ def responses_part(parts: Sequence[ResponsesCorrelation], key: str) -> tuple[Fig
 def _count_phrase(word: str, words: str, count: int) -> str:
     inside = words if words[:2].isupper() else words[0].lower() + words[1:]
     return f"{words}." if count == 1 else f"{word.capitalize()} model: {inside}."
+
+
+def before_and_after(
+    identification: Identification,
+) -> tuple[
+    tuple[tuple[ModesCorrelation, ModesCorrelation], ...], tuple[tuple[ResponsesCorrelation, ResponsesCorrelation], ...]
+]:
+    """Comparisons of each record with the initial and with the identified model: of modes, then of responses.
+
+    Both parts hold one pair (initial, identified) for each record of their kind. A record whose model cannot be evaluated, as
+    after a search that failed, is left out.
+    """
+    modal, responses = [], []
+    for modal_fit in identification.modal_fits:
+        with suppress(InputError, SingularModelError):
+            values = modal_fit.initial_values, modal_fit.problem.physical(modal_fit.theta)
+            before, after = (_fitted_modes(modal_fit, physical) for physical in values)
+            modal.append((before, after))
+    for fit in identification.fits:
+        with suppress(InputError):
+            record, both = fit.evaluation, (fit.evaluation_initial, fit.evaluation_predicted)
+            first, last = (correlated_responses(record, model, fit.name) for model in both)
+            responses.append((first, last))
+    return tuple(modal), tuple(responses)
+
+
+def _fitted_modes(fit: ModalFit, physical: FloatArray) -> ModesCorrelation:
+    from structid.compare.correlation.modes import correlated_modes  # for records of modes alone
+    from structid.compare.correlation.options import DEFAULT
+
+    problem = fit.problem
+    values = problem.property_values(physical)
+    return correlated_modes(problem.structure, values, fit.measured, DEFAULT, problem.settings, fit.name)
 
 
 def side_by_side_chapter(identification: Identification) -> tuple[Figures, list[dict[str, object]]]:

@@ -35,7 +35,7 @@ _HEADER = (
 def plan_text(plan: Plan, title: str, notes: tuple[str, ...]) -> list[RenderableType]:
     """Terminal text of a test plan: options, compared tests, next sensor, sufficient tests, parameters, collinear groups.
 
-    `notes` are remarks on the study, put first.
+    `notes` are remarks on the study, put first. `title` is the heading.
     """
     parts: list[RenderableType] = [Text(title, style="bold"), *(Text(f"note: {note}") for note in notes)]
     parts.append(Text(options_text(plan)))

@@ -86,7 +86,7 @@ def _interval(part: Prediction, index: tuple[int, ...], factor: float = 1.0) -> 
 def heading(prediction: StudyPrediction) -> str:
     """Heading in one line: the predicted quantities, the folder, loads and changes."""
     kinds = (
-        (_called(prediction.frf), prediction.frf),
+        (_frf_name(prediction.frf), prediction.frf),
         ("history", prediction.history),
         ("spectra", prediction.spectrum),
     )
@@ -96,7 +96,7 @@ def heading(prediction: StudyPrediction) -> str:
     return f"{words}; {', '.join(prediction.changes)}" if prediction.changes else words
 
 
-def _called(frf: Prediction | PredictedChange | None) -> str:
+def _frf_name(frf: Prediction | PredictedChange | None) -> str:
     """The name of predicted FRFs in the heading: "FRFs", or "transmissibilities" where supports move."""
     part = frf.before if isinstance(frf, PredictedChange) else frf
     is_moved = part is not None and isinstance(part.quantity, Frf) and part.quantity.kind == "transmissibility"

@@ -161,7 +161,7 @@ def table_text(table: Table) -> TableText:
         if not np.isfinite(printed).any():
             groups.append((unit_text(heading), 1))
             subheadings.append("")
-            columns.append([_whole(value) for value in computed.tolist()])
+            columns.append([_unpaired_text(value) for value in computed.tolist()])
             continue
         groups.append((unit_text(heading), 3))
         subheadings += ["printed", "computed", "difference"]
@@ -169,7 +169,7 @@ def table_text(table: Table) -> TableText:
         columns.append([digits.text(value) for value in printed.tolist()])
         more = 0 if digits.decimals == 0 and _is_whole(computed) else _MORE_DECIMALS
         columns.append([digits.text(value, more) for value in computed.tolist()])
-        columns.append([_signed(value) for value in table.difference[:, j].tolist()])
+        columns.append([_difference_text(value) for value in table.difference[:, j].tolist()])
     cells = zip(*columns, strict=True) if columns else [()] * len(table.rows)
     rows = zip(map(unit_text, table.rows), cells, strict=True)
     return TableText(tuple(groups), tuple(subheadings), tuple(rows))
@@ -208,15 +208,15 @@ class _Digits:
         return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", MINUS)
 
 
-def _whole(value: float) -> str:
-    """Text of a number without a printed partner: whole numbers below 1e5 with all digits, others with four digits."""
+def _unpaired_text(value: float) -> str:
+    """Text of `value` without a printed partner: whole numbers below 1e5 with all digits, others with four digits."""
     if np.isfinite(value) and value == round(value) and abs(value) < 1e5:
         return f"{value:.0f}".replace("-", MINUS)
     return number(value)
 
 
-def _signed(value: float) -> str:
-    """Text of a difference with its sign and two significant digits; a dash if it is not finite."""
+def _difference_text(value: float) -> str:
+    """Text of the difference `value` with its sign and two significant digits; a dash if it is not finite."""
     if not np.isfinite(value):
         return NOTHING
     if value == 0:

@@ -175,7 +175,10 @@ def element_sets(group: ParameterGroup) -> tuple[tuple[str, ...], ...]:
 
 
 def _varies(numbers: np.ndarray, first: IntArray) -> np.ndarray:
-    """True for each parameter (n_params,) whose entries, which begin at `first`, have different `numbers`."""
+    """True for each parameter (n_params,) whose entries, which begin at `first`, have different `numbers`.
+
+    `numbers` is (n_entries,), `first` (n_params,).
+    """
     if not len(first):
         return np.zeros(0, dtype=bool)
     return np.asarray(np.maximum.reduceat(numbers, first) > np.minimum.reduceat(numbers, first))
@@ -188,7 +191,7 @@ def label_of(unknown: Unknown) -> str:
 
 
 def _select_entries(table: Sequence[Entry], positions: IntArray) -> tuple[Entry, ...]:
-    """`table` at `positions`."""
+    """Entries of `table` at `positions` (n,), in their order; a table of one entry has it everywhere."""
     if len(table) == 1:
         return (table[0],) * len(positions)
     return tuple([table[i] for i in positions.tolist()])
@@ -261,8 +264,8 @@ def _neighbour_groups(
 ) -> tuple[IntArray, IntArray]:
     """First and last element row, from 0, of the group of neighbours that shares a parameter, (n_entries,) each.
 
-    `number` (n_entries,) is the index of the element set in `names`, and `row` the element row of each entry; `unknown.each`
-    is the size of a group.
+    `number` (n_entries,) is the index of the element set in `names`, and `row` the element row of each entry;
+    `unknown.each` is the size of a group. `row` is (n_entries,), from 0.
 
     Raises
     ------
@@ -303,8 +306,8 @@ def _make_field_group(
 ) -> ParameterGroup:
     """The group of a field: one parameter, a factor, for each shape function of its coarse grid that an element sees.
 
-    `indices` (n_entries,) are places among the property values, `item` (n_entries,) the property of each in `items`. Raises
-    `InputError` if `each`, `tied_to` or `factor = false` are set too.
+    `indices` (n_entries,) are places among the property values, `item` (n_entries,) the property of each in `items`.
+    Raises `InputError` if `each`, `tied_to` or `factor = false` are set too. Names of parameters begin with `label`.
     """
     assert unknown.field is not None
     if unknown.each or unknown.tied_to is not None or unknown.factor is False:
@@ -345,7 +348,7 @@ def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Pr
     """Pairs of a property and its element rows that the property `wanted` and `text`, an entry of `elements`, select.
 
     `text` is an element set such as ``girder``, or part of one such as ``girder:2-5``; rows count from 0. ``stiffness``
-    stands for all stiffnesses of a set that has no property of that name.
+    stands for all stiffnesses of a set that has no property of that name. Rows are (n_rows,).
 
     Raises
     ------

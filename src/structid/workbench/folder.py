@@ -320,7 +320,9 @@ def _no_folder(path: Path) -> str:
 
 
 def typed_folder(text: str) -> Path:
-    """Path of a folder as typed or pasted by a user: absolute or from ``~``, with or without quotes; it need not exist.
+    """Path of a folder from `text` as typed or pasted by a user: absolute or from ``~``, with or without quotes.
+
+    The folder need not exist.
 
     Raises
     ------
@@ -422,7 +424,7 @@ def read_json(path: Path, follow: bool = True) -> Any:
 
 
 def parse_json(content: bytes | str) -> Any:
-    """Value of a JSON text; None if it is not valid JSON. Numbers that are not finite become None too."""
+    """Value of the JSON text `content`; None if it is not valid JSON. Numbers that are not finite become None too."""
     try:
         return json.loads(content, parse_constant=lambda _: None, parse_float=_finite)
     except (ValueError, RecursionError):

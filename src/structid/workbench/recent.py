@@ -15,7 +15,7 @@ _COMMANDS, _MOST_COMMANDS = "confirmed_commands.json", 500
 
 def recent_folders() -> list[str]:
     """Up to 12 folders that were open before and still exist, the latest first."""
-    return [path for path in _kept(_FOLDERS) if Path(path).is_absolute() and Path(path).is_dir()][:_MOST_FOLDERS]
+    return [path for path in _read_list(_FOLDERS) if Path(path).is_absolute() and Path(path).is_dir()][:_MOST_FOLDERS]
 
 
 def remember(folder: Path) -> None:
@@ -25,7 +25,7 @@ def remember(folder: Path) -> None:
 
 def is_confirmed(confirmation: str) -> bool:
     """True if the user has confirmed the command with this `confirmation`, see `confirmation_of`."""
-    return confirmation in _kept(_COMMANDS)
+    return confirmation in _read_list(_COMMANDS)
 
 
 def remember_confirmed(confirmation: str) -> None:
@@ -33,7 +33,7 @@ def remember_confirmed(confirmation: str) -> None:
     _put_first(_COMMANDS, confirmation, _MOST_COMMANDS)
 
 
-def _kept(name: str) -> list[str]:
+def _read_list(name: str) -> list[str]:
     """Texts in the JSON list `name` of the user's state folder, without repeats; [] if it is missing or no list."""
     with suppress(OSError):
         listed = read_json(state_folder() / name)
@@ -43,4 +43,4 @@ def _kept(name: str) -> list[str]:
 
 def _put_first(name: str, entry: str, most: int) -> None:
     with suppress(OSError):
-        write_private(state_folder() / name, json.dumps(list(dict.fromkeys([entry, *_kept(name)]))[:most]))
+        write_private(state_folder() / name, json.dumps(list(dict.fromkeys([entry, *_read_list(name)]))[:most]))

@@ -47,7 +47,7 @@ class Run:
         return self.folder.name
 
     @cached_property
-    def _told(self) -> dict[str, Any]:
+    def _read_run_file(self) -> dict[str, Any]:
         """Content of ``run.json``, without invalid entries: study, results, start time, process number and birth time.
 
         Empty if a path leads out of the folder. Times are in seconds since 1970.
@@ -72,7 +72,7 @@ class Run:
 
     def _process(self) -> psutil.Process | None:
         """Process of this run, or None if it has ended or another process now has its number."""
-        told = self._told
+        told = self._read_run_file
         with suppress(psutil.Error, KeyError, TypeError):
             process = psutil.Process(int(told["pid"]))
             is_same = abs(process.create_time() - float(told["born"])) < _SAME_SECONDS
@@ -115,7 +115,7 @@ class Run:
 
         ``started`` is in seconds since 1970 (0 if unknown); ``can_resume`` is True if the run has ended and left a checkpoint.
         """
-        told, state = self._told, self.state
+        told, state = self._read_run_file, self.state
         results = str(told.get("results", ""))
         checkpoint = self.opened.root / f"{results}.checkpoint" / "run.json"
         return {

@@ -45,7 +45,7 @@ class CrossSection:
 
 
 def rectangle(height: float, width: float) -> CrossSection:
-    """Section properties of a solid rectangle with sides in m; torsion constant by Roark's formula, accurate to 0.5 %."""
+    """Section properties of a solid rectangle of this `height` and `width`, m; torsion constant by Roark's formula to 0.5 %."""
     long, short = max(height, width), min(height, width)
     torsion = long * short**3 * (1 / 3 - 0.21 * short / long * (1 - short**4 / (12 * long**4)))
     return CrossSection(height * width, width * height**3 / 12, height * width**3 / 12, torsion)
@@ -93,7 +93,7 @@ def box(height: float, width: float, wall: float) -> CrossSection:
 def rolled_i(height: float, width: float, web: float, flange: float, fillet: float) -> CrossSection:
     """Section properties of a rolled I or H profile with parallel flanges and round fillets.
 
-    `web` and `flange` are thicknesses, `fillet` is the radius; all in m.
+    `web` and `flange` are thicknesses, `fillet` is the radius; all in m. `height` and `width` are the outer sides.
     """
     corner = (1 - math.pi / 4) * fillet**2
     offset = fillet * (10 - 3 * math.pi) / (12 - 3 * math.pi)  # of its centroid from the corner

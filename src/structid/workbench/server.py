@@ -86,7 +86,7 @@ def application(benches: Workbenches) -> Guard:
         task.cancel()
         benches.close()
 
-    routes = [Route(path, _told(handler), methods=[method]) for method, path, handler in ROUTES]
+    routes = [Route(path, _with_json_errors(handler), methods=[method]) for method, path, handler in ROUTES]
     return Guard(Starlette(routes=routes, lifespan=life), benches.port, benches.opened)
 
 
@@ -112,7 +112,7 @@ async def _housekeeping(benches: Workbenches) -> None:
         reap()
 
 
-def _told(handler: Handler) -> Callable[[Request], Awaitable[Response]]:
+def _with_json_errors(handler: Handler) -> Callable[[Request], Awaitable[Response]]:
     """Request handler that answers errors of `handler` as JSON ``{"error": message}`` with an HTTP status.
 
     409 for a changed file, 403 for a path outside the folder, 422 for other errors of structid, 400 for a wrong request, 507

@@ -29,7 +29,7 @@ def study_answer(text: str, digest: str) -> dict[str, Any]:
         return {"text": text, "digest": digest, "table": None, "broken": {"line": line, "words": str(error)}}
     if len(text) > _LONG:
         table = {name: part for name, part in table.items() if name != "structure"}
-    return {"text": text, "digest": digest, "table": _plain(table), "broken": None}
+    return {"text": text, "digest": digest, "table": _as_json_value(table), "broken": None}
 
 
 @cache
@@ -57,12 +57,12 @@ def reading_keys() -> list[dict[str, Any]]:
     return found
 
 
-def _plain(value: Any) -> Any:
+def _as_json_value(value: Any) -> Any:
     """Copy of `value` that can be written as JSON: dates, times and non-finite numbers become text."""
     if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
+        return {key: _as_json_value(one) for key, one in value.items()}
     if isinstance(value, list):
-        return [_plain(one) for one in value]
+        return [_as_json_value(one) for one in value]
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     return str(value) if isinstance(value, datetime.date | datetime.time) else value

@@ -19,10 +19,11 @@ from structid import (
     simulated_time_record,
     write_record,
 )
-from structid.compare.correlation.correlating import before_and_after, correlate, correlation_summary, expanded_record
+from structid.compare.correlation.correlating import correlate, correlation_summary, expanded_record
 from structid.dynamics.normal_modes import modes
 from structid.forward import TimeOptions
 from structid.modal.formats.files import read_modes
+from structid.report.correlation import before_and_after
 from structid.study.results.folder import write_results
 from structid.study.run.run import run_study
 from study_cases import write_chain

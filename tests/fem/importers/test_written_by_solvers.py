@@ -59,6 +59,7 @@ def test_numbers_without_blanks_between_them_and_unsymmetric_or_complex_values_a
     [
         (lambda t: t[:-26], "there are fewer numbers than it says"),
         (lambda t: "\n".join(t.split("\n")[:15]), "there are fewer lines than it says"),
+        (lambda t: t + t.split("\n")[-2] + "\n", "there are more lines than it says"),
         (lambda t: t.replace("RSA", "PSA"), "is of type PSA; assembled matrices with real or complex values"),
         (lambda t: t.replace("D-03", "D-0X"), "must hold numbers, got '1.000000000000000D-0X'"),
         (lambda t: t.replace(f"{10:14d}", f"{11:14d}", 1), "the columns do not add up to the number of entries"),

@@ -34,11 +34,11 @@ def correlate(
       structid correlate wing.toml --expansion dynamic --model-error 0.01
     """
     from structid.cli.tables import show  # the help needs none of these
-    from structid.compare.correlation.correlating import CORRELATION_PAGE, correlation_summary, expanded_record
     from structid.compare.correlation.correlating import correlate as correlated
+    from structid.compare.correlation.correlating import correlation_summary, expanded_record
     from structid.core.json_types import json_text
     from structid.modal.formats.files import write_modes
-    from structid.report.correlation import correlation_page, correlation_text
+    from structid.report.correlation import CORRELATION_PAGE, correlation_page, correlation_text
     from structid.study.results.folder import staged_folder
     from structid.study.schema.study import load_study
 

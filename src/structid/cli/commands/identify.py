@@ -185,7 +185,10 @@ def identify(
 
 
 def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
-    """Write the results into `folder`, with a report if `report`, and return the name of the file to read first."""
+    """Write the results into `folder`, with a report if `report`, and return the name of the file to read first.
+
+    With `png` the figures of the report are written as PNG files too.
+    """
     from structid.study.results.folder import write_results
 
     write_results(result, folder)

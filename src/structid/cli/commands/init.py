@@ -58,7 +58,7 @@ def init(
 
 
 def _parse_settings(pairs: list[str]) -> dict[str, str]:
-    """Values by name from texts ``NAME=VALUE``; hyphens in names become underscores.
+    """Values by name from `pairs`, texts ``NAME=VALUE`` of a flag; hyphens in names become underscores.
 
     Raises `InputError` if a text has no "=".
     """

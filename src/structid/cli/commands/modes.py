@@ -101,7 +101,8 @@ def _track(
 ) -> None:
     """Track modes over several records or files of modes, in the order given, and write the tracks.
 
-    A folder in `results` stands for its files, sorted by name.
+    A folder in `results` stands for its files, sorted by name. `geometry` is a file of node positions or None, `out`
+    the results folder (None for its default name); `report` and `png` ask for the page and its figures.
     """
     from structid.cli.tables import show  # the help needs none of these
     from structid.core.display import file_names
@@ -139,7 +140,10 @@ def _files_of(folder: Path) -> list[Path]:
 def _merge(
     paths: list[Path], options: ModesOptions, read: ReadOptions, geometry: Path | None, out: Path | None
 ) -> None:
-    """Merge the modes of several set-ups from files of modes, and write them in the formats that a study can read."""
+    """Merge the modes of several set-ups from files of modes, and write them in the formats that a study can read.
+
+    `geometry` is a file of node positions or None, `out` the results folder (None for its default name).
+    """
     from structid.cli.tables import show
     from structid.core.display import file_names
     from structid.modal.formats.files import read_modes

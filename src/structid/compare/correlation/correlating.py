@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
@@ -14,12 +13,10 @@ from structid.compare.correlation.modes import ModesCorrelation, correlated_mode
 from structid.compare.correlation.options import DEFAULT, CorrelateOptions
 from structid.compare.correlation.responses import ResponsesCorrelation, correlated_responses
 from structid.core.arrays import FloatArray
-from structid.core.errors import InputError, SingularModelError
+from structid.core.errors import InputError
 from structid.core.json_types import StoredEntry
 from structid.core.provenance import Provenance
-from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import FittedUnknowns
-from structid.identification.identified import Identification
 from structid.identification.setups.setup import AnySetup, titles
 from structid.modal import ModalRecord
 from structid.study.results.hdf5 import stored_values
@@ -30,7 +27,6 @@ from structid.study.schema.records.modes import ModesSource
 from structid.study.schema.study import Study
 
 Correlation: TypeAlias = ModesCorrelation | ResponsesCorrelation
-CORRELATION_PAGE = "correlation.html"
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +130,7 @@ def _compare_responses(
 
 
 def values_at(names: tuple[str, ...], start: FloatArray, values: Mapping[str, float]) -> FloatArray:
-    """Start values (n,), replaced by the values of the same names in `values`.
+    """Values (n,) of the parameters `names`: their `start` (n,), replaced by the entry of `values` where it has the name.
 
     Raises
     ------
@@ -144,36 +140,6 @@ def values_at(names: tuple[str, ...], start: FloatArray, values: Mapping[str, fl
     if values and not any(name in values for name in names):
         raise InputError("the results folder holds none of the study's parameters; give the folder of this study's run")
     return np.array([values.get(name, own) for name, own in zip(names, start.tolist(), strict=True)])
-
-
-def before_and_after(
-    identification: Identification,
-) -> tuple[
-    tuple[tuple[ModesCorrelation, ModesCorrelation], ...], tuple[tuple[ResponsesCorrelation, ResponsesCorrelation], ...]
-]:
-    """Comparisons of each record with the initial and with the identified model: of modes, then of responses.
-
-    Both parts hold one pair (initial, identified) for each record of their kind. A record whose model cannot be evaluated, as
-    after a search that failed, is left out.
-    """
-    modal, responses = [], []
-    for modal_fit in identification.modal_fits:
-        with suppress(InputError, SingularModelError):
-            values = modal_fit.initial_values, modal_fit.problem.physical(modal_fit.theta)
-            before, after = (_fitted_modes(modal_fit, physical) for physical in values)
-            modal.append((before, after))
-    for fit in identification.fits:
-        with suppress(InputError):
-            record, both = fit.evaluation, (fit.evaluation_initial, fit.evaluation_predicted)
-            first, last = (correlated_responses(record, model, fit.name) for model in both)
-            responses.append((first, last))
-    return tuple(modal), tuple(responses)
-
-
-def _fitted_modes(fit: ModalFit, physical: FloatArray) -> ModesCorrelation:
-    problem = fit.problem
-    values = problem.property_values(physical)
-    return correlated_modes(problem.structure, values, fit.measured, DEFAULT, problem.settings, fit.name)
 
 
 def correlation_summary(correlation: StudyCorrelation) -> dict[str, StoredEntry]:
@@ -236,28 +202,10 @@ def _modes_summary(part: ModesCorrelation) -> dict[str, StoredEntry]:
                     "relative_residual": residual,
                     "median_std": median,
                 }
-                for i, (residual, median) in enumerate(expansion_sizes(part))
+                for i, (residual, median) in enumerate(part.expansion_sizes)
             ],
         },
     }
-
-
-def expansion_sizes(part: ModesCorrelation) -> list[tuple[float, float]]:
-    """Pairs (relative residual at the sensors, relative median deviation) of each expanded shape; empty without an expansion.
-
-    The residual is relative to the norm of the measured shape, the deviation to the largest entry of the expanded one. NaN
-    where these are zero or unknown.
-    """
-    expanded = part.expanded
-    if expanded is None:
-        return []
-    size = np.abs(expanded.shapes).max(axis=0)
-    residual_energy, shape_energy = (np.nansum(values**2, axis=0) for values in (expanded.residual, part.shapes))
-    residual = np.sqrt(
-        np.divide(residual_energy, shape_energy, out=np.full(len(shape_energy), np.nan), where=shape_energy > 0)
-    )
-    median = np.median(expanded.std, axis=0) / np.where(size > 0, size, np.nan)
-    return list(zip(residual.tolist(), median.tolist(), strict=True))
 
 
 def _responses_summary(part: ResponsesCorrelation) -> dict[str, StoredEntry]:

@@ -66,6 +66,24 @@ class ModesCorrelation:
     options: CorrelateOptions
     notes: tuple[str, ...]
 
+    @property
+    def expansion_sizes(self) -> list[tuple[float, float]]:
+        """Pairs (relative residual at the sensors, relative median deviation) of each expanded shape; empty without an expansion.
+
+        The residual is relative to the norm of the measured shape, the deviation to the largest entry of the expanded one. NaN
+        where these are zero or unknown.
+        """
+        expanded = self.expanded
+        if expanded is None:
+            return []
+        size = np.abs(expanded.shapes).max(axis=0)
+        residual_energy, shape_energy = (np.nansum(values**2, axis=0) for values in (expanded.residual, self.shapes))
+        residual = np.sqrt(
+            np.divide(residual_energy, shape_energy, out=np.full(len(shape_energy), np.nan), where=shape_energy > 0)
+        )
+        median = np.median(expanded.std, axis=0) / np.where(size > 0, size, np.nan)
+        return list(zip(residual.tolist(), median.tolist(), strict=True))
+
     @cached_property
     def sensors(self) -> sparse.csc_array:
         """Selection of the sensors among the degrees of freedom of the model, a sparse array (n_dofs, n_channels)."""
@@ -123,8 +141,8 @@ class ModesCorrelation:
     def shown(self) -> IntArray:
         """Indices of the model modes to show beside the measured ones, ascending.
 
-        These are all with a pair, and those that move a sensor and lie between 0.6 times the lowest and 1.4 times the highest
-        measured frequency.
+        These are all with a pair, and those that move a sensor and lie between 0.6 times the lowest and 1.4 times the
+        highest measured frequency. The result is (n_shown,), counted from 0.
         """
         f, g = self.measured.frequency, self.model.frequency
         near = (g >= _SHOWN[0] * f[0]) & (g <= _SHOWN[1] * f[-1]) & _moving(self.pairing)
@@ -214,7 +232,7 @@ def _too_far(correlation: ModesCorrelation) -> dict[int, int]:
 
 
 def _reversed_sensor(correlation: ModesCorrelation) -> list[str]:
-    """A sentence on the sensor whose reversed sign raises the mean MAC most; empty unless it rises by 0.05 or more.
+    """A sentence on the sensor whose reversed sign raises the mean MAC most; empty unless it rises by `_TURNED` or more.
 
     Empty as well for fewer than two modes or three sensors, and where the mean MAC stays below the least MAC of a pair.
     """

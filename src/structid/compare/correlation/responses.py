@@ -51,7 +51,7 @@ class ResponsesCorrelation:
 
     @cached_property
     def map_lines(self) -> np.ndarray:
-        """Positions of the lines of `fdac`, at most 90, evenly spread, (n_shown,)."""
+        """Positions of the lines of `fdac`, at most `_MOST_LINES`, evenly spread, (n_shown,)."""
         return evenly_spaced_indices(len(self.record.frequency), _MOST_LINES)
 
     @cached_property

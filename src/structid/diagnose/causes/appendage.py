@@ -41,7 +41,8 @@ class Appendage(Candidate):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate appendages at up to 24 nodes of the first record's model and those of its channels, one for each frequency.
 
-        Rotations count only at nodes that do not translate, as in drive trains.
+        Rotations count only at nodes that do not translate, as in drive trains. `records` are the receptances of each
+        record of one structure, `record_names` their names.
         """
         first = records[0]
         nodes = set(spread(sorted(chosen_nodes(first)), _MOST_NODES))
@@ -57,7 +58,8 @@ class Appendage(Candidate):
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
         """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by masses (kg) on a spring.
 
-        A unit mass on a spring k = (2 pi f)^2 (1 + i eta) adds s^2 k / (s^2 + k) to Z.
+        A unit mass on a spring k = (2 pi f)^2 (1 + i eta) adds s^2 k / (s^2 + k) to Z. `strengths` (n_strengths,) are
+        the masses.
         """
         k = (2 * np.pi * self.frequency) ** 2 * (1 + 1j * _LOSS)
         law = receptances.laplace**2 * k / (receptances.laplace**2 + k)

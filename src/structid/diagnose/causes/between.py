@@ -75,7 +75,7 @@ class SensorBetween(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        for channel, other, bends in _lines(records, 1):
+        for channel, other, bends in _channels_and_neighbours(records, 1):
             where = (channel.dof.place, other.place)
             yield cls(where=where, strengths=_PARTS, record=channel.record, bends=bends)
 
@@ -109,8 +109,11 @@ class LoadBetween(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate places of each measured force on bars and beams from its node to neighbours; none for support motions."""
-        for channel, other, bends in _lines(records, 2):
+        """Candidate places of each measured force on bars and beams from its node to neighbours; none for support motions.
+
+        `records` are the receptances of each record of one structure, `record_names` their names.
+        """
+        for channel, other, bends in _channels_and_neighbours(records, 2):
             if records[channel.record].problem.facts.measures_force:
                 where = (channel.dof.place, other.place)
                 yield cls(where=where, strengths=_PARTS, record=channel.record, bends=bends)
@@ -125,7 +128,7 @@ class LoadBetween(Candidate):
         return f"the force at {self.where[0]} acts between its node and that of {self.where[1]}"
 
 
-def _lines(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Channel, Dof, bool]]:
+def _channels_and_neighbours(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Channel, Dof, bool]]:
     """Pairs of a channel and a neighbouring node, with the kind of element between: sensors for axis 1, loads for axis 2.
 
     Each is (channel, degree of freedom in its direction at the neighbour, True for a beam or False for a bar). Rotations have

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABCMeta, abstractmethod
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -20,7 +21,7 @@ POSITIVE = (0.0, np.inf)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Candidate:
+class Candidate(metaclass=ABCMeta):
     """One change that might explain a misfit; each kind is a class of its own.
 
     Attributes
@@ -74,6 +75,7 @@ class Candidate:
         """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs); 0 by default, where only a fit shows the change."""
         return np.zeros((len(strengths), *receptances.frf.shape), dtype=np.complex128)
 
+    @abstractmethod
     def edits(self, model: TestedModel, strength: float) -> Edits:
         """The edits that make the change.
 
@@ -82,11 +84,10 @@ class Candidate:
         InputError
             If the model has no place for it.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def sentence(self, value: float | None) -> str:
         """Clause that states the change; `value` is the fitted value of its parameter, None where it has none."""
-        raise NotImplementedError
 
     def named_kind(self, value: float | None) -> str:
         """Name of the kind in results."""

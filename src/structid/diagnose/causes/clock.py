@@ -51,7 +51,10 @@ class Clock(Candidate):
         return [ScaleAxis(strength)]
 
     def sentence(self, value: float | None) -> str:
-        """A clause that states the factor `value` on the time or frequency axis, and the unit that it may come from."""
+        """A clause that states the factor `value` on the time or frequency axis, and the unit that it may come from.
+
+        None for `value` leaves numbers out.
+        """
         size, stiffness = (
             ("one factor", "one factor") if value is None else (f"a factor of {value:.4g}", f"{value**-2:.4g} times")
         )

@@ -45,6 +45,11 @@ class FixedValue(Candidate):
                 yield cls(where=names)
 
     @property
+    def family(self) -> str:
+        """Name of the property: masses do not compete with stiffnesses for a place."""
+        return f"{self.kind} {_property(self)}"
+
+    @property
     def handicap(self) -> float:
         return _OF_ALL if len(self.where) > 1 else 0.0
 

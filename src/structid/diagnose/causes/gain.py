@@ -34,7 +34,10 @@ class SensorGain(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate gains, as logarithms, of each sensor in records of several: errors of calibration and mistaken units."""
+        """Candidate gains, as logarithms, of each sensor in records of several: errors of calibration and mistaken units.
+
+        `records` are the receptances of each record of one structure, `record_names` their names.
+        """
         for _, channel in channels(records, 1):
             if channel.n_alike > 1:
                 logs = _log_gains(mistaken_motions(channel.dof.is_rotation))
@@ -75,7 +78,10 @@ class LoadGain(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate gains, as logarithms, of each load or driven support: errors of calibration and mistaken units."""
+        """Candidate gains, as logarithms, of each load or driven support: errors of calibration and mistaken units.
+
+        `records` are the receptances of each record of one structure, `record_names` their names.
+        """
         for receptances, channel in channels(records, 2):
             is_motion = receptances.problem.record.is_per_motion
             table = mistaken_motions(channel.dof.is_rotation) if is_motion else MISTAKEN_FORCES
@@ -108,6 +114,7 @@ class LoadGain(Candidate):
         return "unit" if self.mistaken_unit(value) else self.kind
 
     def sentence(self, value: float | None) -> str:
+        """A clause that names the load or support and its gain `value`; without a number if it is None."""
         if not self.is_motion:
             return gain_sentence(f"the force at {self.where[0]}", self.mistaken_unit(value), value)
         sentence = gain_sentence(f"the motion of support {self.where[0]}", self.mistaken_unit(value), value)

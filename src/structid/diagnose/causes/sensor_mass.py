@@ -47,7 +47,8 @@ class SensorMass(Candidate):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """One candidate, a mass common to all sensors, where these are at several nodes; else none.
 
-        It is left out too where the sensors of a record can move in more than 60 ways.
+        It is left out too where the sensors of a record can move in more than 60 ways. `records` are the receptances of
+        each record of one structure, `record_names` their names.
         """
         nodes = list(dict.fromkeys(node for one in records for node in _sensed(one)))
         most = max(len(_translations(one, _sensed(one))) for one in records)
@@ -68,7 +69,8 @@ class SensorMass(Candidate):
     def edits(self, model: TestedModel, strength: float) -> Edits:
         """The edits that add one unknown mass, common to all sensors, at the sensor nodes of each record.
 
-        One element set is added where all records have the same sensor nodes, otherwise one for each record.
+        One element set is added where all records have the same sensor nodes, otherwise one for each record. `strength`
+        is the mass in kg at which the unknown starts.
         """
         name = model.unique_name("mass of each sensor")
         is_same = len(set(self.nodes)) == 1

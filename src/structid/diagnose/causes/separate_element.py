@@ -99,7 +99,8 @@ class DifferingElement(Differing):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidates for the stiffness, the mass, and all stiffnesses of each element in a set of several, and for mounts.
 
-        Of many, at most 300 for a single property and 150 for all stiffnesses are tried, evenly chosen.
+        Of many, at most 300 for a single property and 150 for all stiffnesses are tried, evenly chosen. `records` are
+        the receptances of each record of one structure, `record_names` their names.
         """
         first = records[0]
         moved = list(moved_elements(first))
@@ -147,7 +148,7 @@ class DifferingElement(Differing):
         return self.matrices[0].kind if self.matrices else "stiffness"
 
     def sentence(self, value: float | None) -> str:
-        """A clause that says which element or mount differs from its group; `value` is not used."""
+        """A clause that says which element or mount differs from its group; `value`, the factor or None, is not used."""
         if self.nodes:
             ends = " and ".join(map(str, self.nodes))
             ends = f"at node {ends}" if len(self.nodes) == 1 else f"between nodes {ends}"

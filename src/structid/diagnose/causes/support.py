@@ -48,7 +48,10 @@ class Support(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """A candidate flexible support for each direction that is fixed or driven in some record and can give way."""
+        """A candidate flexible support for each direction that is fixed or driven in some record and can give way.
+
+        `records` are the receptances of each record of one structure, `record_names` their names.
+        """
         inputs = [{dof.unsigned for dof in one.problem.record.inputs} for one in records]
         scales = {
             dof.unsigned: float(1 / np.median(np.abs(own)))
@@ -62,7 +65,8 @@ class Support(Candidate):
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
         """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by compliances of the support.
 
-        Of several directions the first counts alone. Zero for a record that neither holds nor drives it.
+        Of several directions the first counts alone. Zero for a record that neither holds nor drives it. `strengths`
+        (n_strengths,) are compliances, m/N or rad/(N m).
         """
         held, coupling, own = receptances.loose
         dof = parse_dof(self.where[0])

@@ -76,7 +76,7 @@ class AlignedFrf:
 
 
 def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
-    """Cosine of the phase angle between two complex arrays (n_lines, ...), averaged over the lines, (...).
+    """Cosine of the phase angle between `measured` and `model` (n_lines, ...), averaged over the lines, (...).
 
     NaN in either array leaves that line out; NaN where no line is left.
     """
@@ -88,7 +88,7 @@ def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
 
 
 def median(values: FloatArray, axis: int) -> FloatArray:
-    """Median along an axis, which is dropped, NaN values left out; NaN where all are NaN."""
+    """Median of `values` (any shape) along `axis`, which is dropped; NaN values are left out, NaN where all are NaN."""
     moved = np.moveaxis(values, axis, 0)
     flat = moved.reshape(len(moved), -1)
     found: FloatArray = np.full(flat.shape[1], np.nan)
@@ -131,7 +131,7 @@ def aligned(problem: FrfProblem, predicted: ComplexArray) -> AlignedFrf:
         axis = axis * np.exp(np.interp(np.log(axis), np.log(measured_peaks), np.log(model_peaks / measured_peaks)))
         bent = replace(used, frequency=axis)
         if not problem.structure.has_modes:  # parts of it are known at lines alone; between them is close enough
-            found = _between(axis, record.frequency, predicted)
+            found = _interpolate(axis, record.frequency, predicted)
         else:
             found = problem.predicted_on(bent, problem.physical(np.asarray(problem.theta_start)))
     else:
@@ -142,10 +142,10 @@ def aligned(problem: FrfProblem, predicted: ComplexArray) -> AlignedFrf:
     if used.variance is not None:
         measured = np.where(np.abs(used.values) > _CLEAR * np.sqrt(used.variance), measured, np.nan)
     measured = np.where(np.abs(model) > _SILENT * np.abs(model).max(initial=0.0), measured, np.nan)
-    return AlignedFrf(used, pairs, model, np.where(_tells(model, measured), measured, np.nan))
+    return AlignedFrf(used, pairs, model, np.where(_can_judge(model, measured), measured, np.nan))
 
 
-def _tells(model: ComplexArray, measured: ComplexArray) -> np.ndarray:
+def _can_judge(model: ComplexArray, measured: ComplexArray) -> np.ndarray:
     """A mask (n_outputs, n_inputs) of FRFs that can judge their sensor: enough clear lines, and no strong cancellation.
 
     Both FRFs are (n_lines, n_outputs, n_inputs), `measured` with NaN on lines that are not clear. Ten clear lines are enough.
@@ -162,7 +162,7 @@ def _tells(model: ComplexArray, measured: ComplexArray) -> np.ndarray:
     return enough & ~(beside < np.log(_CANCELS))
 
 
-def _between(wanted: FloatArray, frequency: FloatArray, values: ComplexArray) -> ComplexArray:
+def _interpolate(wanted: FloatArray, frequency: FloatArray, values: ComplexArray) -> ComplexArray:
     """FRFs at the frequencies `wanted` (Hz), interpolated linearly from `values` at the ascending lines `frequency` (Hz).
 
     The lines are the first axis of `values`; beyond the first and last line the values there are kept.

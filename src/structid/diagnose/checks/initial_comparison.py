@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,10 +11,13 @@ from structid.core.arrays import ComplexArray
 from structid.core.errors import SingularModelError
 from structid.diagnose.checks.aligned_responses import ResonancePair, aligned
 from structid.diagnose.checks.channels import ChannelWarnings, channel_warnings
-from structid.forward import FrfProblem, ModalProblem, RecordProblem
-from structid.identification.fits.modal_fit import paired_modes
+from structid.forward import FrfProblem, RecordProblem
+from structid.forward.modal import compares_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
+
+if TYPE_CHECKING:
+    from structid.forward import ModalProblem
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,7 @@ def compare_with_initial_model(setup: AnySetup, problem: RecordProblem, options:
     SingularModelError, InputError
         If the initial model cannot be evaluated.
     """
-    if isinstance(problem, ModalProblem):
+    if compares_modes(problem):
         return _compare_modes(problem)
     averaged = setup.shown_problem(options, problem.channels)
     if averaged is not None:
@@ -63,6 +67,8 @@ def _compare_responses(problem: FrfProblem, predicted: ComplexArray) -> InitialC
 
 def _compare_modes(problem: ModalProblem) -> InitialComparison:
     """Measured modes beside those of the initial model, followed by the model's unmatched modes with NaN as measured."""
+    from structid.identification.fits.modal_fit import paired_modes  # for records of modes alone
+
     theta = np.asarray(problem.theta_start)
     problem.residual(theta)
     pairs = paired_modes(problem, theta)

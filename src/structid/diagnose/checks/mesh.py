@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,8 +12,12 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.diagnose.checks.refined_mesh import RefinedStructure, n_split, obstacle, refined, split_power
 from structid.dynamics import Modes
 from structid.fem import Structure
+from structid.forward import RecordProblem
+from structid.forward.modal import compares_modes
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.fits.resonances import LEAST_DAMPING
+from structid.identification.mesh_pieces import MESH_ERROR
+from structid.identification.setups.setup import AnySetup
 from structid.similarity.pairing import assign_pairs
 
 #: Degrees of freedom of the finest model that is solved, and modes that are looked at.
@@ -31,6 +36,9 @@ _ORDERS, _USUAL = (1.0, 6.0), 2.0
 _LOOKED, _RIGID, _LOST = 1.3, 1e-3, 0.97
 #: Likeness from which on a mode of the refined model is one of the coarse model's, and how far apart they may be.
 _ALIKE, _FARTHEST = 0.5, 1.0
+#: Part of their frequencies by which modes of an initial model may be off, and degrees of freedom up to which the mesh of an
+#: answer is judged.
+_NEAR, _SMALL = 0.15, 600
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +191,7 @@ def mesh_errors(
                 "the mesh was not judged: pieces of its bars would move sideways without stiffness; make beams of them to"
                 " have it judged"
             )
-        pairs = _paired(structure, values, own, looked, made, found)
+        pairs = _match_modes(structure, values, own, looked, made, found)
         other.append(np.where(pairs >= 0, found.frequency[pairs], np.nan))
         lost = found.frequency[np.setdiff1d(np.arange(len(found.frequency)), pairs)]
     limit, order = _limit(frequency, other)
@@ -193,6 +201,38 @@ def mesh_errors(
     damping = np.where(ratio > 0, np.maximum(ratio, LEAST_DAMPING), _USUAL_DAMPING)
     lost = lost[(lost > max(low, _RIGID * high)) & (lost < _LOST * high)]
     return MeshErrors(structure, looked[kept], frequency[kept], damping, error, order[kept], lost, deviation)
+
+
+def checked_mesh(setup: AnySetup, problem: RecordProblem, theta: FloatArray | None = None) -> MeshErrors | str:
+    """Mesh errors of a set-up's structure in the band of its record, or a text that says why they cannot be computed.
+
+    They are evaluated at the free variables `theta`, (n_params,), by default at the initial values of the parameters.
+    For a record of modes the band is widened on both sides, since the initial model may miss the measured modes by that.
+    """
+    low, high = float(problem.frequency.min()), float(problem.frequency.max())
+    values = setup.parameters.values(
+        setup.parameters.start if theta is None else problem.physical(theta)[: setup.parameters.n_params]
+    )
+    if not compares_modes(problem):
+        return mesh_errors(setup.structure, values, (low, high))
+    deviation = float((problem.data.frequency_std / problem.data.frequency).min())
+    return mesh_errors(setup.structure, values, ((1 - _NEAR) * low, (1 + _NEAR) * high), deviation)
+
+
+def mesh_warnings(
+    setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: Sequence[FloatArray]
+) -> tuple[str, ...]:
+    """Warnings that the mesh shifts modes by more than the standard deviations with which they were fitted.
+
+    Only records of modes of structures up to 600 degrees of freedom are checked; FRFs and histories show a shift as a misfit.
+    The three sequences have one entry for each record; `theta` holds the free variables of its problem, (n_params,).
+    """
+    messages = []
+    for setup, problem, theta_of_record in zip(setups, problems, theta, strict=True):
+        if compares_modes(problem) and setup.structure.n_dofs <= _SMALL:
+            errors = checked_mesh(setup, problem, theta_of_record)
+            messages.append("" if isinstance(errors, str) else errors.words)
+    return tuple(f"{MESH_ERROR}: {words}" for words in dict.fromkeys(messages) if words)
 
 
 def _limit(frequency: FloatArray, refined_frequencies: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
@@ -215,7 +255,7 @@ def _limit(frequency: FloatArray, refined_frequencies: list[FloatArray]) -> tupl
     return last - change / (2**order - 1), order
 
 
-def _paired(
+def _match_modes(
     structure: Structure,
     values: FloatArray,
     modes: Modes,

@@ -149,17 +149,17 @@ def refined(structure: Structure, values: FloatArray, times: int, most_dofs: int
         if structure.n_dofs + more > most_dofs or structure.subdivide * times > MOST_PIECES:
             return None
         return RefinedStructure(
-            replace(structure, subdivide=structure.subdivide * times), values, _inside(structure, times)
+            replace(structure, subdivide=structure.subdivide * times), values, _inner_labels(structure, times)
         )
     if structure.n_dofs * times ** split_power(structure) > most_dofs:
         return None
     finer = RefinedStructure(structure, values, {})
     for _ in range(times.bit_length() - 1):
-        finer = _split(finer)
+        finer = _halve_cells(finer)
     return finer
 
 
-def _inside(structure: Structure, times: int) -> dict[int, int]:
+def _inner_labels(structure: Structure, times: int) -> dict[int, int]:
     """New labels by old ones, for nodes inside subdivided elements and at released ends.
 
     Each piece is cut into `times` pieces.
@@ -216,7 +216,7 @@ class _Middles:
         return self.labels[corners]
 
 
-def _split(refined: RefinedStructure) -> RefinedStructure:
+def _halve_cells(refined: RefinedStructure) -> RefinedStructure:
     """The structure with all areas and solids halved along each edge, and lines where their halves stay stable.
 
     Lines are halved if they may be subdivided, or lie along an edge of an area or solid.
@@ -245,7 +245,7 @@ def _split(refined: RefinedStructure) -> RefinedStructure:
         }
         elements.append(replace(made, nodes=np.array(rows), **each))
         parents[made.name] = parent_of
-    held = (*structure.fixed, *_held(structure, middles))
+    held = (*structure.fixed, *_supports_of_middles(structure, middles))
     finer = replace(structure, nodes=middles.positions, elements=tuple(elements), fixed=held)
     old = {(p.element, p.term.property): refined.values[p.values] for p in structure.properties}
     parts = []
@@ -269,7 +269,7 @@ def _edges(structure: Structure) -> set[frozenset[int]]:
     }
 
 
-def _held(structure: Structure, middles: _Middles) -> list[Dof]:
+def _supports_of_middles(structure: Structure, middles: _Middles) -> list[Dof]:
     """Supports of the new nodes in `middles` on free sides between nodes that are all supported in the same direction.
 
     A side is free if it belongs to a single area or solid.

@@ -118,7 +118,8 @@ class _Held:
     ) -> int:
         """Run one phase of PARDISO and return its error number (0 for none); the solution is written to `solution`.
 
-        `entries` are those of the upper triangle, `right` and `solution` are (n, n_right) in Fortran order.
+        `entries` are those of the upper triangle, `right` and `solution` are (n, n_right) in Fortran order. Entries and
+        right-hand sides that a phase does not use are None.
         """
         library = _load_library()
         assert not isinstance(library, str)
@@ -147,7 +148,8 @@ class _Handle:
     def __init__(self, kind: int, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None) -> None:
         """Set PARDISO's options for one pattern; `kind` is its matrix type, `loaded` marks rows that right-hand sides use.
 
-        `indices` and `indptr` are the pattern of the upper triangle in compressed rows.
+        `indices` and `indptr` are the pattern of the upper triangle in compressed rows. `loaded` (n,) is None where
+        right-hand sides are full.
         """
         order = None if loaded is None else loaded.astype(np.int32)  # the library writes its order there
         self.kind, self.held = kind, _Held(kind, indices, indptr, order)
@@ -161,9 +163,10 @@ class _Handle:
         weakref.finalize(self, self.held.release)
 
     def run(self, phase: int, entries: NumberArray, right: NumberArray | None = None) -> NumberArray | None:
-        """Run one phase of PARDISO; returns the solution (n, n_right) if `right` is given, raises `SingularMatrixError`.
+        """Solution (n, n_right) by one phase of PARDISO for the right-hand sides `right` (n, n_right); None without `right`.
 
-        `entries` are those of the pattern, in its order.
+        `phase` is PARDISO's number of the phase; `entries` are those of the pattern, in its order. Raises
+        `SingularMatrixError` if the library reports an error.
         """
         solution = None if right is None else np.empty_like(right, order="F")
         with _limit_threads(self.threads):
@@ -179,7 +182,8 @@ class PardisoAnalysis:
     def __init__(self, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None = None) -> None:
         """Keep the upper triangle of a symmetric pattern; `loaded` marks rows that right-hand sides use.
 
-        `indices` and `indptr` are the whole pattern in compressed columns.
+        `indices` and `indptr` are the whole pattern in compressed columns. `loaded` (n,) is None where right-hand sides
+        are full.
         """
         n = len(indptr) - 1
         columns = np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr))

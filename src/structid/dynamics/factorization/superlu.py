@@ -94,7 +94,10 @@ class SuperLuFactor:
     is_complex: bool
 
     def solve(self, right: NumberArray) -> NumberArray:
-        """Solution X, (n, n_right), of A X = `right`, real or complex."""
+        """Solution X, (n, n_right), of A X = `right`, real or complex.
+
+        `right` is (n, n_right).
+        """
         reordered = right[self.order]
         if self.is_complex:
             unordered = self.factor.solve(np.asarray(reordered, dtype=np.complex128))

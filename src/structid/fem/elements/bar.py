@@ -61,7 +61,8 @@ class Bar(ElementSet):
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices of mass, axial stiffness and, if it is stated, axial force, by property.
 
-        `positions` of nodes in m; `used_codes` are not needed. Raises `InputError` for an axial force of bars on a line.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not
+        needed. Raises `InputError` for an axial force of bars on a line.
         """
         length, direction = element_vectors(self.name, self.nodes, positions)
         dimensions = direction.shape[1]

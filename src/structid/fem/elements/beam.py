@@ -257,7 +257,7 @@ class Beam(ElementSet):
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices by property: mass, bending stiffness, and in a plane or where stated the others.
 
-        `positions` of nodes in m; `used_codes` are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
 
         Raises
         ------

@@ -55,8 +55,8 @@ class Connector(ElementSet):
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices d d' with d = +1 at the first end and -1 at the second, times the signs of their degrees of freedom.
 
-        They are the same for all properties, (n_elements, 2, 2), or (n_elements, 1, 1) to the ground. The arguments have no
-        influence.
+        They are the same for all properties, (n_elements, 2, 2), or (n_elements, 1, 1) to the ground. Neither
+        `positions` nor `used_codes` have any influence.
         """
         columns = [self.first] if self.second is None else [self.first, self.second]
         codes = np.array([[dof_code(d.node, d.direction) for d in ends] for ends in columns]).T
@@ -72,7 +72,7 @@ class Connector(ElementSet):
 
 
 def _require_ends(name: str, first: tuple[Dof, ...], second: tuple[Dof, ...] | None) -> None:
-    """Raise `InputError` unless both ends are equally many, each pair is of the same kind of motion, and its ends differ.
+    """Raise `InputError` unless `first` and `second` are equally many, each pair of the same kind of motion, and different.
 
     `name` is that of the set; `second` is None for the ground.
     """

@@ -423,7 +423,11 @@ class ElementSet:
         return what.unit
 
     def codes(self, positions: NodeCoordinates) -> IntArray:
-        """Sorted codes of the degrees of freedom that the set uses if no other elements are present."""
+        """Sorted codes of the degrees of freedom that the set uses if no other elements are present.
+
+        `positions` are node coordinates by label. The result is (n_codes,); a code is one integer for node and
+        direction, see `dof_code`.
+        """
         if self.moves:  # so that no matrices are made, which are dear on a mesh
             return joined_codes([node_codes(np.unique(self.nodes)[:, None], self.moves)])
         terms = self.terms(positions, joined_codes([]))

@@ -25,8 +25,8 @@ from structid.fem.elements.element import (
 )
 
 
-def _checked_translations(name: str, directions_given: Iterable[str]) -> tuple[str, ...] | None:
-    """`directions_given` as a tuple; raises `InputError`, which names the set, unless all are among X, Y, Z."""
+def _checked_translations(name: str, directions_given: Iterable[str]) -> tuple[str, ...]:
+    """`directions_given` as a tuple; raises `InputError`, which names the set `name`, unless all are among X, Y, Z."""
     directions = tuple(directions_given)
     if not set(directions) <= set(TRANSLATIONS):
         raise InputError(f"`directions` of {name!r} must be among X Y Z, got {directions}")

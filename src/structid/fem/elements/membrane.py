@@ -89,7 +89,7 @@ class Membrane(CellSet):
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices of the mass and of the tension, by property.
 
-        `positions` of nodes in m; `used_codes` are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
         """
         corners = cell_positions(self.name, self.nodes, positions, 2)
         gradients(self.name, self.nodes, corners, CELLS["triangle"], np.zeros((1, 2)))  # so that a flat one is told

@@ -64,7 +64,7 @@ class Plane(CellSet):
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices of density (mass) and Young's modulus (stiffness), by property.
 
-        `positions` of nodes in m; `used_codes` are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
         """
         corners = cell_positions(self.name, self.nodes, positions, 2)
         elasticity = plane_elasticity(self.poisson, self.state == "strain")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from functools import partial
 
 import numpy as np
@@ -54,6 +55,7 @@ class ThinSet(CellSet):
     mass_damping: Values = declared(*PER_VELOCITY, "N s/m^4", "density", default=0.0)
     stiffness_damping: Values = declared(*PER_STRAIN_RATE, "Pa s", "youngs_modulus", default=0.0)
 
+    @abstractmethod
     def centre_strains(self, positions: NodeCoordinates, row: int) -> tuple[FloatArray, FloatArray]:
         """Maps from an element's motion to the strains of its middle surface at its centre, and to those per height.
 
@@ -61,7 +63,6 @@ class ThinSet(CellSet):
         is the part of global X in the plane of the element, or of global Y where X is normal to it; height counts along the
         normal, about which the corners run counter-clockwise, and along Z in a plate.
         """
-        raise NotImplementedError
 
 
 @element
@@ -86,7 +87,7 @@ class Plate(ThinSet):
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices of density (mass) and Young's modulus (bending stiffness), by property.
 
-        `positions` of nodes in m; `used_codes` are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
         """
         corners = cell_positions(self.name, self.nodes, positions, 2)
         bending = partial(bending_stiffness, elasticity=plane_elasticity(self.poisson, strain=False))

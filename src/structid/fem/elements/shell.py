@@ -149,7 +149,7 @@ class Shell(ThinSet):
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices by property: density for mass and rotary inertia, Young's modulus for stretching and bending.
 
-        `positions` of nodes in m; `used_codes` are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
         """
         corners = cell_positions(self.name, self.nodes, positions, 3)
         elasticity = plane_elasticity(self.poisson, strain=False)

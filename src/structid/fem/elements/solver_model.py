@@ -292,10 +292,10 @@ def _split_powers(part: Part) -> tuple[str, Powers]:
 
 
 def _kind_of_parameter(name: str, parts: Sequence[Part]) -> Kind:
-    """Kind of the property of a parameter: that of the one matrix that is proportional to it, else ``parameter``.
+    """Kind of the property of the parameter `name`: that of the one matrix that is proportional to it, else ``parameter``.
 
-    ``mass``, ``viscous_damping`` or ``stiffness`` if all parts with the parameter belong to that matrix and have it to the
-    first power, alone.
+    ``mass``, ``viscous_damping`` or ``stiffness`` if all parts with the parameter belong to that matrix and have it to
+    the first power, alone.
     """
     of_parameter = [part for part in parts if any(name == other for other, _ in part.powers)]
     kinds = {part.matrix_of for part in of_parameter}

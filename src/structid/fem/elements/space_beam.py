@@ -42,7 +42,10 @@ from structid.fem.elements.element import (
 
 
 def _checked_direction(name: str, orientation: ArrayLike) -> FloatArray:
-    """The `orientation` of a set as a locked vector (3,); `InputError` unless it is finite and not zero."""
+    """The `orientation` of a set as a locked vector (3,); `InputError` unless it is finite and not zero.
+
+    `name` is that of the set, for the message.
+    """
     vector = locked(orientation, np.float64)
     require_shape("orientation", vector, (3,))
     if not (np.isfinite(vector).all() and vector.any()):
@@ -146,8 +149,9 @@ class SpaceBeam(ElementSet):
 def _local_axes(name: str, x: FloatArray, orientation: FloatArray | None) -> FloatArray:
     """Local axes as rows, (n_elements, 3, 3), from unit vectors `x` (n_elements, 3) along the beams.
 
-    Local y is the part of `orientation` (3,) across the beam; by default (None) of global Y, or of global X for beams along
-    Y. Raises `InputError`, which names the set, if `orientation` runs along a beam.
+    Local y is the part of `orientation` (3,) across the beam; by default (None) of global Y, or of global X for beams
+    along Y. Raises `InputError`, which names the set, if `orientation` runs along a beam. `name` is that of the element
+    set.
     """
     if orientation is not None:
         guide = np.broadcast_to(orientation, x.shape)

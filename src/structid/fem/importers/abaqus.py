@@ -116,7 +116,7 @@ def _require_whole(path: Path, labels: FloatArray) -> None:
 
 
 def _matrix_of_coordinates(path: Path, name: str, table: FloatArray) -> ImportedMatrix:
-    """A matrix without numbering from rows (row, column, value), counted from 1; the other triangle is added if it is missing.
+    """The matrix `name` without numbering, from rows (row, column, value) of `table`, counted from 1; a missing triangle is added.
 
     Raises `FileError` if a row or column is below 1.
     """
@@ -151,7 +151,7 @@ def _without_constrained(item: ImportedMatrix) -> ImportedMatrix:
 
 
 def _matrix_of_elements(name: str, table: FloatArray) -> ImportedMatrix:
-    """The assembled matrix, with the entries of each element (both triangles), from rows of a file.
+    """The assembled matrix `name`, with the entries of each element (both triangles), from rows of a file.
 
     `table` (n_entries, 6) has element, node and component of the row, node and component of the column, and value.
     """

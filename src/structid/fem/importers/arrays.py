@@ -43,7 +43,7 @@ def read(path: Path) -> list[ImportedMatrix]:
 
 
 def _as_imported(path: Path, name: str, matrix: AnyArray | sparse.csc_array) -> ImportedMatrix:
-    """`matrix` as an `ImportedMatrix`; `FileError` unless it is numeric and has two dimensions."""
+    """`matrix` as an `ImportedMatrix` called `name`; `FileError` unless it is numeric and has two dimensions."""
     kind = matrix.dtype.kind
     if kind not in "fiuc" or len(matrix.shape) != 2:
         raise FileError(
@@ -81,7 +81,10 @@ def _text(array: AnyArray) -> str:
 
 
 def _matrix_of_diagonals(shape: tuple[int, int], offsets: AnyArray, values: AnyArray) -> sparse.csc_array:
-    """Sparse matrix whose diagonal ``offsets[k]`` is row k of `values`, each value in the column where it stands."""
+    """Sparse matrix of `shape` whose diagonal ``offsets[k]`` is row k of `values`, each value in the column where it stands.
+
+    Offsets count from the main diagonal, positive above it. `ValueError` unless `values` has a row for each offset.
+    """
     if values.ndim != 2 or offsets.shape != values.shape[:1]:
         raise ValueError(f"{offsets.shape} offsets belong to diagonals of shape {values.shape}")
     columns = np.broadcast_to(np.arange(values.shape[1]), values.shape)

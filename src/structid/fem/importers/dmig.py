@@ -193,7 +193,10 @@ def _make_matrix(
 
 
 def _complex_values(entries: _Entries, polar: bool) -> np.ndarray:
-    """Complex values of entries from real and imaginary parts, or from magnitude and phase in degrees if `polar`."""
+    """Complex values of entries from real and imaginary parts, or from magnitude and phase in degrees if `polar`.
+
+    The result is (n_entries,).
+    """
     if polar:
         values: np.ndarray = entries.real * np.exp(1j * np.deg2rad(entries.imaginary))
         return values
@@ -286,7 +289,8 @@ def _column_lines(
 ) -> list[str]:
     """Lines of the DMIG card of one column: node and component of the column, then those of each row with its value.
 
-    `column` is (node, component), `rows` are those of the entries, and `values` are real or complex.
+    `column` is (node, component), `rows` are those of the entries, and `values` are real or complex. `name` is that of
+    the matrix; `field` is "small", "large" or "free", the format of the card.
     """
     if field == "free":
         groups = [f"{n},{c},{v.real!r},{v.imag!r}" for (n, c), v in zip(rows, map(complex, values), strict=True)]

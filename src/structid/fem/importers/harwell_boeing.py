@@ -64,6 +64,8 @@ def _parse_matrix(path: Path, lines: list[bytes]) -> ImportedMatrix:
     first, line_index = _read_block(path, lines, line_index, pointer_form, n_columns + 1, whole_numbers)
     rows, line_index = _read_block(path, lines, line_index, index_form, n_entries, whole_numbers)
     values, line_index = _read_block(path, lines, line_index, value_form, parts * n_entries, real_numbers)
+    if not n_right and any(line.strip() for line in lines[line_index:]):
+        raise ValueError("there are more lines than it says")
     if first[0] != 1 or first[-1] != n_entries + 1 or (np.diff(first) < 0).any():
         raise ValueError("the columns do not add up to the number of entries")
     if n_entries and (rows.min() < 1 or rows.max() > n_rows):

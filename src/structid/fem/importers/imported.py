@@ -154,7 +154,10 @@ def dof_table(dofs: Iterable[str | Dof]) -> IntArray:
 
 
 def codes_of(table: IntArray) -> IntArray:
-    """One integer for node and component, in the order of nodes, then components."""
+    """One integer for node and component of each row of `table` (n, 2), in the order of nodes, then components; (n,).
+
+    Raises `InputError` for a node label beyond the largest allowed.
+    """
     if table.size and np.abs(table).max() >= _LARGEST_LABEL:
         raise InputError(f"node labels must be below 2^50, got {np.abs(table).max()}; the file is damaged")
     return table[:, 0] * 64 + table[:, 1]
@@ -258,7 +261,7 @@ def matrix_from_entries(
     """A square matrix called `name` from entries; its rows are all nodes and components in them, sorted.
 
     `rows` and `columns` (n_entries, 2) are node and component; entries at the same place add up. `symmetric` is as in
-    `complete_triangles`.
+    `complete_triangles`. `values` are (n_entries,), real or complex.
     """
     codes, index = np.unique(np.concatenate([codes_of(rows), codes_of(columns)]), return_inverse=True)
     n = len(rows)

@@ -111,7 +111,10 @@ class Blocks:
         return row, column, is_stored
 
     def assemble(self, weights: np.ndarray) -> sparse.csc_array:
-        """The sum of weights[e] B_e as a sparse (n_dofs, n_dofs) array."""
+        """The sum of weights[e] B_e as a sparse (n_dofs, n_dofs) array.
+
+        `weights` is (n_elements,); B_e is the matrix of element e.
+        """
         row, column, element, value = self.entries()
         summed = sparse.coo_array((value * np.asarray(weights)[element], (row, column)), (self.n_dofs, self.n_dofs))
         return summed.tocsc()

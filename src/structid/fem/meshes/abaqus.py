@@ -158,7 +158,7 @@ def _node_counts(block: KeywordBlock) -> Mapping[str, int]:
 
 
 def _kind(name: str) -> tuple[str, int]:
-    """Cell type and number of nodes of an Abaqus element type; the type itself and 0 if structid does not know it."""
+    """Cell type and number of nodes of the Abaqus element type `name`; the type itself and 0 if structid does not know it."""
     for pattern, kind, count in _KINDS:
         if re.fullmatch(rf"{pattern}[A-Z]*5?", name.upper()):
             return kind, count
@@ -234,7 +234,7 @@ def _mesh_nodes(assembly: Assembly, blocks: Iterable[CellBlock], factor: float) 
 def _reference_points(assembly: Assembly, factor: float) -> dict[int, FloatArray]:
     """Positions in m of the nodes of the assembly itself (reference points), by label.
 
-    `factor` turns lengths of the file into m.
+    `factor` turns lengths of the file into m. Each is (3,).
     """
     own = assembly.own
     if own is None:

@@ -87,8 +87,10 @@ class PartData:
     def _take_nodes(self, options: dict[str, str], rows: list[list[str]]) -> None:
         """Take up the data lines of a *NODE, in the current coordinate system.
 
-        `options` are those of the keyword, `rows` the words of its data lines. Raises `ValueError` if a node repeats.
+        `options` are those of the keyword, `rows` the words of its data lines. Raises `ValueError` if a node repeats, or
+        coordinates may have decimal commas.
         """
+        _require_decimal_points(rows)
         labels = [int(row[0]) for row in rows]
         for label in labels:
             if label in self.nodes:
@@ -170,6 +172,22 @@ class PartData:
             self.turn = _rotation_matrix(end - start, degrees)
             positions = start + (positions - start) @ self.turn.T
         self.nodes = dict(zip(self.nodes, positions.tolist(), strict=True))
+
+
+def _require_decimal_points(rows: list[list[str]]) -> None:
+    """Raise `ValueError` if lines of nodes may have decimal commas, which Abaqus takes as the ends of numbers.
+
+    `rows` are the words of each line: label, three coordinates and, if given, the direction of the normal. Decimal commas
+    leave no point in any of them, and what follows the third number is no unit vector.
+    """
+    if any("." in word for row in rows for word in row[1:]):
+        return
+    for row in rows:
+        normal = [float(word or 0) for word in row[4:]]
+        if any(normal) and sum(x * x for x in normal) != 1.0:
+            raise ValueError(
+                f"node {row[0]} has {len(row) - 1} numbers and none has a decimal point, as where decimals are written with commas"
+            )
 
 
 def _read_system(rows: list[list[str]]) -> CoordinateSystem | None:

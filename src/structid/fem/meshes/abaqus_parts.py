@@ -193,7 +193,8 @@ def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, Fl
 def _axes_at(form: str, a: FloatArray, b: FloatArray, position: FloatArray) -> FloatArray:
     """Directions (3, 3), as rows, of a *TRANSFORM at a node in `position`; `ValueError` if its points lie on a line.
 
-    `form` R: points `a` on x and `b` in x-y; C: `a` and `b` on the axis; S: centre `a` and pole `b`.
+    `form` R: points `a` on x and `b` in x-y; C: `a` and `b` on the axis; S: centre `a` and pole `b`. `a`, `b` and
+    `position` are (3,), in one unit.
     """
     if form == "R":
         directions = axes_of_points(np.zeros(3), np.cross(a, b), a)
@@ -395,7 +396,11 @@ def _read_multi_point(deck: _AssemblyContext, scope: PartData, block: KeywordBlo
 
 
 def _make_ties(kind: str, main: int, dependent: int) -> Ties:
-    """Ties of a dependent node to a main node: rigid (BEAM), all directions (TIE) or translations (PIN)."""
+    """Ties of a dependent node to a main node: rigid (BEAM), all directions (TIE) or translations (PIN).
+
+    `kind` is the word in brackets; other words count as PIN. A rigid tie is one `RigidLink`, others a `Constraint` for
+    each direction.
+    """
     name = f"mpc {kind.lower()} {dependent}"
     if kind == "BEAM":
         return [RigidLink(name, main, [dependent])]

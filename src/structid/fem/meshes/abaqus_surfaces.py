@@ -128,8 +128,8 @@ class Surfaces:
     def _face(self, scope: PartData, label: int, side: str) -> tuple[tuple[int, ...], bool]:
         """Labels in the mesh of the nodes of a face, corners before middles, and True if the element is a shell.
 
-        `side` is S1, S2, ... of a solid, or a side of a shell such as SPOS. Raises `ValueError` if there is no such element
-        or face.
+        `side` is S1, S2, ... of a solid, or a side of a shell such as SPOS. Raises `ValueError` if there is no such
+        element or face. `label` is that of the element in its `scope`.
         """
         for name, table in scope.elements.items():
             if label in table:
@@ -217,7 +217,10 @@ def footpoint(point: FloatArray, corners: FloatArray) -> Footpoint:
 
 
 def _nearest(shape: CellShape, point: FloatArray, corners: FloatArray) -> FloatArray:
-    """Reference coordinates (2,) of the point of a face nearest to `point`, by Gauss-Newton steps that stay on it."""
+    """Reference coordinates (2,) of the point of a face nearest to `point`, by Gauss-Newton steps that stay on it.
+
+    `point` is (3,), `corners` (n_nodes, 3) are the positions of the nodes of the face, whose interpolation is `shape`.
+    """
     local = shape.corners.mean(axis=0)
     for _ in range(_STEPS):
         tangents = shape.slopes(local[None])[0] @ corners
@@ -233,7 +236,7 @@ def _nearest(shape: CellShape, point: FloatArray, corners: FloatArray) -> FloatA
 def _on_face(shape: CellShape, local: FloatArray, tangents: FloatArray) -> FloatArray:
     """The point (2,) of the reference square or triangle nearest to `local`, itself if it is inside.
 
-    Distances are those that `tangents` (2, 3), the derivatives of the position, give.
+    Distances are those that `tangents` (2, 3), the derivatives of the position, give. `local` is (2,).
     """
     is_square = shape.name.startswith("quad")
     sides = [((-1, -1), (1, -1)), ((1, -1), (1, 1)), ((1, 1), (-1, 1)), ((-1, 1), (-1, -1))]

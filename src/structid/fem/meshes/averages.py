@@ -49,7 +49,8 @@ def mean_motion(
     """Map (6, n_components) from components to the rigid motion at `reference` (3,) that fits them best by least squares.
 
     Weights of rotations are multiplied by the square of the mean distance of the nodes, as in Nastran, so that those of
-    translations and rotations compare. None if the components do not determine the motion.
+    translations and rotations compare. None if the components do not determine the motion. `positions` are those of all
+    nodes by label, (3,) each.
     """
     nodes = list(dict.fromkeys(component.node for component in components))
     distances = [float(np.linalg.norm(positions[node] - reference)) for node in nodes]
@@ -114,7 +115,8 @@ def solved_constraints(
 ) -> list[Constraint] | None:
     """Equations, each a sum of `rows` that is 0, solved for `dependents` (node, direction): one constraint for each.
 
-    None if there are not as many equations as dependents, or these are not determined.
+    A row maps (node, direction) to its factor; every constraint is called `name`. None if there are not as many
+    equations as dependents, or these are not determined.
     """
     others = list(dict.fromkeys(key for row in rows for key in row if key not in set(dependents)))
     table = np.array([[row.get(key, 0.0) for key in (*dependents, *others)] for row in rows])

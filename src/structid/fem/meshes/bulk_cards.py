@@ -216,7 +216,7 @@ class Cards:
         return np.ones(len(self), dtype=bool) if field >= self.fields.shape[1] else is_blank(self.fields[:, field])
 
     def words(self, number: int) -> list[str]:
-        """The text of one field; blank behind the last."""
+        """The text of field `number` of every card, from 0 behind the card's name; "" behind the last field."""
         if number >= self.n_fields:
             return [""] * len(self)
         return [bytes(field).decode("latin-1").strip() for field in self.fields[:, number]]

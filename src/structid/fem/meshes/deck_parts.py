@@ -294,7 +294,7 @@ def split_by_obstacle(kind: str, items: Sequence[tuple[str, DeckPart]]) -> list[
 
 
 def mass_matrix(mass: float, arm: FloatArray, inertia: FloatArray) -> FloatArray:
-    """Mass matrix (6, 6) of a rigid body about a node, translations before rotations.
+    """Mass matrix (6, 6) of a rigid body of this `mass` about a node, translations before rotations.
 
     `arm` (3,) leads from the node to its centre of gravity, about which `inertia` (3, 3) is.
     """
@@ -320,7 +320,7 @@ def weights_along(
 ) -> dict[tuple[int, str], float]:
     """Weights {(node, direction): weight} of a node's displacement along a unit vector (3,), times `factor`.
 
-    Its rotation instead if `rotation`. Parts below 1e-12 are left out.
+    Its rotation instead if `rotation`. Parts below `_ROUNDING` are left out.
     """
     directions = DIRECTIONS[3:] if rotation else DIRECTIONS[:3]
     return {
@@ -362,7 +362,7 @@ def _mass_sets(name: str, masses: Sequence[NodalMass]) -> list[ElementSet]:
 
 
 def _is_simple(matrix: FloatArray) -> bool:
-    """True if a mass matrix is the same mass in all translations and inertias about the global axes."""
+    """True if the mass `matrix` (6, 6) is one mass in all translations and inertias about the global axes, without coupling."""
     size = _ROUNDING * abs(matrix).max()
     diagonal = np.diag(matrix)
     return bool((abs(matrix - np.diag(diagonal)) <= size).all() and np.ptp(diagonal[:3]) <= size)
@@ -448,7 +448,8 @@ def _matrix_of(
 ) -> tuple[list[Dof], sparse.csc_array]:
     """Degrees of freedom, and the sparse matrix on them of summed entries (node, direction, node, direction, value).
 
-    The degrees of freedom are those of `codes` (node, direction), by default all in the entries, sorted.
+    The degrees of freedom are those of `codes` (node, direction), by default all in the entries, sorted. The sum runs
+    over `triples`, the entries.
     """
     if codes is None:
         codes = sorted({(node, direction) for node, direction, *_ in triples})

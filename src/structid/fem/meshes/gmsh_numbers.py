@@ -59,7 +59,10 @@ class Ascii:
         self._at = 0
 
     def _next(self, count: int) -> np.ndarray:
-        """The next `count` words; `ValueError` if the section has fewer."""
+        """The next `count` words; `ValueError` if the section has fewer.
+
+        They are an array (count,) of texts.
+        """
         if self._words is None:
             self._words = np.array(self._text.split())
         part = self._words[self._at : self._at + count]
@@ -142,7 +145,10 @@ class Binary:
         self._order = ">" if swapped == (sys.byteorder == "little") else "<"
 
     def _next(self, form: np.dtype, count: int) -> np.ndarray:
-        """The next `count` numbers of the type `form`; `ValueError` if the file has fewer."""
+        """The next `count` numbers of the type `form`; `ValueError` if the file has fewer.
+
+        The result is (count,).
+        """
         if count < 0 or self.offset + count * form.itemsize > len(self._data):
             raise ValueError("a section ends too soon")
         part = np.frombuffer(self._data, form, count, self.offset)
@@ -156,7 +162,10 @@ class Binary:
         return self._next(np.dtype(self._order + "u8"), count).astype(np.int64)
 
     def counts(self, count: int) -> IntArray:
-        """The next `count` whole numbers, which stand on a line of text."""
+        """The next `count` whole numbers, which stand on a line of text.
+
+        The result is (count,).
+        """
         stop = self._data.index(b"\n", self.offset)
         words = np.array(self._data[self.offset : stop].split()[:count]).astype(np.int64)
         self.offset = stop + 1

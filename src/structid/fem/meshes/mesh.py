@@ -100,7 +100,7 @@ class Mesh:
     def chosen(self, group: str | None = None) -> list[tuple[CellBlock, IntArray]]:
         """Blocks that have cells in `group`, each with the row indices of these; if None, all cells of the largest dimension.
 
-        Raises `InputError` if there is no such group.
+        Raises `InputError` if there is no such group. The row indices are (n_chosen,) for each block.
         """
         if group is None:
             all_cells = [(block, np.arange(len(block.nodes))) for block in self.blocks]
@@ -136,7 +136,7 @@ class Mesh:
     def group_nodes(self, group: str) -> IntArray:
         """Sorted labels of the nodes of a node set, or else of the cells of a group.
 
-        If cells are offset, these are the nodes that carry them.
+        If cells are offset, these are the nodes that carry them. The result is (n_nodes,).
 
         Raises
         ------
@@ -153,7 +153,11 @@ class Mesh:
         return self.carried_by(np.concatenate(nodes))
 
     def carried_by(self, labels: IntArray) -> IntArray:
-        """Labels with nodes at the ends of offsets replaced by those that carry them, each once and in order."""
+        """Labels with nodes at the ends of offsets replaced by those that carry them, each once and in order.
+
+        `labels` and the result are one-dimensional; the result is sorted. Labels are (n_labels,), the result
+        (n_unique,).
+        """
         unique: IntArray = np.unique(labels)
         if self.carriers:
             unique = np.unique([self.carriers.get(label, label) for label in unique.tolist()]).astype(np.int64)
@@ -367,7 +371,10 @@ def _add_reference_points(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
 
 
 def _merge_nodes(mesh: Mesh, pairs: IntArray) -> Mesh:
-    """The mesh with the nodes of each pair (n_pairs, 2), lower label first, merged into the lower; all parts are renumbered."""
+    """The mesh with both nodes of each of `pairs` (n_pairs, 2), labels with the lower first, merged into the lower.
+
+    All parts are renumbered.
+    """
     label_of = {label: label for label in mesh.labels.tolist()}
     for low, high in pairs.tolist():
         label_of[high] = min(label_of[high], label_of[low])

@@ -126,9 +126,9 @@ class OffsetReader:
     ) -> FloatArray:
         """The arm (3,) in m of an end (0 or 1) of a bar in global directions.
 
-        Its components are along the directions of motion of the grid point (G in OFFT) or the axes of the element (O). `row`
-        is the bar, `vector` its offset, `words` are the fields of its card and `flags` its OFFT. Raises `ValueError` for
-        others.
+        Its components are along the directions of motion of the grid point (G in OFFT) or the axes of the element (O).
+        `row` is the bar, `vector` its offset, `words` are the fields of its card and `flags` its OFFT. Raises
+        `ValueError` for others. `vector` is (3,), in the unit of the deck.
         """
         flag = flags[1 + end] if len(flags) == 3 else ""
         node = int(block.nodes[row, end])
@@ -168,7 +168,8 @@ def _rows_of_block(cards: Cards, block: CellBlock) -> IntArray:
 def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]]:
     """Height of the middle of each laminate with Z0 over its reference plane, in the deck's unit, and an obstacle; by number.
 
-    The obstacle is "" if the height is known; otherwise it says why not, and the height is 0. Laminates are PCOMP and PCOMPG.
+    The obstacle is "" if the height is known; otherwise it says why not, and the height is 0. Laminates are PCOMP and
+    PCOMPG. `cards` are those of the deck by name.
     """
     middles: dict[int, tuple[float, str]] = {}
     for name, (head, width, thickness) in _LAMINATES.items():
@@ -195,7 +196,7 @@ def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]
 def properties_aside(cards: Mapping[str, Cards]) -> list[DeckPart]:
     """Parts that count non-structural masses of properties, by card, and beams whose neutral axis is off their shear centre.
 
-    All of them have obstacles.
+    All of them have obstacles. `cards` are those of the deck by name.
     """
     counts: dict[str, int] = {}
     for name, field in _NON_STRUCTURAL.items():

@@ -184,7 +184,10 @@ def read_parts(
 
 
 def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
-    """The value of PARAM,WTMASS in the bulk data or in case control, 1 without it; `FileError` if there are several."""
+    """The value of PARAM,WTMASS in the bulk data or in case control, 1 without it; `FileError` if there are several.
+
+    `cards` are those of the deck by name; the unit is that of the deck.
+    """
     stated = [words[1] for words in _words_of_cards(cards, "PARAM") if words[0] == "WTMASS"]
     stated += [word.decode("latin-1").upper() for word in _WTMASS.findall(text.case_control)]
     factors = {_real(word) for word in stated}
@@ -254,7 +257,7 @@ def _pad_words(words: Sequence[str], count: int) -> list[str]:
 
 
 def _component_indices(word: str) -> list[int]:
-    """Components such as 123 as indices 0, 1, 2."""
+    """The digits of `word`, components such as "123", as indices 0, 1, 2; `ValueError` unless all are 1 to 6."""
     components = [int(digit) - 1 for digit in word]
     if not set(components) <= set(range(6)):
         raise ValueError(f"components must be among 1 to 6, got {word!r}")
@@ -264,7 +267,7 @@ def _component_indices(word: str) -> list[int]:
 def _read_body(deck: _DeckContext, name: str, row: Sequence[str]) -> ReasonAndPart:
     """Refusal ("" if none) and deck part from a CONM1 or CONM2 card: the mass matrix of a grid point.
 
-    `row` are the fields of the card.
+    `row` are the fields of the card. `name` is that of the card.
     """
     words = _pad_words(row, 24)
     node = _whole(words[1])
@@ -371,7 +374,7 @@ def _read_scalar_spring(
 def _read_bush(deck: _DeckContext, name: str, values: Values, row: Sequence[str]) -> ReasonAndPart:
     """Refusal ("" if none) and deck part from a CBUSH, CBUSH1D or CVISC card: springs and dashpots along its axes.
 
-    `values` are the properties by number, `row` the fields of the card.
+    `values` are the properties by number, `row` the fields of the card. `name` is that of the card.
     """
     words = _pad_words(row, 16)
     first, second = _whole(words[2]), _whole(words[3])
@@ -534,7 +537,8 @@ def _follow_rigidly(
 ) -> ReasonAndTies:
     """Refusal ("" if none) and ties of nodes that follow the node `main` rigidly in some of their components.
 
-    `components` are digits from 1 to 6, such as "123"; with all six the tie is a rigid link called `name`.
+    `components` are digits from 1 to 6, such as "123"; with all six the tie is a rigid link called `name`. `dependents`
+    are node labels.
     """
     if set(_component_indices(components)) == set(range(6)):
         return "", [RigidLink(name, main, dependents)]
@@ -622,7 +626,7 @@ def _is_listed(word: str) -> bool:
 
 
 def _is_number(word: str) -> bool:
-    """True if a field is a real number or blank."""
+    """True if the field `word` is a real number or blank."""
     try:
         _real(word)
     except ValueError:
@@ -631,7 +635,7 @@ def _is_number(word: str) -> bool:
 
 
 def _node_list(words: Sequence[str]) -> list[int]:
-    """Node labels in fields of a card, in order, with all those from one THRU another, BY steps.
+    """Node labels in `words`, fields of a card, in order, with all those from one THRU another, BY steps.
 
     Raises `ValueError` if a range is too long or a field is no whole number.
     """
@@ -652,7 +656,8 @@ def _node_list(words: Sequence[str]) -> list[int]:
 def _read_mpc_set(deck: _DeckContext, case_control: bytes) -> list[DeckPart]:
     """Parts of the MPC cards of the set that case control asks for, or of the only set where there is no case control.
 
-    [] if there are no MPC cards; a part with an obstacle if it is not clear which set is meant.
+    [] if there are no MPC cards; a part with an obstacle if it is not clear which set is meant. `case_control` is the
+    text above the bulk data.
     """
     if "MPC" not in deck.cards:
         return []

@@ -83,7 +83,7 @@ def _may_replicate(line: bytes) -> bool:
 
 
 def _card_fields(text: bytes) -> list[bytes]:
-    """The fields of a card line in free, small or large format, stripped."""
+    """The fields of the card line `text` in free, small or large format, stripped."""
     if b"," in text:
         return [field.strip() for field in text.split(b",")]
     text = text.expandtabs(8)

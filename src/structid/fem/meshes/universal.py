@@ -70,6 +70,9 @@ def _read_groups(where: str, lines: list[str]) -> list[tuple[str, list[int], lis
     """
     groups, line_index = [], 0
     while line_index < len(lines):
+        if not lines[line_index].strip():  # some writers leave a line for the members of an empty group
+            line_index += 1
+            continue
         count = row_of_integers(where, lines, line_index, 8)[7]
         if line_index + 1 >= len(lines) or line_index + 2 + -(-count // 2) > len(lines):
             raise FileError(f"{where} ends within a group; export the mesh again")

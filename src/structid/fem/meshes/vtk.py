@@ -117,7 +117,10 @@ def _node_labels(grid: _Grid) -> IntArray:
 
 
 def _cell_groups(grid: _Grid) -> dict[str, tuple[IntArray, ...]]:
-    """Row indices in each block of the cells of each group, by name: cell sets, and ``array=value`` of whole-number arrays."""
+    """Row indices in each block of the cells of each group, by name: cell sets, and ``array=value`` of whole-number arrays.
+
+    There is one array for each block.
+    """
     groups: dict[str, tuple[IntArray, ...]] = {}
     for name, rows in grid.cell_sets.items():
         groups[str(name)] = tuple(np.asarray([] if r is None else r, dtype=np.int64) for r in rows)
@@ -128,7 +131,7 @@ def _cell_groups(grid: _Grid) -> dict[str, tuple[IntArray, ...]]:
 
 
 def _add_numbers(groups: dict[str, tuple[IntArray, ...]], grid: _Grid, array: str) -> None:
-    """Groups from one number a cell; names that are known already stay as they are."""
+    """Add groups ``array=number`` to `groups` from the cell data `array` with one number a cell; known names stay as they are."""
     parts = [np.asarray(part) for part in grid.cell_data[array]]
     for tag in np.unique(np.concatenate(parts)).tolist():
         groups.setdefault(f"{array}={tag}", tuple(np.flatnonzero(numbers == tag) for numbers in parts))

@@ -18,7 +18,7 @@ _SHORT_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")
 
 
 def real_number(text: str) -> float:
-    """The number in one field of a Fortran file: ``1.5E+01``, ``1.5D+01`` or ``1.5-100``.
+    """The number in `text`, one field of a Fortran file: ``1.5E+01``, ``1.5D+01`` or ``1.5-100``.
 
     Raises
     ------

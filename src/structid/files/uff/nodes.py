@@ -125,6 +125,8 @@ class UniversalNodes:
     def axes(self, node: int, remedy: str = "export the coordinate systems too (dataset 2420)") -> FloatArray | None:
         """Axes of the motion at `node` as rows, None where they are the global ones or the file has no such node.
 
+        Axes are (3, 3).
+
         Raises
         ------
         FileError
@@ -258,9 +260,9 @@ def _short_node(line: str) -> list[float]:
 
 
 def _long_node(first: str, second: str) -> list[float]:
-    """Label, two coordinate systems (definition, displacement) and three coordinates of two lines of dataset 2411 or 781.
+    """Label, two coordinate systems (definition, displacement) and three coordinates of a node of dataset 2411 or 781.
 
-    Raises `ValueError` if they cannot be read.
+    Raises `ValueError` if they cannot be read. `first` and `second` are its two lines.
     """
     coordinates = read_reals(second.encode("ascii", errors="replace"))
     if coordinates.size != 3:
@@ -371,8 +373,9 @@ def _resolve_point_system(
 ) -> CoordinateSystem:
     """The coordinate system `label` of dataset 18 in global axes and m, resolved through its chain of reference systems.
 
-    `by_points` has the definitions of dataset 18, `systems` the systems that are known, `above` the labels on the way here.
-    Raises `FileError` if the chain is not closed, or the points lie on a line.
+    `by_points` has the definitions of dataset 18, `systems` the systems that are known, `above` the labels on the way
+    here. Raises `FileError` if the chain is not closed, or the points lie on a line. `scale` is the unit of the file in
+    m.
     """
     where, kind, reference, numbers = by_points[label]
     if label in above:

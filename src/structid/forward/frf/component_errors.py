@@ -119,7 +119,7 @@ def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening
     n_params = jacobian.shape[1]
     top, low = np.split(jacobian, 2)
     total = np.zeros((n_params, n_params))
-    for entry, rows in _whitened(errors, whitening):
+    for entry, rows in _whitened_changes(errors, whitening):
         by_line = np.einsum("lc,lcp->lp", rows.real, top.reshape(*rows.shape, n_params))
         by_line += np.einsum("lc,lcp->lp", rows.imag, low.reshape(*rows.shape, n_params))
         own = entry.deviation[:, None] * (entry.weights @ by_line)
@@ -133,7 +133,7 @@ def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatAr
     None if the matrix would exceed 2e7 entries.
     """
     changes: list[FloatArray] = []
-    for entry, rows in _whitened(errors, whitening):
+    for entry, rows in _whitened_changes(errors, whitening):
         n_data, n_changes = 2 * rows.size, (len(changes) + 1) * len(entry.deviation)
         if n_data * (n_data + n_changes) > _MOST_ENTRIES:
             return None
@@ -143,7 +143,9 @@ def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatAr
     return np.concatenate(changes)
 
 
-def _whitened(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> Iterator[tuple[ErrorsOfEntry, ComplexArray]]:
+def _whitened_changes(
+    errors: Iterator[ErrorsOfEntry], whitening: Whitening
+) -> Iterator[tuple[ErrorsOfEntry, ComplexArray]]:
     """Each entry twice, with its whitened change (n_lines, n_channels) by its real and by its imaginary part."""
     for entry in errors:
         for part in (1.0, 1j):

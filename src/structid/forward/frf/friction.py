@@ -81,7 +81,7 @@ class Sliding:
         key = physical.tobytes()
         cached = self._cache.get(key)
         if cached is None:
-            free, reach = self._free(physical)
+            free, reach = self._frictionless_readings(physical)
             n_outputs, frictions = self.channels.n_outputs, self.matrix_indices
             force, floor = self.force(physical), self._stuck_amplitude
             amplitude = balanced_amplitudes(reach[:, n_outputs:], free[:, n_outputs:, 0], force, floor)
@@ -97,7 +97,8 @@ class Sliding:
     ) -> None:
         """Add to derivatives at fixed sliding amplitudes the part by the change of the amplitudes, in place.
 
-        `part` is the range of lines. See `LineDerivatives` for `derivative`, `readings` and `reach`.
+        `part` is the range of lines. See `LineDerivatives` for `derivative`, `readings` and `reach`. `physical`
+        (n_params,) are the parameters.
         """
         size = (1j / self.at(physical)[0][part][:, self.matrix_indices]).real
         motion = readings[:, self.channels.n_outputs :, 0]
@@ -119,10 +120,10 @@ class Sliding:
     @cached_property
     def _stuck_amplitude(self) -> FloatArray:
         """Amplitude that stands for a contact that sticks: a small part of its frictionless motion at the start."""
-        free, _ = self._free(self.parameters.start)
+        free, _ = self._frictionless_readings(self.parameters.start)
         return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), np.finfo(float).tiny)
 
-    def _free(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def _frictionless_readings(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Frictionless readings of sensors and contacts, under the load and under unit forces at the contacts.
 
         Shapes (n_lines, n_outputs + n_contacts, 1) and (..., n_contacts). `physical` (n_params,) are the parameters.
@@ -171,7 +172,8 @@ def _newton_step(
     """Sliding amplitudes (n_frequencies, n_contacts) after one Newton step from `size`, changed fivefold at most.
 
     The other arguments are those of `balanced_amplitudes`: motion per contact force and under the load, friction
-    forces, and smallest amplitudes.
+    forces, and smallest amplitudes. Amplitudes are in the unit of the contacts' motion. `flexibility` is
+    (n_frequencies, n_contacts, n_contacts), `free` and `floor` are shaped as `size`, and `force` is (n_contacts,).
     """
     n_contacts = len(force)
     pull = 1j * force / size

@@ -42,14 +42,14 @@ class LeakedFrf:
 
     def values(self, physical: FloatArray) -> ComplexArray:
         """The FRFs, (n_lines, n_outputs, n_inputs)."""
-        return self._summed(self.observed.values(physical))
+        return self._weighted_sums(self.observed.values(physical))
 
     def derivatives(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """The FRFs and their derivative with respect to the physical parameters, (..., n_params)."""
         values, derivative = self.observed.derivatives(physical)
-        return self._summed(values), self._summed(derivative)
+        return self._weighted_sums(values), self._weighted_sums(derivative)
 
-    def _summed(self, parts: ComplexArray) -> ComplexArray:
+    def _weighted_sums(self, parts: ComplexArray) -> ComplexArray:
         """Weighted sums over the shifted lines of each line, (n_lines, ...), of FRFs `parts` (n_shifted_lines, ...)."""
         flat = parts.reshape(len(parts), -1)
         sums = np.zeros((len(self.line_indices), flat.shape[1]), dtype=np.complex128)

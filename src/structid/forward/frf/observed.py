@@ -40,7 +40,7 @@ class ObservedFrf:
         if self.channels is None:
             return self.model.values_at(physical)
         own, rest = np.split(physical, [self.model.parameters.n_params])
-        model, laplace = self._moved(self.channels, rest)
+        model, laplace = self._shift_by_decay(self.channels, rest)
         return model.values_at(own) * self.channels.factor(rest, laplace)
 
     def derivatives(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
@@ -51,7 +51,7 @@ class ObservedFrf:
         if self.channels is None:
             return self.model.derivatives_at(physical)
         own, rest = np.split(physical, [self.model.parameters.n_params])
-        model, laplace = self._moved(self.channels, rest)
+        model, laplace = self._shift_by_decay(self.channels, rest)
         values, derivative = model.derivatives_at(own)
         change = self.channels.log_slopes(rest, laplace) * values[..., None]
         for row in self.channels.rows("window_decay"):
@@ -60,7 +60,7 @@ class ObservedFrf:
         factor = self.channels.factor(rest, laplace)[..., None]
         return values * factor[..., 0], np.concatenate([derivative, change], axis=-1) * factor
 
-    def _moved(self, channels: ChannelErrors, rest: FloatArray) -> tuple[Response, ComplexArray]:
+    def _shift_by_decay(self, channels: ChannelErrors, rest: FloatArray) -> tuple[Response, ComplexArray]:
         """Response model and its Laplace variable s (n_frequencies,), 1/s, shifted by an unknown window decay.
 
         A window exp(-decay t) turns H at i omega into H at s = decay + i omega. Nothing is shifted if the decay is no

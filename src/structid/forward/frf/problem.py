@@ -189,7 +189,10 @@ class FrfProblem(RecordProblem):
         return np.tile(1 + more.ravel(), 2)
 
     def noise_law(self, theta: FloatArray) -> NoiseLaw:
-        """Law of the noise of data rows at `theta`, including errors of measured components if stated."""
+        """Law of the noise of data rows at `theta`, including errors of measured components if stated.
+
+        `theta` (n_params,) are the free variables.
+        """
         rows = RowNoise(self.rows.averages)
         if not self.has_component_errors:
             return rows
@@ -401,7 +404,7 @@ def _has_friction(structure: Structure) -> bool:
 def _require_weights(form: Form, record: FrfRecord, deviation: FloatArray) -> None:
     """Raise `InputError` if a value has infinite weight, or is zero where `form` divides by measured values.
 
-    `deviation` is the standard deviation of each value.
+    `deviation` (n_lines, n_outputs, n_inputs) is the standard deviation of each value.
     """
     if form != "equation" and not (deviation > 0).all():
         line, output, load = np.argwhere(deviation <= 0)[0]
@@ -441,8 +444,8 @@ def _equation_rows(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Residual (n_frequencies, n_outputs, n_inputs) of form ``equation``, and its derivative (..., n_params).
 
-    `h` are the FRFs of the model and `dh` their derivative (..., n_params). The weight, the inverse of the Cholesky factor of
-    Y' conj(Y), counts as constant.
+    `h` are the FRFs of the model and `dh` their derivative (..., n_params). The weight, the inverse of the Cholesky
+    factor of Y' conj(Y), counts as constant. `theta` (n_params,) are the free variables.
     """
     weight = problem.model.sensor_gram(problem.physical(theta))
     factor = np.linalg.cholesky(weight)

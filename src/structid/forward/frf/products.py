@@ -273,7 +273,10 @@ class WhitenedFrf:
 
 
 def _log(z: ComplexArray, least: FloatArray) -> ComplexArray:
-    """Principal logarithm of complex values whose magnitude is raised to `least` if smaller."""
+    """Principal logarithm of `z`, whose magnitude is raised to `least` if smaller; the result has the shape of `z`.
+
+    `least` broadcasts to `z`.
+    """
     found = np.empty_like(z)
     size = np.abs(z)
     np.log(np.maximum(size, least, out=size), out=found.real)

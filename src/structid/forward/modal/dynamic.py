@@ -77,12 +77,12 @@ def dynamic_residual(
     stiffness, mass = (structure.matrix(matrix_kind, values).toarray() for matrix_kind in ("stiffness", "mass"))
     stiffness_0, mass_0 = (structure.matrix(matrix_kind, first).toarray() for matrix_kind in ("stiffness", "mass"))
     weight = np.sqrt(np.abs(np.diag(stiffness_0)) / omega**2 + np.abs(np.diag(mass_0)))
-    orthogonal, triangle, dynamic = _expanded(stiffness, mass, sensors, weight, omega)
+    orthogonal, triangle, dynamic = _weighted_flexibility_factors(stiffness, mass, sensors, weight, omega)
     error = np.linalg.solve(triangle.T, shape)
     field = np.linalg.solve(dynamic, weight * (orthogonal @ error))
     forms = slopes.products(physical, ("stiffness", "mass"), (orthogonal / weight[:, None])[None], field[None, :, None])
     change = (forms["stiffness"] - omega**2 * forms["mass"])[0, :, 0]
-    q_0, r_0, z_0 = _expanded(stiffness_0, mass_0, sensors, weight, omega)
+    q_0, r_0, z_0 = _weighted_flexibility_factors(stiffness_0, mass_0, sensors, weight, omega)
     field_0 = np.linalg.solve(z_0, weight * (q_0 @ np.linalg.solve(r_0.T, shape)))
     inertia = omega**2 * (mass @ field_0) / weight
     size = float(np.linalg.norm(inertia))
@@ -101,12 +101,13 @@ def _independent(sensors: FloatArray) -> FloatArray:
     return np.eye(sensors.shape[1]) if rank == sensors.shape[1] else rows[:rank].T
 
 
-def _expanded(
+def _weighted_flexibility_factors(
     stiffness: FloatArray, mass: FloatArray, sensors: FloatArray, weight: FloatArray, omega: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Factors Q and R of D Z^-1 S, and the dynamic stiffness Z = K - omega^2 M.
 
-    `weight` (n_dofs,) is the diagonal of D, `sensors` (n_dofs, n_channels) is S, and `omega` is in rad/s.
+    `weight` (n_dofs,) is the diagonal of D, `sensors` (n_dofs, n_channels) is S, and `omega` is in rad/s. `stiffness` K
+    and `mass` M are (n_dofs, n_dofs), Q (n_dofs, n_channels) and R (n_channels, n_channels).
     """
     dynamic = stiffness - omega**2 * mass
     orthogonal, triangle = np.linalg.qr(weight[:, None] * np.linalg.solve(dynamic, sensors))

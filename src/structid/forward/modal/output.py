@@ -123,12 +123,13 @@ class _Slopes(NamedTuple):
 
 
 def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes: bool = True) -> GroupFit:
-    """Model counterparts of a measured group of modes, from the model's modes at indices `chosen`, with slopes if wanted.
+    """Model counterparts of a measured group of modes, from the model's modes at indices `chosen` (m,), m measured modes.
 
-    With Phi the mass-normalized shapes and B = S' Phi, the shape residual is Psi - B A with A from least squares, and the
-    frequencies are the diagonal of A^-1 Lambda A. Both stay if the shapes Phi turn among themselves, so derivatives need no
-    difference of eigenvalues in the group: d Lambda = Phi' (dK - (lambda_k + lambda_l) / 2 dM) Phi and, outside, S' d phi_k =
-    -Y_k' (dK - lambda_k dM) phi_k with Y_k = (K - lambda_k M)^+ S.
+    With Phi the mass-normalized shapes and B = S' Phi, the shape residual is Psi - B A with A from least squares, and
+    the frequencies are the diagonal of A^-1 Lambda A. Both stay if the shapes Phi turn among themselves, so derivatives
+    need no difference of eigenvalues in the group: d Lambda = Phi' (dK - (lambda_k + lambda_l) / 2 dM) Phi and,
+    outside, S' d phi_k = -Y_k' (dK - lambda_k dM) phi_k with Y_k = (K - lambda_k M)^+ S. Derivatives by the parameters
+    are computed `with_slopes`, else they have no columns.
 
     References
     ----------
@@ -143,7 +144,7 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes
     weights = np.vstack([state.sensors.T, loss.T]) @ phi  # (n_y, m)
     if not with_slopes:
         none = _Slopes(np.zeros((*weights.shape, 0)), np.zeros((m, m, 0)), np.zeros(0), np.zeros(0))
-        return _fitted(state, group, phi, omega, weights, none)
+        return _fit_group(state, group, phi, omega, weights, none)
     adjoint = _adjoint(state, phi, eigenvalues, np.hstack([state.sensors, loss]))
     x = phi.T[:, :, None]
     y = np.concatenate([adjoint, np.broadcast_to(phi, (m, *phi.shape))], axis=2)
@@ -156,15 +157,15 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes
     mean = 0.5 * (eigenvalues[:, None] + eigenvalues[None, :])
     d_lambda = d_stiffness[:, n_y:] - mean[:, :, None] * inside
     n_channels, n_params = state.readings.shape[0], change.shape[2]
-    seen, values = _widened(state, change), _widened(state, d_lambda)
+    seen, values = _append_zero_columns(state, change), _append_zero_columns(state, d_lambda)
     seen[:n_channels, :, n_params:] = weights[:n_channels, :, None] * state.readings[:, None]
     viscous, structural = (
-        _widened(state, forms[matrix_kind][0, -1, 0]) for matrix_kind in ("damping", "structural_damping")
+        _append_zero_columns(state, forms[matrix_kind][0, -1, 0]) for matrix_kind in ("damping", "structural_damping")
     )
-    return _fitted(state, group, phi, omega, weights, _Slopes(seen, values, viscous, structural))
+    return _fit_group(state, group, phi, omega, weights, _Slopes(seen, values, viscous, structural))
 
 
-def _fitted(
+def _fit_group(
     state: ModelState, group: GroupData, phi: FloatArray, omega: FloatArray, weights: FloatArray, slopes: _Slopes
 ) -> GroupFit:
     """Model counterparts of a measured group, from shapes `phi` (n_dofs, m) and frequencies `omega` (m,), rad/s.
@@ -172,15 +173,15 @@ def _fitted(
     The first rows of `weights` (n_y, m) are the shapes at the sensors; `slopes` are the derivatives by parameters.
     """
     n_channels, m = state.readings.shape[0], len(omega)
-    shape, d_shape, a, d_a = _projected(weights[:n_channels], slopes.seen[:n_channels], group.shapes)
-    frequency, d_frequency, mixing, d_mixing = _turned(omega**2, slopes.eigenvalues, a, d_a, group)
+    shape, d_shape, a, d_a = _project_shapes(weights[:n_channels], slopes.seen[:n_channels], group.shapes)
+    frequency, d_frequency, mixing, d_mixing = _frequencies_of_group(omega**2, slopes.eigenvalues, a, d_a, group)
     ratio, d_ratio = np.full(m, np.nan), np.full((m, slopes.eigenvalues.shape[2]), np.nan)
     if m == 1:
         ratio, d_ratio = _damping(state, phi[:, 0], float(omega[0]), slopes)
     return GroupFit(frequency, d_frequency, ratio, d_ratio, shape, d_shape, mixing, d_mixing)
 
 
-def _widened(state: ModelState, slope: NDArray[np.floating]) -> FloatArray:
+def _append_zero_columns(state: ModelState, slope: NDArray[np.floating]) -> FloatArray:
     """`slope` (..., n) with further zero columns for the errors of channels."""
     none = np.zeros((*slope.shape[:-1], state.readings.shape[1]))
     wider: FloatArray = np.concatenate([slope, none], axis=-1)
@@ -212,7 +213,7 @@ def group_changes(
     pseudo = np.linalg.pinv(b)
     d_a = np.einsum("kc,crp->krp", pseudo, shapes)
     still = np.zeros((len(chosen), *d_a.shape[1:]))
-    _, frequency, _, mixing = _turned(eigenvalues, still, pseudo @ group.shapes, d_a, group)
+    _, frequency, _, mixing = _frequencies_of_group(eigenvalues, still, pseudo @ group.shapes, d_a, group)
     return frequency, shapes - np.einsum("ck,krp->crp", b, d_a), mixing
 
 
@@ -255,7 +256,7 @@ def _adjoint(state: ModelState, phi: FloatArray, eigenvalues: FloatArray, right:
     return np.array(found)
 
 
-def _projected(
+def _project_shapes(
     b: FloatArray, d_b: FloatArray, measured: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Residual Psi - B A of `measured` shapes Psi (n_own, m) by least squares, its slope, the factor A (m, m), and its slope.
@@ -273,7 +274,7 @@ def _projected(
     return residual, d_residual, a, d_a
 
 
-def _turned(
+def _frequencies_of_group(
     eigenvalues: FloatArray, d_lambda: FloatArray, a: FloatArray, d_a: FloatArray, group: GroupData
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Frequencies (Hz) from the diagonal of T = A^-1 Lambda A, its scaled off-diagonal, and slopes, parameters last.

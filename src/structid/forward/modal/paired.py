@@ -20,8 +20,9 @@ _SEEN = 0.01
 def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
     """Index of the model mode for each measured mode, (n_measured,), by shape and frequency, or in order of frequency.
 
-    The sum of `pairing_worth` (MAC with a guard on frequency) is maximized. Modes without a known shape entry are paired by
-    frequency alone. Raises `InputError` if the model has too few modes that move the sensors.
+    The sum of `pairing_worth` (MAC with a guard on frequency) is maximized. Modes without a known shape entry are
+    paired by frequency alone. Raises `InputError` if the model has too few modes that move the sensors. With `in_order`
+    modes are paired in order of frequency and shapes are not used.
     """
     frequency, found, shapes = data.frequency, state.modes, data.shapes[:, data.measured]
     seen = state.sensors.T @ found.mode_shapes
@@ -32,7 +33,7 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
     if len(use) < len(data.measured):
         raise InputError(
             f"the model has {len(use)} modes that move the sensors and {len(data.measured)} are measured;"
-            " refine the model, or leave modes out"
+            " refine the model, or leave modes out with `use`"
         )
     if in_order:
         clear = use if is_bare.all() else use[motion[use] > _SEEN * motion[use].max(initial=0.0)]
@@ -47,8 +48,8 @@ def _groups_at(
 ) -> list[tuple[ModelState, GroupData, IntArray]]:
     """For each group of measured modes: the model state with its sensors scaled, the group, and indices of its model modes.
 
-    `physical` are the parameters of the structure, then those of channel errors; with `in_order` modes are paired by frequency
-    order.
+    `physical` are the parameters of the structure, then those of channel errors; with `in_order` modes are paired by
+    frequency order. Indices are (n_modes of the group,).
     """
     state = model.state(physical)
     pairs = dict(zip(data.measured.tolist(), pairing(data, state, in_order).tolist(), strict=True))
@@ -65,8 +66,8 @@ def output_rows(
 ) -> tuple[FloatArray, FloatArray, int]:
     """Weighted data rows (n_data,) of form ``output``, their slopes (n_data, n_params), and the number of eliminated unknowns.
 
-    `physical` are the parameters of the structure, then those of channel errors; with `in_order` modes are paired by frequency
-    order. Without slopes the second part is (n_data, 0).
+    `physical` are the parameters of the structure, then those of channel errors; with `in_order` modes are paired by
+    frequency order. Without slopes the second part is (n_data, 0). Slopes are computed `with_slopes`.
     """
     fits: list[GroupFit] = []
     rows: list[FloatArray] = []

@@ -85,6 +85,7 @@ class ModalProblem(RecordProblem):
     channels: ChannelErrors | None = None
     in_order: bool = False
 
+    compares_modes = True
     matrix_free_obstacle = "takes records of responses, got one of modes"
 
     def __new__(cls, *given: object, **named: object) -> Self:
@@ -152,6 +153,12 @@ class ModalProblem(RecordProblem):
         modes, names = np.concatenate(lines), (*shapes, "mixing of close modes", *scalars)
         return DataRows(modes, np.concatenate(series), names, modes)
 
+    @property
+    def row_kinds(self) -> NDArray[np.str_]:
+        """Kind of value of each data row, (n_data,): frequencies, damping ratios, shapes."""
+        kinds = np.array([_kind_of(name) for name in self.rows.names])
+        return kinds[np.unique(self.rows.series, return_inverse=True)[1]]
+
     def schedules(self) -> Sequence[Schedule]:
         """Sequences of search stages to be tried in turn: none, modes paired in order, and the modal dynamic residual.
 
@@ -170,7 +177,10 @@ class ModalProblem(RecordProblem):
         return schedules
 
     def keeping_order(self, theta: FloatArray) -> ModalProblem:
-        """Problem with modes paired in order, if no shape is known and they are in order at `theta`; else itself."""
+        """Problem with modes paired in order, if no shape is known and they are in order at `theta`; else itself.
+
+        `theta` (n_params,) are the free variables.
+        """
         if self.data.has_shapes or self.settings.form != "output":
             return self
         state = self.model.state(self.physical(theta))
@@ -194,7 +204,7 @@ class ModalProblem(RecordProblem):
         """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
 
         def found(theta: FloatArray) -> Linearization:
-            """Linearization at `theta`, computed afresh."""
+            """Linearization at `theta` (n_params,), computed afresh."""
             physical = self.physical(theta)
             if self.settings.form == "dynamic":
                 data, change, eliminated = *dynamic_rows(self.data, self.model, physical), 0
@@ -208,12 +218,6 @@ class ModalProblem(RecordProblem):
         if self.settings.form == "dynamic":
             return RowNoise()
         return RowNoise(factor=output_changes(self.data, self.model, self.physical(theta), self.in_order))
-
-
-def row_kinds(problem: ModalProblem) -> NDArray[np.str_]:
-    """Kind of value of each data row, (n_data,): frequencies, damping ratios, shapes."""
-    kinds = np.array([_kind_of(name) for name in problem.rows.names])
-    return kinds[np.unique(problem.rows.series, return_inverse=True)[1]]
 
 
 def _kind_of(row: str) -> str:
@@ -239,7 +243,7 @@ def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float
     """Number of values, number of determined parameters, and share of the misfit, for each kind of value (such as shapes).
 
     The second is the trace of (J'J)^-1 J_k'J_k with J_k the rows of the kind; with priors these add up to the number of
-    parameters. Empty if the data do not determine all.
+    parameters. Empty if the data do not determine all. `theta` (n_params,) are free variables.
     """
     at = problem.linearize(theta)
     information = at.jacobian.T @ at.jacobian
@@ -247,7 +251,7 @@ def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float
     if not (scale > 0).all() or np.linalg.cond(information / np.outer(scale, scale)) > _SINGULAR:
         return {}
     covariance = np.linalg.inv(information)
-    kinds = row_kinds(problem)
+    kinds = problem.row_kinds
     whole = float(at.residual[: problem.n_data] @ at.residual[: problem.n_data])
     found = {}
     filled = (at.residual[: problem.n_data] != 0) | (at.jacobian[: problem.n_data] != 0).any(axis=1)

@@ -240,8 +240,9 @@ def _expanded(
 def _layout(row: IntArray, parameter: IntArray, n_dofs: int, n_params: int) -> tuple[IntArray, IntArray]:
     """Parameter of each column of each block, (n_blocks, n_columns), and the column of every entry within its block.
 
-    `row` and `parameter` (n_entries,) are the entries. There is a block for each degree of freedom, or a single one if that
-    would take too much memory. Unused columns are -1; known terms are in the last column, the right-hand side.
+    `row` and `parameter` (n_entries,) are the entries. There is a block for each degree of freedom, or a single one if
+    that would take too much memory. Unused columns are -1; known terms are in the last column, the right-hand side.
+    `n_dofs` and `n_params` are those of the structure.
     """
     pairs = np.unique((row * (n_params + 1) + parameter)[parameter < n_params])
     dof, column = pairs // (n_params + 1), pairs % (n_params + 1)

@@ -111,7 +111,8 @@ class RecursiveMotionFit:
     def bias(self, values: FloatArray | None = None, exact_motion: bool = False) -> FloatArray:
         """Predicted bias (n_params,) of the fit by noise of the motion, for parameters `values`, by default the fitted ones.
 
-        With `exact_motion` the fitted motion has no noise, and the noise is added to its normal equations.
+        With `exact_motion` the fitted motion has no noise, and the noise is added to its normal equations. `values` is
+        (n_params,).
         """
         found = self.solution()
         p = found.values if values is None else np.asarray(values, dtype=np.float64)

@@ -195,7 +195,10 @@ class RecordRows:
     def reduced(
         self, fit: RecursiveMotionFit, chunk: FloatArray, work: FoldingKernels | None = None
     ) -> RecursiveMotionFit:
-        """Fit updated by `chunk`, samples of the channels, (n_channels, n_times)."""
+        """Fit updated by `chunk`, samples of the channels, (n_channels, n_times).
+
+        `work` folds the rows, by default as `FoldingKernels` does.
+        """
         state = reduced_state(fit.equations, fit.state, self.rows, chunk, work)
         channels = np.sqrt(np.einsum("ct,ct->c", chunk, chunk))
         energy = locked(fit.energy + (self.gross @ channels) ** 2)

@@ -72,7 +72,8 @@ class WhitenedRows(Problem):
     def _system(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """Matrix Q' B S^-1, basis Q and scale S, where instruments Z = Q R S with unit columns; None if not solvable.
 
-        None with fewer rows than parameters, or if instruments or matrix are singular to 1e-10.
+        None with fewer rows than parameters, or if instruments or matrix are singular to 1e-10. Z is (n_rows,
+        n_params), Q as large, Q' B S^-1 (n_params, n_params) and S (n_params,).
         """
         scale = np.linalg.norm(self.instruments, axis=0)
         if len(self.right) < len(scale) or not (scale > 0).all() or not np.isfinite(scale).all():
@@ -150,7 +151,8 @@ class FixedRows:
         solution = together.solution()
         if solution is None:
             return None
-        return FitWithinTolerances(together, solution, together.linearize(solution), solution[n:], solution[:n])
+        asked, values = solution[n:], solution[:n]
+        return FitWithinTolerances(together, solution, together.linearize(solution), asked, values, asked, values)
 
 
 def fixed_rows(
@@ -238,10 +240,11 @@ def linear_estimate(
 ) -> Estimate:
     """Estimate from a linear fit in time, with covariance, status and identifiability.
 
-    `values` (n_params,) are None if there is no solution. With `known_noise` False the unit variance of the rows comes from
-    their residual, and chi-square is NaN. `fixed` holds the fixed values at `values`; None takes them as exact. `history` are
-    the values of all iterations, `converged` and `message` say how they ended, and a chi-square less probable than
-    `misfit_probability` counts as model error.
+    `values` (n_params,) are None if there is no solution. With `known_noise` False the unit variance of the rows comes
+    from their residual, and chi-square is NaN. `fixed` holds the fixed values at `values`; None takes them as exact.
+    `history` are the values of all iterations, `converged` and `message` say how they ended, and a chi-square less
+    probable than `misfit_probability` counts as model error. `n_starts` is the number of starting points that were
+    tried.
     """
     unknown = rows.parameters
     n_params, determined = unknown.n_params, values is not None

@@ -68,7 +68,7 @@ class InputHold:
     def oscillation(self, n_times: int) -> FloatArray:
         """Input state at all `times` for unit force amplitudes, (n_steps + 1, n_inputs, n_force_values).
 
-        Amplitudes are all cosines, then all sines if they are free.
+        Amplitudes are all cosines, then all sines if they are free. `n_times` is the number of samples.
         """
         assert isinstance(self.force, Oscillation)
         time, eye = self.times(n_times), np.eye(self.n_loads)

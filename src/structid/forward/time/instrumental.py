@@ -83,25 +83,31 @@ class InstrumentalSteps:
                 self.steps.append(Step(int(outcome), np.asarray(solution), np.asarray(deviation), None))
 
     def taken(self, fit: RowsAt, values: FloatArray) -> Step:
-        """Next iteration of `fit` from the parameters `values`; read from the checkpoint if it is there, else made and kept."""
+        """Next iteration of `fit` from the parameters `values`; read from the checkpoint if it is there, else made and kept.
+
+        `values` is (n_params,).
+        """
         self.count += 1
         if self.count <= len(self.steps):
             return self.steps[self.count - 1]
-        step, cost = _made(fit, values)
+        step, cost = _iterate_once(fit, values)
         self.steps.append(step._replace(rows=None))
         if self.keeper is not None:
             self.keeper.keep(self.count, cost, self._state)
         return step
 
     def _state(self) -> dict[str, Any]:
-        """Steps as arrays for a checkpoint: outcomes, solutions and deviations, (n_steps, n_params)."""
+        """Steps as arrays for a checkpoint: outcomes, solutions and deviations, (n_steps, n_params).
+
+        They stand under ``outcomes``, ``solutions`` and ``deviations``; ``theta`` is the last solution.
+        """
         solutions = np.array([step.solution for step in self.steps])
         deviations = np.array([step.deviation for step in self.steps])
         outcomes = [step.outcome for step in self.steps]
         return {"theta": solutions[-1], "outcomes": outcomes, "solutions": solutions, "deviations": deviations}
 
 
-def _made(fit: RowsAt, values: FloatArray) -> tuple[Step, float]:
+def _iterate_once(fit: RowsAt, values: FloatArray) -> tuple[Step, float]:
     """Instrumental iteration from the parameters `values`, and the sum of squares there (infinite if unstable).
 
     Solution and deviation are NaN if the rows do not determine the parameters or motion cannot be simulated.
@@ -262,8 +268,8 @@ def identified_by_instruments(
     size = options.first_samples or max(4, -(-2 * unknown.n_params // structure.n_dofs))
     steps = InstrumentalSteps(work.keeper(_no_rows(unknown)))
     ends: list[_End] = []
-    for first, values in _ways(fit, unknown, size):
-        ends.append(_followed(fit, first, values, options.max_iterations, steps))
+    for first, values in _starting_attempts(fit, unknown, size):
+        ends.append(_follow_stages(fit, first, values, options.max_iterations, steps))
         if ends[-1].fits(fit.noise is not None, options.misfit_probability):
             break
     end = min(ends, key=lambda e: (not e.converged, e.chi_square))
@@ -301,7 +307,7 @@ class _End:
     def fits(self, known_noise: bool, probability: float) -> bool:
         """True if the probability of a larger chi-square is at least `probability`; also if the noise is not known.
 
-        False where motion cannot be simulated.
+        False where motion cannot be simulated. `known_noise` says that the deviations of the noise are known.
         """
         if self.rows is None or not known_noise:
             return self.rows is not None
@@ -309,7 +315,7 @@ class _End:
         return bool(freedom <= 0 or special.gammaincc(freedom / 2, self.chi_square / 2) >= probability)
 
 
-def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tuple[int, FloatArray]]:
+def _starting_attempts(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tuple[int, FloatArray]]:
     """Number of samples of the first stage, and starting parameters (n_params,), for each attempt in turn.
 
     First linear fits to `size` and 8 `size` samples, if they determine all parameters, then the initial values with 8 `size`
@@ -324,27 +330,28 @@ def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tupl
     yield n_times, given
 
 
-def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, steps: InstrumentalSteps) -> _End:
+def _follow_stages(fit: InstrumentalFit, size: int, values: FloatArray, most: int, steps: InstrumentalSteps) -> _End:
     """End of the instrumental fit that starts with `size` samples, which double until all are used.
 
-    Each stage starts at the values of the one before; the last takes at most `most` iterations, the others three. `steps` keeps
-    the iterations.
+    Each stage starts at the values of the one before; the last takes at most `most` iterations, the others three.
+    `steps` keeps the iterations. `values` (n_params,) are the parameters at the start.
     """
     history = [values]
     while size < fit.motion.n_times:
-        stage = _iterated(fit.first(size), values, _STEPS_A_STAGE, history, steps).values
+        stage = _iterate(fit.first(size), values, _STEPS_A_STAGE, history, steps).values
         values = values if stage is None else stage
         size *= 2
-    return _iterated(fit, values, most, history, steps)
+    return _iterate(fit, values, most, history, steps)
 
 
-def _iterated(
+def _iterate(
     fit: InstrumentalFit, values: FloatArray, most: int, history: list[FloatArray], steps: InstrumentalSteps
 ) -> _End:
     """End of at most `most` instrumental iterations from the parameters `values`.
 
-    It converges when no parameter moves by more than 0.01 standard deviations. Each solution is appended to `history`; steps
-    that reverse the one before are halved. `steps` keeps the iterations.
+    It converges when no parameter moves by more than `_TOLERANCE` standard deviations. Each solution is appended to `history`;
+    steps that reverse the one before are halved. `steps` keeps the iterations. `values` and the entries of `history`
+    are (n_params,).
     """
     converged, last, before = False, None, values
     for _ in range(most):

@@ -138,7 +138,10 @@ class TimeModel:
         return system.readings(np.zeros((2 * len(self.free), inputs.shape[2])), inputs, n_times)
 
     def unit_starts(self, values: FloatArray, n_times: int) -> FloatArray:
-        """Readings of free motion from unit displacements and velocities, (n_times, n_sensors, 2 n_free)."""
+        """Readings of free motion from unit displacements and velocities, (n_times, n_sensors, 2 n_free).
+
+        `values` (n_values,) are the property values, `n_times` the number of samples.
+        """
         system = self._linear(values, derivatives=False)
         nothing = np.zeros((len(self.drive.times(n_times)), len(self.drive.generator), 2 * len(self.free)))
         return system.readings(system.start_of(np.eye(2 * len(self.free))), nothing, n_times)
@@ -264,7 +267,7 @@ class LinearSystem:
     def _pieces(self, n_times: int, width: int) -> Iterator[tuple[Step, slice]]:
         """State transition and range of step numbers, for one stretch of steps after another that fits into memory.
 
-        `width` is the number of columns that are carried along.
+        `width` is the number of columns that are carried along. `n_times` is the number of samples.
         """
         n_steps = n_times - 1 + (self.model.drive.gap > 0)
         first = 0

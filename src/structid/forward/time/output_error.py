@@ -316,7 +316,7 @@ class OutputErrorProblem(RecordProblem):
         return linearization_with_priors(self.unknowns, theta, data, rows * self.slope(theta), n_eliminated)
 
     def _errors(self, values: FloatArray) -> FloatArray:
-        """Whitened errors (n_data,) at physical parameters of the structure, (n_params,)."""
+        """Whitened errors (n_data,) at the physical parameters `values` (n_params,) of the structure."""
         at = self.incidentals.at(values)
         predicted = self.model.readings(values, at.force, at.initial, self.n_times)
         return self.histories.errors(predicted, at.force)
@@ -324,8 +324,8 @@ class OutputErrorProblem(RecordProblem):
     def _error_slopes(self, values: FloatArray, gain_slopes: FloatArray) -> tuple[FloatArray, FloatArray, int]:
         """Whitened errors (n_data,), their derivatives (n_data, n_params + n_gains), and the number of eliminated unknowns.
 
-        Derivatives are by the parameters `values` of the structure, then by gains, which change every reading by the parts
-        `gain_slopes` (n_gains, n_sensors).
+        Derivatives are by the parameters `values` (n_params,) of the structure, then by gains, which change every
+        reading by the parts `gain_slopes` (n_gains, n_sensors).
         """
         at = self.incidentals.at(values)
         predicted, change = self.model.derivatives(values, at.force, at.initial, self.n_times)
@@ -336,7 +336,10 @@ class OutputErrorProblem(RecordProblem):
         return self.histories.errors(predicted, at.force), rows, at.basis.shape[1]
 
     def _without_gains(self, theta: FloatArray) -> tuple[OutputErrorProblem, FloatArray]:
-        """Problem with readings and deviations divided by the gains, and the parameters (n_params,) of the structure."""
+        """Problem with readings and deviations divided by the gains at `theta`, and the parameters (n_params,) of the structure.
+
+        `theta` are the free variables, gains after the structure's.
+        """
         assert self.channels is not None
         physical, n = self.physical(theta), self.parameters.n_params
         gain = np.exp(np.log(physical[n:]) @ self.channels.of_outputs)

@@ -70,7 +70,7 @@ def identified_by_output_error(
     sizes = _stages(problem, options)
     ways: list[_PathEnd] = []
     iterations = 0
-    for way, spent in _tried(
+    for way, spent in _search_starts(
         _rounds(problem, record, options, sizes, ways, work, progress), (problem, sizes, options), work, progress
     ):
         iterations += spent
@@ -80,7 +80,7 @@ def identified_by_output_error(
     reached, _, theta = _furthest(ways)
     if reached < len(sizes):
         tools = TaskContext(work.minimize, progress)
-        _, _, theta, spent = _followed(problem, sizes[reached:], theta, options, False, tools)
+        _, _, theta, spent = _follow_stages(problem, sizes[reached:], theta, options, False, tools)
         iterations += spent
     elif options.restarts and len(ways) > 1:
         theta, spent = _confirmed(problem, options, sizes, theta, work, progress)
@@ -103,7 +103,7 @@ def identified_by_output_error(
     return replace(found.with_initial(locked(unknown.start)), spread=spread, search=search)
 
 
-def _tried(
+def _search_starts(
     rounds: Iterator[list[_Start]],
     shared: tuple[OutputErrorProblem, list[int], TimeOptions],
     work: TaskExecutor,
@@ -111,18 +111,19 @@ def _tried(
 ) -> Iterator[tuple[_PathEnd, int]]:
     """Result of the search from each starting point in turn, with its iterations; a further round is made when needed.
 
-    `shared` is the problem, the numbers of samples of the stages, and the options.
+    `shared` is the problem, the numbers of samples of the stages, and the options. `rounds` give the starting points of
+    each round.
     """
     count = 0
     for starts in rounds:
         for first in range(0, len(starts), work.n_workers):
             ahead = starts[first : first + work.n_workers]
-            for found in work.map("starts", _way, shared, ahead, progress, first=count):
+            for found in work.map("starts", _search_from_start, shared, ahead, progress, first=count):
                 yield (int(found["reached"]), -float(found["excess"]), np.asarray(found["theta"])), int(found["spent"])
             count += len(ahead)
 
 
-def _way(
+def _search_from_start(
     shared: tuple[OutputErrorProblem, list[int], TimeOptions], start: _Start, tools: TaskContext
 ) -> dict[str, Any]:
     """Result of the search from one start, as a parallel task.
@@ -131,7 +132,7 @@ def _way(
     `shared` is the problem, the numbers of samples of the stages, and the options.
     """
     problem, sizes, options = shared
-    reached, excess, theta, spent = _followed(problem, sizes[start.first :], start.theta, options, True, tools)
+    reached, excess, theta, spent = _follow_stages(problem, sizes[start.first :], start.theta, options, True, tools)
     reached += start.first if reached else 0
     return {"reached": reached, "excess": excess, "theta": theta, "spent": spent}
 
@@ -153,7 +154,7 @@ def _samples(problem: OutputErrorProblem, rows: int) -> int:
     return min(n_times, -(-rows * (problem.parameters.n_params + n_initial) // n_sensors))
 
 
-def _followed(
+def _follow_stages(
     problem: OutputErrorProblem,
     sizes: list[int],
     theta: FloatArray,
@@ -165,6 +166,7 @@ def _followed(
 
     With `strict`, it ends at the first stage that misses the noise. In all stages but the last, parameters have a prior
     at where the stage begins, with half of each value as deviation. `sizes` are the numbers of samples of the stages.
+    `theta` is (n_params,).
 
     Returns
     -------
@@ -271,13 +273,14 @@ def _confirmed(
 ) -> tuple[FloatArray, int]:
     """Free variables of the better of `theta` and an answer near it by posterior linearization, and the iterations.
 
-    The other answer counts if its sum of squares is less by more than 1. `sizes` are the numbers of samples of the stages.
+    The other answer counts if its sum of squares is less by more than 1. `sizes` are the numbers of samples of the
+    stages. `theta` is (n_params,), and so is the result.
     """
     first = _first_far(problem, sizes)
     short, task = problem.first(sizes[first]), (theta, _NEAR_SPREAD, options.seed + _MOST_FAR)
     [found] = work.map("confirming starts", _far_start, short, [task], progress)
     starts = [_Start(np.asarray(found["theta"]), first)]
-    [way] = work.map("confirming ways", _way, (problem, sizes, options), starts, progress)
+    [way] = work.map("confirming ways", _search_from_start, (problem, sizes, options), starts, progress)
     beside = np.asarray(way["theta"])
     is_better = int(way["reached"]) == len(sizes) and _cost(problem, beside) < _cost(problem, theta) - _BETTER
     return beside if is_better else theta, int(way["spent"])

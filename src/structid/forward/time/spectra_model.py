@@ -128,7 +128,7 @@ class MassLine:
     def values(self, own: FloatArray) -> FloatArray:
         """Acceleration per unit force far above all modes, (n_outputs, n_inputs), at parameters `own` of the structure.
 
-        Under driven supports it is the acceleration per unit acceleration of the support.
+        Under driven supports it is the acceleration per unit acceleration of the support. `own` is (n_params,).
         """
         x, _ = self._fields(own)
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
@@ -269,14 +269,14 @@ class SpectraModel:
 
     def predicted(self, physical: FloatArray) -> ComplexArray:
         """FRFs with errors of channels, (n_frequencies, n_outputs, n_inputs)."""
-        return self._state(*self._split(physical))[2]
+        return self._state(*self._split_parameters(physical))[2]
 
     def evaluated(self, physical: FloatArray) -> Evaluation:
         """Predicted spectra and whitened residual at `physical` (n_params,), cached if small.
 
         `physical` are the parameters of the structure, then those of channel errors.
         """
-        at = self._found(physical)
+        at = self._evaluate(physical)
         if at.is_small:
             self._last.keep(physical, at)
         return at
@@ -286,7 +286,7 @@ class SpectraModel:
 
         `physical` are the parameters of the structure, then those of channel errors.
         """
-        at, own = self._last.taken(physical) or self._found(physical), physical[: self.parameters.n_params]
+        at, own = self._last.taken(physical) or self._evaluate(physical), physical[: self.parameters.n_params]
         change = self.response.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
         if self.spectra.straight:
             change = change + np.einsum("foi,oip->fop", at.aliased, self.mass_line.change(own))
@@ -316,10 +316,10 @@ class SpectraModel:
             h += _alias_factors(self.spectra, read, stated) * self.mass_line.values(own)
         return x, y, h
 
-    def _split(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
+    def _split_parameters(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
         """Parameters of the structure alone, factors of sensors and factors of load cells, from all `physical` parameters.
 
-        Shapes (n_own,), (n_frequencies, n_outputs) and (n_frequencies, n_inputs).
+        Shapes (n_own,), (n_frequencies, n_outputs) and (n_frequencies, n_inputs). `physical` is (n_own + n_errors,).
         """
         own, rest = np.split(physical, [self.parameters.n_params])
         if self.errors is None:
@@ -327,10 +327,13 @@ class SpectraModel:
         sensors, loads = self.errors.readings(rest, self.spectra.laplace)
         return own, self.spectra.output_powers * sensors, self.spectra.input_powers * loads
 
-    def _found(self, physical: FloatArray) -> Evaluation:
-        """Predicted spectra at `physical` parameters, transients fitted by least squares; computed afresh."""
+    def _evaluate(self, physical: FloatArray) -> Evaluation:
+        """Predicted spectra at the parameters `physical` (n_own + n_errors,), with transients fitted by least squares.
+
+        Nothing is kept from earlier calls.
+        """
         spectra = self.spectra
-        own, read, stated = self._split(physical)
+        own, read, stated = self._split_parameters(physical)
         x, y, h = self._state(own, read, stated)
         noise = np.einsum("foi,fi,fpi->fop", h, spectra.force_variance, h.conj())
         diagonal = np.arange(len(spectra.outputs))
@@ -357,7 +360,8 @@ class SpectraModel:
     def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
         """Derivative of the motions by the channel errors, (n_frequencies, n_outputs, n_errors).
 
-        The transient is read with the error of the sensor alone. `at` is the evaluation at `physical`.
+        The transient is read with the error of the sensor alone. `at` is the evaluation at `physical`. `physical` is
+        (n_own + n_errors,).
         """
         if self.errors is None:
             return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)

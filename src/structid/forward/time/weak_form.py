@@ -86,7 +86,7 @@ class WeakForm:
     def covariance(self, values: FloatArray) -> FloatArray:
         """Noise covariance of the equation rows, (n_rows, n_rows), at physical parameters `values`.
 
-        A row is one window and degree of freedom; the window varies slowest.
+        A row is one window and degree of freedom; the window varies slowest. `values` is (n_params,).
         """
         matrices = self._matrices(values)
         total = np.kron(self.grams[self.base, self.base], self.force_spread)
@@ -118,6 +118,8 @@ class WeakForm:
 
     def rows(self, values: FloatArray) -> WhitenedRows:
         """Weak-form equations weighted by their covariance at `values`, with instruments freed of shared noise.
+
+        `values` (n_params,) are physical parameters.
 
         Raises
         ------
@@ -224,7 +226,7 @@ def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> 
 def _suited_length(motion: FloatArray, step: float) -> float:
     """Window length (s) of test functions that pass 95 % of the power of each column of `motion` (n_times, n).
 
-    At least 12 time steps and at most a fifth of the record; `step` is the time step, s.
+    At least `_FEWEST_SAMPLES` time steps and at most a fifth of the record; `step` is the time step, s.
     """
     n_times = len(motion)
     hann = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n_times) + 0.5) / n_times)
@@ -240,8 +242,9 @@ def _filters(
 ) -> dict[int, sparse.csr_array]:
     """Sampled derivatives of the test functions times the time step, sparse (n_windows, n_times), by order of derivative.
 
-    `length` and `step` are in s; `windows` is the number of test functions, by default eight to a length. Raises `InputError`
-    if the length or number does not fit the record.
+    `length` and `step` are in s; `windows` is the number of test functions, by default eight to a length. Raises
+    `InputError` if the length or number does not fit the record. `n_dofs` counts the degrees of freedom with an
+    equation, for the default; `orders` are the orders of derivatives wanted.
     """
     span, shortest = (n_times - 1) * step, _FEWEST_SAMPLES * step
     if not shortest <= length * (1 + 1e-9) or length > span * (1 + 1e-9):
@@ -269,7 +272,7 @@ def modulating_function(place: FloatArray, order: int) -> FloatArray:
     """Derivative of given `order` of the test function cos(pi x)^16, |x| < 1/2, at `place` x in window lengths.
 
     Its first 15 derivatives vanish at both ends, so that sums over samples integrate it as exactly as the samples show
-    the motion.
+    the motion. `place` may have any shape, which the result has too.
     """
     total = np.zeros_like(place)
     for k in range(_POWER + 1):

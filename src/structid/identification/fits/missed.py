@@ -10,8 +10,8 @@ from scipy import special
 
 from structid.core.arrays import FloatArray
 from structid.core.display import plural
-from structid.forward import ModalProblem, RecordProblem
-from structid.forward.modal.problem import row_kinds
+from structid.forward import RecordProblem
+from structid.forward.modal import compares_modes
 from structid.inversion import Estimate
 from structid.inversion.averaging import expected_square
 from structid.inversion.fixed_values import FIXED
@@ -63,7 +63,7 @@ def missed_parts(
 ) -> tuple[MissedValues, ...]:
     """Records, or kinds of values of modes, that the fit misses beyond their errors, the worst first.
 
-    A part is missed if its sum of squares per value exceeds a limit (4 for modes, 1.25 for lines) and is improbable at 0.001
+    A part is missed if its sum of squares per value exceeds a limit (4 for modes, 1.25 for lines) and is improbable at `_RISK`
     for all parts together, by chi-square with as many degrees of freedom as values. Empty for a single record of lines, or if
     the whole misfit shows it already.
 
@@ -77,7 +77,7 @@ def missed_parts(
     freed : sequence of RecordProblem
         Problems with the fixed values of their models among the unknowns; where given, the fit within tolerances is tested.
     """
-    is_whole = len(problems) == 1 and not isinstance(problems[0], ModalProblem)
+    is_whole = len(problems) == 1 and not compares_modes(problems[0])
     if is_whole or not estimate.goodness.misfit < _HIDES:
         return ()
     parts = []
@@ -90,7 +90,7 @@ def missed_parts(
         # a fixed value whose influence could not be solved for is exact
         theta = np.array([free.get(key, 0.0) if key.startswith(FIXED) else free[key] for key in problem.names])
         residual = problem.residual(theta)[: problem.n_data]
-        parts += [(what, rows, least) for what, rows, least in _parts(name, problem, residual) if len(rows)]
+        parts += [(what, rows, least) for what, rows, least in _tested_parts(name, problem, residual) if len(rows)]
     if len(parts) < 2:
         return ()
     missed = []
@@ -101,14 +101,14 @@ def missed_parts(
     return tuple(sorted(missed, key=lambda one: -one.chi_square_per_value))
 
 
-def _parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[tuple[str, FloatArray, float]]:
+def _tested_parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[tuple[str, FloatArray, float]]:
     """Parts of a record to be tested: name, residual rows, and the chi-square per value above which the part is missed.
 
-    A record of modes has a part for each kind of value, any other record is one part. `name` is the record, "" for a single
-    one.
+    A record of modes has a part for each kind of value, any other record is one part. `name` is the record, "" for a
+    single one. `residual` (n_residuals,) is whitened; rows of a part are (n,).
     """
-    if isinstance(problem, ModalProblem):
-        kinds = row_kinds(problem)
+    if compares_modes(problem):
+        kinds = problem.row_kinds
         for kind in dict.fromkeys(kinds.tolist()):
             rows = residual[(kinds == kind) & (residual != 0)]
             yield f"the {kind} of {f'record {name}' if name else 'the modes'}", rows, _OF_MODES

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.dynamics import Modes
@@ -19,7 +20,7 @@ from structid.similarity import subspace_angles
 from structid.similarity.pairing import likenesses
 
 #: Standard deviations by which a frequency is far off, and shape values for each frequency from where on these outvote it.
-FAR_OFF, _OUTVOTED = 5.0, 3
+_FAR_OFF, _OUTVOTED = 5.0, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +131,12 @@ class ModalFit:
         return tuple(warnings)
 
     @property
+    def is_far_off(self) -> NDArray[np.bool_]:
+        """Measured modes (n_measured,) whose frequency the fitted model misses by more than five standard deviations."""
+        data = self.problem.data
+        return np.abs(self.fitted.frequency - data.frequency) > _FAR_OFF * data.frequency_std
+
+    @property
     def outvoted(self) -> str:
         """Sentence with a remedy if a frequency is far off and many shape values outweigh few frequencies; else "".
 
@@ -139,7 +146,7 @@ class ModalFit:
         off = (self.fitted.frequency - data.frequency) / data.frequency_std
         worst = int(np.argmax(np.abs(off)))
         shape = shape_residual(self.problem, self.theta)
-        if not abs(off[worst]) > FAR_OFF or len(shape) < _OUTVOTED * len(off):
+        if not self.is_far_off[worst] or len(shape) < _OUTVOTED * len(off):
             return ""
         size, of = float(np.sqrt(np.mean(shape**2))), data.frequency[worst]
         heavy = float(np.sum(shape**2) / (np.sum(shape**2) + np.sum(off**2)))

@@ -183,6 +183,8 @@ def used_lines(record: FrfRecord, options: IdentifyOptions) -> FrfRecord:
 def inside(frequency: FloatArray, options: IdentifyOptions) -> np.ndarray:
     """Mask (n_frequencies,) of the frequencies (Hz) inside the band and outside the excluded stretches.
 
+    `options` state the band and the exclusions.
+
     Raises
     ------
     NoLinesError

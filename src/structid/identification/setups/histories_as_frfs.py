@@ -114,7 +114,10 @@ def _of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord | No
 
 
 def _first_run(lines: IntArray) -> IntArray:
-    """All line indices from the first of the sorted `lines` to the last one before a gap of more than 16 lines."""
+    """All line indices from the first of the sorted `lines` to the last one before a gap of more than `_FEWEST` lines.
+
+    The result is (n,).
+    """
     gaps = np.flatnonzero(np.diff(lines) > _FEWEST)
     last = lines[gaps[0]] if len(gaps) else lines[-1]
     return np.arange(lines[0], last + 1)
@@ -123,7 +126,7 @@ def _first_run(lines: IntArray) -> IntArray:
 def _driven(record: TimeRecord, length: int) -> FloatArray:
     """Frequencies (Hz) of segments of `length` samples at which a force has eight times the power of its noise.
 
-    All frequencies if the noise is unknown or the segments are shorter than 16 samples.
+    All frequencies if the noise is unknown or the segments are shorter than `_FEWEST` samples.
     """
     frequency = np.fft.rfftfreq(length, 1 / record.sampling_rate)
     is_force = [quantity in LOADS for quantity in record.quantities]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABCMeta, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -15,16 +15,18 @@ from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward import ChannelErrors, ChannelUnknown, FrfProblem, RecordProblem
 from structid.forward.channel_errors import ChannelsOfRecord
-from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import FittedUnknowns, RecordFit
 from structid.identification.fits.truncation import Truncation, modes_truncation
 from structid.identification.options import IdentifyOptions
 from structid.inversion import Estimate
 from structid.inversion.search.work import StageProgress, TaskExecutor
-from structid.modal import ModalRecord
 from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.findings import Finding
 from structid.unknowns import Parameters
+
+if TYPE_CHECKING:
+    from structid.identification.fits.modal_fit import ModalFit
+    from structid.modal import ModalRecord
 
 P = TypeVar("P", bound=RecordProblem)
 

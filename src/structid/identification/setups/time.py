@@ -232,7 +232,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
     def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: TaskExecutor) -> Estimate:
         """Estimate by `identify_time` (output error, instrumental variables or weak form).
 
-        The calibration of the set-up replaces that of the options' tolerances.
+        The calibration of the set-up replaces that of the options' tolerances. `progress` is called with the name of
+        the stage, its iteration and the sum of squares; None for no reports.
         """
         tolerances = options.tolerances
         if self.calibration is not None:
@@ -251,7 +252,10 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return AveragedHistories(self.structure, self.record, self.shown)
 
     def shown_problem(self, options: IdentifyOptions, channels: ChannelErrors | None) -> FrfProblem:
-        """Problem of averaged FRFs that only shows the fit, with the channel errors `channels` as far as they concern it."""
+        """Problem of averaged FRFs that only shows the fit, with the channel errors `channels` as far as they concern it.
+
+        `channels` is None where the record has no channel errors.
+        """
         used = used_lines(self._averaged.frfs, options)
         error = _SHOWN_ERROR if used.variance is None else 0.0
         seen = None if channels is None else channels.seen_by(used)

@@ -165,12 +165,12 @@ class Comparison(States):
     @property
     def statistic(self) -> float:
         """Chi-square of all determined changes together; NaN if there is none or their covariance is singular."""
-        return _together(self.change, self.covariance)[0]
+        return _joint_chi_square(self.change, self.covariance)[0]
 
     @property
     def probability(self) -> float:
         """Probability of a larger `statistic` if nothing had changed; NaN where `statistic` is."""
-        return _together(self.change, self.covariance)[1]
+        return _joint_chi_square(self.change, self.covariance)[1]
 
     @property
     def relative_change(self) -> FloatArray:
@@ -270,8 +270,8 @@ def compare_states(
     names = _common(baseline.names, later.names, carried)
     first, second = _places(baseline, names), _places(later, names)
     _require_units(names, [baseline.units[i] for i in first], [later.units[j] for j in second])
-    before, p, q, cross = _carried(baseline, later, first, second, carried)
-    by_fixed = _by_fixed_values(baseline, later, first, second, carried)
+    before, p, q, cross = _update_by_carried(baseline, later, first, second, carried)
+    by_fixed = _changes_by_fixed_values(baseline, later, first, second, carried)
     return Comparison(
         names=names,
         kinds=tuple(baseline.kinds[i] for i in first),
@@ -384,7 +384,7 @@ def _places(estimate: Identified, names: Sequence[str]) -> np.ndarray:
     return np.array([estimate.names.index(name) for name in names], dtype=int)
 
 
-def _by_fixed_values(
+def _changes_by_fixed_values(
     baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray]:
     """Changes of the compared parameters by one tolerance of each fixed value, in the baseline and in the later state.
@@ -415,7 +415,7 @@ def _aligned(estimate: Identified, names: tuple[str, ...]) -> FloatArray:
     return changes
 
 
-def _carried(
+def _update_by_carried(
     baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Values of the baseline and three covariances of the compared parameters, after the update by carried parameters.
@@ -450,7 +450,7 @@ def _carried(
     return before, updated * np.outer(scales[0], scales[0]), other, gain @ q[:n, n:] * np.outer(*scales)
 
 
-def _together(change: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+def _joint_chi_square(change: FloatArray, covariance: FloatArray) -> tuple[float, float]:
     """Chi-square of all determined changes jointly, and the probability of a larger value if nothing had changed.
 
     `change` is (n,), `covariance` (n, n). Both results are NaN if no change is determined or the covariance is singular.

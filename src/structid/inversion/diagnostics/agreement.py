@@ -61,8 +61,8 @@ def agreement(problem: Problem, linearization: Linearization) -> Agreement | Non
     residual, jacobian = linearization.residual[: problem.n_data], linearization.jacobian[: problem.n_data]
     rows = [block == number for number in range(int(block.max()) + 1)]
     told = block >= 0
-    whole, rank = _left(jacobian[told], residual[told])
-    own = [_left(jacobian[q], residual[q]) for q in rows]
+    whole, rank = _residual_squares_and_rank(jacobian[told], residual[told])
+    own = [_residual_squares_and_rank(jacobian[q], residual[q]) for q in rows]
     least = sum(square for square, _ in own)
     ranks = sum(count for _, count in own)
     between, within = ranks - rank, int(told.sum()) - ranks - linearization.n_eliminated
@@ -72,8 +72,8 @@ def agreement(problem: Problem, linearization: Linearization) -> Agreement | Non
     return Agreement(ratio, between, within, float(special.fdtrc(between, within, max(ratio, 0.0))))
 
 
-def _left(jacobian: FloatArray, residual: FloatArray) -> tuple[float, int]:
-    """Residual sum of squares of a linear least-squares fit to `residual`, and the rank of its Jacobian.
+def _residual_squares_and_rank(jacobian: FloatArray, residual: FloatArray) -> tuple[float, int]:
+    """Residual sum of squares of a linear least-squares fit of `jacobian` (n_rows, n_params) to `residual`, and its rank.
 
     The Jacobian is (n_rows, n_params).
     """

@@ -76,8 +76,8 @@ def collinear_groups(
     std = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(std, std)
     condition, proportions = variance_proportions(jacobian[:, sound])
-    found = _by_correlation(np.abs(correlation))
-    for members in _by_proportions(condition, proportions):
+    found = _correlated_sets(np.abs(correlation))
+    for members in _sets_by_variance_proportions(condition, proportions):
         if members.difference(*found):
             inside = [group for group in found if group & members]
             found = [group for group in found if group not in inside] + [members.union(*inside)]
@@ -111,7 +111,7 @@ def variance_proportions(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
     return singular[0] / safe, part / part.sum(axis=0)
 
 
-def _by_correlation(size: FloatArray) -> list[set[int]]:
+def _correlated_sets(size: FloatArray) -> list[set[int]]:
     """Sets of indices of parameters whose absolute correlations are all at least 0.95, each with two members or more.
 
     `size` (n_params, n_params) holds the absolute correlations; pairs are merged in order of falling correlation.
@@ -127,7 +127,7 @@ def _by_correlation(size: FloatArray) -> list[set[int]]:
     return [group for i, group in clusters.items() if len(group) > 1 and i == min(group)]
 
 
-def _by_proportions(condition: FloatArray, proportions: FloatArray) -> list[set[int]]:
+def _sets_by_variance_proportions(condition: FloatArray, proportions: FloatArray) -> list[set[int]]:
     """Sets of indices of parameters that share near-dependencies, by their variance proportions; each has two members or more.
 
     `condition` (n,) are the condition indices of the singular directions, `proportions` (n, n_params) their shares in each
@@ -146,8 +146,8 @@ def _by_proportions(condition: FloatArray, proportions: FloatArray) -> list[set[
 def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_scale: float) -> CollinearGroup:
     """Collinear group of the parameters with indices `members`, with its standard deviations and a sentence.
 
-    All other parameters count as unknown too. `correlation` is the matrix of all parameters, `of` holds their names, Jacobian
-    and singular directions, and `noise_scale` multiplies the noise.
+    All other parameters count as unknown too. `correlation` (n_params, n_params) is the matrix of all parameters, `of`
+    holds their names, Jacobian and singular directions, and `noise_scale` multiplies the noise.
     """
     others = [i for i in range(len(of.names)) if i not in members]
     triangle = np.asarray(np.linalg.qr(of.jacobian[:, others + members], mode="r"))
@@ -174,7 +174,7 @@ def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_s
 
 
 def percent_text(value: float) -> str:
-    """A relative standard deviation in per cent, two digits.
+    """The relative standard deviation `value` in per cent, two digits.
 
     Examples
     --------

@@ -110,8 +110,8 @@ def gains(
 def _gains(reached: FloatArray, inverse: FloatArray, criterion: Criterion, is_all: bool) -> FloatArray:
     """Gain (n_candidates,) of the design criterion by each candidate's rows G, with R the triangle of the known rows.
 
-    `reached` is G R^-1, (n_candidates, n_rows, n_params); `inverse` holds the rows of R^-1 of the parameters of interest, which
-    are all parameters with `is_all`.
+    `reached` is G R^-1, (n_candidates, n_rows, n_params); `inverse` (n_of_interest, n_params) holds the rows of R^-1 of
+    the parameters of interest, which are all parameters with `is_all`.
     """
     grown = np.eye(reached.shape[1]) + reached @ np.swapaxes(reached, 1, 2)
     if criterion == "a":
@@ -173,8 +173,9 @@ def exchanged(
 ) -> tuple[int, ...]:
     """Indices of chosen candidates after single exchanges that improve the design criterion (Fedorov's algorithm).
 
-    `candidates` are (n_candidates, n_rows, n_params) and `existing` (n_existing, n_params), as in `gains`, with its `criterion`
-    and `of_interest`; `chosen` are the indices to start from. At most 20 passes over the members are made.
+    `candidates` are (n_candidates, n_rows, n_params) and `existing` (n_existing, n_params), as in `gains`, with its
+    `criterion` and `of_interest`; `chosen` are the indices to start from. At most 20 passes over the members are made.
+    `of_interest` is a mask (n_params,), None for all.
     """
     members = list(chosen)
     for _ in range(_MOST_PASSES):
@@ -202,7 +203,8 @@ def optimal(
     """Indices of the best `count` candidates by greedy choice and exchange, in the order of greedy choice among them.
 
     `candidates` are (n_candidates, n_rows, n_params), the rows `existing` (n_existing, n_params) are measured already;
-    `criterion` is the determinant or trace of the covariance of the parameters `of_interest`.
+    `criterion` is the determinant or trace of the covariance of the parameters `of_interest`. `of_interest` is a mask
+    (n_params,), None for all.
 
     Raises
     ------

@@ -129,10 +129,10 @@ def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ..
     listed = [names[i] for i in members]
     if len(members) == 1:
         return f"{listed[0]} not at all"
-    joined = _joined(listed)
+    joined = _join_names(listed)
     kinds = {name.split("[")[0] for name in listed}
     if len(kinds) == 1:
-        together = _together(vector[members], values[members], kinds.pop())
+        together = _combination_words(vector[members], values[members], kinds.pop())
         if together:
             return f"{joined} only {together}"
     scaled = _gain_words(vector[members], listed)
@@ -146,8 +146,8 @@ def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ..
     return f"{joined} only in combination: free along the relative change {parts}"
 
 
-def _joined(names: list[str]) -> str:
-    """Names joined with commas and "and"; above 12, the first 12 and the number of the others."""
+def _join_names(names: list[str]) -> str:
+    """`names` joined with commas and "and"; above `_MOST_NAMED`, the first `_MOST_NAMED` and the number of the others."""
     if len(names) > _MOST_NAMED:
         return f"{', '.join(names[:_MOST_NAMED])} and {len(names) - _MOST_NAMED} more"
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
@@ -165,12 +165,12 @@ def _gain_words(relative: FloatArray, names: list[str]) -> str:
         return ""
     listed = [name for name, gain in zip(names, is_gain, strict=True) if not gain]
     gains = " and ".join(name for name, gain in zip(names, is_gain, strict=True) if gain)
-    joined = _joined(listed)
+    joined = _join_names(listed)
     how = "" if len(listed) == 1 else " only as ratios: their absolute size is proportional to"
     return f"{joined}{how or ' only together with'} {gains}"
 
 
-def _together(relative: FloatArray, values: FloatArray, kind: str) -> str:
+def _combination_words(relative: FloatArray, values: FloatArray, kind: str) -> str:
     """Words on the combination of parameters that is determined, such as their sum; "" if there is none.
 
     `relative` (n,) is the undetermined direction of relative change of parameters of one `kind`, `values` (n,) are their

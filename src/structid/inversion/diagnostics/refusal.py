@@ -96,7 +96,7 @@ def refusal_words(initial: Bound, final: Bound, carried_at_start: np.ndarray, na
     """Sentences with the Cramer-Rao bounds that show that the data cannot determine a parameter; "" if none does.
 
     `initial` and `final` are the bounds at the start and at the estimate; `carried_at_start` (n_params,) is the mask by
-    `carried`.
+    `carried`. `names` are those of the parameters.
     """
     said = [] if carried_at_start.all() else [initial.words(names)]
     if (final.relative > 1).any():

@@ -53,7 +53,7 @@ class SeriesTest:
 
 
 def _doubted(series: Sequence[SeriesTest], p_values: Sequence[float]) -> tuple[str, ...]:
-    """Names of the channels whose p-value is below 0.001 after Holm's correction for their number, without repetition.
+    """Names of the channels whose p-value is below `_DOUBT` after Holm's correction for their number, without repetition.
 
     `p_values` are in the order of `series`; NaN never counts.
     """
@@ -209,7 +209,8 @@ def misfit_probability(problem: Problem, chi_square: float, freedom: float) -> f
 def _series_test(name: str, values: FloatArray) -> SeriesTest:
     """Tests of one residual series (n,) in order of lines: lag-1 correlation, periodogram and runs.
 
-    Results are NaN (and 0 runs) if it has fewer than 20 values or is constant.
+    Results are NaN (and 0 runs) if it has fewer than `_FEWEST_ROWS` values or is constant. `name` is that of the series in the
+    result.
     """
     n, nan = len(values), float("nan")
     if n < _FEWEST_ROWS or np.ptp(values) == 0:

@@ -68,7 +68,10 @@ class Bootstrap:
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance of the replicates about their mean; NaN where they are not reliable."""
+        """Covariance of the replicates about their mean; NaN where they are not reliable.
+
+        The result is (n_params, n_params), in physical units.
+        """
         n_params = len(self.names)
         if not self.is_reliable:
             return np.full((n_params, n_params), np.nan)
@@ -88,9 +91,9 @@ class Bootstrap:
     def interval(self, level: float = 0.95) -> FloatArray:
         """Bias-corrected percentile interval, (n_params, 2): NaN where the replicates are not reliable.
 
-        With z0 the normal quantile of the part of replicates below the original, the ends are the quantiles of
-        Phi(2 z0 -+ t) (Efron 1981), where t is Student's quantile instead of the normal one (Hesterberg 2015); the
-        same in any transformation of the parameter.
+        With z0 the normal quantile of the part of replicates below the original, the ends are the quantiles of Phi(2 z0
+        -+ t) (Efron 1981), where t is Student's quantile instead of the normal one (Hesterberg 2015); the same in any
+        transformation of the parameter. `level` is the probability of the interval.
         """
         require_level(level)
         if not self.is_reliable:
@@ -176,11 +179,11 @@ def bootstrap(
     at_minimum = problem.residual(estimate.theta)
     children = (rng or np.random.default_rng(0)).spawn(n_replicates)
     shared = (problem, np.array(estimate.theta), at_minimum, chosen)
-    results = work.map("bootstrap replicates", _refitted, shared, children)
+    results = work.map("bootstrap replicates", _refit_replicate, shared, children)
     freedom = np.full(len(estimate.names), np.inf)
     if chosen == "blocks":
         freedom = np.maximum(effective_blocks(problem, problem.linearize(estimate.theta)) - 1, LEAST_FREEDOM)
-    return _gathered(estimate, chosen, results, freedom)
+    return _collect_replicates(estimate, chosen, results, freedom)
 
 
 def bootstrap_ends(
@@ -194,7 +197,7 @@ def bootstrap_ends(
     return found.interval(level), found.words
 
 
-def _refitted(
+def _refit_replicate(
     shared: tuple[Problem, FloatArray, FloatArray, str], rng: np.random.Generator, tools: TaskContext
 ) -> FloatArray | str:
     """Physical values (n_params,) of one bootstrap replicate, or a sentence on why its refit failed.
@@ -271,15 +274,16 @@ def bootstrap_repeats(
             continue
         good = found.status is not Status.NOT_CONVERGED and bool(np.isfinite(found.values).all())
         results.append(np.array(found.values) if good else f"{found.status.value}: {found.message}")
-    return _gathered(original, "repeats", results, np.full(len(original.names), len(repeats) - 1.0))
+    return _collect_replicates(original, "repeats", results, np.full(len(original.names), len(repeats) - 1.0))
 
 
-def _gathered(
+def _collect_replicates(
     original: Estimate, kind: str, results: Sequence[FloatArray | str], degrees_of_freedom: FloatArray
 ) -> Bootstrap:
     """`Bootstrap` of the replicates in `results`: physical values (n_params,), or a sentence for one that failed.
 
-    `original` is the estimate from the data themselves, `degrees_of_freedom` (n_params,) those of the intervals.
+    `original` is the estimate from the data themselves, `degrees_of_freedom` (n_params,) those of the intervals. `kind`
+    is "noise" or "blocks".
     """
     values = [result for result in results if not isinstance(result, str)]
     failures = [f"replicate {i + 1}: {result}" for i, result in enumerate(results) if isinstance(result, str)]

@@ -150,7 +150,7 @@ def continued(
                 state = _next_phase(log_density, state)
             if n == 0 or state.done == lengths[state.phase]:
                 return state, np.array(kept).reshape(len(kept), len(state.at.x))
-            state, n = _drawn(log_density, state, rng), n - 1
+            state, n = _draw_next(log_density, state, rng), n - 1
             if state.phase == 2:
                 kept.append(state.at.x)
 
@@ -160,10 +160,10 @@ def _phase(
 ) -> ChainState:
     """Chain state before the first draw of a phase; the log density is evaluated once.
 
-    `x` (n_params,) is the place in the coordinates of the phase, `factor` takes these to the parameters, `size` is the first
-    step size, `phase` 0 to 2, and `spent` the number of gradients so far.
+    `x` (n_params,) is the place in the coordinates of the phase, `factor` (n_params, n_params) takes these to the
+    parameters, `size` is the first step size, `phase` 0 to 2, and `spent` the number of gradients so far.
     """
-    value, gradient = _turned(log_density, factor, phase)(x)
+    value, gradient = _in_coordinates(log_density, factor, phase)(x)
     step = StepSize(float(np.log(size)), float(np.log(size)), 0.0, float(np.log(10 * size)))
     return ChainState(phase, 0, Place(x, value, gradient), factor, step, np.zeros((0, len(x))), spent + 1, 0, 0.0)
 
@@ -182,8 +182,11 @@ def _next_phase(log_density: LogDensity, state: ChainState) -> ChainState:
     return _phase(log_density, x, factor, size, state.phase + 1, state.n_gradients)
 
 
-def _turned(log_density: LogDensity, factor: FloatArray, phase: int) -> LogDensity:
-    """Log density and gradient as a function of coordinates y with x = `factor` y; `log_density` itself in phase 0."""
+def _in_coordinates(log_density: LogDensity, factor: FloatArray, phase: int) -> LogDensity:
+    """Log density and gradient as a function of coordinates y with x = `factor` y; `log_density` itself in phase 0.
+
+    `factor` is (n_params, n_params).
+    """
     if phase == 0:
         return log_density
 
@@ -195,15 +198,15 @@ def _turned(log_density: LogDensity, factor: FloatArray, phase: int) -> LogDensi
 
 
 def _shrunk_covariance(draws: FloatArray) -> FloatArray:
-    """Sample covariance drawn to the unit matrix by the weight of five draws."""
+    """Sample covariance (n_params, n_params) of `draws` (n_draws, n_params), drawn to the unit matrix by five draws' weight."""
     n, dimension = draws.shape
     covariance = np.cov(draws, rowvar=False).reshape(dimension, dimension)
     return (n * covariance + 5 * np.eye(dimension)) / (n + 5)
 
 
-def _drawn(log_density: LogDensity, state: ChainState, rng: np.random.Generator) -> ChainState:
+def _draw_next(log_density: LogDensity, state: ChainState, rng: np.random.Generator) -> ChainState:
     """Chain state after one more draw of its phase; in the warm-up also with an adapted step size."""
-    density = _turned(log_density, state.factor, state.phase)
+    density = _in_coordinates(log_density, state.factor, state.phase)
     tree = _trajectory(density, state.at, float(np.exp(state.step.log_size)), rng)
     accepted = tree.acceptance / max(tree.n_steps, 1)
     moved = replace(
@@ -233,7 +236,7 @@ def _trajectory(log_density: LogDensity, start: Place, size: float, rng: np.rand
         if grown.stopped:
             return counted
         takes_new = np.log(rng.random()) < grown.log_weight - tree.log_weight
-        tree = _joined(counted, grown, sign, grown.drawn if takes_new else tree.drawn)
+        tree = _join_trees(counted, grown, sign, grown.drawn if takes_new else tree.drawn)
         if tree.stopped:
             break
     return tree
@@ -245,7 +248,7 @@ def _grown(
     """Tree of 2^`depth` leapfrog steps from the state `end`, built recursively; shorter if it turns back or diverges.
 
     `step` is the step size, negative for backward. `energy` is that of the start of the trajectory: states have the weight
-    exp(energy - own energy), and a loss of more than 1000 is a divergence.
+    exp(energy - own energy), and a loss of more than `_DIVERGED` is a divergence.
     """
     if depth == 0:
         half = end.p + 0.5 * step * end.at.gradient
@@ -264,10 +267,10 @@ def _grown(
     if far.stopped:
         return replace(both, stopped=True, diverged=far.diverged)
     takes_far = np.log(rng.random()) < far.log_weight - np.logaddexp(near.log_weight, far.log_weight)
-    return _joined(both, far, sign, far.drawn if takes_far else near.drawn)
+    return _join_trees(both, far, sign, far.drawn if takes_far else near.drawn)
 
 
-def _joined(near: _Tree, far: _Tree, sign: int, drawn: _State) -> _Tree:
+def _join_trees(near: _Tree, far: _Tree, sign: int, drawn: _State) -> _Tree:
     """Tree of two adjoining trajectories, `far` ahead of `near` in the direction `sign` (1 or -1).
 
     Step counts and acceptance are those of `near`. `drawn` is the state chosen from both. The result is `stopped` if the joined

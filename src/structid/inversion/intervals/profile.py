@@ -14,7 +14,7 @@ from structid.inversion.averaging import few_averages
 from structid.inversion.covariance import fit_covariance
 from structid.inversion.estimate import Estimate, require_level
 from structid.inversion.problem import Problem
-from structid.inversion.problems.wrapped import FixedVariable
+from structid.inversion.problems.wrapped import FixedVariables
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.minimum import StoredValues
@@ -189,7 +189,8 @@ def profiles(
 ) -> tuple[Profile, ...]:
     """Profile likelihoods of several `parameters`, in their order; each is a parallel task of `work`.
 
-    `parameters` are names or indices, all by default; the other arguments are those of `profile`.
+    `parameters` are names or indices, all by default; the other arguments are those of `profile`. At most `max_points`
+    points are computed on either side of the estimate.
 
     Raises
     ------
@@ -198,7 +199,7 @@ def profiles(
     """
     chosen = range(len(estimate.names)) if parameters is None else parameters
     shared = (problem, estimate.with_transform(np.array), level, max_points)
-    return tuple(Profile(**found) for found in work.map("profiles", _profiled, shared, list(chosen)))
+    return tuple(Profile(**found) for found in work.map("profiles", _compute_profile, shared, list(chosen)))
 
 
 def profile_ends(
@@ -214,7 +215,9 @@ def profile_ends(
     return np.array([(item.lower, item.upper) for item in found]).reshape(-1, 2), notes
 
 
-def _profiled(shared: tuple[Problem, Estimate, float, int], parameter: str | int, tools: TaskContext) -> StoredValues:
+def _compute_profile(
+    shared: tuple[Problem, Estimate, float, int], parameter: str | int, tools: TaskContext
+) -> StoredValues:
     """Fields of the `Profile` of one parameter by name, as a parallel task.
 
     `shared` holds problem, estimate, level and the largest number of points on a side.
@@ -300,7 +303,7 @@ class _Side:
                 at = start + self.sign * farthest
                 if inside[0] == at:
                     break
-            fitted = self._fitted(theta, at)
+            fitted = self._fit_others(theta, at)
             if fitted is None:
                 break
             theta_new, deviance, slope = fitted
@@ -350,14 +353,14 @@ class _Side:
         share = (self.quantile - inside[1]) / (outside[1] - inside[1]) if inside[1] > 0.1 * self.quantile else 0.5
         return inside[0] + min(max(share, 0.1), 0.9) * (outside[0] - inside[0])
 
-    def _fitted(self, theta: FloatArray, at: float) -> tuple[FloatArray, float, float] | None:
+    def _fit_others(self, theta: FloatArray, at: float) -> tuple[FloatArray, float, float] | None:
         """Fit with the free variable of the parameter held at `at`; None if it fails.
 
         Returns all free variables (n_params,), the deviance and its slope. The search starts from `theta` (n_params,), moved
         along the tangent.
         """
         others = np.delete(theta, self.index)
-        others_free = FixedVariable(self.problem, self.index, at)
+        others_free = FixedVariables(self.problem, np.array([self.index]), np.array([at]))
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 begin = others + self._tangent(theta) * (at - theta[self.index])
@@ -381,7 +384,10 @@ class _Side:
         return float(residual @ residual)
 
     def _tangent(self, theta: FloatArray) -> FloatArray:
-        """Derivative of the other free variables by this one along the constrained minima, (n_params - 1,), at `theta`."""
+        """Derivative of the other free variables by this one along the constrained minima, (n_params - 1,), at `theta`.
+
+        `theta` (n_params,) are free variables.
+        """
         jacobian = self.problem.linearize(theta).jacobian
         column = jacobian[:, self.index]
         return -np.linalg.lstsq(np.delete(jacobian, self.index, axis=1), column, rcond=None)[0]

@@ -94,14 +94,20 @@ class Samples:
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance of the draws, physical units; NaN where they are not reliable."""
+        """Covariance of the draws, physical units; NaN where they are not reliable.
+
+        The result is (n_params, n_params).
+        """
         n_params = len(self.names)
         if not self.is_reliable:
             return np.full((n_params, n_params), np.nan)
         return np.cov(self.samples.reshape(-1, n_params), rowvar=False).reshape(n_params, n_params)
 
     def interval(self, level: float = 0.95) -> FloatArray:
-        """Central posterior interval, (n_params, 2); NaN where the draws are not reliable, see `words`."""
+        """Central posterior interval, (n_params, 2); NaN where the draws are not reliable, see `words`.
+
+        `level` is the probability of the interval; columns are its lower and upper end, physical units.
+        """
         require_level(level)
         n_params = len(self.names)
         if not self.is_reliable:
@@ -176,7 +182,7 @@ def sample(
     rng = rng or np.random.default_rng(0)
     drawn = _by_nuts(target, *counts, rng, work) if sampler == "nuts" else _by_emcee(target, *counts, rng)
     stretched = estimate.covariance_basis == "model_error" or few is not None
-    white = drawn.draws @ _stretch(estimate, factor) if stretched else drawn.draws
+    white = drawn.draws @ _covariance_root(estimate, factor) if stretched else drawn.draws
     theta = estimate.theta + white @ factor.T
     with np.errstate(over="ignore"):
         physical = np.array([[problem.physical(t) for t in chain] for chain in theta])
@@ -191,8 +197,8 @@ def sampled_ends(
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Interval ends (n_params, 2) in physical units from posterior draws, and warnings as a tuple of sentences.
 
-    `level` is the probability of the interval. The ends are NaN if the noise covariance is not finite or the draws are not
-    reliable.
+    `level` is the probability of the interval. The ends are NaN if the noise covariance is not finite or the draws are
+    not reliable. `seed` fixes the draws.
     """
     if not np.isfinite(estimate.spread.covariance_noise).all():
         none = np.full((len(estimate.names), 2), np.nan)
@@ -213,7 +219,7 @@ class _Drawn:
 def _whitening(estimate: Estimate, fitted: FloatArray | None = None) -> FloatArray:
     """Lower Cholesky factor (n, n) of a covariance of the free variables: `fitted`, or by default that from noise.
 
-    Raises `InputError` with the names of the parameters if it is not finite.
+    Raises `InputError` with the names of the parameters if it is not finite. `fitted` is (n, n).
     """
     slope = np.ones(len(estimate.names)) if estimate.parameters.slope is None else estimate.parameters.slope
     covariance = estimate.spread.covariance_noise / np.outer(slope, slope) if fitted is None else fitted
@@ -262,16 +268,19 @@ class _Target:
 
 
 def _log_slope_derivative(problem: Problem, theta: FloatArray) -> FloatArray:
-    """Derivative of log|dp/dtheta| by the own free variable of each parameter p, (n_params,), by central differences."""
+    """Derivative of log|dp/dtheta| by the own free variable of each parameter p, (n_params,), by central differences.
+
+    `theta` is (n_params,).
+    """
     step = 1e-5
     ratio = problem.slope(theta + step) / problem.slope(theta - step)
     return np.log(np.abs(ratio)) / (2 * step)
 
 
-def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
+def _covariance_root(estimate: Estimate, factor: FloatArray) -> FloatArray:
     """Symmetric root (n, n) of the covariance of the estimate in whitened coordinates x with theta = `factor` x.
 
-    Whitened draws times this matrix have the covariance of the estimate.
+    Whitened draws times this matrix have the covariance of the estimate. `factor` is (n, n).
     """
     slope = np.ones(len(estimate.names)) if estimate.parameters.slope is None else estimate.parameters.slope
     half = np.linalg.solve(factor, estimate.covariance / np.outer(slope, slope))
@@ -282,7 +291,7 @@ def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
 def _by_nuts(
     target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator, work: TaskExecutor
 ) -> _Drawn:
-    """Posterior draws by the no-U-turn sampler: independent chains, run in parallel in pieces of 50 draws.
+    """Posterior draws by the no-U-turn sampler: independent chains, run in parallel in pieces of `_AT_ONCE` draws.
 
     Each of the `n_chains` chains has `n_warmup` draws that are dropped and `n_draws` that are kept.
     """
@@ -303,7 +312,7 @@ def _by_nuts(
 
 
 def _chain_piece(shared: tuple[_Target, int, int], item: StoredValues, tools: TaskContext) -> StoredValues:
-    """Next 50 draws of one Markov chain, as a parallel task, with the stored state after them.
+    """Next `_AT_ONCE` draws of one Markov chain, as a parallel task, with the stored state after them.
 
     `shared` holds the target density, the length of the warm-up and the number of kept draws. `item` and the result have the
     keys ``chain`` (None before the first draw) and ``random``; the result also has ``draws``.
@@ -387,7 +396,10 @@ def _split(draws: FloatArray) -> FloatArray:
 
 
 def _rank_normal(draws: FloatArray) -> FloatArray:
-    """Normal quantiles of (rank - 3/8) / (S + 1/4) for all S draws together; equal draws have their mean rank. Same shape."""
+    """Normal quantiles of (rank - 3/8) / (S + 1/4) for all S draws together; equal draws have their mean rank. Same shape.
+
+    `draws` may have any shape.
+    """
     _, place, counts = np.unique(draws, return_inverse=True, return_counts=True)
     ranks = np.cumsum(counts) - 0.5 * (counts - 1)
     return special.ndtri((ranks - 0.375) / (draws.size + 0.25))[place].reshape(draws.shape)

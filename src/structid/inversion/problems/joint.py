@@ -69,7 +69,7 @@ class JointProblem(Problem):
     def residual(self, theta: FloatArray) -> FloatArray:
         if self._is_one:
             return self.problems[0].residual(theta)
-        return self._stacked(
+        return self._stack_rows(
             [problem.residual(own) for problem, own in zip(self.problems, self.unknowns.split(theta), strict=True)]
         )
 
@@ -80,10 +80,11 @@ class JointProblem(Problem):
         parts = [problem.linearize(own) for problem, own in zip(self.problems, self.unknowns.split(theta), strict=True)]
         n_params = len(self.names)
         wide = [
-            _widened(part.jacobian, index, n_params) for part, index in zip(parts, self.unknowns.columns, strict=True)
+            _expand_columns(part.jacobian, index, n_params)
+            for part, index in zip(parts, self.unknowns.columns, strict=True)
         ]
         eliminated = sum(part.n_eliminated for part in parts)
-        return Linearization(self._stacked([part.residual for part in parts]), self._stacked(wide), eliminated)
+        return Linearization(self._stack_rows([part.residual for part in parts]), self._stack_rows(wide), eliminated)
 
     def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
         """Stacked residual of all problems, and products with its Jacobian, which is not formed, at `theta` (n_params,)."""
@@ -111,9 +112,9 @@ class JointProblem(Problem):
                 total[index] += part.adjoint(own)
             return total
 
-        stored = [_widened(part.jacobian, index, n_params) for part, index in pairs if part.jacobian is not None]
+        stored = [_expand_columns(part.jacobian, index, n_params) for part, index in pairs if part.jacobian is not None]
         return OperatorLinearization(
-            residual=self._stacked([part.residual for part in parts]),
+            residual=self._stack_rows([part.residual for part in parts]),
             forward=forward,
             adjoint=adjoint,
             data_squares=squares,
@@ -143,15 +144,21 @@ class JointProblem(Problem):
             rows, np.arange(problem.n_data, n_rows)
         )
 
-    def _stacked(self, parts: Sequence[FloatArray]) -> FloatArray:
-        """Data rows of all `parts`, one array for each problem, then the prior rows that no earlier problem states."""
+    def _stack_rows(self, parts: Sequence[FloatArray]) -> FloatArray:
+        """Data rows of all `parts`, one array for each problem, then the prior rows that no earlier problem states.
+
+        Each of `parts` is (n_residuals, ...), and so is the result.
+        """
         data = [part[: problem.n_data] for part, problem in zip(parts, self.problems, strict=True)]
         priors = [part[rows] for part, rows in zip(parts, self._first_priors, strict=True)]
         return np.concatenate([*data, *priors])
 
 
-def _widened(jacobian: FloatArray, index: IntArray, n_params: int) -> FloatArray:
-    """`jacobian` by the parameters at `index` as one by all `n_params`."""
+def _expand_columns(jacobian: FloatArray, index: IntArray, n_params: int) -> FloatArray:
+    """`jacobian` (n_rows, n_own) by the parameters at `index` (n_own,) as one by all `n_params`, (n_rows, n_params).
+
+    Columns of other parameters are 0.
+    """
     wide = np.zeros((len(jacobian), n_params))
     wide[:, index] = jacobian
     return wide
@@ -170,9 +177,10 @@ def _first_prior_rows(
 ) -> tuple[IntArray, ...]:
     """Indices among the prior rows of each problem of those that no earlier problem states: one int array a problem.
 
-    `priors` are residual and derivative of the prior rows of each problem, `columns` the joint indices of its parameters, and
-    `names` the joint names. A prior on one parameter that differs from an earlier one is dropped with `first_counts`, else it
-    raises `InputError`.
+    `priors` are residual and derivative of the prior rows of each problem, `columns` the joint indices of its
+    parameters, and `names` the joint names. A prior on one parameter that differs from an earlier one is dropped with
+    `first_counts`, else it raises `InputError`. A residual is (n_rows,), its derivative (n_rows, n_own_params), an
+    array of `columns` (n_own_params,).
     """
     known: dict[tuple[int, ...], list[tuple[FloatArray, float]]] = {}
     found = []
@@ -249,16 +257,21 @@ class JointUnknowns:
 
     @cached_property
     def theta_start(self) -> FloatArray:
-        return _first(self, [np.asarray(part.theta_start) for part in self.parts])
+        return _first_of_each(self, [np.asarray(part.theta_start) for part in self.parts])
 
     def physical(self, theta: FloatArray) -> FloatArray:
-        return _first(self, [part.physical(own) for part, own in zip(self.parts, self.split(theta), strict=True)])
+        return _first_of_each(
+            self, [part.physical(own) for part, own in zip(self.parts, self.split(theta), strict=True)]
+        )
 
     def slope(self, theta: FloatArray) -> FloatArray:
-        return _first(self, [part.slope(own) for part, own in zip(self.parts, self.split(theta), strict=True)])
+        return _first_of_each(self, [part.slope(own) for part, own in zip(self.parts, self.split(theta), strict=True)])
 
     def sizes(self, physical: FloatArray) -> FloatArray:
-        """Size with which each standard deviation is compared, (n_params,): the largest of all problems."""
+        """Size with which each standard deviation is compared, (n_params,): the largest of all problems.
+
+        `physical` (n_params,) are the parameters.
+        """
         sizes = np.zeros(len(self.names))
         for part, index in zip(self.parts, self.columns, strict=True):
             sizes[index] = np.maximum(sizes[index], part.sizes(physical[index]))
@@ -266,18 +279,18 @@ class JointUnknowns:
 
     @property
     def bounds(self) -> FloatArray:
-        return _first(self, [part.bounds for part in self.parts])
+        return _first_of_each(self, [part.bounds for part in self.parts])
 
     @property
     def reach(self) -> FloatArray:
-        return _first(self, [part.reach for part in self.parts])
+        return _first_of_each(self, [part.reach for part in self.parts])
 
     def split(self, values: FloatArray) -> list[FloatArray]:
         """Values of the unknowns of each part, from one value for each of all unknowns."""
         return [values[index] for index in self.columns]
 
 
-def _first(unknowns: JointUnknowns, values: Sequence[FloatArray]) -> FloatArray:
+def _first_of_each(unknowns: JointUnknowns, values: Sequence[FloatArray]) -> FloatArray:
     """Array (n_params, ...) with a row for each joint unknown, taken from the first problem that has it.
 
     `values` has an array (n_own, ...) for each problem.
@@ -389,7 +402,7 @@ class JointNoise:
 
 
 def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
-    """Non-negative integer labels of all parts in one array, raised so that different parts share none.
+    """Non-negative integer labels of all `parts` (n,) in one array, raised so that different parts share none.
 
     Each part is raised by a multiple of `step`.
     """

@@ -1,13 +1,14 @@
-"""Problems made of another one: with other data of the same noise, or with one free variable fixed."""
+"""Problems made of another one: with other data of the same noise, or with some free variables fixed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, IntArray
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import DataRows, NoiseLaw, Problem, Unknowns
 
@@ -72,11 +73,16 @@ class ShiftedResidual(Wrapped):
 
 @dataclass(frozen=True, eq=False)
 class _OtherUnknowns:
-    """All of `unknowns` but the one at `index`, whose free variable is fixed at `value`."""
+    """All of `unknowns` but those at `indices`, whose free variables are fixed at `values`."""
 
     unknowns: Unknowns
-    index: int
-    value: float
+    indices: IntArray
+    values: FloatArray
+
+    @cached_property
+    def free(self) -> IntArray:
+        """Indices of the other free variables, rising."""
+        return np.delete(np.arange(len(self.unknowns.names)), self.indices)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -92,70 +98,76 @@ class _OtherUnknowns:
 
     @property
     def theta_start(self) -> FloatArray:
-        return np.delete(self.unknowns.theta_start, self.index)
+        return np.asarray(self.unknowns.theta_start)[self.free]
 
     def whole(self, others: FloatArray) -> FloatArray:
         """All free variables, (n_params,), from the others."""
-        return np.insert(others, self.index, self.value)
+        whole = np.empty(len(self.unknowns.names))
+        whole[self.free], whole[self.indices] = others, self.values
+        return whole
 
     def physical(self, others: FloatArray) -> FloatArray:
-        return np.delete(self.unknowns.physical(self.whole(others)), self.index)
+        return np.asarray(self.unknowns.physical(self.whole(others))[self.free])
 
     def slope(self, others: FloatArray) -> FloatArray:
-        return np.delete(self.unknowns.slope(self.whole(others)), self.index)
+        return np.asarray(self.unknowns.slope(self.whole(others))[self.free])
 
     def sizes(self, physical: FloatArray) -> FloatArray:
-        fixed = self.unknowns.physical(self.whole(self.theta_start))[self.index]
-        return np.delete(self.unknowns.sizes(np.insert(physical, self.index, fixed)), self.index)
+        whole = np.array(self.unknowns.physical(self.whole(self.theta_start)))
+        whole[self.free] = physical
+        return np.asarray(self.unknowns.sizes(whole)[self.free])
 
     @property
     def bounds(self) -> FloatArray:
-        return np.delete(self.unknowns.bounds, self.index, axis=0)
+        return np.asarray(self.unknowns.bounds[self.free])
 
     @property
     def reach(self) -> FloatArray:
-        return np.delete(self.unknowns.reach, self.index, axis=0)
+        return np.asarray(self.unknowns.reach[self.free])
 
     def _others(self, entries: tuple[str, ...]) -> tuple[str, ...]:
-        return entries[: self.index] + entries[self.index + 1 :]
+        return tuple(entries[i] for i in self.free)
 
 
 @dataclass(frozen=True, eq=False)
 class _OtherScores:
-    """Noise `law` of a problem seen by all of its unknowns but the one at `index`."""
+    """Noise `law` of a problem seen by the unknowns at indices `free` of all `n_params`."""
 
     law: NoiseLaw
-    index: int
+    free: IntArray
+    n_params: int
 
     @property
     def factor(self) -> FloatArray | None:
         return self.law.factor
 
     def score_covariance(self, jacobian: FloatArray) -> FloatArray | None:
-        whole = self.law.score_covariance(np.insert(jacobian, self.index, 0.0, axis=1))
-        return None if whole is None else np.delete(np.delete(whole, self.index, axis=0), self.index, axis=1)
+        padded = np.zeros((len(jacobian), self.n_params))
+        padded[:, self.free] = jacobian
+        whole = self.law.score_covariance(padded)
+        return None if whole is None else whole[np.ix_(self.free, self.free)]
 
 
 @dataclass(frozen=True, eq=False)
-class FixedVariable(Problem):
-    """`problem` with one free variable fixed at a value; the others are its unknowns.
+class FixedVariables(Problem):
+    """`problem` with some free variables fixed at values; the others are its unknowns.
 
     Parameters
     ----------
     problem : Problem
-    index : int
-        Index of the fixed variable.
-    value : float
-        Its value.
+    indices : (n_fixed,) int array
+        Indices of the fixed variables.
+    values : (n_fixed,) float array
+        Their values.
     """
 
     problem: Problem
-    index: int
-    value: float
+    indices: IntArray
+    values: FloatArray
 
-    @property
+    @cached_property
     def unknowns(self) -> _OtherUnknowns:
-        return _OtherUnknowns(self.problem.unknowns, self.index, self.value)
+        return _OtherUnknowns(self.problem.unknowns, self.indices, self.values)
 
     @property
     def rows(self) -> DataRows:
@@ -170,11 +182,29 @@ class FixedVariable(Problem):
 
     def linearize(self, others: FloatArray) -> Linearization:
         linearization = self.problem.linearize(self.whole(others))
-        return replace(linearization, jacobian=np.delete(linearization.jacobian, self.index, axis=1))
+        return replace(linearization, jacobian=linearization.jacobian[:, self.unknowns.free])
+
+    def linearize_operator(self, others: FloatArray) -> OperatorLinearization:
+        whole, free = self.problem.linearize_operator(self.whole(others)), self.unknowns.free
+
+        def forward(v: FloatArray) -> FloatArray:
+            padded = np.zeros(whole.n_params)
+            padded[free] = v
+            return whole.forward(padded)
+
+        return replace(
+            whole,
+            forward=forward,
+            adjoint=lambda u: np.asarray(whole.adjoint(u)[free]),
+            data_squares=whole.data_squares[free],
+            prior=sparse.csr_array(whole.prior[:, free]),
+            jacobian=None if whole.jacobian is None else whole.jacobian[:, free],
+        )
 
     def noise_law(self, others: FloatArray) -> NoiseLaw:
-        return _OtherScores(self.problem.noise_law(self.whole(others)), self.index)
+        law = self.problem.noise_law(self.whole(others))
+        return _OtherScores(law, self.unknowns.free, len(self.problem.names))
 
     def prior_rows(self, others: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         residual, rows = self.problem.prior_rows(self.whole(others))
-        return residual, sparse.csr_array(rows[:, np.delete(np.arange(rows.shape[1]), self.index)])
+        return residual, sparse.csr_array(rows[:, self.unknowns.free])

@@ -72,7 +72,7 @@ class BlockFit:
     def covariance(self, indices: IntArray) -> FloatArray:
         """Covariance (k, k) of the parameters at `indices`, physical units; NaN for undetermined ones.
 
-        NaN everywhere without degrees of freedom.
+        NaN everywhere without degrees of freedom. `indices` is (k,).
 
         Raises
         ------
@@ -105,7 +105,7 @@ class _Band:
     band: FloatArray
 
     def inverse(self, right: FloatArray) -> FloatArray:
-        """(R'R)^-1 times right-hand sides in the order of the parameters."""
+        """(R'R)^-1 times the right-hand sides `right` (n_params, ...), in the order of the parameters; of the shape of `right`."""
         ordered = np.empty_like(right)
         ordered[self.layout.place] = right
         return solved(self.band, solved(self.band, ordered, transposed=True))[self.layout.place]
@@ -340,7 +340,8 @@ class BandLayout:
 def band_layout(columns: IntArray, n_params: int) -> BandLayout:
     """Layout of the blocks with these `columns` in a narrow band; cached for small problems.
 
-    `columns` (n_blocks, n_columns) are the parameters of each block, -1 where it has fewer.
+    `columns` (n_blocks, n_columns) are the parameters of each block, -1 where it has fewer. `n_params` is the number of
+    all parameters.
     """
     if columns.size > _KEPT_UP_TO:
         return _layout(columns, n_params)
@@ -355,7 +356,8 @@ def _kept_layout(columns: bytes, width: int, n_params: int) -> BandLayout:
 def _layout(columns: IntArray, n_params: int) -> BandLayout:
     """Layout with a narrow band, by reverse Cuthill-McKee on the parameters of the blocks.
 
-    `columns` (n_blocks, k) are the parameters of each block, -1 where it has fewer.
+    `columns` (n_blocks, k) are the parameters of each block, -1 where it has fewer. `n_params` is the number of all
+    parameters.
     """
     place = np.empty(n_params, dtype=np.int64)
     place[reverse_cuthill_mckee(_neighbours(columns, n_params), symmetric_mode=True)] = np.arange(n_params)

@@ -234,7 +234,7 @@ def _reflect_panel(r, q, rows, k):
 
 
 @_part
-def _by_reflections(r, q, rows):
+def _update_by_reflections(r, q, rows):
     """Update the triangle `r` of `q` columns in place by the samples in `rows`, by Householder reflections.
 
     The samples in `rows` are overwritten.
@@ -304,7 +304,7 @@ def _with_right(g, rows, n):
 
 
 @_part
-def _refined(g, q, rows, n):
+def _refine_right_side(g, q, rows, n):
     """Refine the right-hand side in the last column of the factor `g` once; returns the residual's sum of squares.
 
     `q` columns of `rows` are used, `n` with padding.
@@ -332,7 +332,7 @@ def _refined(g, q, rows, n):
 
 
 @_part
-def _by_products(r, q, rows):
+def _factor_by_products(r, q, rows):
     """Replace the triangle `r` of `q` columns by the Cholesky factor of the products of `rows`; returns False if inaccurate.
 
     In that case `r` is unchanged. `rows` include the old triangle. Products cost half as much as reflections but square the
@@ -353,7 +353,7 @@ def _by_products(r, q, rows):
     for i in range(q):
         left -= g[i, n] * g[i, n]
     if left < SMALL * g[n, n]:
-        left = _refined(g, q, rows, n)
+        left = _refine_right_side(g, q, rows, n)
     for i in range(q):
         for j in range(i, q):
             r[i, j] = g[i, j]
@@ -398,5 +398,5 @@ def fold_fields(triangles, fields, blocks, first, last, longest):
             for j in range(size):
                 rows, r = Rows(b, j * block, apart, count), triangles[d + j]
                 _put_triangle_first(r, q, rows, samples.length)
-                if samples.length < _FEWEST * q or not _by_products(r, q, rows):
-                    _by_reflections(r, q, rows)
+                if samples.length < _FEWEST * q or not _factor_by_products(r, q, rows):
+                    _update_by_reflections(r, q, rows)

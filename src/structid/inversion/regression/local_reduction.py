@@ -154,7 +154,7 @@ def only_operator(operator: sparse.csr_array) -> RowMaker:
 def _groups(columns: IntArray) -> IntArray:
     """Index of the first block of each group of neighbours with equal columns, and the number of blocks as last entry.
 
-    A group has three blocks at most.
+    A group has three blocks at most. `columns` is (n_blocks, k), the result (n_groups + 1,).
     """
     fresh = np.ones(len(columns), dtype=bool)
     fresh[1:] = (columns[1:] != columns[:-1]).any(axis=1)

@@ -140,7 +140,7 @@ def settled_strengths(
             return SettledStrengths(strengths, determined, theta, False)
         physical, before = problem.physical(theta), strengths
         strengths = tuple(
-            s if known is not None else _chosen(term, physical, g, s, b)
+            s if known is not None else _new_strength(term, physical, g, s, b)
             for term, known, g, s, b in zip(terms, given, determined, strengths, begun, strict=True)
         )
         known_to = [max(0.1, np.sqrt(2 / max(g, 1.0))) for g in determined]
@@ -159,7 +159,8 @@ def balanced_strengths(
 ) -> tuple[float, ...]:
     """Penalty strengths at which penalty and data have information of equal trace over the members, at `theta`.
 
-    `terms` are the penalties; strengths in `given` that are not None are kept.
+    `terms` are the penalties; strengths in `given` that are not None are kept. `theta` (n_params,) are free variables.
+    One strength for each penalty.
     """
     if all(value is not None for value in given):
         return tuple(float(value) for value in given if value is not None)
@@ -172,7 +173,7 @@ def balanced_strengths(
     return tuple(max(value, np.finfo(float).tiny) for value in made)
 
 
-def _chosen(term: Differences, physical: FloatArray, determined: float, strength: float, begun: float) -> float:
+def _new_strength(term: Differences, physical: FloatArray, determined: float, strength: float, begun: float) -> float:
     """New strength of the penalty `term`: number of determined combinations over the squared residual at strength 1.
 
     `physical` (n_params,) are the values and `determined` that number. It changes at most by a factor of 30 from `strength`,
@@ -195,7 +196,8 @@ def _determined(
 ) -> tuple[float, ...]:
     """Number of parameter combinations that the data determine within each penalty, by eight posterior draws.
 
-    `strengths` are the present ones of the penalties `terms`. NaN if no draw converges.
+    `strengths` are the present ones of the penalties `terms`. NaN if no draw converges. `theta` (n_params,) are the
+    free variables at which `linearization` was made; `seed` fixes the draws.
     """
     slope, physical = problem.slope(theta), problem.physical(theta)
     draws, _ = posterior_draws(linearization, _DRAWS, np.random.default_rng(seed))

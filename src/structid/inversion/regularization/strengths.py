@@ -48,7 +48,10 @@ class LocalModel:
 
     @cached_property
     def _data_triangle(self) -> tuple[FloatArray, FloatArray, float]:
-        """Triangle R and product Q'r of the QR factorization of the data, and the sum of squares of a fit to data alone."""
+        """Triangle R and product Q'r of the QR factorization of the data, and the sum of squares of a fit to data alone.
+
+        R is (n_params, n_params) and Q'r (n_params,); rows of penalties are not included.
+        """
         orthogonal, triangle = np.linalg.qr(self.data.jacobian)
         projected = orthogonal.T @ self.data.residual
         rest = float(self.data.residual @ self.data.residual - projected @ projected)
@@ -70,7 +73,7 @@ class LocalModel:
         return float((self._data_triangle[0][:, used] ** 2).sum()) / own if own > 0 else 1.0
 
     def solved(self, strengths: tuple[FloatArray | float, ...]) -> LocalFit:
-        """Fit of the linear model with each penalty multiplied by its strength: a number, or an array with one for each row."""
+        """Fit of the linear model with each penalty multiplied by its entry of `strengths`: a number, or one for each row."""
         triangle, projected, rest = self._data_triangle
         roots = [np.sqrt(np.broadcast_to(s, p.residual.shape)) for s, p in zip(strengths, self.penalties, strict=True)]
         rows = np.concatenate(
@@ -230,9 +233,9 @@ def _ends(model: LocalModel) -> FloatArray:
 def sparse_strengths(model: LocalModel, index: int, strengths: tuple[FloatArray | float, ...]) -> FloatArray:
     """Strength for each row of penalty `index`, (n_rows,), of largest marginal likelihood; it makes few rows nonzero.
 
-    Row by row, with mean m and variance v of the row without its penalty, 1 / l = m^2 - v where that is positive; otherwise l
-    is 1e6 times the balance of data and penalty. Rows must be linearly independent. `strengths` are those of all penalties at
-    the start; the others stay.
+    Row by row, with mean m and variance v of the row without its penalty, 1 / l = m^2 - v where that is positive;
+    otherwise l is 1e6 times the balance of data and penalty. Rows must be linearly independent. `strengths` are those
+    of all penalties at the start; the others stay. An entry is a number or an array with one for each row.
 
     References
     ----------
@@ -277,8 +280,8 @@ def absolute_strengths(
 ) -> FloatArray:
     """Strength for each row of penalty `index`, (n_rows,), that turns its sum of squares into a sum of magnitudes.
 
-    By iteratively reweighted least squares: `strength` / sqrt(x^2 + `smoothing`^2) for a row x. `strengths` are those of all
-    penalties; the others stay.
+    By iteratively reweighted least squares: `strength` / sqrt(x^2 + `smoothing`^2) for a row x. `strengths` are those
+    of all penalties; the others stay. An entry is a number or an array with one for each row.
 
     References
     ----------
@@ -350,7 +353,7 @@ def settled(
     theta = refit(strengths, theta)
     model = linearized(theta)
     for count in range(1, max_rounds + 1):
-        chosen = tuple(_near(new, old) for new, old in zip(choose(model, strengths), strengths, strict=True))
+        chosen = tuple(_limit_change(new, old) for new, old in zip(choose(model, strengths), strengths, strict=True))
         ratios = [np.log(np.asarray(new) / np.asarray(old)) for new, old in zip(chosen, strengths, strict=True)]
         strengths = chosen
         theta = refit(strengths, theta)
@@ -360,8 +363,11 @@ def settled(
     return SettledFit(theta, strengths, model, False, max_rounds)
 
 
-def _near(new: FloatArray | float, old: FloatArray | float) -> FloatArray | float:
-    """A single strength moved by a factor of ten at most, so that the next fit begins near its answer."""
+def _limit_change(new: FloatArray | float, old: FloatArray | float) -> FloatArray | float:
+    """`new`, a single strength, moved to within a factor of ten of `old`, so that the next fit begins near its answer.
+
+    Arrays of strengths are returned as they are.
+    """
     if np.ndim(new) or np.ndim(old):
         return new
     return float(np.clip(new, float(old) / _LARGEST_FACTOR, float(old) * _LARGEST_FACTOR))

@@ -21,6 +21,8 @@ _LEAST_DAMPING, _MOST_DAMPING = 1e-20, 1e40
 _ACCEPTED = 1e-4
 #: With more damping than this a small promise says nothing.
 _MUCH_DAMPING = 1e3
+#: Memory that a search with a Jacobian may take; it takes some arrays of the Jacobian's size, and three of n_params squared.
+_DENSE_BYTES, _DENSE_COPIES = 2_000_000_000, 4
 #: The message of searches that end early, as others are better.
 LEFT = "left where other searches are better"
 
@@ -257,7 +259,7 @@ def _state(damping: Damping, history: Sequence[FloatArray], costs: Sequence[floa
 
 
 def sizes_at(problem: Problem, theta: FloatArray) -> FloatArray:
-    """`Point.size` at free variables."""
+    """`Point.size` of each free variable, (n_params,), at the free variables `theta` (n_params,)."""
     slope = np.maximum(np.abs(problem.slope(theta)), 1e-100)  # 0 where a bounded parameter is at its bound
     size: FloatArray = problem.unknowns.sizes(problem.physical(theta)) / slope
     return size
@@ -281,3 +283,19 @@ def damped_end(
 def shortened(step: FloatArray, limit: FloatArray) -> FloatArray:
     """Step scaled down as a whole so that no entry exceeds its `limit` in magnitude; as it is if none does."""
     return step / max(1.0, float((np.abs(step) / limit).max(initial=0.0)))
+
+
+def dense_search_fits(n_params: int, n_data: int, dense_bytes: float = _DENSE_BYTES) -> tuple[bool, str]:
+    """True if a search with a dense Jacobian fits in `dense_bytes` of memory, and a sentence with the reason.
+
+    Parameters
+    ----------
+    n_params, n_data : int
+    dense_bytes : float
+        Memory that a dense search may take.
+    """
+    size = 8.0 * _DENSE_COPIES * n_params * (n_data + n_params)
+    figures = f"{n_params} parameters and {n_data} data: a dense search would take {size / 1e9:.2g} GB"
+    if size <= dense_bytes:
+        return True, f"{figures}, which is within {dense_bytes / 1e9:.2g} GB"
+    return False, f"{figures}, more than {dense_bytes / 1e9:.2g} GB; steps are solved without forming J'J"

@@ -110,7 +110,7 @@ class _Damped:
     def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
         """Damped step (n_params,) with the entries `held` (mask) fixed at those of `values` (n_params,).
 
-        `projected` is Q'r, the residual in the coordinates of the triangle.
+        `projected` (n_params,) is Q'r, the residual in the coordinates of the triangle.
         """
         right = self.orthogonal[: len(projected)].T @ projected + self.triangle[:, held] @ values[held]
         orthogonal, factor = np.linalg.qr(self.triangle[:, ~held])
@@ -219,7 +219,7 @@ class LevenbergMarquardt(WithJacobian):
     def tried(self, problem: Problem, point: FactoredPoint, damping: Damping) -> IterationResult:
         """Trial with the damped step from `point` and its gain ratio, or without a step and with the reason to end.
 
-        If the step keeps at most 0.7 of the predicted decrease, it is also tried with acceleration and the better one taken.
+        If the step keeps at most `_KEPT` of the predicted decrease, it is also tried with acceleration and the better one taken.
         """
         damped = _damped(point.triangle, damping.factor, damping.scale)
         velocity = _velocity(point, damped, damping)
@@ -245,7 +245,8 @@ class LevenbergMarquardt(WithJacobian):
     ) -> FloatArray | None:
         """Step with half of its geodesic acceleration, (n_params,), from the `residual` after `step`.
 
-        None without acceleration, if the curvature is below rounding, or if the acceleration is too long.
+        None without acceleration, if the curvature is below rounding, or if the acceleration is too long. `step` is
+        (n_params,), `residual` (n_residuals,).
         """
         if self.acceleration <= 0:
             return None

@@ -20,10 +20,6 @@ from structid.inversion.search.least_squares import Damping, IterationResult, Po
 from structid.inversion.search.minimum import Minimum, residual_at, squared
 from structid.inversion.uncertainty import Uncertainty
 
-#: A dense search takes some arrays of the Jacobian's size, and three of n_params squared.
-DENSE_BYTES = 2_000_000_000
-_DENSE_COPIES = 4
-
 
 @dataclass(frozen=True)
 class MatrixFree:
@@ -133,19 +129,3 @@ class MatrixFree:
         """Covariance and rank at the minimum from draws of the posterior; see `drawn_uncertainty`."""
         at = cast(OperatorLinearization, minimum.linearization)
         return drawn_uncertainty(problem, minimum.theta, at, self.draws, self.solved, misfit_probability, seed, fixed)
-
-
-def dense_search_fits(n_params: int, n_data: int, dense_bytes: float = DENSE_BYTES) -> tuple[bool, str]:
-    """True if a search with a dense Jacobian fits in `dense_bytes` of memory, and a sentence with the reason.
-
-    Parameters
-    ----------
-    n_params, n_data : int
-    dense_bytes : float
-        Memory that a dense search may take.
-    """
-    size = 8.0 * _DENSE_COPIES * n_params * (n_data + n_params)
-    figures = f"{n_params} parameters and {n_data} data: a dense search would take {size / 1e9:.2g} GB"
-    if size <= dense_bytes:
-        return True, f"{figures}, which is within {dense_bytes / 1e9:.2g} GB"
-    return False, f"{figures}, more than {dense_bytes / 1e9:.2g} GB; steps are solved without forming J'J"

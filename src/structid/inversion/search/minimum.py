@@ -74,7 +74,10 @@ class Minimum:
 
 
 def residual_at(problem: Problem, theta: FloatArray) -> FloatArray | None:
-    """Residual (n_residuals,) at free variables `theta`; None if the model is singular there or an entry is not finite."""
+    """Residual (n_residuals,) at free variables `theta`; None if the model is singular there or an entry is not finite.
+
+    `theta` is (n_params,).
+    """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
             residual = problem.residual(theta)
@@ -84,7 +87,7 @@ def residual_at(problem: Problem, theta: FloatArray) -> FloatArray | None:
 
 
 def squared(residual: FloatArray | None) -> float:
-    """Sum of squares, infinite where there is no residual."""
+    """Sum of squares of `residual` (n,); infinite if it is None."""
     if residual is None:
         return np.inf
     with np.errstate(over="ignore"):

@@ -174,18 +174,18 @@ def searched_minima(
     while not good and len(minima) < len(starts):
         ahead = starts[len(minima) : len(minima) + work.n_workers]
         for task in work.map("restarts", _search, shared, ahead, progress, first=len(minima) - 1):
-            minima.append(_found(problem, method, task))
+            minima.append(_read_minimum(problem, method, task))
             good = fits(minima[-1][0])
             if good:
                 break
-    minima = _ended(problem, method, minima, progress, work)
+    minima = _complete_searches(problem, method, minima, progress, work)
     used = max(0, len(minima) - len(chosen))
     best = min((minimum for minimum, _ in minima), key=lambda minimum: float(minimum.costs[-1]))
     doubtful = good and _is_doubtful(problem, method, best, start, search)
     count = most if doubtful else search.uniqueness_starts
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
     found = work.map("uniqueness starts", _search, (problem, method, tuple(chosen)), more, progress) if more else []
-    minima += [_found(problem, method, task) for task in found]
+    minima += [_read_minimum(problem, method, task) for task in found]
     if not search.wide_starts or (good and not _is_determined_somewhere(problem, best, start)):
         return SearchedMinima(minima)
     grouped = _GroupedMinima(fits)
@@ -226,7 +226,7 @@ class _GroupedMinima:
         if not minimum.converged:
             return False
         for other, is_fitting in self.distinct:
-            if _distance(other, minimum) <= _SAME:
+            if are_same(other, minimum):
                 return is_fitting
         self.distinct.append((minimum, self.fits(minimum)))
         return self.distinct[-1][1]
@@ -249,8 +249,9 @@ def _wide_minima(
 ) -> tuple[list[tuple[Minimum, int]], bool]:
     """All minima of searches from distant random starts and along the weakest directions, and True if they are complete.
 
-    Each minimum comes with its number of iterations. They are complete if no further one is expected before `wide_starts` run
-    out. `path` is the continuation path of each search, `start` the centre of the starts; `grouped` takes the new minima.
+    Each minimum comes with its number of iterations. They are complete if no further one is expected before
+    `wide_starts` run out. `path` is the continuation path of each search, `start` the centre of the starts; `grouped`
+    takes the new minima. `start` (n_params,) are free variables.
     """
     rng = np.random.default_rng([search.seed, search.wide_starts])
     reach, size = problem.unknowns.reach, np.log(_WIDE) * sizes_at(problem, start)
@@ -258,12 +259,12 @@ def _wide_minima(
     n_made, n_ended, n_followed = 0, 0, 0
 
     def run(points: Sequence[FloatArray]) -> int:
-        """Search from each of `points`, and return how many of the searches ended at minima that the data allow."""
+        """Search from each of `points` (n_params,), and return how many of the searches ended at minima that the data allow."""
         nonlocal n_made
         items = [(n_made + k, 0, np.clip(point, *reach.T)) for k, point in enumerate(points)]
         tasks = work.map("wide starts", _search_widely, (problem, method, (path,)), items, progress, first=n_made)
         n_made += len(items)
-        ends = [_found(problem, method, task) for task in tasks if "failed" not in task]
+        ends = [_read_minimum(problem, method, task) for task in tasks if "failed" not in task]
         minima.extend(ends)
         return sum(grouped.add(minimum) for minimum, _ in ends)
 
@@ -284,7 +285,10 @@ def _wide_minima(
 def _search_widely(
     shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: TaskContext
 ) -> StoredValues:
-    """One search from a wide start, as a task; it may come to where the data cannot be held against the model."""
+    """One search from a wide start, as a task; it may come to where the data cannot be held against the model.
+
+    Arguments and result are those of `_search`.
+    """
     try:
         return _search(shared, item, tools)
     except InputError as error:
@@ -292,7 +296,10 @@ def _search_widely(
 
 
 def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
-    """Starting points on both sides of an answer along its two worst-determined directions, a factor of five away at most."""
+    """Starting points on both sides of an answer along its two worst-determined directions, a factor of five away at most.
+
+    Points are free variables, (n_params,) each.
+    """
     size = sizes_at(problem, answer.theta)
     rows = np.linalg.svd(cast(Linearization, answer.linearization).jacobian * size)[2][-_WEAKEST:]
     steps = [np.log(_WIDE) * row / np.abs(row).max() * size for row in rows]
@@ -302,7 +309,8 @@ def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
 def _is_determined_somewhere(problem: Problem, minimum: Minimum, start: FloatArray) -> bool:
     """True if data and priors determine every direction of the parameters at a minimum, or at the start.
 
-    A search may end between several answers, where the data do not see the way from one to the next.
+    A search may end between several answers, where the data do not see the way from one to the next. `start`
+    (n_params,) are free variables.
     """
     if _is_determined(problem, minimum.theta, cast(Linearization, minimum.linearization)):
         return True
@@ -322,14 +330,14 @@ def _is_determined(problem: Problem, theta: FloatArray, at: Linearization) -> bo
     return bool(singular[-1] > _SEEN * singular[0])
 
 
-def _ended(
+def _complete_searches(
     problem: Problem,
     method: Method,
     minima: list[tuple[Minimum, int]],
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> list[tuple[Minimum, int]]:
-    """Minima with their iterations, after the stopped searches near the best were completed.
+    """`minima` with their numbers of iterations, after the stopped searches near the best were completed.
 
     A search that was stopped early is continued if its sum of squares is at most 1.01 times the smallest.
     """
@@ -358,7 +366,8 @@ def _after(first: Minimum, last: Minimum) -> Minimum:
 def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatArray, search: Search) -> bool:
     """True if the best answer is doubtful enough for more searches: far from the start, or pushed beyond a bound.
 
-    False without `doubt_starts` or for a matrix-free method. See `Search`.
+    False without `doubt_starts` or for a matrix-free method. See `Search`. `start` (n_params,) are the free variables
+    at the start.
     """
     if not search.doubt_starts or method.is_matrix_free:
         return False
@@ -388,7 +397,7 @@ def _search(
     return {**stored_minimum(minimum), "iterations": iterations}
 
 
-def _found(problem: Problem, method: Method, task: StoredValues) -> tuple[Minimum, int]:
+def _read_minimum(problem: Problem, method: Method, task: StoredValues) -> tuple[Minimum, int]:
     """Minimum of a stored task and its number of iterations; `SingularModelError` if the task failed."""
     if "failed" in task:
         raise SingularModelError(task["failed"])
@@ -407,7 +416,8 @@ def staged(
     """Minimum of `problem` after the searches of its easier `stages`, and the number of iterations of all of them.
 
     If the problem has a larger sum of squares at the end of the stages than at `theta`, its search starts from `theta`.
-    `prefix` begins the names of stages in progress messages.
+    `prefix` begins the names of stages in progress messages. `theta` (n_params,) are free variables; `progress` is
+    called with the name of a stage, its iteration and the sum of squares, None for no reports.
     """
     start, iterations = theta, 0
     courses: list[StageCourse] = []
@@ -450,7 +460,7 @@ def distinct_answers(
     """
     groups: list[list[Minimum]] = []
     for minimum in sorted((m for m in minima if m.converged), key=cost_rank):
-        own = next((g for g in groups if _distance(g[0], minimum) <= _SAME), None)
+        own = next((g for g in groups if are_same(g[0], minimum)), None)
         if own is None:
             groups.append([minimum])
         else:
@@ -482,11 +492,16 @@ def ends_at_other(problem: Problem, minimum: Minimum, end: FloatArray, other: Mi
     end, other_end : (n_params,) float arrays
         Free variables of their refits.
     """
-    if _distance(other, minimum) <= _SAME:
+    if are_same(other, minimum):
         return False
     size = sizes_at(problem, minimum.theta)
     begun, apart = ((end - point) / np.where(size > 0, size, 1.0) for point in (minimum.theta, other_end))
     return bool(np.linalg.norm(apart) < np.linalg.norm(begun))
+
+
+def are_same(first: Minimum, second: Minimum) -> bool:
+    """True if two minima are one answer: within three posterior standard deviations of each other."""
+    return _distance(first, second) <= _SAME
 
 
 def _distance(first: Minimum, second: Minimum) -> float:

@@ -33,7 +33,7 @@ def posterior_linearized(
     predictable speak first, and others as the spread narrows: no order of modes or of samples has to be known. A search
     by derivatives has to follow from here.
 
-    A round costs 100 residuals, or four for each parameter, and no derivative; there are at most 20 rounds.
+    A round costs 100 residuals, or four for each parameter, and no derivative; there are at most `_ROUNDS` rounds.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def posterior_linearized(
     deviation = np.maximum(spread * sizes_at(problem, theta), _LEAST_DEVIATION)
     middle, factor = theta, np.diag(deviation)
     for count in range(_ROUNDS):
-        draws, residuals = _drawn(problem, middle, factor, rng)
+        draws, residuals = _draw_residuals(problem, middle, factor, rng)
         if len(draws) < 2 * (len(theta) + 1):
             break
         mean, slopes, left = _line(draws, residuals)
@@ -81,7 +81,7 @@ def posterior_linearized(
     return middle
 
 
-def _drawn(
+def _draw_residuals(
     problem: Problem, middle: FloatArray, factor: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Antithetic standard normal draws, (n_draws, n_params), and the residuals there, (n_draws, n_rows).

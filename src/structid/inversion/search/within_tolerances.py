@@ -7,20 +7,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from structid import inversion
 from structid.core.arrays import FloatArray, IntArray
-from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns
+from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns, likely_move
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
+from structid.inversion.problems.wrapped import FixedVariables
 from structid.inversion.search.least_squares import Method, minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
-from structid.inversion.search.matrix_free import MatrixFree
 from structid.inversion.search.minimum import Progress
 
 #: Fixed values are near: a few steps settle them.
 _REFIT = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
 #: Of a fit far beyond its noise: Gauss-Newton steps are too long there, and what tolerances explain of it is a small part.
 _FAR_REFIT = LevenbergMarquardt(max_iterations=7, gain_tolerance=1e-5, initial_damping=1e-3)
-_MATRIX_FREE_REFIT = MatrixFree(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
+#: Of a refit that goes on from one to a part of the data.
+_LAST_REFIT = LevenbergMarquardt(max_iterations=4, gain_tolerance=1e-4, initial_damping=1e-3)
 
 
 #: Sum of squares, in parts of the number of data, from which on a fit is far beyond its noise.
@@ -64,22 +66,41 @@ class FixedValues:
         return replace(self, problem=self.sample or self.problem, sample=None)
 
     def refit(
-        self, names: tuple[str, ...], theta: FloatArray, chi_square: float, progress: Progress | None = None
+        self,
+        names: tuple[str, ...],
+        theta: FloatArray,
+        chi_square: float,
+        progress: Progress | None = None,
+        start: FloatArray | None = None,
     ) -> FitWithinTolerances:
         """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta` of `names`.
 
-        `chi_square` is the sum of squares at `theta`. Above four times the number of data, steps are damped more, and the refit
-        ends there if it stays above.
+        `chi_square` is the sum of squares at `theta`, (n_params,). Above four times the number of data, steps are damped more,
+        and the refit ends there if it stays above. `start` is the end of a refit to a part of the data, free variables of all
+        unknowns with fixed values among them: from there only a few steps are taken.
         """
-        start, far = self._whole(names, theta), _FAR * self.problem.n_data
+        if start is not None:
+            minimum = minimize(self.problem, _LAST_REFIT, start, progress)
+            return self._fit(minimum.theta, minimum.linearization, names)
+        start, far = self._all_free_variables(names, theta), _FAR * self.problem.n_data
         if not self.is_matrix_free and chi_square > far:
             minimum = minimize(self.problem, _FAR_REFIT, start, progress)
             if minimum.costs[-1] > far:
                 return self._fit(minimum.theta, minimum.linearization, names)
             start = minimum.theta
-        method: Method = _MATRIX_FREE_REFIT if self.is_matrix_free else _REFIT
-        minimum = minimize(self.problem, method, start, progress)
+        minimum = minimize(self.problem, self._method, start, progress)
         return self._fit(minimum.theta, minimum.linearization, names)
+
+    def followed(self, within: FitWithinTolerances, theta: FloatArray) -> FitWithinTolerances:
+        """Copy of `within` with `likely` by `likely_move`, and `followed` fitted from the free variables `theta` (n_params,).
+
+        It is `within` itself where `likely` is `asked`.
+        """
+        likely = likely_move(within.asked)
+        if np.array_equal(likely, within.asked):
+            return within
+        rest = FixedVariables(self.problem, self._index(self.names), likely * self.std)
+        return replace(within, likely=likely, followed=minimize(rest, self._method, theta).theta)
 
     def fit_at(self, theta: FloatArray, names: tuple[str, ...]) -> FitWithinTolerances:
         """Fit within tolerances at the free variables `theta` of all unknowns, without a search.
@@ -93,10 +114,11 @@ class FixedValues:
     ) -> FixedColumns:
         """Derivatives (n_data, n_fixed) of the residual by the logarithm of each fixed value, with names and tolerances.
 
-        Taken at the free variables `theta` of the parameters `names`, fixed values as in the model. `within` is a fit with
-        fixed values free within their tolerances, if one was made.
+        Taken at the free variables `theta` (n_params,) of the parameters `names`, fixed values as in the model. `within`
+        is a fit with fixed values free within their tolerances, if one was made; it is stored with its `followed` fitted.
         """
-        whole, index = self._whole(names, theta), self._index(self.names)
+        within = None if within is None else self.followed(within, theta)
+        whole, index = self._all_free_variables(names, theta), self._index(self.names)
         if self.is_matrix_free:
             linearized, units = self.problem.linearize_operator(whole), np.arange(len(whole))
             columns = np.column_stack([linearized.forward((units == i).astype(np.float64)) for i in index])
@@ -109,10 +131,21 @@ class FixedValues:
         self, theta: FloatArray, linearization: Linearization | OperatorLinearization, names: tuple[str, ...]
     ) -> FitWithinTolerances:
         asked = theta[self._index(self.names)] / self.std
-        return FitWithinTolerances(self.problem, theta, linearization, asked, theta[self._index(names)])
+        parameters = theta[self._index(names)]
+        return FitWithinTolerances(self.problem, theta, linearization, asked, parameters, asked, parameters)
 
-    def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
-        """Free variables of all unknowns, from those of the parameters `names`, with every fixed value as in the model."""
+    @property
+    def _method(self) -> Method:
+        """Method of refits: a few steps settle values that are near."""
+        if not self.is_matrix_free:
+            return _REFIT
+        return inversion.MatrixFree(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
+
+    def _all_free_variables(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
+        """Free variables of all unknowns, (n_unknowns,), from `theta` (n_params,), those of the parameters `names`.
+
+        Every fixed value is as in the model.
+        """
         whole = np.array(self.problem.theta_start, dtype=np.float64)
         whole[self._index(names)], whole[self._index(self.names)] = theta, 0.0
         return whole

@@ -120,9 +120,25 @@ def _read_table(path: Path) -> _Table:
     doubled = [name for name in header if name and header.count(name) > 1]
     if doubled:
         raise FileError(f"{path}: has two columns `{doubled[0]}`; leave one out")
-    lines = rows[1:] if separator == "," else [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
+    lines = rows[1:]
+    if separator != ",":
+        _require_one_decimal_sign(path, lines)
+        lines = [[cell.replace(",", ".") for cell in row] for row in lines]
     factors = {word.name: word.factor for word in words if word.factor != 1}
     return _Table(path, header, lines, factors, is_turned, numbers, [word.assumed for word in words if word.assumed])
+
+
+def _require_one_decimal_sign(path: Path, lines: list[list[str]]) -> None:
+    """Raise `FileError` if some numbers in the cells of `lines` have commas and others points, which may be of thousands."""
+    numbers = [cell.strip() for row in lines for cell in row if is_number(cell)]
+    with_comma, with_point = (
+        next((cell for cell in numbers if sign in cell.removesuffix(".")), None) for sign in (",", ".")
+    )  # "1." is the first
+    if with_comma is not None and with_point is not None:
+        raise FileError(
+            f"{path}: has decimal commas, as in {with_comma}, and {with_point}, whose point may be that of thousands or of"
+            " decimals; export all numbers alike, without thousands apart"
+        )
 
 
 class _Word(NamedTuple):
@@ -273,7 +289,8 @@ def _column(table: _Table, name: str) -> FloatArray:
 def _scaling(path: Path, header: list[str], lines: list[list[str]]) -> Scaling:
     """Scaling of the shapes, from the column `scaling`; "unit_largest" without such a column.
 
-    `FileError` if rows differ or it is neither "mass" nor "unit_largest".
+    `FileError` if rows differ or it is neither "mass" nor "unit_largest". `header` are the column names, `lines` the
+    cells of each row.
     """
     stated = {row[header.index("scaling")].strip() for row in lines} if "scaling" in header else {"unit_largest"}
     if stated == {"mass"}:
@@ -308,7 +325,7 @@ def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
 def _shapes(table: _Table, dofs: tuple[Dof, ...]) -> tuple[NumberArray, FloatArray | None]:
     """Mode shapes (n_channels, n_modes), complex if there are imaginary parts, and their standard deviations or None.
 
-    `FileError` if a real part is missing beside an imaginary part.
+    `FileError` if a real part is missing beside an imaginary part. `dofs` are the channels of the rows.
     """
     names = {}
     for name in table.header:

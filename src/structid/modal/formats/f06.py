@@ -149,7 +149,10 @@ class _Listing:
             self.page.mode = int(match[1])
 
     def _read_title(self, number: int, line: str) -> None:
-        """Read a title in spaced letters: begin the eigenvalue table, or the page of a vector; any other title ends a table."""
+        """Read a title in spaced letters: begin the eigenvalue table, or the page of a vector; any other title ends a table.
+
+        `number` is that of the line in the file.
+        """
         self.state = ""
         if _REAL_TABLE.search(line):
             self.state = "table"
@@ -167,7 +170,10 @@ class _Listing:
         self.page = _Page(page.subcase, page.superelement)
 
     def _read_table(self, number: int, line: str) -> None:
-        """Read a row of the eigenvalue table; raise `FileError` if it is of a buckling analysis."""
+        """Read a row of the eigenvalue table; raise `FileError` if it is of a buckling analysis.
+
+        `number` is that of the line in the file.
+        """
         if match := _TABLE_ROW.match(line):
             _, _, cycles, mass, _ = (real_number(text) for text in match[3].split())
             self.table.setdefault(int(match[1]), []).append((real_number(match[3].split()[0]), cycles, mass))
@@ -181,7 +187,8 @@ class _Listing:
     def _read_columns(self, number: int, line: str) -> None:
         """Read a line between the title of a vector and its rows: form of complex numbers, or column headings.
 
-        `FileError` if the form is not stated or columns are not those of points sorted by mode.
+        `FileError` if the form is not stated or columns are not those of points sorted by mode. `number` is that of the
+        line in the file, `line` its text.
         """
         assert self.vector is not None
         text = line.strip()
@@ -238,7 +245,8 @@ class _Listing:
     def _read_second(self, number: int, line: str) -> None:
         """Read the second line of a complex eigenvector row, imaginary parts or phases, and add it to the row of its point.
 
-        `FileError` if the line is damaged or contradicts an earlier print of the point.
+        `FileError` if the line is damaged or contradicts an earlier print of the point. `number` is that of the line in
+        the file.
         """
         assert self.vector is not None
         self.state = "rows"
@@ -253,8 +261,8 @@ class _Listing:
     def _six_numbers(self, number: int, line: str, first: int, is_grid: bool, is_phase: bool = False) -> list[str]:
         """The six numbers of a row as texts, from columns of 15 that begin at column index `first`; "" for a blank one.
 
-        `is_grid` says that the row is of a grid point, which has six numbers or the first three, `is_phase` that these are
-        phases. `FileError` if a text is no number.
+        `is_grid` says that the row is of a grid point, which has six numbers or the first three, `is_phase` that these
+        are phases. `FileError` if a text is no number. `line` is the text and `number` that of the line in the file.
         """
         self.first_column = first
         fields = [line[first + k * _WIDTH : first + (k + 1) * _WIDTH].strip() for k in range(6)]

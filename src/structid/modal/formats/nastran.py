@@ -22,6 +22,8 @@ from structid.modal.modal_record import ModalRecord
 def nastran_modes(path: Path, options: ModeFileOptions | None = None) -> PrintedModes:
     """Modes as printed in the Nastran listing, punch file or binary file at `path`, in the units of the model.
 
+    None for `options` takes the defaults.
+
     Raises
     ------
     FileError

@@ -112,7 +112,7 @@ def op2_modes(path: Path, options: ModeFileOptions) -> PrintedModes:
 
 
 def _words_of(path: Path, content: bytes) -> _Words:
-    """Byte order and word size of an op2 file, from its first record; `FileError` if it does not begin as such a file."""
+    """Byte order and word size of the op2 file with this `content`; `FileError` if it does not begin as such a file."""
     for size in (4, 8):
         for order in "<>":
             if content[:4] == np.array(size, dtype=f"{order}i4").tobytes():
@@ -123,7 +123,7 @@ def _words_of(path: Path, content: bytes) -> _Words:
 
 
 def _records(path: Path, content: bytes, words: _Words) -> Iterator[bytes]:
-    """Fortran records (bytes) of a file, each stored between two copies of its length; `FileError` if one is cut short."""
+    """Fortran records of the file `content`, each stored between two copies of its length; `FileError` if one is cut short."""
     at, length_type = 0, f"{words.order}i4"
     while at < len(content):
         head = content[at : at + 4]
@@ -137,7 +137,7 @@ def _records(path: Path, content: bytes, words: _Words) -> Iterator[bytes]:
 
 
 def _tables(path: Path, content: bytes, words: _Words) -> Iterator[_Table]:
-    """Tables of an op2 file in their order, each with its name and parts; `FileError` if the file is cut short."""
+    """Tables of the op2 file `content` in their order, each with its name and parts; `FileError` if it is cut short."""
     records = _records(path, content, words)
     table: _Table | None = None
     part = 0
@@ -209,7 +209,10 @@ def _vectors(path: Path, table: _Table, words: _Words, system: int) -> Iterator[
 
 
 def _generalized_masses(tables: list[_Table], words: _Words) -> dict[tuple[int | None, int], tuple[float, float]]:
-    """Eigenvalue omega^2 and generalized mass, by (subcase, mode number), from eigenvalue tables; subcase 0 if not stated."""
+    """Eigenvalue omega^2 and generalized mass, by (subcase, mode number), from eigenvalue tables; subcase 0 if not stated.
+
+    The subcase may be None too.
+    """
     masses: dict[tuple[int | None, int], tuple[float, float]] = {}
     for table in tables:
         if table.name not in _EIGENVALUES:

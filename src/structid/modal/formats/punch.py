@@ -159,7 +159,8 @@ def punch_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes
 def _read_key(path: Path, number: int, line: str, subcase: int | None, superelement: int | None) -> VectorKey:
     """Key (run, mode, eigenvalue) in an EIGENVALUE line of a punch file; `FileError` if the line holds none.
 
-    `number` is that of the line, from 1.
+    `number` is that of the line, from 1. `subcase` and `superelement` are the numbers stated above the line, None if
+    there are none.
     """
     if match := _EIGENVALUE.match(line):
         return VectorKey(subcase, superelement, int(match[2]), (match[1],))

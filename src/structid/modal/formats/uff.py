@@ -171,7 +171,8 @@ def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalR
     """The modes in the datasets 55 and 2414 of the universal file at `path`, in SI units and global axes.
 
     Directions that are 0 throughout were not measured. Where every dataset states a modal mass or modal A, shapes get a
-    modal mass of 1. The `source` of the record says what was taken for granted and left out.
+    modal mass of 1. The `source` of the record says what was taken for granted and left out. None for `options` takes
+    the defaults.
 
     Raises
     ------
@@ -408,8 +409,8 @@ _Stated = tuple[complex, float, complex]
 def _normal(where: str, frequency: float, mass: float, viscous: float, hysteretic: float) -> _Stated:
     """Eigenvalue i omega (rad/s), damping ratio and modal mass of a normal mode.
 
-    `frequency` is in Hz; the ratio is `viscous`, else half of `hysteretic`, else NaN; the mass is 0 if not stated. `FileError`
-    if a number is not finite or the frequency negative.
+    `frequency` is in Hz; the ratio is `viscous`, else half of `hysteretic`, else NaN; the mass is 0 if not stated.
+    `FileError` if a number is not finite or the frequency negative. `where` names the dataset in errors.
     """
     if not np.isfinite([frequency, mass, viscous, hysteretic]).all() or frequency < 0:
         raise FileError(
@@ -432,8 +433,9 @@ def _complex(reals: Sequence[float]) -> _Stated:
 def _make_mode(where: str, number: int, kind: _Kind, lines: list[str], begin: int, stated: _Stated) -> _Mode:
     """Mode of a dataset whose nodes begin at line index `begin`.
 
-    `stated` is its eigenvalue (rad/s), damping ratio and modal mass; `where` names the dataset in errors, `number` is 55 or
-    2414. `FileError` if a value is not finite or the data have an unknown layout.
+    `stated` is its eigenvalue (rad/s), damping ratio and modal mass; `where` names the dataset in errors, `number` is
+    55 or 2414. `FileError` if a value is not finite or the data have an unknown layout. `lines` are those of the
+    dataset.
     """
     s, ratio, mass = stated
     if not np.isfinite([s.real, s.imag, mass.real, mass.imag]).all():
@@ -457,8 +459,9 @@ def _read_nodes(
 ) -> dict[int, NDArray[np.complex128]]:
     """Motion (6,) by node label: each node has a line with its label, then lines with its values.
 
-    `where` names the dataset in errors; the nodes begin at line index `begin`. Missing rotations are 0. `FileError` if a node
-    is damaged, repeated or incomplete.
+    `where` names the dataset in errors; the nodes begin at line index `begin`. Missing rotations are 0. `FileError` if
+    a node is damaged, repeated or incomplete. `lines` are those of the dataset; a node has `n_values` values, which are
+    pairs of numbers if `is_complex`.
     """
     n_numbers = n_values * (2 if is_complex else 1)
     step = 1 + -(-n_numbers // 6)
@@ -493,7 +496,10 @@ def _lines_of(where: str, lines: list[str], at: int, count: int, field: str) -> 
 
 
 def _integers_of(where: str, lines: list[str], at: int, count: int, field: str) -> list[int]:
-    """The first `count` whole numbers of a record in columns of ten."""
+    """The first `count` whole numbers of the record in line `at` (index) of a dataset's `lines`, in columns of ten.
+
+    `where` names the dataset and `field` the record in the `FileError` for damage.
+    """
     (line,) = _lines_of(where, lines, at, 1, field)
     n_words = max(len(line.split()), count)
     return _numbers_of(where, line, field, lambda: integers(line, (10,) * n_words)[:count])

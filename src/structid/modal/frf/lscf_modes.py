@@ -115,7 +115,7 @@ def _of_band(record: FrfRecord, low: float, high: float, options: ModalOptions) 
             + _NO_MODE_REMEDY
         )
     start = _start(poles, picked, band)
-    modes, kept, converged, words = _refined(band, start, options)
+    modes, kept, converged, words = _refine_band(band, start, options)
     found = tuple(found[i] for i in kept) if found else ()
     s, others = modes.at.poles, selection.others if options.frequencies is None else ()
     left_out = left_out_clusters(others, np.abs(s) / (2 * np.pi), -s.real / np.abs(s))
@@ -128,20 +128,21 @@ def _start(poles: PoleSweep, picked: Sequence[tuple[int, int]], band: FrfBand) -
     return PolesAndParticipation(s, participation, np.zeros(len(s), dtype=bool))
 
 
-def _refined(
+def _refine_band(
     band: FrfBand, start: PolesAndParticipation, options: ModalOptions
 ) -> tuple[FrfModes, IntArray, bool, list[str]]:
     """Least-squares modes of one band refined from `start`, indices of the poles kept, convergence, and notes.
 
     Indices refer to `start` and are sorted by frequency. Poles that leave the band or the criteria are fixed where they
-    started; those that fit noise only are left out. `NoModesError` if none is left.
+    started; those that fit noise only are left out. `NoModesError` if none is left. Convergence is True if the last
+    search converged; notes are sentences on poles left out or fixed.
     """
     notes: list[str] = []
     kept: IntArray = np.arange(len(start.poles))
     while True:
-        at, data, converged = _settled(band, start)
+        at, data, converged = _fit_with_residual_modes(band, start)
         excess = _excess(data, at) if band.variance is not None else 1.0
-        lost = _lost(at, band, options) & ~at.fixed
+        lost = _is_lost(at, band, options) & ~at.fixed
         if lost.any():
             start = replace(start, fixed=start.fixed | lost)
             continue
@@ -189,7 +190,9 @@ def _refined(
     return frf_modes(data, at, from_residual, widening), kept, converged, notes
 
 
-def _settled(band: FrfBand, start: PolesAndParticipation) -> tuple[PolesAndParticipation, FrfData, bool]:
+def _fit_with_residual_modes(
+    band: FrfBand, start: PolesAndParticipation
+) -> tuple[PolesAndParticipation, FrfData, bool]:
     """Least-squares fit of the modes in one band from `start`: poles, data with their weights, and True if it converged.
 
     Powers of s that stand for modes outside the band are added, up to six steps on either side, as long as they lower the
@@ -197,11 +200,11 @@ def _settled(band: FrfBand, start: PolesAndParticipation) -> tuple[PolesAndParti
     """
     data, at = _data(band, band.variance), start
     for gain in (1e-3, 1e-5):
-        data = _weighted(band, data, at)
+        data = _reweight(band, data, at)
         at, _ = refined(data, at, gain)
     below = above = 1
     while True:
-        data = _weighted(band, data, at)
+        data = _reweight(band, data, at)
         found = _wider(data, at, [w for w in ((below + 1, above), (below, above + 1)) if max(w) <= _MOST_OUTSIDE])
         if found is None:
             break
@@ -234,7 +237,7 @@ def _outside(below: int, above: int) -> tuple[int, ...]:
     return (*range(-2 * below, -1), *range(2 * above - 1))
 
 
-def _weighted(band: FrfBand, data: FrfData, at: PolesAndParticipation) -> FrfData:
+def _reweight(band: FrfBand, data: FrfData, at: PolesAndParticipation) -> FrfData:
     """`data` with new weights from the residual around each line; unchanged if the record has a variance."""
     if band.variance is not None:
         return data
@@ -281,7 +284,7 @@ def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) 
     return np.maximum(mean, (np.finfo(float).eps * np.abs(band.values).max()) ** 2)
 
 
-def _lost(at: PolesAndParticipation, band: FrfBand, options: ModalOptions) -> np.ndarray:
+def _is_lost(at: PolesAndParticipation, band: FrfBand, options: ModalOptions) -> np.ndarray:
     """Mask (n_modes,) of the poles that left the band or the criteria during the fit."""
     size = np.abs(at.poles)
     frequency, (low, high) = size / (2 * np.pi), band.edges
@@ -315,7 +318,7 @@ def _modal_record(record: FrfRecord, outcomes: Sequence[_BandModes]) -> ModalRec
         if out.unsigned == load.unsigned
     ]
     notes = [note for outcome in outcomes for note in outcome.notes]
-    if driving and (words := _doubts(outcomes, driving)):
+    if driving and (words := _scaling_warning(outcomes, driving)):
         notes.append(words)
         driving = []
     parts = []
@@ -336,7 +339,7 @@ def _modal_record(record: FrfRecord, outcomes: Sequence[_BandModes]) -> ModalRec
     return joined(parts, notes, source)
 
 
-def _doubts(outcomes: Sequence[_BandModes], driving: list[DrivingPoint]) -> str:
+def _scaling_warning(outcomes: Sequence[_BandModes], driving: list[DrivingPoint]) -> str:
     """Warning that the driving point cannot scale shapes to mass, with the modes concerned; "" if it can.
 
     A mode is concerned if the relative standard deviation of its factor exceeds 0.5.

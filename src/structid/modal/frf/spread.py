@@ -132,7 +132,7 @@ def correlation_excess(residuals: ComplexArray) -> FloatArray:
 
 
 def _inverse(normal: FloatArray) -> FloatArray:
-    """Inverse of a symmetric matrix after scaling to a unit diagonal; NaN throughout where it is singular."""
+    """Inverse of the symmetric matrix `normal` after scaling to a unit diagonal; NaN throughout where it is singular."""
     size = np.sqrt(np.diag(normal))
     with np.errstate(divide="ignore", invalid="ignore"):
         scaled = normal / np.outer(size, size)

@@ -139,7 +139,8 @@ def modal_phase_collinearity(shapes: ComplexArray) -> FloatArray:
 def modal_phase_deviation(shapes: ComplexArray) -> FloatArray:
     """Mean phase deviation of each mode shape from a straight line, weighted by size, in degrees, (n_modes,).
 
-    0 for a real shape in any phase, 45 for a circular one. Unknown entries (NaN) have no part; NaN where all are unknown.
+    0 for a real shape in any phase, 45 for a circular one. Unknown entries (NaN) have no part; NaN where all are
+    unknown. `shapes` is (n_channels, n_modes).
 
     References
     ----------
@@ -203,7 +204,10 @@ def state_poles(
 
 
 def oscillating(values: ComplexArray, sampling_rate: float) -> IntArray:
-    """Indices of discrete poles in the upper half plane, by increasing magnitude of their continuous ones."""
+    """Indices of the discrete poles `values` (n,) in the upper half plane, by increasing magnitude of their continuous ones.
+
+    `sampling_rate` is in Hz.
+    """
     kept = np.flatnonzero(values.imag > 0)
     size = np.abs(np.log(values[kept].astype(np.complex128)) * sampling_rate)
     return np.asarray(kept[np.argsort(size, kind="stable")])

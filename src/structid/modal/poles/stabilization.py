@@ -1,9 +1,9 @@
 """Stabilization diagram: poles over model orders to modes, by stability, clustering and choice of one pole a mode.
 
 Poles are called stable or not by two means of their distance to the nearest pole of the order before; the boundary
-between the two is the width of a cluster. Larger clusters take the nearest like poles of smaller ones in the orders that
-they lack (`_gathered`). Clusters are modes that are large, by two means of the numbers of poles, unless they are `UNLIKELY`
-to be modes (`mode_probability`), or that are `LIKELY` to be.
+between the two is the width of a cluster. Larger clusters take the nearest like poles of smaller ones in the orders
+that they lack (`_gather_scattered_poles`). Clusters are modes that are large, by two means of the numbers of poles,
+unless they are `UNLIKELY` to be modes (`mode_probability`), or that are `LIKELY` to be.
 
 References
 ----------
@@ -103,7 +103,10 @@ def pole_distance(
 def _unit_distance(
     first: ComplexArray, first_shapes: ComplexArray, second: ComplexArray, second_shapes: ComplexArray
 ) -> FloatArray:
-    """Distance as by `pole_distance`, (n_first, n_second), for poles whose shapes (columns) have norm 1."""
+    """Distance as by `pole_distance`, (n_first, n_second), for poles whose shapes (columns) have norm 1.
+
+    Poles are in rad/s, (n_first,) and (n_second,); shapes are (n_channels, n_first) and (n_channels, n_second).
+    """
     size = np.maximum(np.abs(first)[:, None], np.abs(second)[None, :])
     apart, product = first[:, None] - second, first_shapes.conj().T @ second_shapes
     likeness = np.minimum(product.real**2 + product.imag**2, 1.0)
@@ -143,7 +146,7 @@ def clusters(
     s, shapes, number, index, energy = s[stable], shapes[:, stable], number[stable], index[stable], energy[stable]
     pool = _Pool(s, number, index, energy, modal_phase_collinearity(shapes), len(sweep))
     distance = _unit_distance(s, shapes, s, shapes)
-    labels = _gathered(_linked(distance, number, 10.0**boundary), distance, s, number)
+    labels = _gather_scattered_poles(_link_clusters(distance, number, 10.0**boundary), distance, s, number)
     members = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels)[1:])[:-1])
     every = sorted((_cluster(own, pool, distance) for own in members), key=lambda c: c.frequency[c.chosen])
     return tuple(every) if keep_all else likely_modes(every)
@@ -167,8 +170,8 @@ def likely_modes(every: Sequence[Cluster]) -> tuple[Cluster, ...]:
 def _nearest_before(s: ComplexArray, shapes: ComplexArray, number: IntArray, n_orders: int) -> FloatArray:
     """Distance of every pole to the nearest pole of the next lower order, (n_poles,); infinite if there is none.
 
-    `s` (n_poles,) and `shapes` (n_channels, n_poles), of norm 1, are of all poles; `number` is the index of the order of
-    each, not decreasing.
+    `s` (n_poles,) and `shapes` (n_channels, n_poles), of norm 1, are of all poles; `number` is the index of the order
+    of each, not decreasing. `n_orders` is the number of orders.
     """
     nearest = np.full(len(s), np.inf)
     edges = np.searchsorted(number, np.arange(n_orders + 1)).tolist()
@@ -194,11 +197,11 @@ def _two_means_boundary(values: FloatArray) -> float:
     return float(0.5 * (below[cut] + above[cut]))
 
 
-def _linked(distance: FloatArray, number: IntArray, width: float) -> IntArray:
+def _link_clusters(distance: FloatArray, number: IntArray, width: float) -> IntArray:
     """Cluster labels 1, 2, ... of poles, (n_poles,), by average linkage up to the distance `width`.
 
-    A cluster has at most one pole of each order. `distance` (n_poles, n_poles) is that between poles, `number` the index of the
-    order of each.
+    A cluster has at most one pole of each order. `distance` (n_poles, n_poles) is that between poles, `number`
+    (n_poles,) the index of the order of each.
     """
     if len(distance) < 2:
         return np.ones(len(distance), dtype=int)
@@ -211,12 +214,12 @@ def _linked(distance: FloatArray, number: IntArray, width: float) -> IntArray:
     return np.asarray(fcluster(tree, max(width, _STILL), criterion="distance"))
 
 
-def _gathered(labels: IntArray, distance: FloatArray, poles: ComplexArray, number: IntArray) -> IntArray:
+def _gather_scattered_poles(labels: IntArray, distance: FloatArray, poles: ComplexArray, number: IntArray) -> IntArray:
     """Cluster labels 1, 2, ... after each cluster, largest first, took like poles of smaller ones in the orders it lacks.
 
-    In each such order the nearest pole is taken, within 0.2 in median distance and 5 % of the pole itself. Poles of close or
-    highly damped modes scatter over the orders and fall into several clusters. `distance` is (n_poles, n_poles), `number` the
-    index of the order of each pole.
+    In each such order the nearest pole is taken, within `_ONE_MODE` in median distance and 5 % of the pole itself. Poles of
+    close or highly damped modes scatter over the orders and fall into several clusters. `distance` is (n_poles,
+    n_poles), `number` the index of the order of each pole. `labels`, `poles` and `number` are (n_poles,).
     """
     labels, sizes = labels.copy(), np.bincount(labels)
     taken = np.zeros(len(labels), dtype=bool)

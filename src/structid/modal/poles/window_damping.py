@@ -65,14 +65,17 @@ def without_window_damping(modes: ModalRecord, decay: float) -> ModalRecord:
     found = by_frequency(
         np.where(known, size / (2 * np.pi), modes.frequency),
         np.where(known, -after.real / size, modes.damping_ratio),
-        modes.mode_shapes, modes.channels, _carried(modes.covariance, moved), modes.shape_std, scaling=modes.scaling,
+        modes.mode_shapes, modes.channels, _map_covariance(modes.covariance, moved), modes.shape_std, scaling=modes.scaling,
         source=f"{modes.source}, window decay of {decay:g} 1/s taken off".removeprefix(", "),
     )  # fmt: skip
-    return replace(found, warnings=(*modes.warnings, *_doubts(found)))
+    return replace(found, warnings=(*modes.warnings, *_damping_warnings(found)))
 
 
-def _carried(covariance: FloatArray | None, moved: FloatArray) -> FloatArray | None:
-    """Covariance after the linear map `moved`, or None if it is None; NaN where it depends on an unknown (NaN) entry."""
+def _map_covariance(covariance: FloatArray | None, moved: FloatArray) -> FloatArray | None:
+    """`covariance` after the linear map `moved` (n_new, n), (n_new, n_new); NaN where it depends on an unknown (NaN) entry.
+
+    None if `covariance` is None.
+    """
     if covariance is None:
         return None
     lost = np.isnan(covariance)
@@ -81,7 +84,7 @@ def _carried(covariance: FloatArray | None, moved: FloatArray) -> FloatArray | N
     return np.where(touched @ lost.astype(float) @ touched.T > 0, np.nan, carried)
 
 
-def _doubts(modes: ModalRecord) -> list[str]:
+def _damping_warnings(modes: ModalRecord) -> list[str]:
     """Warnings on modes whose damping is negative, or uncertain by more than half, once the window's damping is taken off."""
     notes, ratio = [], modes.damping_ratio
     negative = [str(i + 1) for i in np.flatnonzero(ratio < 0)]

@@ -149,7 +149,7 @@ def free_motion(records: Sequence[TimeRecord], quantities: Sequence[str], rule: 
 def _one_record(record: TimeRecord, channels: tuple[Dof, ...], quantities: Sequence[str], rule: str) -> FreeMotion:
     """`FreeMotion` of one record, weighted for time averages by the `rule`; arguments as in `free_motion`.
 
-    Its `ends` are the boundary terms times the duration.
+    Its `ends` are the boundary terms times the duration. The matrices are in the order of `channels`.
     """
     base, *measured = (_columns(record, channels, quantity) for quantity in quantities)
     step, inner, no_ends = 1 / record.sampling_rate, base[1:-1], np.zeros((len(channels),) * 2)

@@ -148,12 +148,12 @@ def pseudo_rayleigh(
     [2.0, 5.0]
     """
     found = stationary_values(records, pair, form, rule, n_modes, tolerance)
-    shapes = found.mode_shapes if mass is None else _by_mass(mass, found.mode_shapes)
+    shapes = found.mode_shapes if mass is None else _inverse_shapes(mass, found.mode_shapes)
     omega, kept, notes = _omega(found.eigenvalues, found.motion.step if form == "second_difference" else 0.0)
     _require_oscillation(omega, found.motion.duration, pair)
     order = np.flatnonzero(kept)[np.argsort(omega[kept], kind="stable")]
     omega = omega[order]
-    notes += _doubts(found, omega, pair, form, n_modes)
+    notes += _doubt_notes(found, omega, pair, form, n_modes)
     source = f"pseudo-Rayleigh quotient, {form}, {pair}, {found.motion.duration:g} s"
     return ModalRecord(
         omega / (2 * np.pi), np.full(len(omega), np.nan), unit_largest(shapes[:, order]), found.motion.channels,
@@ -172,7 +172,8 @@ def stationary_values(
     """Stationary values of the pseudo-Rayleigh quotient and their vectors, behind `pseudo_rayleigh` (same arguments).
 
     y is first brought to independent motions z with <z z'> = 1, by a QR and a singular value decomposition of the
-    samples; A itself, whose condition number is the square of theirs, is never formed.
+    samples; A itself, whose condition number is the square of theirs, is never formed. None for `rule` takes the one
+    that suits the `form`, None for `n_modes` all.
 
     Raises
     ------
@@ -245,7 +246,8 @@ def _independent_motions(
 def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
     """Scale of each channel, (n_channels,): root mean square of all translations, or of all rotations; 1 where that is 0.
 
-    `base` (n_times, n_channels) are the samples. `InputError` if all are 0.
+    `base` (n_times, n_channels) are the samples. `InputError` if all are 0. `channels` tell translations from
+    rotations.
     """
     turning = np.array([dof.is_rotation for dof in channels])
     scale = np.ones(len(channels))
@@ -260,8 +262,8 @@ def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
 def _real_where_close(eigenvalues: NumberArray, x: NumberArray) -> tuple[NumberArray, NumberArray]:
     """Eigenvalues and vectors (columns of `x`), with nearly real conjugate pairs replaced by two real ones each.
 
-    The two vectors are real and imaginary part of the first. Pairs stand side by side, the positive imaginary part first, as
-    LAPACK gives them. The result is real if all are.
+    The two vectors are real and imaginary part of the first. Pairs stand side by side, the positive imaginary part
+    first, as LAPACK gives them. The result is real if all are. `eigenvalues` is (n,), `x` (n_rows, n).
     """
     if np.isrealobj(eigenvalues):
         return eigenvalues, x
@@ -300,7 +302,7 @@ def _omega(eigenvalues: NumberArray, step: float) -> tuple[FloatArray, NDArray[n
     return omega, kept, tuple(notes)
 
 
-def _by_mass(mass: ArrayLike, shapes: NumberArray) -> NumberArray:
+def _inverse_shapes(mass: ArrayLike, shapes: NumberArray) -> NumberArray:
     """Phi (Phi' M Phi)^-1 for `shapes` Phi (n_channels, n_modes) and the mass matrix M, full or its diagonal.
 
     `InputError` if `mass` has a wrong shape or Phi' M Phi is nearly singular.
@@ -331,7 +333,10 @@ def _checked_quantities(pair: str, form: str) -> tuple[str, ...]:
 
 
 def _require_oscillation(omega: FloatArray, duration: float, pair: str) -> None:
-    """Raise `InputError` if no mode completes half a period in `duration` (s)."""
+    """Raise `InputError` if no mode completes half a period in `duration` (s).
+
+    `omega` are the circular frequencies, rad/s; `pair` is the option of `pseudo_rayleigh`, for the remedy.
+    """
     if omega.max(initial=0.0) * duration >= np.pi:
         return
     other = "" if pair == "velocity-acceleration" else ", measuring velocity and acceleration if it is free to drift"
@@ -342,12 +347,12 @@ def _require_oscillation(omega: FloatArray, duration: float, pair: str) -> None:
     )
 
 
-def _doubts(
+def _doubt_notes(
     stationary: StationaryValues, omega: FloatArray, pair: str, form: str, n_modes: int | None
 ) -> tuple[str, ...]:
     """Notes on what makes the modes doubtful; `omega` holds their circular frequencies (rad/s), increasing.
 
-    `pair` and `form` are the options of `pseudo_rayleigh`.
+    `pair` and `form` are the options of `pseudo_rayleigh`. `n_modes` is the number asked for, None for all.
     """
     motion, gram, rank = stationary.motion, stationary.gram_eigenvalues, len(stationary.eigenvalues)
     # the printed forms push neighbours apart, to a gap of order 1 / T whatever the true one

@@ -96,7 +96,7 @@ def bayesian_fft(
                 f"{band.low:.4g} to {band.high:.4g} Hz; widen the band, or measure longer"
             )
         found.append(posterior(lines, band.peaks))
-        notes += _doubts(number, band, found[-1], data)
+        notes += _band_warnings(number, band, found[-1], data)
     assert places is not None
     modes = _modal_record(found, places, options, notes, f"Bayesian FFT, {len(bands)} bands, {data.duration:g} s")
     return ModalIdentification(modes, "bayesian_fft", options=options)
@@ -170,7 +170,7 @@ def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptio
     return Band(low, high, places)
 
 
-def _doubts(number: int, band: Band, posterior: Posterior, data: ScaledMotion) -> list[str]:
+def _band_warnings(number: int, band: Band, posterior: Posterior, data: ScaledMotion) -> list[str]:
     """Warnings on a frequency band whose modes are doubtful; an empty list if none is.
 
     `number` (from 1) is that of the band in the words.
@@ -200,8 +200,8 @@ def _modal_record(
 ) -> ModalRecord:
     """Modal record of the modes of all bands that meet `options.criteria`, by increasing frequency.
 
-    `posteriors` has one item per band, `places` are the channels. Modes left out are appended to `notes`, which become the
-    warnings. `NoModesError` if none is left.
+    `posteriors` has one item per band, `places` are the channels. Modes left out are appended to `notes`, which become
+    the warnings. `NoModesError` if none is left. `source` says where the record comes from.
     """
     parts = []
     for one in posteriors:
@@ -220,7 +220,7 @@ def _modal_record(
 
 
 def _unit_largest(shapes: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shapes with largest entry 1, and the standard deviation of every entry, (n_channels, n_modes) each.
+    """`shapes` (n_channels, n_modes) with largest entry 1, and the deviation of every entry, (n_channels, n_modes) each.
 
     `covariances` (n_modes, n_channels, n_channels) are those of each shape; the deviation of the largest entry is 0.
     """

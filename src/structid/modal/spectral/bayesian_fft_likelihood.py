@@ -131,7 +131,10 @@ def _root(x: FloatArray, m: int) -> ComplexArray:
 
 
 def _vectors(chart: Chart, x: FloatArray) -> FloatArray:
-    """Shapes before they are given unit norm, (n_channels, m)."""
+    """Shapes before they are given unit norm, (n_channels, m).
+
+    `x` are the coordinates of the `chart`.
+    """
     n, m = chart.centre.shapes.shape
     t = x[2 * m : m * (n + 1)].reshape(m, n - 1)
     return np.asarray(chart.centre.shapes + np.einsum("mnt,mt->nm", chart.tangents, t))
@@ -260,7 +263,7 @@ def _along_tangents(chart: Chart, x: FloatArray, modes: BandModes, slope: FloatA
 def _of_triangle(root: ComplexArray, slope: ComplexArray) -> FloatArray:
     """Gradient by the m^2 coordinates of a lower Cholesky factor `root` (m, m), from the gradient `slope` by its entries.
 
-    The order is that of `Chart`: logarithms of the diagonal, then real and imaginary parts below it.
+    The order is that of `Chart`: logarithms of the diagonal, then real and imaginary parts below it. `slope` is (m, m).
     """
     below, size, lower = np.tril_indices(len(root), -1), root.diagonal().real, np.tril(root)
     slope_log = np.sum(slope.real * lower.real + slope.imag * lower.imag, axis=1)

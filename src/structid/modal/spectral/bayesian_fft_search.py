@@ -68,7 +68,7 @@ def posterior(data: BandLines, places: Sequence[float]) -> Posterior:
     ]
     searched = [_newton(part, modes, _SEARCH_STEPS)[0].centre for modes in likely]
     best = min(searched, key=lambda modes: negative_log_likelihood(part, modes))
-    return _refined(data, replace(best, shapes=basis @ best.shapes))
+    return _refine_posterior(data, replace(best, shapes=basis @ best.shapes))
 
 
 def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, float, FloatArray]:
@@ -93,7 +93,7 @@ def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, flo
         if decrement < _DECREMENT:
             return place, decrement, curvature
         step = -vectors @ (along / size)
-        step = _shortened(data, place, x, step)
+        step = _shorten_step(data, place, x, step)
         while not gradient(data, place, x + step)[0] < value:
             step = 0.5 * step
             if np.abs(step).max() < 1e-9:
@@ -102,10 +102,10 @@ def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, flo
     return place, decrement, unknown
 
 
-def _shortened(data: BandLines, chart: Chart, x: FloatArray, step: FloatArray) -> FloatArray:
+def _shorten_step(data: BandLines, chart: Chart, x: FloatArray, step: FloatArray) -> FloatArray:
     """Step (size,) shortened to at most 1 in every coordinate, with frequencies and damping ratios inside `_limits`.
 
-    `x` are the coordinates at which `step` begins.
+    `x` (size,) are the coordinates at which `step` begins.
     """
     step = step / max(1.0, float(np.abs(step).max()))
     m = chart.centre.n_modes
@@ -127,7 +127,7 @@ def _limits(data: BandLines, start: BandModes) -> tuple[FloatArray, FloatArray]:
     return np.minimum(low, 0.0), np.maximum(high, 0.0)
 
 
-def _refined(data: BandLines, modes: BandModes) -> Posterior:
+def _refine_posterior(data: BandLines, modes: BandModes) -> Posterior:
     """Posterior of the modes: Newton's method from the near start `modes`, and covariance from the inverse Hessian."""
     place, decrement, curvature = _newton(data, modes, _STEPS)
     modes = place.centre
@@ -153,7 +153,7 @@ def hessian(data: BandLines, chart: Chart, x: FloatArray) -> FloatArray:
 
 
 def _inverse(curvature: FloatArray) -> FloatArray | None:
-    """Inverse of a symmetric matrix; None if it is not positive definite within numerical accuracy."""
+    """Inverse of the symmetric matrix `curvature`; None if it is not positive definite within numerical accuracy."""
     if not np.isfinite(curvature).all():
         return None
     values, vectors = np.linalg.eigh(curvature)
@@ -186,7 +186,10 @@ def starts(data: BandLines, places: Sequence[float]) -> list[BandModes]:
 
 
 def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
-    """Shapes (n_channels, n_modes) by principal directions of the lines nearest each place (Hz), kept distinct if possible."""
+    """Shapes (n_channels, n_modes) by principal directions of the lines nearest each place (Hz), kept distinct if possible.
+
+    The result has one column for each place.
+    """
     shapes: list[FloatArray] = []
     width = max(5, len(data.frequency) // (4 * len(places)))
     for f in places:

@@ -156,6 +156,8 @@ def coherence(spectrum: Spectrum, line: int) -> float:
 def automatic_peaks(spectrum: Spectrum, level: int = 0) -> IntArray:
     """Line indices of significant peaks of a singular value of the spectrum, lowest first, without two lines at either end.
 
+    The result is (n_peaks,).
+
     Parameters
     ----------
     spectrum : Spectrum
@@ -176,7 +178,7 @@ def automatic_peaks(spectrum: Spectrum, level: int = 0) -> IntArray:
 def peaks_by_hand(spectrum: Spectrum, frequencies: Sequence[float]) -> IntArray:
     """Line index of the highest peak of the first singular value near each of `frequencies` (Hz), lowest first.
 
-    Near is within two lines or 2 %, whichever is more.
+    Near is within two lines or 2 %, whichever is more. The result is (n_peaks,), increasing.
 
     Raises
     ------
@@ -231,7 +233,7 @@ def stored_spectrum(record: SpectrumRecord | CorrelationRecord) -> tuple[ScaledM
     InputError
         If the spectra of a channel are 0.
     """
-    frequency, matrix = _lines(record)
+    frequency, matrix = _stored_lines(record)
     power = np.sqrt((np.abs(matrix) ** 2).sum(axis=0))
     of_channel, of_reference = np.sqrt(power.max(axis=1)), np.sqrt(power.max(axis=0))
     if not (of_channel > 0).all():
@@ -245,7 +247,7 @@ def stored_spectrum(record: SpectrumRecord | CorrelationRecord) -> tuple[ScaledM
     return data, Spectrum(frequency, values, vectors, averages, 0, matrix)
 
 
-def _lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArray, ComplexArray]:
+def _stored_lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArray, ComplexArray]:
     """Frequencies (Hz) and spectral matrices (n_lines, n_channels, n_references) of stored spectra or correlation functions."""
     if isinstance(record, SpectrumRecord):
         return record.frequency, record.values
@@ -262,6 +264,8 @@ def _lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArray, Comp
 
 def peaks_within(spectrum: Spectrum, options: ModalOptions) -> IntArray:
     """Line indices of the peaks within the frequency limits, by hand or automatic, lowest first; see `chosen_peaks`.
+
+    The result is (n_peaks,).
 
     Raises
     ------

@@ -131,7 +131,7 @@ def close_mode_notes(
 
 
 def _told_apart(modes: ModalRecord, group: IntArray, std: FloatArray) -> list[bool]:
-    """True for each neighbouring pair of `group` whose frequency gap exceeds 1.96 of its standard deviations.
+    """True for each neighbouring pair of `group` whose frequency gap exceeds `NOT_TOLD_APART` of its standard deviations.
 
     `group` are mode numbers, `std` (n_modes - 1,) is that of `gap_std`, Hz.
     """

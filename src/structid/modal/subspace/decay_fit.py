@@ -106,7 +106,7 @@ def decay_fit(data: ScaledMotion, start: ComplexArray) -> DecayFit | None:
     -----
     Cost of one step: 24 N n^2 for N samples and n modes, and 4 N n m for m channels.
     """
-    first = _projected(data, start)
+    first = _project_records(data, start)
     sigma = _noise(first)
     if (sigma < _ROUNDING).any():
         return None
@@ -126,7 +126,7 @@ def energy_fractions(data: ScaledMotion, poles: ComplexArray) -> FloatArray:
     `poles` (n_modes,) are in rad/s. Fractions need not add up to 1.
     """
     n, found = len(poles), np.zeros(len(poles))
-    for p in _projected(data, poles):
+    for p in _project_records(data, poles):
         gram = p.triangle.T @ p.triangle
         for k in range(n):
             own = p.coefficients[[k, n + k]]
@@ -136,7 +136,7 @@ def energy_fractions(data: ScaledMotion, poles: ComplexArray) -> FloatArray:
 
 def strength(data: ScaledMotion, poles: ComplexArray) -> FloatArray:
     """Wald's F statistic of the amplitudes of each mode with `poles` (rad/s), (n_modes,); about 1 for mere noise."""
-    parts = _projected(data, poles)
+    parts = _project_records(data, poles)
     sigma, n = _noise(parts), len(poles)
     found = np.zeros(n)
     for p in parts:
@@ -165,13 +165,13 @@ def schwarz(data: ScaledMotion, poles: ComplexArray) -> float:
     """Schwarz's (1978) information criterion of a free decay with `poles` (rad/s); the lowest value marks the best set."""
     n_samples = sum(len(y) for y in data.series)
     unknowns = 2 * len(poles) * (1 + len(data.series) * data.n_channels)
-    misfit = 2 * n_samples * float(np.sum(np.log(_noise(_projected(data, poles)))))
+    misfit = 2 * n_samples * float(np.sum(np.log(_noise(_project_records(data, poles)))))
     return float(misfit + unknowns * np.log(n_samples * data.n_channels))
 
 
 def left_over(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) -> FloatArray:
     """F statistic (see `strength`) of each of the poles `candidates` if added alone to `poles`, (n_candidates,); rad/s."""
-    parts = _projected(data, poles)
+    parts = _project_records(data, poles)
     sigma = _noise(parts)
     found = np.zeros(len(candidates))
     for p in parts:
@@ -194,7 +194,7 @@ def is_near(poles: ComplexArray, start: ComplexArray) -> bool:
     return bool((np.abs(poles - start) <= _FAR * np.abs(start)).all())
 
 
-def _projected(data: ScaledMotion, poles: ComplexArray) -> list[_RecordAtPoles]:
+def _project_records(data: ScaledMotion, poles: ComplexArray) -> list[_RecordAtPoles]:
     """Projection of each record onto the decays of `poles` (rad/s), one `_RecordAtPoles` for each record."""
     found = []
     for y in data.series:
@@ -286,7 +286,7 @@ def _minimum(
         if (poles.imag <= 0).any() or (poles.real * data.duration > _GROWTH).any() or is_fast:
             return None
         try:
-            return poles, _projected(data, poles)
+            return poles, _project_records(data, poles)
         except np.linalg.LinAlgError:
             return None
 

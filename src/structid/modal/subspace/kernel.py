@@ -114,7 +114,8 @@ def shift_invariant(
 def _singular_vectors(matrix: FloatArray, rank: int, complete: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Singular value decomposition (U, s, V') of `matrix`, values decreasing: complete, or the leading `rank` of a large one.
 
-    It is complete if `complete`, or if the smaller side is below 200 or 4 `rank`.
+    It is complete if `complete`, or if the smaller side is below 200 or 4 `rank`. U is (n_rows, k), s (k,) and V' (k,
+    n_columns), with k the number of values.
     """
     if complete or min(matrix.shape) < max(_LARGE, _FEW * rank):
         return tuple(linalg.svd(matrix, full_matrices=False))
@@ -131,7 +132,7 @@ def _require_full(triangle: FloatArray, order: int) -> None:
 
 
 def poles_of_orders(subspace: Subspace, orders: Sequence[int] | IntArray) -> tuple[Poles, ...]:
-    """Poles and shapes of the model of every order, one `Poles` for each of `orders`.
+    """Poles and shapes of the model of every order, one `Poles` for each of `orders`, numbers of states.
 
     Raises
     ------

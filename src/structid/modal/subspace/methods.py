@@ -128,7 +128,7 @@ def ssi_data(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int 
         size = np.abs(np.diag(past))
         if len(triangle) < 2 * width or size.min() <= 1e-10 * size.max():
             return shift_invariant(matrix, data, "data-driven SSI", max_order)
-    parts = partial(_projected, rows=block_rows, past=past)
+    parts = partial(_window_projections, rows=block_rows, past=past)
     matrix = np.sum(list(parts(data, whole)), axis=0) if matrix is None else matrix
     return shift_invariant(matrix, data, "data-driven SSI", max_order, parts, windows)
 
@@ -139,7 +139,10 @@ def _forward(matrix: FloatArray, rows: int) -> FloatArray:
 
 
 def _cholesky(gram: FloatArray, least: float) -> FloatArray | None:
-    """Upper triangle R with R' R = `gram`; None if not positive definite, or if its diagonal spans more than 1 / `least`."""
+    """Upper triangle R with R' R = `gram`; None if not positive definite, or if its diagonal spans more than 1 / `least`.
+
+    R and `gram` are (n, n); `least` is the smallest allowed ratio of diagonal entries.
+    """
     try:
         triangle = np.asarray(linalg.cholesky(gram))
     except np.linalg.LinAlgError:
@@ -148,7 +151,9 @@ def _cholesky(gram: FloatArray, least: float) -> FloatArray | None:
     return triangle if size.min() > least * size.max() else None
 
 
-def _projected(data: ScaledMotion, windows: Sequence[RecordPiece], rows: int, past: FloatArray) -> Iterator[FloatArray]:
+def _window_projections(
+    data: ScaledMotion, windows: Sequence[RecordPiece], rows: int, past: FloatArray
+) -> Iterator[FloatArray]:
     """Contribution of each window, in order, to the projection of future on past samples: F P' times the inverse of R.
 
     `rows` is the number of block rows, `past` the upper triangle R with R' R the sum of P P' over all windows. Each matrix is

@@ -149,8 +149,8 @@ def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
 def deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_modes: int) -> SingularVectorChanges | None:
     """Deviations of the subspace matrix: by noise if `motion` is a free decay throughout, else by windows of the records.
 
-    None if there are fewer than two windows, or the method gives no parts of the matrix. `n_modes` sets the least number of
-    noise deviations, 4 `n_modes`.
+    None if there are fewer than two windows, or the method gives no parts of the matrix. `n_modes` sets the least
+    number of noise deviations, 4 `n_modes`. `max_order` is the number of singular vectors that count.
     """
     if len(subspace.windows) < 2 or subspace.parts is None:
         return None
@@ -261,8 +261,8 @@ def frequency_widening(poles: ComplexArray, seconds: float, n_pieces: int, memor
 def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_changes: int) -> SingularVectorChanges:
     """Deviations of the subspace matrix by noise, `n_changes` in number, from shifted residuals of a free decay.
 
-    The residual of each record is shifted cyclically and added to its fitted decay. Pieces of a decay cannot serve, since
-    they are no repeats of each other.
+    The residual of each record is shifted cyclically and added to its fitted decay. Pieces of a decay cannot serve,
+    since they are no repeats of each other. `max_order` is the number of singular vectors that count.
     """
     assert subspace.parts is not None
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]

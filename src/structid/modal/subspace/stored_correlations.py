@@ -166,7 +166,7 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
         return ModalIdentification(modes, "ssi_cov", sweep, found, options)
     left_out = by_rising_frequency(left_out_clusters(selection.others, frequency, ratio))
     result = ModalIdentification(modes, "ssi_cov", sweep, found, options, left_out)
-    is_split = _split(poles, shapes / data.scale[:, None], result.probability)
+    is_split = _is_split_pole(poles, shapes / data.scale[:, None], result.probability)
     result = result.kept(
         ~is_split, "stable poles with the shape and, to within its bandwidth, the frequency of a surer one"
     )
@@ -182,7 +182,7 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
 def error_deviations(
     record: CorrelationRecord, averages: int, subspace: Subspace, rows: int, columns: int, max_order: int
 ) -> SingularVectorChanges:
-    """Deviations of the block Hankel matrix by 100 drawn errors of correlation functions whose references are all channels.
+    """Deviations of the block Hankel matrix by `_DRAWS` drawn errors of correlation functions whose references are all channels.
 
     `averages` is the number of averages behind each function; `rows` and `columns` are numbers of blocks of the matrix, and
     `max_order` is the number of singular vectors.
@@ -221,7 +221,7 @@ def drawn_errors(functions: FloatArray, averages: float, n_draws: int) -> Iterat
         yield np.fft.irfft(root @ hermitian @ root.conj().transpose(0, 2, 1), 2 * n, axis=0)[:n]
 
 
-def _split(poles: ComplexArray, shapes: ComplexArray, probability: FloatArray) -> NDArray[np.bool_]:
+def _is_split_pole(poles: ComplexArray, shapes: ComplexArray, probability: FloatArray) -> NDArray[np.bool_]:
     """Mask (n_modes,) of poles near a more probable pole of the same shape, as when noise splits a mode in two.
 
     Near is within the half-power bandwidth, the same shape a MAC above 0.9. `poles` (n_modes,) are in rad/s, `shapes`

@@ -44,6 +44,7 @@ SUBSPACE_METHODS: dict[str, Callable[..., Subspace]] = {"pencil": pencil, "ssi_c
 _REFINED = ("pencil",)
 MAX_ORDER = 60
 BLOCK_ROWS = 30
+_STATES_A_MODE = 4  # of the greatest order; with fewer, orders are doubled
 _CERTAIN = 0.005  # of a frequency: standard deviation below which a mode of a free decay is kept, however weak
 _SAME = 0.01  # of a frequency: distance below which a pole with damping takes the place of one without
 _LOST = 0.1  # of the noise left: amplitude of a free decay below which it tells nothing more
@@ -73,11 +74,16 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
     if no pole is stable and meets the criteria.
     """
     rows = _block_rows(data, options.block_rows)
-    wanted = _orders(data, rows, options.orders)
-    subspace = SUBSPACE_METHODS[method](data, rows, max(wanted), n_pieces=max(options.n_pieces, 1))
-    wanted = [n for n in wanted if n <= subspace.max_order] if options.orders is None else wanted
-    sweep = poles_of_orders(subspace, wanted)
-    selection = picked_poles(sweep, data.scale, options)
+    greatest = MAX_ORDER
+    while True:
+        wanted = _orders(data, rows, options.orders, greatest)
+        subspace = SUBSPACE_METHODS[method](data, rows, max(wanted), n_pieces=max(options.n_pieces, 1))
+        wanted = [n for n in wanted if n <= subspace.max_order] if options.orders is None else wanted
+        sweep = poles_of_orders(subspace, wanted)
+        selection = picked_poles(sweep, data.scale, options)
+        if options.orders is not None or wanted[-1] < greatest or not _is_crowded(selection, greatest):
+            break
+        greatest *= 2
     picked, found, notes, others = selection.places, selection.clusters, selection.notes, selection.others
     if not picked:
         raise NoModesError(
@@ -119,7 +125,7 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
 
 
 def _until_noise(data: ScaledMotion, motion: FreeDecay, n_least: int) -> ScaledMotion | None:
-    """Records cut where their free decay falls to 0.1 of the noise left; None if more than half of the samples would be kept.
+    """Records cut where their free decay falls to `_LOST` of the noise left; None if more than half of the samples would be kept.
 
     The samples after that tell nothing of the modes, and their noise hides modes that die out early. `n_least` is the least
     number of samples to keep of each record.
@@ -164,7 +170,7 @@ def _with_left_over(
     poles = start if fit is None else fit.poles
     if fit is not None and is_near(poles, start) and not is_left_over(data, poles, candidates):
         return picked, chosen_clusters, motion
-    poles = _pursued(data, poles, candidates)
+    poles = _add_candidates(data, poles, candidates)
     wider = free_decay(data, poles)
     if not wider.explains_all or is_left_over(data, poles, candidates):
         notes.append(
@@ -173,14 +179,14 @@ def _with_left_over(
         )
         return picked, chosen_clusters, motion
     chosen = _nearest(sweep, poles)
-    return chosen, tuple(_around(sweep, all_clusters, *place) for place in chosen), wider
+    return chosen, tuple(_cluster_with_pole(sweep, all_clusters, *place) for place in chosen), wider
 
 
-def _pursued(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) -> ComplexArray:
+def _add_candidates(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) -> ComplexArray:
     """Poles with those `candidates` (rad/s) added, strongest first, that lower Schwarz's criterion.
 
     All poles are refined by maximum likelihood each time, and those that no longer stand out are left out. At most four
-    candidates in a row are tried without gain.
+    candidates in a row are tried without gain. `poles` and `candidates` are in rad/s, (n,) each.
     """
     price = schwarz(data, poles)
     while True:
@@ -207,7 +213,7 @@ def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int
     return chosen
 
 
-def _around(sweep: Sequence[Poles], all_clusters: Sequence[Cluster], number: int, index: int) -> Cluster:
+def _cluster_with_pole(sweep: Sequence[Poles], all_clusters: Sequence[Cluster], number: int, index: int) -> Cluster:
     """Cluster of `all_clusters` that holds the pole `index` of order number `number` in the sweep, with that pole chosen.
 
     If none holds it: a new cluster of that pole alone.
@@ -254,6 +260,7 @@ def _standing_out(
     """The chosen poles, their clusters and the free decay, without modes that do not stand out of the noise.
 
     `picked` are pairs (order number, pole index); modes left out are named in `notes`. All are kept if none stands out.
+    `chosen_clusters` are those of the poles, in their order.
     """
     s = poles_of(sweep, picked)
     keep = stands_out(data, s)
@@ -336,13 +343,22 @@ def _block_rows(data: ScaledMotion, given: int | None) -> int:
     return rows
 
 
-def _orders(data: ScaledMotion, rows: int, given: Sequence[int] | None) -> list[int]:
-    """Model orders to try, increasing: those `given`, or all even ones up to 60; `InputError` if they exceed the matrix.
+def _is_crowded(selection: PickedPoles, greatest: int) -> bool:
+    """True if models of `greatest` states have fewer than four for each mode, so that modes may be merged or missing.
+
+    Clusters that were not taken count as modes too if their probability is `_RATHER` or more.
+    """
+    likely = sum(cluster.probability >= _RATHER for cluster in selection.others)
+    return _STATES_A_MODE * (len(selection.clusters) + likely) > greatest
+
+
+def _orders(data: ScaledMotion, rows: int, given: Sequence[int] | None, greatest: int = MAX_ORDER) -> list[int]:
+    """Model orders to try, increasing: those `given`, or all even ones to `greatest`; `InputError` if they exceed the matrix.
 
     `rows` is the number of block rows, which leaves room for (rows - 1) * n_channels states.
     """
     room = (rows - 1) * data.n_channels
-    orders = list(range(2, min(MAX_ORDER, room) + 1, 2)) if given is None else sorted({int(n) for n in given})
+    orders = list(range(2, min(greatest, room) + 1, 2)) if given is None else sorted({int(n) for n in given})
     if not orders or orders[0] < 1 or orders[-1] > room:
         raise InputError(
             f"`orders` must lie from 1 to {room} for {data.n_channels} channels and {rows} block rows, got "
@@ -404,9 +420,10 @@ def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOption
 
 
 def left_out_clusters(clusters: Sequence[Cluster], frequency: FloatArray, damping_ratio: FloatArray) -> list[LeftOut]:
-    """Clusters with a probability of 0.3 or more that were not taken for a mode, as `LeftOut` with the reason.
+    """Clusters with a probability of `_PERHAPS` or more that were not taken for a mode, as `LeftOut` with the reason.
 
-    `frequency` (Hz) and `damping_ratio` are of the modes taken; clusters near one of these are passed over.
+    `frequency` (Hz) and `damping_ratio` are of the modes taken; clusters near one of these are passed over. Both are
+    (n_modes,).
     """
     width = np.maximum(np.abs(damping_ratio), _SAME) * frequency
     listed = []

@@ -62,7 +62,7 @@ class ModesOptions:
         for name, words in (("frequencies", ()), ("remove_tones", ("auto",))):
             value = getattr(self, name)
             if isinstance(value, str) and value not in words:
-                value = _numbers(name, value)
+                value = _parse_numbers(name, value)
                 object.__setattr__(self, name, value)
             if value is not None and not isinstance(value, str) and not all(np.isfinite(f) and f > 0 for f in value):
                 raise InputError(f"`{name}` must be greater than 0 Hz, got {list(value)}")
@@ -103,7 +103,7 @@ def _orders(text: str) -> tuple[int, ...]:
     return found
 
 
-def _numbers(name: str, text: str) -> tuple[float, ...]:
+def _parse_numbers(name: str, text: str) -> tuple[float, ...]:
     """Numbers in a text such as ``1.9,2.4``; `InputError` that names the option `name` if a word is no number."""
     try:
         return tuple(float(word) for word in text.split(",") if word.strip())

@@ -34,7 +34,7 @@ _OF_TWO = "come from the record at two sampling rates"
 def lower_rate(record: TimeRecord) -> float | None:
     """Lower sampling rate (Hz) that suits the lowest spectral peak; None if the record's own rate suits it.
 
-    A peak counts if it stands out by a factor of 10 and has more than 20 samples per period. The new rate leaves about 12
+    A peak counts if it stands out by a factor of 10 and has more than 20 samples per period. The new rate leaves about `_SAMPLES`
     samples per period of the lowest such peak, and at least about 2000 samples in all.
     """
     from scipy.signal import find_peaks

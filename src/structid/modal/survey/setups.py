@@ -39,8 +39,9 @@ def modes_of_setups(
 ) -> ModesResult:
     """Modes of one structure from several set-ups with common reference sensors, identified and merged.
 
-    A mode that two set-ups or more have, and one has not, is looked for in that one's record at the others' frequency. The
-    record and the spectra of the result are those of the first set-up.
+    A mode that two set-ups or more have, and one has not, is looked for in that one's record at the others' frequency.
+    The record and the spectra of the result are those of the first set-up. `geometry` is a file of node positions or
+    None; None for `options` and `read` takes their defaults.
 
     Raises
     ------
@@ -112,8 +113,9 @@ def recovered_modes(result: ModesResult, merging: MergedModes, number: int) -> M
 def _wanted_modes(again: ModalRecord, merged: ModalRecord, lost: IntArray, present: ModalRecord) -> IntArray:
     """Indices, increasing, of modes of `again` that match the `lost` modes of `merged` and are not among `present`.
 
-    A match is within 2 % in frequency, has a MAC of 0.7 or more over the known entries, and a standard deviation of frequency
-    below the half-power bandwidth. `lost` are mode numbers of `merged`; `present` are modes the set-up already has.
+    A match is within 2 % in frequency, has a MAC of `_ONE_SHAPE` or more over the known entries, and a standard deviation of
+    frequency below the half-power bandwidth. `lost` are mode numbers of `merged`; `present` are modes the set-up
+    already has. The result is (n_wanted,), `lost` (n_lost,).
     """
     places = {dof.unsigned: i for i, dof in enumerate(merged.channels)}
     rows = np.array([places[dof.unsigned] for dof in again.channels])

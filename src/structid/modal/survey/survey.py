@@ -188,22 +188,23 @@ def read_and_identify(
 ) -> ModesResult:
     """Modes of the file at `path` (see `modes_of_file`).
 
-    Columns without names are numbered 1X+, 2X+, ... if it stands `alone`, that is, if no other set-up is merged with it; else
-    they raise `UnnamedChannelsError`. Stored spectra and correlation functions are recognized.
+    Columns without names are numbered 1X+, 2X+, ... if it stands `alone`, that is, if no other set-up is merged with
+    it; else they raise `UnnamedChannelsError`. Stored spectra and correlation functions are recognized. `geometry` is a
+    file of node positions or None.
     """
     read = read or ReadOptions()
     if read.kind in (SPECTRUM, CORRELATION):
         return _modes_of_averages(path, options, read, geometry, read.kind)
     try:
-        record, read, numbered = _read(path, read, alone)
+        record, read, numbered = _read_or_number_columns(path, read, alone)
     except StoredSpectraError as error:
         return _modes_of_averages(path, options, read, geometry, error.kind)
     places = record_geometry(path, record, None if geometry is None else Path(geometry))
-    ready, steps, findings, tones = _prepared(record, options)
+    ready, steps, findings, tones = _prepare_record(record, options)
     understood = how_read(record.source, path)
     steps = (f"read: {understood}", *steps) if understood else steps
     looked_at, motions = shared_or_whole(ready)
-    identification, more = _identified(looked_at, options)
+    identification, more = _identify_at_rates(looked_at, options)
     spectra = mode_spectra(looked_at)
     identification = _with_unexplained_peaks(identification, spectra)
     kurtosis = _tone_kurtosis(looked_at, identification)
@@ -232,7 +233,8 @@ def _modes_of_averages(
 ) -> ModesResult:
     """Modes of the stored spectra or correlation functions in a file; `kind` is `SPECTRUM` or `CORRELATION`.
 
-    Raises `InputError` if an option is set that the method does not use.
+    Raises `InputError` if an option is set that the method does not use. `geometry` is a file of node positions or
+    None.
     """
     record = read_spectrum(path, read) if kind == SPECTRUM else read_correlation(path, read)
     is_subspace = kind == CORRELATION and options.method in (None, "ssi_cov")
@@ -264,7 +266,7 @@ def _modes_of_averages(
     )
 
 
-def _read(path: Path, read: ReadOptions, alone: bool) -> tuple[Record, ReadOptions, tuple[str, ...]]:
+def _read_or_number_columns(path: Path, read: ReadOptions, alone: bool) -> tuple[Record, ReadOptions, tuple[str, ...]]:
     """Record read from `path`, the read options used, and words on numbered channels (empty if they are named).
 
     Columns without names are numbered 1X+, 2X+, ... if `alone`; else `UnnamedChannelsError` is raised.
@@ -279,7 +281,7 @@ def _read(path: Path, read: ReadOptions, alone: bool) -> tuple[Record, ReadOptio
     return read_record(path, numbered), numbered, (words,)
 
 
-def _prepared(
+def _prepare_record(
     record: Record, options: ModesOptions
 ) -> tuple[Record, tuple[str, ...], tuple[Finding, ...], tuple[Tone, ...]]:
     """Record prepared for identification, words on the steps, findings on doubtful signals, and tones removed.
@@ -354,7 +356,7 @@ def rate_for(record: TimeRecord, options: ModesOptions) -> float | None:
     return record.sampling_rate / factor if factor > 1 else None
 
 
-def _identified(record: Record, options: ModesOptions) -> tuple[ModalIdentification, tuple[str, ...]]:
+def _identify_at_rates(record: Record, options: ModesOptions) -> tuple[ModalIdentification, tuple[str, ...]]:
     """Modes of the record, joined from its own and lower sampling rates, and words on the latter (empty if none is used).
 
     Lower rates are tried only for time records, where no method, rate, band or frequencies are set.
@@ -409,7 +411,7 @@ def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSp
 def _tone_kurtosis(record: Record, identification: ModalIdentification) -> FloatArray:
     """Median kurtosis over channels of narrow-band motion at each mode, (n_modes,): 1.5 for a tone, 3 for random response.
 
-    NaN for FRFs, for damping ratios from 0.001 on, for modes of a free decay whose damping is significant (no tone dies
+    NaN for FRFs, for damping ratios from `HARDLY_DAMPED` on, for modes of a free decay whose damping is significant (no tone dies
     out), and for frequencies too close to half the sampling rate.
     """
     modes = identification.modes

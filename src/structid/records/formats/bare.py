@@ -238,20 +238,30 @@ def time_from_array(path: Path, values: np.ndarray, options: ReadOptions) -> Tim
 
 def _require_no_times(path: Path, values: np.ndarray) -> None:
     """Raise `InputError` if some, but not all, columns of `values` (n_times, n_channels) rise in even steps, as times do."""
+    ramp = even_ramp(values)
+    if ramp is not None:
+        j, step = ramp
+        raise InputError(
+            f"{path}: column {j + 1} of the array rises in even steps of {step:.4g}, as times and counts do; store the channels"
+            " without it"
+        )
+
+
+def even_ramp(values: np.ndarray) -> tuple[int, float] | None:
+    """Index of the first column of `values` (n_times, n_channels) that rises in even steps, as times do, and its step.
+
+    None if no column does, all do, or there are too few samples to tell.
+    """
     if values.ndim != 2 or min(values.shape) < 2 or len(values) < _FEWEST or values.dtype.kind not in "fiu":
-        return
+        return None
     ramps = []
     for j, column in enumerate(values.T):
         step = (float(column[-1]) - float(column[0])) / (len(column) - 1)
         if not step > 0 or abs(float(column[1]) - float(column[0]) - step) > 2 * _EVEN * step:
             continue  # most columns end here, before all of their samples are read
         if np.abs(column - (float(column[0]) + step * np.arange(len(column)))).max() <= _EVEN * step:
-            ramps.append(j)
-    if 0 < len(ramps) < values.shape[1]:
-        raise InputError(
-            f"{path}: column {ramps[0] + 1} of the array rises in even steps of"
-            f" {float(values[1, ramps[0]] - values[0, ramps[0]]):.4g}, as times and counts do; store the channels without it"
-        )
+            ramps.append((j, float(column[1]) - float(column[0])))
+    return ramps[0] if 0 < len(ramps) < values.shape[1] else None
 
 
 def _refuse_frf(path: Path, reason: str) -> NoReturn:
@@ -291,6 +301,8 @@ def frf_from_array(
     options: ReadOptions,
 ) -> FrfRecord:
     """An FRF record from an array, with channels and units from `options`; trailing axes of length 1 may be missing.
+
+    None for `coherence` if it was not measured.
 
     Parameters
     ----------
@@ -351,7 +363,8 @@ def frf_from_array(
 def _with_shape(path: Path, name: str, values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
     """`values` with axes of length 1 appended up to three axes; `InputError` unless the result has `shape`.
 
-    `shape` is (n_frequencies, n_outputs, n_inputs); `name` is the argument that the message names.
+    `shape` is (n_frequencies, n_outputs, n_inputs); `name` is the argument that the message names. `values` has one to
+    three axes.
     """
     full = values
     while full.ndim < 3:

@@ -13,9 +13,9 @@ import numpy as np
 from structid.core.errors import InputError
 from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_unit
 from structid.files import atomic_write
-from structid.files.hdf5 import hdf5_attributes, hdf5_datasets, hdf5_fields
+from structid.files.hdf5 import Field, hdf5_attributes, hdf5_datasets, hdf5_fields
 from structid.records.formats.bare import Shapes, read_bare
-from structid.records.formats.layout import MARK, Field, fields_of, record_from
+from structid.records.formats.layout import MARK, fields_of, record_from
 from structid.records.formats.options import ReadOptions
 from structid.records.formats.selection import select_channels
 from structid.records.formats.stated import Statements, is_statement, statements_of
@@ -138,7 +138,7 @@ def write(path: Path, record: FrfRecord | TimeRecord) -> None:
 
 
 def _store(file: h5py.File, name: str, field: Field) -> None:
-    """Store one field of a record, an array or texts, in an open HDF5 file."""
+    """Store `field` of a record, an array or texts, under `name` in an open HDF5 file."""
     import h5py
 
     if isinstance(field, np.ndarray):

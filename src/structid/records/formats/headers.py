@@ -44,9 +44,12 @@ _LEVEL = re.compile(
     re.IGNORECASE,
 )
 
+#: The last word of a name, by which loggers call a statistic of each interval.
+_STATISTIC = re.compile(r"[\s_](avg|max|min|std)$", re.IGNORECASE)
+
 
 def name_and_unit(text: str) -> tuple[str, str]:
-    """Name in a header and the unit in brackets after it, which is "" without brackets."""
+    """Name in the header `text` and the unit in brackets after it, which is "" without brackets."""
     text = text.strip()
     match = _HEAD.match(text) if len(text) <= _LONGEST_HEAD else None
     return (match["name"], match["unit"].strip()) if match else (text, "")
@@ -77,12 +80,14 @@ def time_factor(name: str, unit: str = "") -> float | None:
     match = _TIME_AND_UNIT.match(bare)
     word = match["unit"] if match else bare if bare.lower() in _TIMES_BY_UNIT else ""
     stated = [parse_time_unit(unit or bracketed)] if unit or bracketed else []
-    stated += _read(parse_time_unit, word) + _read(parse_time_unit, bracketed)  # a word may be "stamp" of a time stamp
+    stated += _parse_unit(parse_time_unit, word) + _parse_unit(
+        parse_time_unit, bracketed
+    )  # a word may be "stamp" of a time stamp
     _require_one(stated, f"{name!r} above {unit!r}" if unit else repr(name))
     return stated[0] if stated else None
 
 
-def _read(parse: Callable[[str], T], text: str) -> list[T]:
+def _parse_unit(parse: Callable[[str], T], text: str) -> list[T]:
     """List with the unit parsed from `text` as its only entry; empty if `parse` does not read it."""
     try:
         return [parse(text)] if text else []
@@ -120,7 +125,7 @@ def frequency_factor(name: str, unit: str = "") -> float | None:
         factor = parse_frequency_unit((match["of"] or unit).strip())
     except InputError:
         return float("nan") if is_word and (not match["of"] or match["unit"].strip()[0] in "[(,/_") else None
-    _require_one([factor, *_read(parse_frequency_unit, unit)], f"{name!r} above {unit!r}")
+    _require_one([factor, *_parse_unit(parse_frequency_unit, unit)], f"{name!r} above {unit!r}")
     return factor
 
 
@@ -130,7 +135,7 @@ def factors_in_header(name: str, unit: str, parse: Callable[[str], float]) -> di
     `parse` returns the factor of a unit's text, or raises `InputError`.
     """
     stated = {text: factor for text, factor, _ in units_in_name(name, parse)}
-    return stated | {text: factor for text in (name.strip(), unit) for factor in _read(parse, text)}
+    return stated | {text: factor for text in (name.strip(), unit) for factor in _parse_unit(parse, text)}
 
 
 def require_axis_unit(
@@ -192,15 +197,16 @@ def units_in_name(name: str, parse: Callable[[str], T]) -> list[tuple[str, T, bo
         (text, unit, is_bracketed and text not in _NO_BARE_UNITS)  # a direction or a side may stand in brackets too
         for text, is_bracketed in texts
         if is_bracketed or text not in _NO_BARE_UNITS
-        for unit in _read(parse, text)
+        for unit in _parse_unit(parse, text)
     ]
 
 
 def other_unit_in_name(name: str, parse: Callable[[str], Unit | FrfUnit], kind: str, factor: float) -> str:
     """Text of a unit in a header that differs from the unit a channel is read in; "" if there is none.
 
-    `kind` is the quantity (or kind of FRF) that the channel is read as, and `factor` that to SI. A unit without brackets
-    counts only if it is a unit of this kind.
+    `kind` is the quantity (or kind of FRF) that the channel is read as, and `factor` that to SI. A unit without
+    brackets counts only if it is a unit of this kind. `name` is the header, `parse` turns the text of a unit into the
+    unit, and raises `InputError` for others.
     """
     for text, stated, is_bracketed in units_in_name(name, parse):
         is_same = stated[0] == kind
@@ -211,15 +217,21 @@ def other_unit_in_name(name: str, parse: Callable[[str], Unit | FrfUnit], kind: 
 
 def is_read_by(text: str, parse: Callable[[str], object]) -> bool:
     """True if a text names a unit for the function `parse`."""
-    return bool(_read(parse, text))
+    return bool(_parse_unit(parse, text))
 
 
 def states_unit(text: str, unit: str, parse: Callable[[str], object]) -> bool:
     """True if a text names the same unit as `unit` does, both read by `parse`."""
-    return parse(unit) in _read(parse, text)
+    return parse(unit) in _parse_unit(parse, text)
 
 
 def level_word(text: str) -> str:
     """The word by which a header or a unit says that a column holds levels, means or densities, such as ``dB``; "" for none."""
     match = _LEVEL.search(text[:_LONGEST_HEAD])
     return match[0].strip("/ ") if match else ""
+
+
+def statistic_word(name: str) -> str:
+    """The word at the end of a header that says that each row is a statistic of an interval, such as ``Avg``; "" for none."""
+    match = _STATISTIC.search(name_and_unit(name)[0][-_LONGEST_HEAD:])
+    return match[1] if match else ""

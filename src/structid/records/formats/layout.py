@@ -20,14 +20,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError
-from structid.files.hdf5 import Field
 from structid.records.record import FrfRecord, TimeRecord
+
+if TYPE_CHECKING:
+    from structid.files.hdf5 import Field
 
 MARK = "structid_record"
 _FRF_MARK, _TIME_MARK = "frf 1", "time 1"
@@ -155,7 +158,7 @@ def _time_record(path: Path, fields: Mapping[str, Field]) -> TimeRecord:
 
 
 def _in_shape(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """`array` in `shape` where only axes of length 1 differ, as MATLAB drops and adds them."""
+    """`array` in `shape` where only axes of length 1 differ, as MATLAB drops and adds them; else unchanged."""
     if array.shape != shape and tuple(n for n in array.shape if n != 1) == tuple(n for n in shape if n != 1):
         return array.reshape(shape)
     return array
@@ -168,7 +171,10 @@ def _field(path: Path, fields: Mapping[str, Field], name: str) -> Field:
 
 
 def _array(path: Path, fields: Mapping[str, Field], name: str) -> np.ndarray:
-    """The numeric array in the field `name`; `FileError` if it is missing, not numeric, or complex where it must be real."""
+    """The numeric array in the field `name` of `fields`; `FileError` if it is missing, not numeric, or wrongly complex.
+
+    The array may have any shape.
+    """
     value = _field(path, fields, name)
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fciu":
         raise FileError(f"{path}: field {name!r} must hold numbers; the file is damaged, write it again")
@@ -182,7 +188,7 @@ def _optional(path: Path, fields: Mapping[str, Field], name: str, shape: tuple[i
 
 
 def _number(path: Path, fields: Mapping[str, Field], name: str) -> float:
-    """The single number in the field `name`; `FileError` if it is missing or an array of another size."""
+    """The single number in the field `name` of `fields`; `FileError` if it is missing or an array of another size."""
     array = _array(path, fields, name)
     if array.size != 1:
         raise FileError(f"{path}: field {name!r} must be one number, got shape {array.shape}")
@@ -190,7 +196,7 @@ def _number(path: Path, fields: Mapping[str, Field], name: str) -> float:
 
 
 def _text(path: Path, fields: Mapping[str, Field], name: str) -> str:
-    """The text in the field `name`; `FileError` if it is missing or of another type."""
+    """The text in the field `name` of `fields`; `FileError` if it is missing or of another type."""
     value = _field(path, fields, name)
     if not isinstance(value, str):
         raise FileError(f"{path}: field {name!r} must be a text; the file is damaged, write it again")
@@ -198,7 +204,10 @@ def _text(path: Path, fields: Mapping[str, Field], name: str) -> str:
 
 
 def _texts(path: Path, fields: Mapping[str, Field], name: str) -> tuple[str, ...]:
-    """The texts in the field `name` as a tuple, also for a single text; `FileError` if it is missing or of another type."""
+    """The texts in the field `name` of `fields` as a tuple, also for a single text; `FileError` if it is missing.
+
+    `FileError` too if it is of another type.
+    """
     value = _field(path, fields, name)
     if isinstance(value, str):
         return (value,)

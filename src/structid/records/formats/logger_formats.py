@@ -31,11 +31,6 @@ class LoggerFormat:
     extra: str
     words: str
 
-    @property
-    def is_installed(self) -> bool:
-        """True if its library is there."""
-        return bool(_READER.is_installed(self))
-
     def read(self, path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
         """The time record in the file at `path`; all of its channels share a clock.
 

@@ -39,14 +39,9 @@ def read(path: Path, options: ReadOptions, logger: LoggerFormat) -> FrfRecord | 
     return record_of(_join_channels(path, _read_channels(path, logger), options, logger.words), options)
 
 
-def is_installed(logger: LoggerFormat) -> bool:
-    """True if the library that reads files of a logger is there."""
-    return find_spec(PACKAGES[logger.kind].partition(".")[0]) is not None
-
-
 def _read_channels(path: Path, logger: LoggerFormat) -> list[Channel]:
     """Channels of the file at `path`, read in a child process; `FileError` if the library is missing or fails."""
-    if not is_installed(logger):
+    if find_spec(PACKAGES[logger.kind].partition(".")[0]) is None:
         raise FileError(
             f"{path}: {logger.words} files need the package {PACKAGES[logger.kind]}; pip install structid[{logger.extra}], or"
             " export the record as CSV or HDF5"

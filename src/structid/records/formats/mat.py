@@ -9,9 +9,10 @@ from scipy import sparse
 
 from structid.core.errors import FileError
 from structid.files import atomic_write
+from structid.files.hdf5 import Field
 from structid.files.matlab import matlab_variables
 from structid.records.formats.bare import Shapes, read_bare
-from structid.records.formats.layout import MARK, Field, fields_of, record_from
+from structid.records.formats.layout import MARK, fields_of, record_from
 from structid.records.formats.options import ReadOptions
 from structid.records.formats.selection import select_channels
 from structid.records.formats.stated import statements_of

@@ -16,13 +16,14 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import Dof, as_dof, parse_dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
 from structid.core.units import Unit, parse_time_unit, parse_unit
-from structid.records.formats.bare import channel_units, require_same_rotation
+from structid.records.formats.bare import channel_units, even_ramp, require_same_rotation
 from structid.records.formats.gaps import Lines, source_with_note, whole
 from structid.records.formats.headers import (
     level_word,
     name_and_unit,
     other_unit_in_name,
     require_axis_unit,
+    statistic_word,
     time_factor,
 )
 from structid.records.formats.options import ReadOptions, option_words
@@ -208,6 +209,8 @@ def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRe
     )
     dofs = [as_dof(name_and_unit(part.names[j])[0]) for j in range(len(keep))]
     by_user = bool(options.channels) and (bool(options.columns) or any(dof is None for dof in dofs))
+    if by_user:
+        _require_no_times(part)
     channels = _given_channels(part, options) if by_user else _own_channels(part, dofs)
     quantities, factors = _units_of(part, channels, options)
     chosen_here = replace(options, channels=()) if by_user else options
@@ -234,6 +237,19 @@ def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRe
     return select_channels(
         source.path, record, replace(remaining, quantities=options.quantities if part.tells_all else ())
     )
+
+
+def _require_no_times(part: NamedChannels) -> None:
+    """Raise `InputError` if a channel, but not every one, rises in even steps, as times and counts do."""
+    ramp = even_ramp(part.values)
+    if ramp is not None:
+        j, step = ramp
+        raise InputError(
+            f"{part.path}: {part.locate(j)} rises in even steps of {step:.4g}, as times and counts do: choose the"
+            f" channels without it by `columns`; if it holds times, name it in {option_words(time_column=part.number(j))}, in place"
+            " of `sampling_rate`",
+            "columns",
+        )
 
 
 def _own_channels(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof, ...]:
@@ -303,11 +319,11 @@ def _units_of(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptio
 
 
 def _require_samples(part: NamedChannels, j: int) -> None:
-    """Raise `InputError` if name or unit of channel `j` say that it holds levels, means or densities."""
-    word = level_word(f"{part.names[j]} {part.units[j]}")
+    """Raise `InputError` if name or unit of channel `j` say that it holds levels, statistics or densities."""
+    word = level_word(f"{part.names[j]} {part.units[j]}") or statistic_word(part.names[j])
     if word:
         raise InputError(
-            f"{word!r} stands for a level, a mean or a density, and a record holds samples; export these, or give the column"
+            f"{word!r} stands for a level, a statistic or a density, and a record holds samples; export these, or give the column"
             " another name or unit"
         )
 

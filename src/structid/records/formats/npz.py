@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from structid.files import atomic_write
 from structid.files.npy import npz_arrays
-from structid.records.formats.bare import Shapes, read_bare
-from structid.records.formats.layout import MARK, Field, fields_of, record_from
+from structid.records.formats.layout import MARK, fields_of, record_from
 from structid.records.formats.options import ReadOptions
 from structid.records.formats.selection import select_channels
-from structid.records.formats.stated import statements_of
 from structid.records.record import FrfRecord, TimeRecord
+
+if TYPE_CHECKING:
+    from structid.files.hdf5 import Field
 
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
@@ -29,6 +31,9 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     arrays = npz_arrays(path)
     if MARK in arrays:
         return select_channels(path, record_from(path, {name: _as_field(a) for name, a in arrays.items()}), options)
+    from structid.records.formats.bare import Shapes, read_bare  # structid's own layout needs none of it
+    from structid.records.formats.stated import statements_of
+
     shapes: Shapes = {name: (array.shape, array.dtype) for name, array in arrays.items()}
     statements = statements_of({name: _as_field(array) for name, array in arrays.items()})
     return read_bare(path, shapes, arrays.__getitem__, options, statements)

@@ -97,6 +97,8 @@ def _select_time(path: Path, record: TimeRecord, options: ReadOptions) -> TimeRe
 def sample_range(path: Path, time: FloatArray, options: ReadOptions) -> tuple[int, int]:
     """Index of the first sample between `options.start` and `options.stop`, and that after the last; `time` is in s and even.
 
+    `time` is (n_times,).
+
     Raises
     ------
     InputError

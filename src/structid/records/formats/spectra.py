@@ -60,7 +60,10 @@ def read_spectrum(path: str | Path, options: ReadOptions | None = None) -> Spect
 
 
 def _arrays(path: Path) -> tuple[list[str], Callable[[str], np.ndarray]]:
-    """Names of the numeric arrays of an NPZ, MAT or HDF5 file, and a function that returns the array of a name."""
+    """Names of the numeric arrays of an NPZ, MAT or HDF5 file, and a function that returns the array of a name.
+
+    The arrays may have any shape.
+    """
     suffix = path.suffix.lower()
     if suffix in NPZ.SUFFIXES:
         arrays = npz_arrays(path)

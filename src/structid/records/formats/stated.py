@@ -255,9 +255,9 @@ def _judge_scale(
 ) -> str:
     """Note on a factor, offset or sensitivity beside an array, which is not applied; "" if it changes nothing.
 
-    `name` is the statement, `key` its plain name and `value` its content; `is_own` says that it is an attribute of the array
-    itself. Such an attribute raises `FileError` if the array is packed or of whole numbers, and `InputError` if no option
-    states the unit of the values.
+    `name` is the statement, `key` its plain name and `value` its content; `is_own` says that it is an attribute of the
+    array itself. Such an attribute raises `FileError` if the array is packed or of whole numbers, and `InputError` if
+    no option states the unit of the values. `array` is the name of the array and `dtype` its type.
     """
     try:
         numbers = np.ravel(value)
@@ -288,8 +288,8 @@ def _judge_scale(
 def _compare_units(path: Path, array: str, name: str, texts: tuple[str, ...], options: ReadOptions) -> str:
     """Note on a stated unit that differs from the option's, which prevails; "" if they agree.
 
-    `texts` are the units that the statement `name` holds. Raises `InputError` if they are not SI and the options state the
-    quantities or the kind, but no unit.
+    `texts` are the units that the statement `name` holds. Raises `InputError` if they are not SI and the options state
+    the quantities or the kind, but no unit. `array` is the name of the array.
     """
     is_frf = bool(options.frequency_array)
     parse: Callable[[str], FrfUnit | Unit] = parse_frf_unit if is_frf else parse_unit

@@ -61,7 +61,7 @@ class Fir:
 def low_pass(passed: float, stopped: float, rate: float, decibel: float) -> FloatArray:
     """Taps of a Kaiser-windowed low-pass FIR filter: unchanged up to `passed` Hz, reduced by `decibel` from `stopped` Hz on.
 
-    `rate` is the sampling rate in Hz. The number of taps is odd.
+    `rate` is the sampling rate in Hz. The number of taps is odd. The result is (n_taps,).
     """
     from scipy.signal import firwin, kaiserord
 
@@ -95,7 +95,7 @@ def rate_ratio(rate: float, wanted: float) -> Fraction:
 def decimation_filter(rate: float, ratio: Fraction) -> Fir:
     """Anti-alias filter for a change of sampling rate by `ratio` (new over old), at `rate` times the numerator, in Hz.
 
-    The gain is 1 within 0.001 dB up to 0.8 of the new Nyquist frequency, and -80 dB from that frequency on.
+    The gain is 1 within 0.001 dB up to `PASS` of the new Nyquist frequency, and -80 dB from that frequency on.
     """
     nyquist = rate * float(ratio) / 2
     fine = rate * ratio.numerator

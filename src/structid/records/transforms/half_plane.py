@@ -240,7 +240,8 @@ def poisson_weights(omega: FloatArray, laplace: ComplexArray) -> tuple[FloatArra
 def _trapezoid(nodes: FloatArray, width: FloatArray, laplace: ComplexArray) -> FloatArray:
     """Trapezoidal weights of the Poisson kernel at each of `laplace`, (n_laplace, n_nodes).
 
-    `nodes` are frequencies in rad/s, negative ones included, and `width` (n_nodes,) their widths in rad/s.
+    `nodes` are frequencies in rad/s, negative ones included, and `width` (n_nodes,) their widths in rad/s. `nodes` is
+    (n_nodes,), `laplace` (n_laplace,) are s = decay + i omega, 1/s.
     """
     kernel = nodes - laplace.imag[:, None]
     kernel *= kernel
@@ -253,7 +254,8 @@ def _trapezoid(nodes: FloatArray, width: FloatArray, laplace: ComplexArray) -> F
 def _exact_weights(nodes: FloatArray, spacing: FloatArray, laplace: ComplexArray) -> FloatArray:
     """Integrals of the Poisson kernel times the hat function of each node, (n_laplace, n_nodes).
 
-    `nodes` are frequencies in rad/s, and `spacing` (n_nodes - 1,) the differences between neighbours.
+    `nodes` are frequencies in rad/s, and `spacing` (n_nodes - 1,) the differences between neighbours. `laplace`
+    (n_laplace,) are s = decay + i omega, 1/s.
     """
     depth = laplace.real[:, None]
     away = (nodes - laplace.imag[:, None]) / depth

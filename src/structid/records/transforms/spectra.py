@@ -149,9 +149,10 @@ def _are_supports(record: TimeRecord, inputs: tuple[Dof, ...]) -> bool:
 def _loads_and_sensors(
     record: TimeRecord, inputs: tuple[Dof, ...], outputs: tuple[Dof, ...]
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
-    """Inputs and outputs of FRFs as named, or where empty by the quantities of the channels.
+    """`inputs` and `outputs` of FRFs as named, or where empty by the quantities of the record's channels.
 
-    Loads are then all forces, or all support accelerations if there are no forces; sensors are all other motion channels.
+    Loads are then all forces, or all support accelerations if there are no forces; sensors are all other motion
+    channels.
     """
     pairs = list(zip(record.channels, record.quantities, strict=True))
     forces, supports = ([dof for dof, own in pairs if own == name] for name in ("force", "support_acceleration"))
@@ -207,8 +208,8 @@ def _average_spectra(
 ) -> tuple[Spectra, int]:
     """Auto- and cross-spectra of inputs and outputs, averaged over all segments, and the number of segments.
 
-    `columns` are the indices of inputs and of outputs, `weights` (segment_length,) those of the window; segments begin `step`
-    samples apart. Raises `InputError` if no record is as long as a segment.
+    `columns` are the indices of inputs and of outputs, `weights` (segment_length,) those of the window; segments begin
+    `step` samples apart. Raises `InputError` if no record is as long as a segment. `detrend` is taken off each segment.
     """
     if detrend not in ("constant", "linear", "none"):
         raise InputError(f"`detrend` must be constant, linear or none, got {detrend!r}")
@@ -258,7 +259,7 @@ def _require_separable(spectra: Spectra, count: int, inputs: tuple[Dof, ...], fr
 
 
 def _require_moving(spectra: Spectra, outputs: tuple[Dof, ...], frequency: FloatArray) -> None:
-    """Raise `InputError` if an output has no power at a line; `frequency` (n_lines,) is in Hz."""
+    """Raise `InputError` if one of `outputs` has no power at a line; `frequency` (n_lines,) is in Hz."""
     still = np.argwhere(spectra.outputs <= 0)
     if still.size:
         line, o = still[0]
@@ -392,7 +393,7 @@ def estimate_frf(
     explained = np.einsum("foi,foi->fo", h1, yx.conj()).real
     ratio = np.divide(explained, yy, out=np.zeros_like(yy), where=yy > 0)
     coherence = np.repeat(np.clip(ratio, 0.0, 1.0)[:, :, None], count, axis=2)
-    values = _values(h1, spectra, estimator)
+    values = _estimate_frfs(h1, spectra, estimator)
     variance = None
     if averages > count:
         gain = np.einsum("fii->fi", inverse).real[:, None, :]
@@ -404,10 +405,11 @@ def estimate_frf(
     return values, coherence, variance
 
 
-def _values(h1: ComplexArray, spectra: Spectra, estimator: Estimator) -> ComplexArray:
+def _estimate_frfs(h1: ComplexArray, spectra: Spectra, estimator: Estimator) -> ComplexArray:
     """FRFs by the estimator H1, H2 or Hv from averaged spectra, (n_lines, n_outputs, n_inputs).
 
-    `h1` are the FRFs of H1. Raises `InputError` for H2 with several inputs, or if an estimate divides by 0.
+    `h1` (n_lines, n_outputs, n_inputs) are the FRFs of H1. Raises `InputError` for H2 with several inputs, or if an
+    estimate divides by 0.
     """
     if estimator == "H1":
         return h1

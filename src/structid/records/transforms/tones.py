@@ -133,7 +133,7 @@ class _Phase:
         return self.frequency + self.spline(time, 1) / (2 * np.pi)
 
     def with_coefficients(self, count: int) -> _Phase:
-        """Copy of the phase as a spline with another number of coefficients."""
+        """Copy of the phase as a spline with `count` coefficients."""
         time = np.linspace(0, self.duration, 8 * count)
         finer = replace(self, coefficients=np.zeros(count))
         return replace(finer, coefficients=np.linalg.lstsq(_basis(time, finer), self.spline(time), rcond=None)[0])
@@ -238,7 +238,7 @@ def remove_tones(record: TimeRecord, frequencies: Sequence[float] | Literal["aut
 
 
 def _require_frequencies(frequencies: Sequence[float] | Literal["auto"], rate: float) -> list[float] | None:
-    """Frequencies of tones in Hz, sorted; None for "auto". `rate` is the sampling rate in Hz.
+    """`frequencies` of tones in Hz, sorted; None for "auto". `rate` is the sampling rate in Hz.
 
     Raises `InputError` if they are no list of numbers between 0 and half the rate.
     """
@@ -580,8 +580,8 @@ def _fitted_spline(time: FloatArray, blocks: ComplexArray, track: FloatArray, ph
 def _amplitude_columns(time: FloatArray, phase: _Phase, degrees: tuple[int, int]) -> FloatArray:
     """Terms by which a tone's amplitude may change, (n_times, n_terms), at `time` in s.
 
-    They are Legendre polynomials of time and of the tone's frequency, with `degrees` in this order. From degree 2 in frequency
-    on, terms with its rate of change are added, since a structure answers with a delay.
+    They are Legendre polynomials of time and of the tone's frequency, with `degrees` in this order. From degree 2 in
+    frequency on, terms with its rate of change are added, since a structure answers with a delay. `time` is (n_times,).
     """
     columns = np.polynomial.legendre.legvander(2 * time / phase.duration - 1, degrees[0])
     if not degrees[1]:
@@ -653,7 +653,7 @@ def _whitened_lines(values: FloatArray, rate: float) -> tuple[FloatArray, FloatA
 def _over_surroundings(power: FloatArray) -> FloatArray:
     """Power of each line over the median power of the lines around it, (n_lines,).
 
-    Medians are those of blocks of 64 lines; the greatest of a line's block and both neighbours counts.
+    Medians are those of blocks of `_MEDIAN_LINES` lines; the greatest of a line's block and both neighbours counts.
     """
     n = len(power)
     blocks = np.pad(power, (0, -n % _MEDIAN_LINES), mode="edge").reshape(-1, _MEDIAN_LINES)

@@ -88,9 +88,10 @@ def look(shading: Shading | None, element: str, index: int) -> ElementStyle:
 
 
 def shading(title: str, changes: Changes, limit: float) -> Shading:
-    """Shading of elements by relative change on a diverging colour scale from -`limit` to `limit`, white at 0.
+    """Shading called `title` of elements by relative `changes` on a diverging colour scale, white at 0.
 
-    `limit` is a fraction, as are the changes; larger changes have the end colours.
+    `limit` is a fraction, as are the changes; larger changes have the end colours. The scale runs from -`limit` to
+    `limit`, a fraction, as are the changes; larger changes have the end colours.
     """
     ticks = [part * limit for part in (-1.0, -0.5, 0.0, 0.5, 1.0)]
     texts = tuple((value, f"{'+' if value > 0 else ''}{exact(100 * value, 3)} %") for value in ticks)
@@ -189,11 +190,11 @@ def _changes(answer: IdentifiedParameters, kinds: tuple[str, ...]) -> Changes:
             text = f"{item.term.property.replace('_', ' ')}: {values} ({percent(ratio)})"
             is_significant = bool(is_outside[columns].any())
             text += ", not identified" if not identified else "" if is_significant else ", within its interval"
-            changes[key] = _merged(changes.get(key), Change(ratio, identified, text, is_significant))
+            changes[key] = _merge_changes(changes.get(key), Change(ratio, identified, text, is_significant))
     return changes
 
 
-def _merged(first: Change | None, second: Change) -> Change:
+def _merge_changes(first: Change | None, second: Change) -> Change:
     """Combined change of one element: the larger ratio, significant changes before others, with both texts on two lines.
 
     Identified only if both are; `second` if `first` is None.

@@ -84,7 +84,7 @@ def structure_picture(
     in_the_way = [*shapes[1:], *inside] if len(marks) <= _MOST_OBSTACLES else []
     obstacles = symbols.sampled(symbols.joined(in_the_way), 0.4 * character[1])
     wanted = [*_dof_labels(frame, loads, palette.LOAD), *_dof_labels(frame, sensors, palette.SENSOR)]
-    wanted += [] if is_field else _names(frame, shown, marks, {arrow.dof.node for arrow in (*sensors, *loads)})
+    wanted += [] if is_field else _place_labels(frame, shown, marks, {arrow.dof.node for arrow in (*sensors, *loads)})
     placed, lost = place(wanted, character, 0.08 * per_inch, obstacles)
     if lost:
         are = "is" if lost == 1 else "are"
@@ -101,15 +101,15 @@ def structure_picture(
         *_arrow_traces(sensors, palette.SENSOR, 2.0, "sensor"),
         *_arrow_traces(loads, palette.LOAD, 3.2, "load"),
         *(curve(path, plot.Pen(palette.MUTED, 1.6)) for _, path in axes),
-        *_words([(name, path[1] + 0.35 * (path[1] - path[0]), palette.MUTED) for name, path in axes], 11.0),
-        *_words([(label.text, at, label.colour) for label, at in placed], 9.5),
+        *_text_traces([(name, path[1] + 0.35 * (path[1] - path[0]), palette.MUTED) for name, path in axes], 11.0),
+        *_text_traces([(label.text, at, label.colour) for label, at in placed], 9.5),
     )
     bounds = _bounds(corners, [(label.text, at) for label, at in placed], [path for _, path in axes], per_inch)
     return Picture(behind, marks, before, bounds, notes)
 
 
-def _words(words: Sequence[tuple[str, FloatArray, str]], size: float) -> list[plot.Texts]:
-    """Text traces of triples (text, position, colour) with the font size `size`, one trace for each colour."""
+def _text_traces(words: Sequence[tuple[str, FloatArray, str]], size: float) -> list[plot.Texts]:
+    """Text traces of the triples `words` (text, position, colour) with the font size `size`, one trace for each colour."""
     found = []
     for colour in dict.fromkeys(colour for *_, colour in words):
         texts, places = zip(*((text, at) for text, at, own in words if own == colour), strict=True)
@@ -144,7 +144,8 @@ def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
 def _spacing(points: Mapping[int, FloatArray], elements: Sequence[ElementSet], size: float) -> float:
     """Smallest distance on paper between nodes of `elements` that are apart; `size` if there is none.
 
-    `points` are node positions on paper, `size` is the extent of the drawing. Of very many nodes a few hundred are compared.
+    `points` are node positions on paper, `size` is the extent of the drawing. Of very many nodes a few hundred are
+    compared. Positions are (2,).
     """
     nodes = sorted({int(n) for e in elements for n in np.unique(e.nodes) if n >= 0})
     few = np.array([points[n] for n in nodes[:: max(1, len(nodes) // 400)]]).reshape(-1, 2)
@@ -203,7 +204,7 @@ def _pair(nodes: Sequence[int]) -> tuple[int, int]:
 
 
 def _place_key(element: Connector, index: int) -> object:
-    """Key that parallel connectors share: their pair of nodes, or node and direction if they go to the ground."""
+    """Key that the connector `index` shares with parallel ones: its pair of nodes, or node and direction to the ground."""
     first = element.first[index]
     if element.second is None:
         return (first.node, first.direction)
@@ -245,7 +246,7 @@ def _connector(
     number, count = taken[key], around.connectors[key]
     taken[key] += 1
     if second is None:
-        along, blocked = _outward(frame, first, around)
+        along, blocked = _ground_direction(frame, first, around)
     else:
         along, blocked = symbols.unit(end - start), around.lines[_pair((first.node, second.node))] > 0
     stub = second is None or bool(np.hypot(*(end - start)) <= 1e-6 * frame.size)
@@ -265,10 +266,10 @@ def _connector(
     return path, wall, 0.5 * (begin + finish) + shift
 
 
-def _outward(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool]:
+def _ground_direction(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool]:
     """Unit direction on paper from a node to the ground for its connector, and True if an element lies that way.
 
-    It is opposite to the positive axis of `dof`, unless only that side is occupied.
+    It is opposite to the positive axis of `dof`, unless only that side is occupied. The direction is (2,).
     """
     along = symbols.unit(frame.direction(dof))
     ways = [symbols.unit(frame.points[n] - frame.points[dof.node]) for n in around.neighbours.get(dof.node, ())]
@@ -319,7 +320,10 @@ def _arrow_traces(arrows: Sequence[_Arrow], colour: str, width: float, noun: str
 
 
 def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> _Arrow:
-    """Arrow of a sensor, which starts at its node, or of a load, which ends there; rotations have two heads or are curved."""
+    """Arrow of a sensor, which starts at its node, or with `is_load` of a load, which ends there.
+
+    Those of rotations have two heads or are curved.
+    """
     point = frame.points[dof.node]
     head = min(0.022 * frame.size, max(0.7 * frame.spacing, 0.012 * frame.size))
     length = 0.10 * frame.size
@@ -361,8 +365,8 @@ def _dof_labels(frame: _Frame, arrows: Sequence[_Arrow], colour: str) -> list[La
     return [Label(str(arrow.dof), arrow.tip, away, colour) for arrow, away in zip(arrows, aways, strict=True)]
 
 
-def _names(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set[int]) -> list[Label]:
-    """Labels of element sets, and of nodes: all `shown` ones if there are at most 40, and those in `busy`.
+def _place_labels(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set[int]) -> list[Label]:
+    """Labels of element sets, and of nodes: all `shown` ones if there are at most `_MANY_NODES`, and those in `busy`.
 
     `shown` and `busy` hold node labels.
     """
@@ -383,7 +387,8 @@ def _names(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set
 def _axes(frame: _Frame, corner: FloatArray, used: set[str]) -> tuple[tuple[str, FloatArray], ...]:
     """Names of the global axes with short lines (2, 2) at the lower left of the drawing.
 
-    `corner` is the lower left of the structure; Z is left out in a plane unless it is in `used`, the directions of arrows.
+    `corner` (2,) is the lower left of the structure; Z is left out in a plane unless it is in `used`, the directions of
+    arrows.
     """
     origin = corner - np.array([0.11, 0.05 if is_spatial(frame.structure) else 0.0]) * frame.size
     count = 3 if is_spatial(frame.structure) or "Z" in used else 2
@@ -395,7 +400,8 @@ def _bounds(
 ) -> tuple[float, float, float, float]:
     """Drawing limits (x low, x high, y low, y high) that hold corners, texts and paths with a margin of 4 %.
 
-    `words` are pairs of text and centre; `per_inch` is the number of drawing units in an inch of text.
+    `words` are pairs of text and centre; `per_inch` is the number of drawing units in an inch of text. `corners` is (n,
+    2), centres are (2,) and each of `paths` is (n, 2).
     """
     half = 0.5 * per_inch * np.array(_CHARACTER_INCHES)
     boxes = [at + sign * half * (len(text), 1.0) for text, at in words for sign in (-1.0, 1.0)]

@@ -32,7 +32,7 @@ _MOST_LABELLED = 1000
 
 def is_cells(element: ElementSet) -> bool:
     """True if an element set is drawn by `cell_faces`."""
-    return element.symbol in ("flat", "shell", "solid")
+    return bool(element.cells)
 
 
 def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[Mark]:
@@ -107,7 +107,10 @@ def _seen_faces(structure: Structure, eye: FloatArray) -> list[tuple[ElementSet,
 
 
 def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
-    """Faces that belong to a single cell, as pairs of cell number and corner nodes; `rows` are the nodes of each cell."""
+    """Faces that belong to a single cell, as pairs of cell number and corner nodes; `rows` are the nodes of each cell.
+
+    Corner nodes are (3,) or (4,) labels; each of `rows` is (n_nodes,).
+    """
     faces = [
         (index, row[list(face)]) for index, row in enumerate(rows) for face in SOLID_FACES[SOLID_CORNERS[len(row)]]
     ]
@@ -118,7 +121,8 @@ def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
 def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: Sequence[Mark]) -> frozenset[int]:
     """Nodes of cells that faces hide from view; if nodes times faces exceed 20 million, all nodes that only cells have.
 
-    Empty for structures in a plane. `points` are node positions on paper, `marks` those of `cell_faces`.
+    Empty for structures in a plane. `points` are node positions on paper, `marks` those of `cell_faces`. Positions are
+    (2,).
     """
     faces = [mark for mark in marks if mark.nodes]
     if not is_spatial(structure) or not faces:
@@ -137,12 +141,12 @@ def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: 
         heights = np.array([structure.nodes[n] @ sight(structure) for n in mark.nodes])
         plane = np.linalg.lstsq(np.column_stack([corners, np.ones(len(corners))]), heights, rcond=1e-9)[0]
         behind = depth < at @ plane[:2] + plane[2] - slack
-        covered |= _inside(corners, at) & behind & ~np.isin(labels, mark.nodes)
+        covered |= _is_inside(corners, at) & behind & ~np.isin(labels, mark.nodes)
     seen = {node for mark in faces for node in mark.nodes}
     return frozenset(labels[covered].tolist()) | (own - seen)
 
 
-def _inside(corners: FloatArray, points: FloatArray) -> np.ndarray:
+def _is_inside(corners: FloatArray, points: FloatArray) -> np.ndarray:
     """Mask (n,) of the `points` (n, 2) that lie in the convex polygon with the corners `corners` (m, 2), in order round it."""
     sides = np.roll(corners, -1, axis=0) - corners
     away = points[:, None] - corners
@@ -153,7 +157,7 @@ def _inside(corners: FloatArray, points: FloatArray) -> np.ndarray:
 def labelled_marks(marks: Sequence[Mark]) -> list[Mark]:
     """Mark of each element set at which its name is written: the nearest face whose centre no other set covers.
 
-    The last mark of the set if there is no such face, or above 1000 marks.
+    The last mark of the set if there is no such face, or above `_MOST_LABELLED` marks.
     """
     last = {mark.element: mark for mark in marks}
     open_: dict[str, Mark] = {}
@@ -161,6 +165,6 @@ def labelled_marks(marks: Sequence[Mark]) -> list[Mark]:
         if not mark.nodes or mark.element in open_ or len(marks) > _MOST_LABELLED:
             continue
         others = (m for m in marks[k + 1 :] if m.nodes and m.element != mark.element)
-        if not any(_inside(m.path, mark.centre[None])[0] for m in others):
+        if not any(_is_inside(m.path, mark.centre[None])[0] for m in others):
             open_[mark.element] = mark
     return list((last | open_).values())

@@ -74,7 +74,10 @@ def connector(kind: str, start: FloatArray, end: FloatArray, height: float) -> F
 
 
 def spiral(centre: FloatArray, radius: float) -> FloatArray:
-    """Path (49, 2) of a spiral spring about `centre`, the symbol of a rotational spring, with outer `radius`."""
+    """Path (49, 2) of a spiral spring about `centre`, the symbol of a rotational spring, with outer `radius`.
+
+    `centre` is (2,).
+    """
     angle = np.linspace(0.0, 4.0 * np.pi, 49)
     size = radius * (0.2 + 0.8 * angle / angle[-1])
     return centre + size[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -83,7 +86,8 @@ def spiral(centre: FloatArray, radius: float) -> FloatArray:
 def ground(base: FloatArray, along: FloatArray, height: float) -> FloatArray:
     """Path of a wall through `base`, at right angles to the unit vector `along`, with three strokes behind it.
 
-    The wall is 2.8 `height` long; `along` points into it.
+    The wall is 2.8 `height` long; `along` points into it. The path is (n, 2) with NaN between strokes; `base` and
+    `along` are (2,).
     """
     wall = [(0.0, -1.4 * height), (0.0, 1.4 * height)]
     strokes = [[(0.0, t * height), (0.8 * height, (t - 0.7) * height)] for t in (-0.5, 0.45, 1.4)]
@@ -114,7 +118,7 @@ def arrow_head(tip: FloatArray, along: FloatArray, size: float) -> FloatArray:
 def turning_arrow(centre: FloatArray, sense: int, radius: float, head: float) -> tuple[FloatArray, FloatArray]:
     """Shaft (30, 2) and closed head of a curved arrow about `centre`, counterclockwise for `sense` 1, clockwise for -1.
 
-    `head` is the length of the head.
+    `head` is the length of the head. `centre` is (2,), `radius` that of the arc.
     """
     angle = sense * np.linspace(-0.25 * np.pi, 1.15 * np.pi, 30)
     shaft = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])

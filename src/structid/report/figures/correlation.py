@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structid.compare.correlation.modes import ModesCorrelation
-from structid.compare.correlation.responses import ResponsesCorrelation
 from structid.core.arrays import FloatArray
 from structid.report.drawing import palette
 from structid.report.rendering import plot
+
+if TYPE_CHECKING:
+    from structid.compare.correlation.modes import ModesCorrelation
+    from structid.compare.correlation.responses import ResponsesCorrelation
 
 #: What the models of a figure are called, one, or two with their colours.
 ALONE, BEFORE_AND_AFTER = ("model",), ("initial", "identified")
@@ -141,7 +144,8 @@ def _bars(
 ) -> plot.Panel:
     """Bar chart panel with a group of bars for each of `names`, one bar for each model.
 
-    `values` holds one array (n_names,) for each model, `words` the models' names; `label` is that of the axis. NaN has no bar.
+    `values` holds one array (n_names,) for each model, `words` the models' names; `label` is that of the axis. NaN has
+    no bar. `title` stands above the panel.
     """
     positions, count = np.arange(len(names), dtype=float), len(values)
     width = 0.8 / count

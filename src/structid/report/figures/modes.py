@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.identification.identified import Identification, RecordFit
-from structid.identification.setups.modal import ModalFit
 from structid.report.drawing import palette
 from structid.report.figures.parameters import NORMAL_95
 from structid.report.rendering import plot
+
+if TYPE_CHECKING:
+    from structid.identification.fits.modal_fit import ModalFit
 
 _BEFORE = plot.Marker("square", 10.0, "", plot.Pen(palette.INITIAL, 2.0))
 _AFTER = plot.Marker("circle", 8.0, palette.FITTED)

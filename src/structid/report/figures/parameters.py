@@ -80,8 +80,8 @@ def _ratio_limits(
 ) -> tuple[float, float, bool]:
     """Axis limits (low, high) that hold identified parameters, intervals and priors, and True for a logarithmic axis.
 
-    All are divided by initial values: `ratio` (n_params,), `interval` and `prior` (n_params, 2). `sure` masks identified
-    parameters.
+    All are divided by initial values: `ratio` (n_params,), `interval` and `prior` (n_params, 2). `sure` (n_params,)
+    masks identified parameters.
     """
     ends = np.concatenate([[1.0], ratio[sure], interval[sure].ravel(), prior.ravel()])
     ends = ends[np.isfinite(ends)]
@@ -102,7 +102,7 @@ def _ratio_limits(
 def _ratio_axis(label: str, limits: plot.Limits, log: bool, room: float = 0.0) -> plot.Axis:
     """Axis of relative values with the given `limits`, extended at both ends by the fraction `room` of its length.
 
-    A logarithmic axis has plain numbers as tick labels.
+    A logarithmic axis has plain numbers as tick labels. The axis is called `label`, and logarithmic if `log`.
     """
     low, high = limits
     if not log:

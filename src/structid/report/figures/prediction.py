@@ -53,7 +53,7 @@ def frf_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
 def history_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
     """Figure of predicted time histories with 95 % bands, one sensor at a time; of a change, before and after it.
 
-    At most 3000 samples of a history are drawn, evenly spaced.
+    At most `_MOST_POINTS` samples of a history are drawn, evenly spaced.
     """
     parts = _shown(prediction)
     first = next(iter(parts.values()))
@@ -98,7 +98,7 @@ def spectrum_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
 
 
 def _figure(panels: list[plot.Panel], label: str, caption: str) -> plot.Figure:
-    """Figure of one panel, or of several that the reader selects from a list with the heading `label`."""
+    """Figure with `caption` of one panel, or of several that the reader selects from a list with the heading `label`."""
     if len(panels) == 1:
         return plot.Figure(tuple(panels), (900.0, 420.0), caption=caption)
     shown = tuple(range(min(len(panels), _MOST_PANELS)))

@@ -72,7 +72,7 @@ def worst_channels(fit: RecordFit, count: int = MAX_CHANNELS) -> list[int]:
 def responses_figure(fit: RecordFit) -> plot.Figure:
     """Figure of magnitude, phase and coherence of measured and model FRFs, one channel at a time.
 
-    Models are drawn at the lines that were used or judged. Above 250 000 values the lines are thinned.
+    Models are drawn at the lines that were used or judged. Above `MOST_VALUES` values the lines are thinned.
     """
     whole, found, shown = fit.measured, channels(fit), worst_channels(fit)
     stride = max(1, -(-whole.values.size // MOST_VALUES))
@@ -126,6 +126,7 @@ def _strips(frequency: FloatArray, used: np.ndarray, values: ComplexArray, y: pl
     """Plot strips of magnitude and phase (degrees) of one channel.
 
     `values` (3, n_lines) are measured, initial and fitted FRF; `used` (n_lines,) is True for the lines used in the fit.
+    `frequency` (n_lines,) is in Hz; `y` is the axis of magnitudes.
     """
     sizes, angles = np.where(np.abs(values) > 0, np.abs(values), np.nan), np.degrees(np.angle(values))
     turns = np.abs(np.diff(angles[1:], axis=1, prepend=angles[1:, :1])) > 270
@@ -144,7 +145,8 @@ def _curves(
 ) -> tuple[plot.Trace, ...]:
     """Plot curves of one channel: measured values at unused and used lines, then initial and fitted model.
 
-    `values` (3, n_lines) are measured, initial and fitted; `pen` and `dot` draw the unused lines.
+    `values` (3, n_lines) are measured, initial and fitted; `pen` and `dot` draw the unused lines. `frequency`
+    (n_lines,) is in Hz, `used` a mask (n_lines,); None for `pen` or `dot` draws no lines or no points.
     """
     measured, initial, fitted = values
     count = int(used.sum())

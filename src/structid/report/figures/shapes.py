@@ -62,7 +62,7 @@ def mode_scene(modes: ModalRecord, geometry: Geometry | None) -> Scene:
     shapes = modes.mode_shapes * real_turn(modes.mode_shapes)
     signed = shapes * np.array([dof.sign for dof in modes.channels])[:, None]
     still = np.where(modes.known, signed, 0.0)
-    scene = _row(modes.channels, still) if geometry is None else _placed(modes.channels, still, geometry)
+    scene = _row(modes.channels, still) if geometry is None else _scene_in_space(modes.channels, still, geometry)
     if modes.known.all():
         return scene
     words = "Sensors that no set-up with this mode has stand still in its drawing; their motion is unknown."
@@ -72,7 +72,8 @@ def mode_scene(modes: ModalRecord, geometry: Geometry | None) -> Scene:
 def _row(channels: tuple[Dof, ...], shapes: ComplexArray) -> Scene:
     """Scene of mode shapes without geometry: sensors in a row, with one line for each direction.
 
-    `shapes` (n_channels, n_modes) are along positive axes; each mode is scaled to a largest entry of 1.
+    `shapes` (n_channels, n_modes) are along positive axes; each mode is scaled to a largest entry of 1. `channels` are
+    the sensors.
     """
     nodes = list(dict.fromkeys(dof.node for dof in channels))
     rest = np.array([[nodes.index(dof.node), 0.0] for dof in channels])
@@ -95,10 +96,10 @@ def _row(channels: tuple[Dof, ...], shapes: ComplexArray) -> Scene:
     return Scene(rest, motion, tuple(map(str, channels)), axes, measured, {}, (note,))
 
 
-def _placed(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry) -> Scene:
+def _scene_in_space(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry) -> Scene:
     """Scene of mode shapes on the positions of the nodes (m), scaled to 12 % of the structure's diagonal.
 
-    `shapes` (n_channels, n_modes) are along positive axes; rotations are left out.
+    `shapes` (n_channels, n_modes) are along positive axes; rotations are left out. `channels` are the sensors.
     """
     nodes = list(geometry.nodes)
     rest = np.array([geometry.nodes[node] for node in nodes], dtype=float)
@@ -210,7 +211,10 @@ def _orbits(scene: Scene, mode: int) -> plot.Curve | None:
 def _curve(
     scene: Scene, path: list[int], pen: plot.Pen, marker: plot.Marker, label: str, mode: int | None = None
 ) -> plot.Curve:
-    """Plot curve along the point indices `path` (-1 lifts the pen), moving in the mode with index `mode`, at rest if None."""
+    """Plot curve along the point indices `path` (-1 lifts the pen), moving in the mode with index `mode`, at rest if None.
+
+    `label` is its entry in the legend.
+    """
     lifted = (np.array(path) < 0)[:, None]
     x, y, *deep = np.where(lifted, np.nan, scene.rest[path]).T
     words = tuple("" if i < 0 else scene.labels[i] for i in path)

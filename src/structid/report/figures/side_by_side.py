@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structid.compare.correlation.modes import ModesCorrelation
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.quantities import likeness, number
@@ -19,6 +19,9 @@ from structid.fem.supports import RigidLink
 from structid.report.drawing import palette
 from structid.report.drawing.faces import cell_edges, is_cells
 from structid.report.rendering import plot
+
+if TYPE_CHECKING:
+    from structid.compare.correlation.modes import ModesCorrelation
 
 #: Largest displacement, and gap between the two, in parts of the diagonal.
 _AMPLITUDE, _GAP = 0.1, 0.3
@@ -139,7 +142,7 @@ def _in_place(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
 def _lines(structure: Structure, row_of: dict[int, int]) -> IntArray:
     """Edges of the elements and rigid links as one chain of node rows, with -1 between lines.
 
-    Above 2500 edges, or without any, single nodes, at most 1200. `row_of` maps node labels to rows.
+    Above 2500 edges, or without any, single nodes, at most 1200. `row_of` maps node labels to rows. The result is (n,).
     """
     edges: dict[tuple[int, int], None] = {}
     for element in structure.elements:
@@ -168,7 +171,7 @@ def _spans(nodes: IntArray) -> list[tuple[int, int]]:
 def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[plot.Panel, ...]:
     """Plot panels, one for each mode pair, with measured and model shape side by side; all have the same axes.
 
-    `chosen` are the indices of the measured modes.
+    `chosen` are the indices of the measured modes. `chosen` is (n_chosen,), from 0.
     """
     structure = part.structure
     like = part.model.mode_shapes @ part.coefficients[:, chosen]
@@ -221,6 +224,7 @@ def _curve(
     """Plot curve along the node rows `path` (-1 lifts the pen), shifted by `offset` (m).
 
     `motion` (n_nodes, 3) is the displacement that animates it, None at rest. A path without lines is drawn as dots.
+    `label` is its entry in the legend.
     """
     lifted = (path < 0)[:, None]
     x, y, *deep = np.where(lifted, np.nan, (scene.rest + offset)[path][:, scene.used]).T
@@ -236,7 +240,8 @@ def _curve(
 def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, ...]:
     """Plot panels of mode pairs without geometry, one for each: measured and model shape over the sensors in a row.
 
-    `chosen` are the indices of the measured modes; each pair is scaled to a largest entry of 1.
+    `chosen` are the indices of the measured modes; each pair is scaled to a largest entry of 1. `chosen` is
+    (n_chosen,), from 0.
     """
     names = [str(dof) for dof in part.measured.channels]
     positions = np.arange(len(names), dtype=float)

@@ -71,7 +71,8 @@ def _traces(picture: Picture, shade: Shading | None) -> Iterator[plot.Trace]:
 def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]:
     """Yield plot traces that draw all elements, one for each appearance: cell faces, then lines, then other areas.
 
-    Faces keep their order from far to near; with more than 300 changes of colour, only by 12 slices.
+    Faces keep their order from far to near; with more than `_MOST_RUNS` changes of colour, only by 12 slices. None for `shade`
+    draws all elements in grey.
     """
     looks = [(mark, look(shade, mark.element, mark.index)) for mark in marks]
     changes = sum(a[1] != b[1] for a, b in pairwise(looks) if b[0].nodes)

@@ -38,7 +38,7 @@ _MOST_LINES = 2400
 def pole_kinds(result: ModesResult) -> list[np.ndarray]:
     """Kind of each pole, one integer array for each model order of the sweep.
 
-    Kinds are `OUTSIDE` (the criteria), `ALONE`, `CLUSTERED` and `CHOSEN`, the numbers 0 to 3.
+    Kinds are `OUTSIDE` (the criteria), `ALONE`, `CLUSTERED` and `CHOSEN`, the numbers 0 to 3. Each is (n_poles,).
     """
     found, modes = result.identification, result.modes
     kinds = [np.full(len(poles.poles), OUTSIDE) for poles in found.sweep]
@@ -131,7 +131,7 @@ def _mode_marks(result: ModesResult, limits: plot.Limits) -> tuple[plot.Trace, .
 def _thinned_lines(result: ModesResult, n_values: int) -> tuple[FloatArray, FloatArray]:
     """Frequencies (n,) in Hz and the first `n_values` singular values (n, n_values) of the spectra.
 
-    Above 2400 lines, neighbouring lines are grouped: their mean frequency and largest values.
+    Above `_MOST_LINES` lines, neighbouring lines are grouped: their mean frequency and largest values.
     """
     frequency, values = result.spectra.frequency, result.spectra.values[:, :n_values]
     step = -(-len(frequency) // _MOST_LINES)
@@ -242,7 +242,7 @@ def complexity_figure(result: ModesResult) -> plot.Figure:
 def _circle(title: str, shape: ComplexArray, names: list[str]) -> plot.Panel:
     """Plot panel of the complex entries `shape` (n_channels,) of one mode, as lines from the centre of a unit circle.
 
-    `names` are those of the channels.
+    `names` are those of the channels. `title` stands above the panel.
     """
     x, y = shape.real, shape.imag
     rings = symbols.joined(symbols.disc(np.zeros(2), radius) for radius in (0.5, 1.0))

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from structid.core.display import plural
 from structid.core.quantities import NOTHING, likeness, number, percent, with_std
-from structid.forward.modal.problem import pull
-from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.identified import Identification
 from structid.report.tables import Table
+
+if TYPE_CHECKING:
+    from structid.identification.fits.modal_fit import ModalFit
 
 _FORMS = {
     "output": "frequencies and shapes of paired modes over their standard deviations",
@@ -88,6 +91,8 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
 
 def _pull(fit: ModalFit) -> str:
     """Text on the number of parameters that each kind of value determines, and the share of the misfit that it makes."""
+    from structid.forward.modal.problem import pull  # for records of modes alone
+
     found = pull(fit.problem, fit.theta)
     if not found:
         return "not told: these modes alone do not determine every parameter"

@@ -231,8 +231,8 @@ def record_facts(identification: Identification) -> tuple[tuple[str, str], ...]:
         ("Kind and unit", ", ".join(word for word in (whole.kind, unit_text(whole.unit)) if word)),
         ("Lines used", lines + _gaps(whole.frequency, used.frequency)),
         *judged,
-        ("Sensors", _listed(map(str, used.outputs))),
-        ("Support that drives" if whole.is_per_motion else "Loads", _listed(map(str, used.inputs))),
+        ("Sensors", _list_items(map(str, used.outputs))),
+        ("Support that drives" if whole.is_per_motion else "Loads", _list_items(map(str, used.inputs))),
         ("Coherence", coherence),
         ("Noise", errors),
         ("Model error assumed", assumed),
@@ -251,8 +251,8 @@ def structure_facts(structure: Structure) -> tuple[tuple[str, str], ...]:
         ("Nodes", f"{len(structure.nodes)} in {structure.dimension}-D, extent {extent} m"),
         ("Free degrees of freedom", str(structure.n_dofs)),
         ("Directions", " ".join(structure.active or ())),
-        ("Fixed", _listed(d.place for d in structure.fixed)),
-        ("Links and constraints", _listed(ties)),
+        ("Fixed", _list_items(d.place for d in structure.fixed)),
+        ("Links and constraints", _list_items(ties)),
         *(("Reduced", one.words) for one in structure.reductions),
         *(() if ratio is None else (("Damping ratio of all modes", exact(ratio, 4)),)),
     )
@@ -329,7 +329,8 @@ def _span(frequency: FloatArray) -> str:
 def _gaps(whole: FloatArray, used: FloatArray) -> str:
     """Text on frequency ranges inside the band that were left out, beginning with a comma; "" if there are none.
 
-    `whole` and `used` are the frequencies of the record and of the fit, Hz.
+    `whole` and `used` are the frequencies of the record and of the fit, Hz. Both are (n,), increasing. Frequencies are
+    (n_lines,) each.
     """
     inside = whole[(whole >= used[0]) & (whole <= used[-1])]
     out = ~np.isin(inside, used)
@@ -340,7 +341,7 @@ def _gaps(whole: FloatArray, used: FloatArray) -> str:
     return f", without {', '.join(parts)} Hz" if parts else ""
 
 
-def _listed(items: Iterable[str]) -> str:
+def _list_items(items: Iterable[str]) -> str:
     """The items joined by commas, with their number first if they are more than six; "none" if there are none."""
     words = list(items)
     if not words:

@@ -332,7 +332,7 @@ def matrix_panel(
 
     `rows` and `columns` are the names, `label` and `across` the titles of the axes of rows and columns. Without `columns` the
     matrix is square, with the names and title of the rows on both axes. Values are written into the cells, to two decimals, if
-    there are at most 16 rows and columns.
+    there are at most `MOST_WRITTEN` rows and columns.
     """
     names = tuple(columns) or tuple(rows)
     n, m = len(rows), len(names)

@@ -85,7 +85,7 @@ def write_pngs(figures: Mapping[str, Figure], folder: Path) -> None:
 
 
 def pictures(figures: Mapping[str, Figure]) -> dict[str, Figure]:
-    """Figures to be drawn as pictures, by name: one for each figure, or for each of its strips if panels have several.
+    """Figures to be drawn as pictures, by name, from `figures`: one for each, or for each strip if panels have several.
 
     The name of a strip is appended to that of its figure.
     """
@@ -263,7 +263,10 @@ class _Canvas:
             self._line(later, trace.at(np.pi))
 
     def _line(self, trace: Curve, points: tuple[np.ndarray, ...]) -> None:
-        """Draw one line of a curve through `points`, arrays x, y and perhaps z, and note its legend entry."""
+        """Draw one line of a curve through `points`, arrays x, y and perhaps z, and note its legend entry.
+
+        Arrays are (n,).
+        """
         pen, marker = trace.pen or _NONE, trace.marker or Marker("none", 0.0, "")
         edge, axes = marker.edge or _NONE, self.beside if trace.right else self.axes
         (line,) = axes.plot(
@@ -278,7 +281,7 @@ class _Canvas:
         """Draw an area as filled polygons, one for each outline of its path, and note its legend entry."""
         edge = trace.edge or _NONE
         shape = PolyCollection(
-            _pieces(trace.x, trace.y), facecolor=trace.colour, edgecolor=edge.colour, linewidth=edge.width * _PIXEL,
+            _outlines(trace.x, trace.y), facecolor=trace.colour, edgecolor=edge.colour, linewidth=edge.width * _PIXEL,
             alpha=trace.opacity, hatch="////" if trace.hatched else None, zorder=self._order(),
         )  # fmt: skip
         self.axes.add_collection(shape)
@@ -317,8 +320,8 @@ class _Canvas:
         return 2.0 + 0.001 * len(self.axes.get_children())
 
 
-def _pieces(x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
-    """Separate outlines of a path that NaN in `x` divides, each (n, 2)."""
+def _outlines(x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
+    """Separate outlines, each (n, 2), of the path `x`, `y` that NaN in `x` divides."""
     points = np.column_stack([x, y])
     gaps = np.flatnonzero(np.isnan(x))
     pieces = (piece[~np.isnan(piece[:, 0])] for piece in np.split(points, gaps))

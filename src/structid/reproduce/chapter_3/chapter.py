@@ -85,7 +85,10 @@ def table_3_1() -> ReproducedItem:
 
 
 def _dampings() -> dict[str, dict[str, FloatArray]]:
-    """Damping properties of the beam by a label: none, two strain-rate dampings and a viscous damping."""
+    """Damping properties of the beam by a label: none, two strain-rate dampings and a viscous damping.
+
+    Each is a dict of keyword arguments of `Beam`, (15,) each.
+    """
     mass, stiffness = ACTUAL[:N_ELEMENTS], ACTUAL[N_ELEMENTS:]
     uneven = 1 + 0.3 * np.sin(np.arange(1, N_ELEMENTS + 1))
     return {

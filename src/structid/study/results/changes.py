@@ -8,7 +8,7 @@ from structid.core.arrays import FloatArray
 from structid.core.json_types import StoredEntry
 from structid.files import csv_text
 from structid.inversion import Estimate
-from structid.inversion.search.matrix_free import dense_search_fits
+from structid.inversion.search.least_squares import dense_search_fits
 
 PARAMETERS = "parameters.csv"
 #: How many of the largest changes estimate.json names.

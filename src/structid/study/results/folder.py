@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from structid.core.quantities import with_unit
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity
 from structid.files import claim_path, require_no_file
 from structid.identification.alternatives import Alternatives
-from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.regularizing import AppliedRegularization
@@ -28,6 +28,9 @@ from structid.study.results.changes import PARAMETERS, changes_summary, changes_
 from structid.study.results.hdf5 import hdf5_bytes
 from structid.study.results.result import StudyResult
 from structid.study.results.view import ParameterResult, ResultsView
+
+if TYPE_CHECKING:
+    from structid.identification.fits.modal_fit import ModalFit
 
 _REPORT = "report.html"
 #: File of a results folder that says where its study is.
@@ -102,12 +105,12 @@ def write_results(result: StudyResult, folder: Path) -> None:
         (folder / PARAMETERS).write_text(changes_table(result.identification.estimate), encoding="utf-8")
     (folder / "estimate.h5").write_bytes(hdf5_bytes(result))
     (folder / "study.toml").write_bytes(result.study.text.encode("utf-8"))
-    (folder / STUDY_PATH).write_text(_way_to(result.study.path, folder) + "\n", encoding="utf-8")
+    (folder / STUDY_PATH).write_text(_relative_path(result.study.path, folder) + "\n", encoding="utf-8")
     if result.solver is not None:
         result.solver.write(folder)
 
 
-def _way_to(path: Path, folder: Path) -> str:
+def _relative_path(path: Path, folder: Path) -> str:
     """The relative path from `folder` to the file `path`; "" if there is none, as between two drives."""
     try:
         return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()

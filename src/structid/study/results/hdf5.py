@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from structid.dynamics import Modes
 from structid.fem import Structure
-from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.inversion import Estimate
 from structid.study.results.result import StudyResult
@@ -19,11 +18,12 @@ from structid.study.results.result import StudyResult
 if TYPE_CHECKING:
     import h5py
 
+    from structid.identification.fits.modal_fit import ModalFit
+
 
 from pathlib import Path
 
 from structid.core.errors import FileError
-from structid.files.hdf5 import hdf5_fields, texts_of
 
 #: What a file of this version says of itself.
 ESTIMATE_FORMAT = "structid estimate 1"
@@ -195,6 +195,8 @@ def stored_values(folder: Path) -> dict[str, float]:
     path = folder / "estimate.h5"
     if not path.is_file():
         raise FileError(f"{folder}: holds no estimate.h5; give a results folder of `structid identify`")
+    from structid.files.hdf5 import hdf5_fields, texts_of  # writing needs no reader
+
     fields = hdf5_fields(path, ("parameters/names", "parameters/values"))
     try:
         names, values = fields["parameters/names"], np.asarray(fields["parameters/values"], dtype=float)

@@ -40,7 +40,10 @@ def write_merged(modes: ModalRecord, folder: Path, geometry: Geometry | None = N
 
 
 def modes_summary(result: ModesResult) -> dict[str, StoredEntry]:
-    """The content of modes.json, in which numbers may still be NaN or infinite; `read_modes` reads the file."""
+    """The content of modes.json, in which numbers may still be NaN or infinite; `read_modes` reads the file.
+
+    Keys are those of the file.
+    """
     identification = result.identification
     fields = modal_fields(result.modes)
     collinearity, deviation = collinearity_with_std(result.modes), phase_deviation_with_std(result.modes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +9,9 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.diagnose.checks.aligned_responses import ResonancePair
 from structid.diagnose.checks.initial_comparison import InitialComparison
-from structid.diagnose.checks.mesh import MeshErrors, mesh_errors
 from structid.dynamics import Modes
-from structid.forward import ModalProblem, RecordProblem
+from structid.forward import RecordProblem
 from structid.identification.fits.resonances import LEAST_DAMPING
-from structid.identification.mesh_pieces import MESH_ERROR
 from structid.identification.setups.setup import AnySetup
 from structid.inversion.averaging import expected_square
 from structid.records import FrfRecord, TimeRecord
@@ -27,9 +24,6 @@ from structid.study.schema.records.record import RecordSource, read_histories
 _HIDDEN = 0.1
 #: Averages from which on the chi-square that their coherence leads to is not worth a word.
 _MANY = 100
-#: Part of their frequencies by which modes of an initial model may be off, and degrees of freedom up to which the mesh of an
-#: answer is judged.
-_NEAR, _SMALL = 0.15, 600
 
 
 @dataclass(frozen=True)
@@ -101,38 +95,6 @@ def checked_record(
     reduced = () if lost is None else (*(one.words for one in setup.structure.reductions), lost.words)
     read = tuple(f"read: {record.source}" for record in histories if "; " in record.source)
     return RecordCheck(title, _resonances(comparison, modes), tuple(warnings), (*read, *reduced, *_facts(setup)))
-
-
-def checked_mesh(setup: AnySetup, problem: RecordProblem, theta: FloatArray | None = None) -> MeshErrors | str:
-    """Mesh errors of a set-up's structure in the band of its record, or a text that says why they cannot be computed.
-
-    They are evaluated at the free variables `theta`, (n_params,), by default at the initial values of the parameters.
-    For a record of modes the band is widened on both sides, since the initial model may miss the measured modes by that.
-    """
-    low, high = float(problem.frequency.min()), float(problem.frequency.max())
-    values = setup.parameters.values(
-        setup.parameters.start if theta is None else problem.physical(theta)[: setup.parameters.n_params]
-    )
-    if not isinstance(problem, ModalProblem):
-        return mesh_errors(setup.structure, values, (low, high))
-    deviation = float((problem.data.frequency_std / problem.data.frequency).min())
-    return mesh_errors(setup.structure, values, ((1 - _NEAR) * low, (1 + _NEAR) * high), deviation)
-
-
-def mesh_warnings(
-    setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: Sequence[FloatArray]
-) -> tuple[str, ...]:
-    """Warnings that the mesh shifts modes by more than the standard deviations with which they were fitted.
-
-    Only records of modes of structures up to 600 degrees of freedom are checked; FRFs and histories show a shift as a misfit.
-    The three sequences have one entry for each record; `theta` holds the free variables of its problem, (n_params,).
-    """
-    messages = []
-    for setup, problem, theta_of_record in zip(setups, problems, theta, strict=True):
-        if isinstance(problem, ModalProblem) and setup.structure.n_dofs <= _SMALL:
-            errors = checked_mesh(setup, problem, theta_of_record)
-            messages.append("" if isinstance(errors, str) else errors.words)
-    return tuple(f"{MESH_ERROR}: {words}" for words in dict.fromkeys(messages) if words)
 
 
 def _resonances(comparison: InitialComparison, modes: Modes) -> tuple[ResonanceCheck, ...]:

@@ -10,10 +10,11 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
 from structid.diagnose.checks.loose_parts import PlacedFinding, coarse_elements, structure_findings
-from structid.diagnose.checks.mesh import MeshErrors
+from structid.diagnose.checks.mesh import MeshErrors, checked_mesh
 from structid.dynamics import Modes
 from structid.fem.measuring_points import AimedSensor, MeshPoint
-from structid.forward import ModalProblem, RecordProblem
+from structid.forward import RecordProblem
+from structid.forward.modal import compares_modes
 from structid.identification.fits.model_modes import response_rounding, rounding_warnings, structure_modes
 from structid.identification.fits.ratios import common_scale, scale_words
 from structid.identification.identify import mass_deviation
@@ -34,7 +35,7 @@ from structid.inversion.diagnostics.identifiability import identifiability
 from structid.inversion.fixed_values import FixedValueInfluence
 from structid.inversion.posterior_draws import counted_draws, drawn_covariance, solved_influence
 from structid.inversion.uncertainty import relative_jacobian
-from structid.study.run.before import RecordCheck, checked_mesh, checked_record
+from structid.study.run.before import RecordCheck, checked_record
 from structid.study.run.run import is_matrix_free
 from structid.study.run.start import PreparedStudy, prepare_study
 from structid.study.schema.study import Study
@@ -381,7 +382,7 @@ def _mode_checks(modes: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
     lines = (2 * modes.damping_ratio * modes.frequency + facts.window_bandwidth[nearest_line]) / facts.line_spacing[
         nearest_line
     ]
-    rounding = modes.rounding if isinstance(problem, ModalProblem) else response_rounding(modes)
+    rounding = modes.rounding if compares_modes(problem) else response_rounding(modes)
     rows = zip(modes.frequency, modes.damping_ratio, in_band, lines, rounding, strict=True)
     return tuple(ModeCheck(float(f), float(d), bool(i), float(n), float(r)) for f, d, i, n, r in rows)
 

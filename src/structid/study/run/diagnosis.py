@@ -14,7 +14,6 @@ from structid.identification.fits.model_modes import structure_modes
 from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.study.results.result import StudyResult
 from structid.study.results.suggestions import with_suggestions
-from structid.study.run.before import leaking_windows
 from structid.study.run.start import PreparedStudy
 from structid.study.run.workers import threads_for
 from structid.study.schema.records.record import read_histories
@@ -82,6 +81,11 @@ def _window_warnings(ready: PreparedStudy) -> tuple[str, ...]:
     told: list[str] = []
     for source, setup, problem in zip(ready.study.setups, ready.setups, ready.problems, strict=True):
         if source.record.frf is not None and source.record.time is None and setup.structure.has_modes:
+            histories = read_histories(source.record)
+            if not histories:
+                continue
+            from structid.study.run.before import leaking_windows  # for spectra averaged from histories alone
+
             modes = structure_modes(setup.structure, setup.parameters.values(setup.parameters.start), _MOST_MODES)
-            told += leaking_windows(source.record, read_histories(source.record), problem, modes)
+            told += leaking_windows(source.record, histories, problem, modes)
     return tuple(dict.fromkeys(told))

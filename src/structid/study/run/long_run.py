@@ -124,8 +124,9 @@ class LongRun:
     ) -> Minimum:
         """Minimum of a problem as `structid.inversion.minimize` gives it, continued from the checkpoint if there is one.
 
-        A search that the checkpoint holds as finished is not repeated. Workers evaluate the lines of a large problem; within a
-        task, for which `scope` is the task's name, this process does.
+        A search that the checkpoint holds as finished is not repeated. Workers evaluate the lines of a large problem;
+        within a task, for which `scope` is the task's name, this process does. `theta` (n_params,) are the free
+        variables at the start, by default the problem's.
         """
         self._searches[scope] += 1
         name = f"{scope}search {self._searches[scope]}"
@@ -271,7 +272,8 @@ class SpreadLines(Wrapped):
     def _evaluate_parts(self, theta: FloatArray, with_jacobian: bool) -> list[_Lines]:
         """Residual, and Jacobian if `with_jacobian`, of each stretch of adjacent lines, evaluated on workers.
 
-        The list is in the order of frequency.
+        The list is in the order of frequency. `theta` (n_params,) are the free variables. A residual is (n,), a
+        Jacobian (n, n_params).
         """
         n_lines = len(self.problem.record.frequency)
         count = min(n_lines, _STRETCHES_A_WORKER * self.workers.n_workers)

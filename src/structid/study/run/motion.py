@@ -109,7 +109,7 @@ class MotionResult:
 def motion_of_study(path: Path, options: MotionOptions, progress: Progress | None = None) -> MotionResult:
     """Parameters of the study at `path`, identified from the motion of every degree of freedom.
 
-    `progress` is called with the number of samples done and their total.
+    `progress` is called with the number of samples done and their total. None for `progress` reports nothing.
 
     Raises
     ------
@@ -364,6 +364,7 @@ def reduced_alone(
     """The fit `fit` extended by all remaining samples of the records, reduced in this process one chunk after the other.
 
     `checkpoint` is a file that keeps the fit; `progress` is called with the number of samples done and their total.
+    None for `checkpoint` keeps nothing.
     """
     ends = list(accumulate(record.n_times for record in whole.records))
 

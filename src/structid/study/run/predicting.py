@@ -164,7 +164,7 @@ def predict_stored(
         names = split_commas(options.loads) or stored_loads(folder, is_needed=loaded is None)
         if linear and names:
             inputs = _inputs(model.structure, names, options)
-            quantity = Frf(linear, inputs, _lines(band, options), kind_under(inputs, options.kind))
+            quantity = Frf(linear, inputs, _frequency_lines(band, options), kind_under(inputs, options.kind))
             [frf] = of(quantity)
         elif not linear and loaded is None:
             raise InputError(
@@ -176,7 +176,7 @@ def predict_stored(
         history, maxima = of(pushed, Maxima(pushed))
         words.append(sentence)
     if options.noise and options.duration is not None:
-        density = _spectrum(model.structure, outputs, _lines(band, options), options)
+        density = _spectrum(model.structure, outputs, _frequency_lines(band, options), options)
         if any(is_von_mises(output) for output in outputs):
             spectrum, mean = of(density, RootMeanSquare(density))
         else:
@@ -230,10 +230,10 @@ def _predicted_band(folder: Path, study: Study) -> tuple[float | None, float | N
     return lowest if low is None else low, highest if high is None else high
 
 
-def _lines(band: tuple[float | None, float | None], options: PredictOptions) -> FloatArray:
+def _frequency_lines(band: tuple[float | None, float | None], options: PredictOptions) -> FloatArray:
     """Equally spaced frequencies (Hz) of FRFs and spectra, as many as the options say, from end to end of `band`.
 
-    `InputError` if an end of the band is None.
+    `InputError` if an end of the band is None. The result is (n_frequencies,).
     """
     low, high = band
     if low is None or high is None:
@@ -382,7 +382,10 @@ def _noise_history(
 
 
 def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, tuple[FloatArray, FloatArray], Input]:
-    """Path of the noise table that the options name as ``table@place``, its frequencies and densities, and the driven input."""
+    """Path of the noise table that the options name as ``table@place``, its frequencies and densities, and the driven input.
+
+    Frequencies (Hz) and densities are (n_frequencies,) each.
+    """
     text, at, name = options.noise.rpartition("@")
     if not at or not text:
         raise InputError(f"`noise` must be a table and a place, as wind.csv@12Y, got {options.noise!r}", "noise")

@@ -355,7 +355,7 @@ def require_room(study: Study, problems: Sequence[RecordProblem], free: int | No
 
 
 def gigabytes(count: float) -> str:
-    """A number of bytes as text with three digits and a suitable decimal unit (kB to TB), such as ``1.5 GB``."""
+    """The number of bytes `count` as text with three digits and a suitable decimal unit (kB to TB), such as ``1.5 GB``."""
     for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
         if count >= size:
             return f"{count / size:.3g} {unit}"

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from structid.core.errors import NoAnswerError, SingularModelError
-from structid.forward import ModalProblem
+from structid.diagnose.checks.mesh import mesh_warnings
+from structid.forward.modal import compares_modes
 from structid.identification.identify import identify_together
 from structid.identification.joint_problem import indices_of
 from structid.identification.mesh_pieces import SUBDIVIDE_AUTO, MeshPieces, judge_pieces
@@ -15,7 +16,6 @@ from structid.identification.search import chosen_method
 from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run import solver
-from structid.study.run.before import mesh_warnings
 from structid.study.run.resources import require_room
 from structid.study.run.start import PreparedStudy, compare_with_models, prepare_study, with_pieces
 from structid.study.run.workers import threads_for
@@ -114,7 +114,7 @@ def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult
     Beams are cut as the study says. Results from modes alone, and of large structures, are not checked here.
     """
     found, structure = result.identification, ready.study.structure
-    of_modes = all(isinstance(problem, ModalProblem) for problem in found.problems)  # `mesh_warnings` looks at these
+    of_modes = all(compares_modes(problem) for problem in found.problems)  # `mesh_warnings` looks at these
     if of_modes or not structure.divisible or structure.n_dofs > _MOST_JUDGED:
         return result
     warning = judge_pieces(ready.setups, found, ready.study.options, structure.subdivide).warning
@@ -125,6 +125,8 @@ def run_prepared(
     ready: PreparedStudy, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
 ) -> StudyResult:
     """Identify a study whose records are already read; see `run_study`.
+
+    `progress` is called with the name of the stage, its iteration and the sum of squares; None for no reports.
 
     Raises
     ------

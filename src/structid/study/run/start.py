@@ -11,7 +11,7 @@ import numpy as np
 from structid.core.dof import Dof
 from structid.core.errors import InputError, NoLinesError, SingularModelError
 from structid.diagnose.checks.initial_comparison import InitialComparison, compare_with_initial_model
-from structid.diagnose.checks.mesh import MeshErrors
+from structid.diagnose.checks.mesh import MeshErrors, checked_mesh
 from structid.fem import Structure
 from structid.fem.elements.solver_model import SolverModel
 from structid.forward import RecordProblem, ResponseCache
@@ -21,7 +21,6 @@ from structid.identification.joint_problem import harmonize_shared_parameters, j
 from structid.identification.mesh_pieces import SUBDIVIDE_AUTO, MeshPieces
 from structid.identification.setups.setup import AnySetup, Prepared, prefixes, prepared_warnings, titles
 from structid.records import FrfRecord, TimeRecord
-from structid.study.run.before import checked_mesh
 from structid.study.schema.model.structure import AUTO
 from structid.study.schema.records.record import faults, load_histories, load_record, read_files
 from structid.study.schema.records.setups import SetupSource

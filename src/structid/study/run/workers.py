@@ -114,7 +114,10 @@ class InProcess(Workers):
     def completed(
         self, task: Task[Shared, Item, TaskResult], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
     ) -> Iterator[tuple[int, TaskResult]]:
-        """Number and result of each item, computed one after another in this process, each on one thread."""
+        """Number and result of each item, computed one after another in this process, each on one thread.
+
+        `items` are by number; `shared` is what all tasks need.
+        """
         pools = ThreadpoolController()
         for count, (number, item) in enumerate(items.items()):
             if count == 1:
@@ -238,7 +241,7 @@ class Processes(RemoteWorkers):
 
     def executor(self) -> Executor:
         if self._pool is None:
-            self._pool = PipedProcesses(self.n_workers, _begin)
+            self._pool = PipedProcesses(self.n_workers, _start_process)
         return self._pool
 
     def give(self, content: bytes) -> str:
@@ -269,7 +272,7 @@ class Processes(RemoteWorkers):
             self._pool = None
 
 
-def _begin() -> None:
+def _start_process() -> None:
     """A process for tasks, on one thread."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", THREADS_VARIABLE):
         os.environ[name] = "1"  # of libraries that come later
@@ -336,8 +339,9 @@ def in_batches(
 ) -> Iterator[tuple[int, TaskResult]]:
     """Number and result of each item, in the order in which batches come back.
 
-    The first batches are single items, which show how long one takes; later ones are larger. `send` sends a batch to a worker
-    and returns its future; `require_alive` is called while nothing comes back, and raises if the workers are lost.
+    The first batches are single items, which show how long one takes; later ones are larger. `send` sends a batch to a
+    worker and returns its future; `require_alive` is called while nothing comes back, and raises if the workers are
+    lost. `n_workers` is the number of workers, `items` are by number.
     """
     waiting, n_waiting = iter(tuple(items.items())), len(items)
     pending: set[Future[Answer[TaskResult]]] = set()

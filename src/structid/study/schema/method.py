@@ -42,7 +42,7 @@ def read_method(section: Section | None) -> IdentifyOptions:
 
 def method_table(options: type = IdentifyOptions) -> Table:
     """All keys of ``[method]``, or, for another dataclass `options`, those that its fields contribute."""
-    groups = {item.name: _groups(options, item.name) for item in fields(options)}
+    groups = {item.name: _key_classes(options, item.name) for item in fields(options)}
     table = table_of(options, [name for name, kinds in groups.items() if kinds or name in _ELSEWHERE])
     merged = Table({_NAMES.get(name, name): key for name, key in table.keys.items()})
     for name, kinds in groups.items():
@@ -63,7 +63,7 @@ def _make_options(options: type[T], values: Given, search: str | None) -> T:
     """
     arguments: Given = {}
     for item in inspect.signature(options).parameters:
-        kinds, name = _groups(options, item), _NAMES.get(item, item)
+        kinds, name = _key_classes(options, item), _NAMES.get(item, item)
         if kinds:
             chosen = next((kind for kind in kinds if _name(kind) == search), kinds[0])
             arguments[item] = _make_options(chosen, values, search)
@@ -74,7 +74,7 @@ def _make_options(options: type[T], values: Given, search: str | None) -> T:
     return options(**arguments)
 
 
-def _groups(options: type, name: str) -> tuple[type, ...]:
+def _key_classes(options: type, name: str) -> tuple[type, ...]:
     """Classes whose fields are keys of their own in place of the field `name` of `options`; () if the field is a key itself."""
     kind = declared_types(options)[name]
     if name in _ELSEWHERE:

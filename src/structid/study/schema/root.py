@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from structid.core.errors import StudyError
 from structid.fem import MeasuredComponent
 from structid.files import digest, require_readable
 from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.study.schema.kinds import TEXT
-from structid.study.schema.section import Section, StudyError, StudyText
+from structid.study.schema.section import Section, StudyText
 from structid.study.schema.tables import Key, Table
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
-from structid.core.errors import InputError
+from structid.core.errors import InputError, StudyError
 from structid.core.json_types import JsonValue
 from structid.study.schema.kinds import Kind
 from structid.study.schema.tables import Given, Key, Table, own_table
@@ -19,10 +19,6 @@ from structid.study.schema.toml_lines import KeyPath, parse_toml, toml_lines
 
 T = TypeVar("T")
 _LABEL = re.compile(r"\d{1,9}")
-
-
-class StudyError(InputError):
-    """Something in a study file cannot be used; the message begins with file, line, section and key."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +91,8 @@ class Section:
     def located(self, key: str | None = None) -> Iterator[None]:
         """Context manager that adds the position of this section, and of `key`, to an `InputError` raised in its block.
 
-        The error becomes a `StudyError`; an error that has a position already is left as it is.
+        The error becomes a `StudyError`; an error that has a position already is left as it is. Without `key` only the
+        section is named.
         """
         try:
             yield

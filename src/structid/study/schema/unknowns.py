@@ -126,7 +126,10 @@ def _restrict_to_structure(unknown: Unknown, structure: Structure, element_sets:
 
 
 def _faulty_declaration(structure: Structure, unknowns: list[Unknown]) -> int:
-    """Index of the first declaration that cannot be used alone, else together with those before it, else because of its tie."""
+    """Index of the first declaration that cannot be used alone, else together with those before it, else because of its tie.
+
+    `unknowns` are the declarations, in the order of the study.
+    """
     plain = [replace(unknown, tied_to=None) for unknown in unknowns]
     for i in range(len(unknowns)):
         if _fails(structure, [plain[i]]):
@@ -142,7 +145,7 @@ def _faulty_declaration(structure: Structure, unknowns: list[Unknown]) -> int:
 
 
 def _fails(structure: Structure, unknowns: list[Unknown]) -> bool:
-    """True if these declarations cannot be used on `structure`."""
+    """True if the declarations `unknowns` cannot be used on `structure`."""
     try:
         parameters(structure, unknowns)
     except InputError:

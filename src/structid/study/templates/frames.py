@@ -26,7 +26,8 @@ def _pairs(first: int, count: int) -> str:
 def _beams(name: str, nodes: str, mass: float, bending: float, loss_factor: float, length: float | None = None) -> str:
     """Text of a ``[[structure.beam]]`` table; with `length`, that of a member in m, it has an axial stiffness too.
 
-    `nodes` is the text of the pairs of nodes, `mass` in kg/m, `bending` stiffness in N m^2.
+    `nodes` is the text of the pairs of nodes, `mass` in kg/m, `bending` stiffness in N m^2. `name` is that of the set,
+    `loss_factor` the stiffness's; None for `length` leaves the axial stiffness out.
     """
     axial = ""
     if length is not None:

@@ -42,7 +42,8 @@ def called(name: str, root: str, arguments: dict[str, Any]) -> str:
 def called_again(name: str, root: str, arguments: dict[str, Any]) -> str:
     """JSON text as `called` returns it, in a process that keeps up to 500 MB of the records that it has read.
 
-    The next call on the same record then needs no second reading.
+    The next call on the same record then needs no second reading. `name` is the function, `root` the folder that is
+    open, and `arguments` are the function's, by name.
     """
     from structid.records.formats import keep_records
 
@@ -192,7 +193,7 @@ def _check(opened: OpenFolder, study: str) -> StoredEntry:
     }
 
 
-def _modelled(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
+def _model_magnitudes(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
     """FRF magnitudes of a study's model at its start values, at the used lines of record `number` (counted from 0).
 
     ``frequency`` (Hz) is packed and thinned to about 4000 lines; ``channels`` are mappings of name and packed magnitude, empty
@@ -260,7 +261,8 @@ def _pick(
 ) -> StoredEntry:
     """Identify the modes at the chosen `frequencies` (Hz) of a record, and save them in the folder `out`.
 
-    `band` is [low, high] in Hz or None. The answer is that of `save`, with the ``path`` of the file of modes.
+    `band` is [low, high] in Hz or None. The answer is that of `save`, with the ``path`` of the file of modes. `options`
+    are those of `options_of`.
     """
     from structid.workbench.work.modes import save
     from structid.workbench.work.signals import options_of
@@ -274,8 +276,8 @@ def _merge(
 ) -> StoredEntry:
     """Merge modes of several set-ups, and save them in the folder `out`.
 
-    `records` are paths of records or of files of modes; `band` is [low, high] in Hz or None. The answer is that of `merge`,
-    with the ``path`` of the file of modes.
+    `records` are paths of records or of files of modes; `band` is [low, high] in Hz or None. The answer is that of
+    `merge`, with the ``path`` of the file of modes. `options` are those of `options_of`.
     """
     from structid.workbench.work.modes import merge
     from structid.workbench.work.signals import options_of
@@ -284,7 +286,9 @@ def _merge(
     return {**merge(paths, options_of(options), opened.inside(out), band), "path": f"{out}/modes.json"}
 
 
-def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str) -> StoredEntry:
+def _modes_beside_model(
+    opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str
+) -> StoredEntry:
     """Measured modes compared with those of a study's model, see `beside` for the parts.
 
     `number` counts the study's records from 0; `measured` is the path of a file of modes, or unsaved modes as the page sends
@@ -374,13 +378,13 @@ _FUNCTIONS: dict[str, Callable[..., StoredEntry]] = {
     "overview": _overview,
     "responses": _responses,
     "check": _check,
-    "modelled": _modelled,
+    "modelled": _model_magnitudes,
     "needs": _needs,
     "plan": _plan,
     "survey": _survey,
     "pick": _pick,
     "merge": _merge,
-    "beside": _beside,
+    "beside": _modes_beside_model,
     "fits": _fits,
     "identified": _identified,
     "use": _use,

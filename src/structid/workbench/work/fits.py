@@ -26,7 +26,7 @@ _MOST_VALUES = 400_000
 def fitted_responses(folder: Path) -> dict[str, StoredEntry]:
     """Measured, fitted and initial FRF magnitudes of every channel of the first record, those with the largest misfit first.
 
-    ``error`` is the median relative error; arrays are packed and thinned to about 400 000 values. ``channels`` is empty if
+    ``error`` is the median relative error; arrays are packed and thinned to about `_MOST_VALUES` values. ``channels`` is empty if
     `folder` holds no FRFs.
 
     Raises
@@ -71,7 +71,7 @@ def fitted_responses(folder: Path) -> dict[str, StoredEntry]:
 
 
 def initial_responses(setup: AnySetup, problem: RecordProblem, options: IdentifyOptions) -> dict[str, StoredEntry]:
-    """FRF magnitudes of a model at its start values, at the lines of its record, thinned to about 4000 lines.
+    """FRF magnitudes of a model at its start values, at the lines of its record, thinned to about `_MOST_LINES` lines.
 
     ``channels`` is empty if the record has no FRFs or the responses are not finite.
     """

@@ -112,6 +112,8 @@ class Looking(SerialExecutor):
     ) -> list[Any]:
         """Results of `task` for each of `items`, as from `TaskExecutor.map`, without ever starting a solver.
 
+        `name` and `first` are not used.
+
         Raises
         ------
         InputError

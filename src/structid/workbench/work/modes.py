@@ -42,7 +42,7 @@ def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str,
     """Modes of a record with all poles of the stabilization diagram and the spectrum, packed for the page.
 
     `band` is [low, high] in Hz, None for the default. ``poles`` hold frequency (Hz), damping ratio, model order, kind and real
-    shape of the poles of all orders; ``spectrum`` is thinned to about 3000 lines.
+    shape of the poles of all orders; ``spectrum`` is thinned to about `_MOST_LINES` lines.
 
     Raises
     ------
@@ -122,7 +122,10 @@ def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[flo
 
 
 def _write_modes(result: ModesResult, folder: Path) -> dict[str, StoredEntry]:
-    """Write modes and their report into `folder`, replacing earlier ones, and return the modes for the web page."""
+    """Write modes and their report into `folder`, replacing earlier ones, and return the modes for the web page.
+
+    Keys are those of modes.json and of the page.
+    """
     with staged_folder(folder, MODES_PAGE) as staged:
         write_modes_results(result, staged)
         modes_page(result).write(staged)
@@ -156,7 +159,7 @@ def _told(modes: ModalRecord) -> dict[str, StoredEntry]:
 def posted_modes(posted: dict[str, Any]) -> ModalRecord:
     """Modal record of unsaved modes that the page sends, with keys ``frequency``, ``damping``, ``shapes`` and ``channels``.
 
-    Frequencies in Hz, damping ratios, one row of ``shapes`` for each mode, and names of channels.
+    Frequencies in Hz, damping ratios, one row of ``shapes`` for each mode, and names of channels. `posted` holds them.
 
     Raises
     ------

@@ -33,7 +33,7 @@ def scene(path: Path, number: int = 0) -> dict[str, StoredEntry]:
     """Drawing data of a study's structure, with the changes of its record `number` (counted from 0) applied.
 
     Those of `structure_scene`, with ``title``, ``planned`` (installed sensors and loads), ``has_record`` and ``findings``,
-    which are empty above 60 000 degrees of freedom.
+    which are empty above `_MOST_JUDGED` degrees of freedom.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def _moves(structure: Structure, labels: IntArray, rows: Any) -> IntArray:
 def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> list[dict[str, StoredEntry]]:
     """Findings for the page, each with ``words``, ``nodes`` (labels) and ``outlines`` (lists of node labels around elements).
 
-    At most 4000 nodes, and 4000 elements of a set, are marked for each finding.
+    At most `_MOST_MARKED` nodes, and `_MOST_MARKED` elements of a set, are marked for each finding.
     """
     return [
         {
@@ -132,12 +132,12 @@ def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> li
 def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
     """Lists of node labels around the elements `rows` of a set: one list per line or area, one per face of a solid.
 
-    Only the first 4000 of `rows` are used.
+    Only the first `_MOST_MARKED` of `rows` (n,) are used.
     """
     found: list[list[int]] = []
     for nodes in element.nodes[rows[:_MOST_MARKED]]:
         own = nodes[nodes >= 0]
-        if isinstance(element, Solid):
+        if element.symbol == "solid":
             found += [own[list(face)].tolist() for face in SOLID_FACES[SOLID_CORNERS[len(own)]]]
         else:
             found.append(own[: AREA_CORNERS[len(own)] if is_cells(element) else None].tolist())

@@ -130,7 +130,7 @@ def histories(
     """Minimum and maximum of every channel in about `points` stretches from `first` to `last` (s).
 
     ``time`` (s) holds the starts of the stretches, ``low`` and ``high`` a packed row for each channel, ``seconds`` the length
-    of the record. Above 400 000 samples of a file too large for memory, a stored overview is used; without it, short samples
+    of the record. Above `_READ` samples of a file too large for memory, a stored overview is used; without it, short samples
     are taken and ``sampled`` is True.
 
     Parameters
@@ -192,7 +192,7 @@ def _overview_stretches(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Minimum and maximum (n_channels, n_stretches) from a stored overview, and the first sample of each stretch.
 
-    `overview` (2, n_channels, n) holds minimum and maximum of every 256 samples; samples `begin` to `end` are covered by at
+    `overview` (2, n_channels, n) holds minimum and maximum of every `STRETCH` samples; samples `begin` to `end` are covered by at
     most `points` stretches.
     """
     first, last = begin // STRETCH, -(-end // STRETCH)
@@ -225,7 +225,7 @@ def overview_path(path: Path, options: ReadOptions, kept: Path) -> Path:
 
 
 def write_overview(path: Path, options: ReadOptions, kept: Path) -> None:
-    """Write minimum and maximum of every 256 samples of a time record to an NPY file in the folder `kept`.
+    """Write minimum and maximum of every `STRETCH` samples of a time record to an NPY file in the folder `kept`.
 
     The array is (2, n_channels, n_stretches), float32, at `overview_path`. Nothing is written for FRFs or if the file exists.
     """
@@ -289,7 +289,8 @@ def responses(record: FrfRecord, outputs: list[str]) -> dict[str, StoredEntry]:
 def options_of(posted: dict[str, Any]) -> ReadOptions:
     """Options for reading a record file, from a mapping of the page or a ``[record]`` section.
 
-    Unknown keys and empty values ("" or None) are ignored; ``csv`` may be a mapping, see `CsvLayout`.
+    Unknown keys and empty values ("" or None) are ignored; ``csv`` may be a mapping, see `CsvLayout`. `posted` maps
+    names of options to values.
 
     Raises
     ------

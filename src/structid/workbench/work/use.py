@@ -103,8 +103,9 @@ _CHANGES: dict[str, tuple[Callable[..., Change], tuple[str, ...]]] = {
 def read_changes(stated: Sequence[Mapping[str, Any]]) -> list[Change]:
     """Changes of a structure from mappings, each with a ``kind`` and the values of that kind.
 
-    Kinds: ``mass`` (node, mass), ``scale`` (label, factor), ``support`` (dof), ``damper`` (dof, mass, frequency, damping_ratio)
-    and ``remove`` (name). Masses are in kg, frequencies in Hz.
+    Kinds: ``mass`` (node, mass), ``scale`` (label, factor), ``support`` (dof), ``damper`` (dof, mass, frequency,
+    damping_ratio) and ``remove`` (name). Masses are in kg, frequencies in Hz. The mappings are `stated`, in the order
+    of the changes.
 
     Raises
     ------
@@ -130,7 +131,7 @@ def _require(change: Mapping[str, Any], keys: Sequence[str]) -> None:
 
 
 def _node(stated: Any) -> int:
-    """Node label as an integer from the text that the page sends; `InputError` if it is no number."""
+    """Node label as an integer from `stated`, a text that the page sends; `InputError` if it is no number."""
     text = str(stated).strip()
     if not text.isdigit():
         raise InputError(f"`node` must be a number of a node, got {stated!r}")

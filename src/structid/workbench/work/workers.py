@@ -106,7 +106,7 @@ class Workers:
             await self._called("warm", {})
 
     def end_idle(self) -> None:
-        """End worker processes that have been idle for more than 120 s."""
+        """End worker processes that have been idle for more than `IDLE_SECONDS` s."""
         for kind in list(self._pools):
             if not self._busy[kind] and time.monotonic() - self._used.get(kind, 0.0) > IDLE_SECONDS:
                 self._pools.pop(kind).shutdown()

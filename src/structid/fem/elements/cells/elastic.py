@@ -89,6 +89,7 @@ def _products(left: FloatArray, elasticity: FloatArray, right: FloatArray, measu
     """Integrals of left' D right over each cell, (n_cells, n_left, n_right), with D = `elasticity`.
 
     `left` and `right` are (n_points, n_cells, n_strains, n); `measure` (n_points, n_cells) weighs the points.
+    `elasticity` is (n_strains, n_strains), or one for each cell.
     """
     total = np.zeros((left.shape[1], left.shape[3], right.shape[3]))
     for a, b, weight in zip(left, right, measure, strict=True):
@@ -100,7 +101,8 @@ def _bending_slopes(shape: CellShape, positions: FloatArray, determinant: FloatA
     """Gradients of the incompatible modes 1 - xi_i^2, by the Jacobian of the cell's centre, (n_points, n_cells, d, d).
 
     Axes of the gradient come before modes. They are scaled by the ratio of determinants, centre to point, so that their
-    integrals vanish, as the patch test asks.
+    integrals vanish, as the patch test asks. `positions` (n_cells, n_nodes, d) are those of the nodes in m,
+    `determinant` (n_points, n_cells) is that of the Jacobian.
     """
     d = positions.shape[2]
     centre = np.einsum("dk,ekc->edc", shape.slopes(np.zeros((1, d)))[0], positions)

@@ -62,7 +62,10 @@ class CellShape:
         return _monomials(points, self.exponents) @ np.linalg.inv(_monomials(self.corners, self.exponents))
 
     def slopes(self, points: FloatArray) -> FloatArray:
-        """Derivatives of the shape functions along the reference axes, (n_points, n_dimensions, n_nodes)."""
+        """Derivatives of the shape functions along the reference axes at `points` (n_points, n_dimensions).
+
+        The result is (n_points, n_dimensions, n_nodes).
+        """
         coefficients = np.linalg.inv(_monomials(self.corners, self.exponents))
         axes = range(self.corners.shape[1])
         return np.stack([_monomial_slopes(points, self.exponents, axis) @ coefficients for axis in axes], axis=1)
@@ -222,7 +225,8 @@ def gradients(
 def require_regular(name: str, nodes: IntArray, positions: FloatArray, determinant: FloatArray) -> None:
     """Raise `InputError` if a cell has no volume (area), is turned inside out or folded.
 
-    `determinant` (n_points, n_cells) is that of the Jacobian; `name` and `nodes` are for the message.
+    `determinant` (n_points, n_cells) is that of the Jacobian; `name` and `nodes` are for the message. `positions`
+    (n_cells, n_nodes, d) are in m; `nodes` (n_cells, n_nodes) are labels.
     """
     size = np.ptp(positions, axis=1).max(axis=1) ** positions.shape[2]
     word = "area" if positions.shape[2] == 2 else "volume"

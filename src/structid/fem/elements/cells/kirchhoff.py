@@ -59,7 +59,9 @@ def _curvatures(
 ) -> tuple[list[FloatArray], FloatArray]:
     """Maps (n_cells, 3, 3 n) from corner motions to strains per height, for each point, and determinants (n_points, n_cells).
 
-    Motions are (w, theta_x, theta_y) corner by corner, strains xx, yy and engineering xy; `points` are reference points.
+    Motions are (w, theta_x, theta_y) corner by corner, strains xx, yy and engineering xy; `points` are reference
+    points. `corners` (n_cells, n, 2) are positions in m, `cell` is "triangle" or "quad"; `name` and `nodes` (labels)
+    are for messages.
     """
     middles = (corners + np.roll(corners, -1, axis=1)) / 2
     rotations = CELLS[_ROTATIONS[cell]]
@@ -105,8 +107,9 @@ def _rotation_map(corners: FloatArray) -> FloatArray:
 def plate_mass(name: str, nodes: IntArray, corners: FloatArray, cell: str) -> FloatArray:
     """Mass matrices of plates for unit mass per area, (n_cells, 3 n_corners, 3 n_corners), on (w, theta_x, theta_y) of corners.
 
-    Triangles take the nine functions of Bazeley, Cheung, Irons and Zienkiewicz (1965), quadrilaterals the twelve of Melosh
-    (1963) on the reference square. Both hold every rigid motion exactly. Arguments are those of `bending_stiffness`.
+    Triangles take the nine functions of Bazeley, Cheung, Irons and Zienkiewicz (1965), quadrilaterals the twelve of
+    Melosh (1963) on the reference square. Both hold every rigid motion exactly. Arguments are those of
+    `bending_stiffness`. `corners` is (n_cells, n_corners, 2), m.
     """
     shape = CELLS[cell]
     corner_slopes = np.einsum("qdk,ekc->eqdc", shape.slopes(shape.corners), corners)

@@ -65,7 +65,7 @@ def matrices(path: Path, content: bytes, kind: Kind) -> list[ImportedMatrix]:
 
 
 def _record_range(path: Path, content: bytes, offset: int, kind: Kind, what: str) -> tuple[int, int]:
-    """Byte where the data of the record at byte `offset` begin, and their length in bytes, after its two markers were compared.
+    """Byte of `content` where the data of the record at byte `offset` begin, and their length in bytes, its two markers compared.
 
     Raises `FileError`, which names the record `what`, if it is cut short or damaged.
     """

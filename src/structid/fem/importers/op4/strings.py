@@ -120,7 +120,7 @@ def _cut(begins: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
 
 
 def _fill_columns(matrix: sparse.csc_array) -> tuple[IntArray, IntArray, AnyArray]:
-    """Row, column and value of every entry between the first and the last of each column, zeros included."""
+    """Row, column and value, (n,) each, of every entry between the first and the last stored one of each column, zeros included."""
     used = np.flatnonzero(np.diff(matrix.indptr))
     top = matrix.indices[matrix.indptr[used]].astype(np.int64)
     count = matrix.indices[matrix.indptr[used + 1] - 1] - top + 1
@@ -148,7 +148,7 @@ def entries(row: IntArray, column: IntArray, length: IntArray) -> tuple[IntArray
 def assemble_strings(
     shape: tuple[int, int], row: IntArray, column: IntArray, length: IntArray, numbers: AnyArray, is_complex: bool
 ) -> sparse.csc_array:
-    """The sparse matrix of `shape` from strings: first row, column and number of entries of each, (n_strings,), from 0.
+    """The sparse matrix of `shape` from strings: first `row` and `column` (from 0) and `length` of each, (n_strings,).
 
     `numbers` are the values of all entries in order; real and imaginary parts alternate if `is_complex`.
     """

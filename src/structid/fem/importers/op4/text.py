@@ -99,7 +99,8 @@ def _read_title(lines: _Lines, line_index: int) -> _Title:
 def _title_numbers(lines: _Lines, line_index: int, wide: int) -> list[int]:
     """The four whole numbers of a title line: columns, rows, form and type.
 
-    `wide` is the number of characters by which its first two fields together are wider (0 or 16).
+    `wide` is the number of characters by which its first two fields together are wider (0 or 16). The line is
+    ``lines.text[line_index]``. Raises `FileError` for a field that is no whole number.
     """
     line = lines.text[line_index]
     edges = [0, 8 + wide // 2, 16 + wide, 24 + wide, 32 + wide]
@@ -167,8 +168,8 @@ def _read_numbers(
 ) -> FloatArray:
     """The real numbers of all strings, one after another; `FileError` with the line for a field that is none.
 
-    `offset` and `length` are first byte and size of each line in `buffer`; `table` has first line, number of reals, row and
-    column of each string.
+    `offset` and `length` are first byte and size of each line in `buffer`; `table` has first line, number of reals, row
+    and column of each string. The result is (n_numbers,), `offset` and `length` (n_lines,), `table` (n_strings, 4).
     """
     count = table[:, 1]
     before = np.cumsum(count) - count

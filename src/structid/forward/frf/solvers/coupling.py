@@ -63,28 +63,32 @@ class SubstructureCoupling:
     ) -> Iterator[tuple[slice, NumberArray]]:
         """Fields of the coupled structure for one block of lines after another: the lines, and (n, n_dofs, n_loads).
 
-        `loads` (n_dofs, n_loads) are all columns of the channels by default.
+        `loads` (n_dofs, n_loads) are all columns of the channels by default. `physical` (n_params,) are the parameters,
+        `coefficients` (n_lines, n_matrices) the factors of the matrices in Z.
         """
         right, n_joined = self.channels.columns if loads is None else loads, self.joined.shape[1]
-        for part, fields, push in self._pushed(physical, coefficients, right):
+        for part, fields, push in self._fields_and_interface_forces(physical, coefficients, right):
             yield part, fields[:, :, n_joined:] - fields[:, :, :n_joined] @ push
 
     def forces(self, physical: FloatArray, coefficients: ComplexArray) -> ComplexArray:
         """Forces between the model and what is joined, under all columns of the channels, (n_lines, n_joined, n_columns)."""
-        return np.concatenate([push for _, _, push in self._pushed(physical, coefficients, self.channels.columns)])
+        return np.concatenate(
+            [push for _, _, push in self._fields_and_interface_forces(physical, coefficients, self.channels.columns)]
+        )
 
-    def _pushed(
+    def _fields_and_interface_forces(
         self, physical: FloatArray, coefficients: ComplexArray, right: sparse.csc_array
     ) -> Iterator[tuple[slice, NumberArray, NumberArray]]:
         """For one block of lines after another: the lines, fields of the model alone, and interface forces.
 
-        Fields (n, n_dofs, n_joined + n_loads) are under unit interface forces, then under the load columns `right` (n_dofs,
-        n_loads); forces are (n, n_joined, n_loads). `coefficients` (n_lines, n_matrices) are those of the matrices in Z.
+        Fields (n, n_dofs, n_joined + n_loads) are under unit interface forces, then under the load columns `right`
+        (n_dofs, n_loads); forces are (n, n_joined, n_loads). `coefficients` (n_lines, n_matrices) are those of the
+        matrices in Z. `physical` (n_params,) are the parameters.
         """
         n_joined = self.joined.shape[1]
         given = np.zeros((n_joined, right.shape[1]))
         given[: self.n_driven] = (self._reader[: self.n_driven] @ right).toarray()
-        for part, fields in self.free.fields(physical, coefficients, self._beside(right)):
+        for part, fields in self.free.fields(physical, coefficients, self._with_interface_forces(right)):
             seen = read(self._reader, fields)
             yield (
                 part,
@@ -120,7 +124,7 @@ class SubstructureCoupling:
     def _reader(self) -> sparse.csr_array:
         return sparse.csr_array(self.joined.T)
 
-    def _beside(self, loads: sparse.csc_array) -> sparse.csc_array:
+    def _with_interface_forces(self, loads: sparse.csc_array) -> sparse.csc_array:
         """Columns of unit forces at the interfaces, then `loads`; cached, so that the same object is returned again."""
         known = self._last.get("last")
         if known is None or known[0] is not loads:

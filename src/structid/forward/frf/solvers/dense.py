@@ -46,7 +46,11 @@ class DenseSolver:
         return at.solve_in_chunks(coefficients, np.arange(at.loads.shape[1]))
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """Readings of sensors and contacts under the load columns at indices `columns`, (n_lines, n_sensors, n_columns)."""
+        """Readings of sensors and contacts under the load columns at indices `columns`, (n_lines, n_sensors, n_columns).
+
+        `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) the factors of the matrices in
+        Z.
+        """
         with single_blas():
             read = [
                 of for _, of in self.at(physical, coefficients).solve_in_chunks(coefficients, columns, self._reader)

@@ -65,17 +65,17 @@ class TabulatedFrf:
         Signs are those of the directions of the sensors. `physical` (n_params,) are the parameters; `coefficients` are not
         used.
         """
-        values, _ = self._seen(physical)
+        values, _ = self._signed_receptances(physical)
         senses = np.array([dof.sign for dof in self.record.inputs])
         first = [list(self._columns).index(column) for column in columns.tolist()]
         return values[:, :, first] * senses[first]
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
         """See `LineDerivatives`; all lines at once, no contacts."""
-        values, change = self._seen(physical)
+        values, change = self._signed_receptances(physical)
         yield LineDerivatives(slice(0, len(values)), values, change, np.zeros((*values.shape[:2], 0), np.complex128))
 
-    def _seen(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def _signed_receptances(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Receptances (n_lines, n_outputs, n_inputs) with the signs of the channels, and their derivatives (..., n_params).
 
         `physical` (n_params,) are the parameters.

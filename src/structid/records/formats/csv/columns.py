@@ -60,6 +60,8 @@ _PAIR = re.compile(
     r"(\s*[\[(](?P<own>[^\[\]]*)[\])])?",
     re.IGNORECASE,
 )
+#: Part by which two clocks in one table may differ: times of writing and of sampling differ by less.
+_SAME_CLOCK = 0.02
 #: A day in s, and the latest time that is believed: a clock that counts from 1970 in ms is 1.8e12.
 _DAY, _LATEST = 86400.0, 1e11
 #: What may stand before a pair of degrees of freedom: the estimator of an FRF.
@@ -100,13 +102,16 @@ def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord |
     count = len(table.names)
     numbers = tuple(range(1, count + 1))
     axis = _time_column(table, options)
-    dates = [j for j in range(count) if j != axis and _first_date(table, j) is not None]
-    keep = [j for j in range(count) if j != axis and j not in dates]
+    left_out = [j for j in range(count) if j != axis and (not table.names[j] or _first_date(table, j) is not None)]
+    keep = [j for j in range(count) if j != axis and j not in left_out]
+    omitted = [f"{table.names[j] or 'row numbers'} left out" for j in left_out]
     clock = _read_clock(table, axis, options)
+    if axis is not None and not options.time_column:
+        _require_one_clock(table, axis, options)
     values, clock_used = table.values[:, keep], clock
     if clock.uneven is not None:
         resampled = resample(table.path, clock.uneven, values)
-        values, clock_used = resampled.values, _Clock(resampled.rate, resampled.start, resampled.words)
+        values, clock_used = resampled.values, _Clock(resampled.rate, clock.start + resampled.start, resampled.words)
     plain = axis == 0 and is_axis(table.names[0]) and "commas, decimal points, names in line 1" in table.words
     channels = NamedChannels(
         path=table.path,
@@ -117,7 +122,7 @@ def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord |
         start=clock_used.start,
         numbers=tuple(numbers[j] for j in keep),
         lines=(table.header_line, table.first_line),
-        words=", ".join(filter(None, (table.words, clock_used.words, *(f"{table.names[j]} left out" for j in dates)))),
+        words=", ".join(filter(None, (table.words, clock_used.words, *omitted))),
         tells_all=plain and not clock_used.words,
     )
     return record_of(channels, options)
@@ -132,7 +137,14 @@ def _time_column(table: Table, options: ReadOptions) -> int | None:
     if options.time_column:
         numbers = range(1, len(table.names) + 1)
         return choose_columns(table.path, [options.time_column], table.names, list(numbers))[0]
-    timed = [j for j, name in enumerate(table.names) if is_time(name) and not _is_chosen(table, j, options)]
+    directions = {"x", "y", "z"} & {name_and_unit(name)[0].lower() for name in table.names}
+    timed = [
+        j
+        for j, name in enumerate(table.names)
+        if is_time(name)
+        and not _is_chosen(table, j, options)
+        and not (len(directions) == 3 and name_and_unit(name)[0].lower() == "x")
+    ]
     clocks = [j for j in timed if not _is_day(table, j)]
     if not clocks and (timed or options.sampling_rate is None):
         dated = (j for j in range(len(table.names)) if _first_date(table, j) is not None)
@@ -172,8 +184,31 @@ def _is_chosen(table: Table, j: int, options: ReadOptions) -> bool:
     return options.sampling_rate is not None and table.names[j] in options.columns
 
 
+def _require_one_clock(table: Table, axis: int, options: ReadOptions) -> None:
+    """Raise `InputError` if a further column headed as time runs faster or slower than the column `axis`, as in pairs of times and
+    samples of several channels.
+    """
+    spans = {}
+    for j, name in enumerate(table.names):
+        column = table.values[:, j]
+        if name_and_unit(name)[0].lower() in ("x", "t") or not is_time(name) or not np.isfinite(column[[0, -1]]).all():
+            continue
+        try:
+            spans[j] = scale_of_times("", name, table.units[j], column, options) * float(column[-1] - column[0])
+        except InputError:
+            continue  # a unit of something else, or none that is known
+    for j, span in spans.items():
+        if axis in spans and abs(span - spans[axis]) > _SAME_CLOCK * abs(spans[axis]):
+            raise InputError(
+                f"{table.path}: line {table.header_line}: columns {axis + 1} and {j + 1} hold times that differ:"
+                f" {spans[axis]:.6g} s and {span:.6g} s in all; say by {option_words(time_column=None)} which of them counts, and"
+                " choose its channels by `columns`",
+                "time_column",
+            )
+
+
 class _Clock(NamedTuple):
-    """Sampling rate in Hz, time of the first sample in s, words on both, and the times that are still to be resampled."""
+    """Sampling rate in Hz, time of the first sample in s, words on both, and times after the first, in s, to be resampled."""
 
     rate: float
     start: float
@@ -185,7 +220,7 @@ def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
     """Sampling rate in Hz, time of the first sample in s and words on them, from the column of times or `sampling_rate`.
 
     `axis` is the index of that column, None if there is none. Uneven times that are to be resampled are returned in
-    `uneven`, (n_times,) in s, with rate and start 0. Raises `FileError` or `InputError` if times and options disagree.
+    `uneven`, (n_times,) in s after the start, with rate 0. Raises `FileError` or `InputError` if times and options disagree.
     """
     stated = options.sampling_rate
     if axis is None:
@@ -204,15 +239,16 @@ def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
                 f"{table.path}: line {table.first_line + i}, column {axis + 1} ({table.names[axis]}) is NaN, infinite or empty;"
                 " repair or remove the line"
             )
-    time = time * scale
-    if abs(time[0]) > _LATEST:
+    start = float(time[0] * scale)
+    time = (time - time[0]) * scale  # differences first: a clock that counts from 1970 has no digits to lose
+    if abs(start) > _LATEST:
         raise FileError(
             f"{table.path}: line {table.first_line}, column {axis + 1} ({table.names[axis]}) is {texts[0]}, which would be"
-            f" {abs(time[0]) / _DAY / 365.25:,.0f} years; correct the unit of the times"
+            f" {abs(start) / _DAY / 365.25:,.0f} years; correct the unit of the times"
         )
     even = sampling_rate(table.path, time, texts, scale, table.first_line, axis + 1, options.resample != "")
     if even is None:
-        return _Clock(0.0, 0.0, "", time)
+        return _Clock(0.0, start, "", time)
     rate, error, step = even
     words = f"times rounded to {step:g} s" if error else ""
     if stated is None and error > SURE:
@@ -221,13 +257,13 @@ def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
             f" {rate:.6g} Hz to {100 * error:.2g} % only; give `sampling_rate`, or write more digits"
         )
     if stated is None:
-        return _Clock(rate, float(time[0]), words)
+        return _Clock(rate, start, words)
     if abs(stated / rate - 1) > max(error, 1e-9):
         raise InputError(
             f"{table.path}: column {axis + 1} ({table.names[axis]}) says sampling_rate {rate:.9g}, but `sampling_rate`"
             f" {stated:g} was given; leave it out, or correct it"
         )
-    return _Clock(stated, float(time[0]), words)
+    return _Clock(stated, start, words)
 
 
 def last_digits(texts: Sequence[str]) -> FloatArray:
@@ -682,7 +718,7 @@ def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:
 
 
 def _require_same_unit_of_both_parts(table: Table, columns: list[_Column]) -> None:
-    """Raise `FileError` if real and imaginary parts of a pair are in different units."""
+    """Raise `FileError` if real and imaginary parts of a pair among `columns` are in different units."""
     units: dict[tuple[Dof, Dof], FrfUnit | None] = {}
     for j, column in enumerate(columns, start=1):
         if column.part not in ("re", "im"):
@@ -714,7 +750,7 @@ def _require_complete(
     """Raise `FileError` unless each part has a value on each line for each pair of output and input.
 
     `parts` maps ``re``, ``std``, ... to (n_frequencies, n_outputs, n_inputs) arrays, NaN where no column was read;
-    `needed` are the parts that must be there.
+    `needed` are the parts that must be there. `outputs` and `inputs` are the channels of the axes.
     """
     for part in (*needed, *(name for name in parts if name not in needed)):
         for a, output in enumerate(outputs):
@@ -729,7 +765,8 @@ def _require_complete(
 def _require_sound(table: Table, columns: list[_Column]) -> None:
     """Raise `FileError` for frequencies that do not increase, or coherences, magnitudes or deviations out of range.
 
-    Coherences must be from 0 to 1, magnitudes and standard deviations at least 0.
+    Coherences must be from 0 to 1, magnitudes and standard deviations at least 0. `columns` are those after the
+    frequencies.
     """
     falls = np.diff(table.values[:, 0]) <= 0
     if falls.any():

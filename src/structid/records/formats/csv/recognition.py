@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple, overload
 
@@ -31,6 +32,10 @@ _COMPLEX = re.compile(
     rf"\(?\s*(?P<re>[+-]?{_REAL})\s*(?P<sign>[+-])\s*[ij]?\s*\*?\s*(?P<im>{_REAL})\s*\*?\s*[ij]?\s*\)?"
 )
 _POINT, _COMMA = re.compile(r"\.\d"), re.compile(r",\d")
+#: First line of a table of Campbell loggers; names, units and statistics of its columns follow in three lines.
+_TOA5 = re.compile(r'\s*"?TOA5"?\s*[,;\t]')
+#: Sign of a comment before the names of columns, as arrays are saved with.
+_COMMENT_SIGN = re.compile(r'^\s*[#%]+\s*(?=[\w"])')
 #: With thousands apart.
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:[' ]\d{3})+[.,]\d+)")
 #: What may be a whole number with its thousands apart, or one with three decimals.
@@ -134,7 +139,7 @@ def as_date(cell: str) -> datetime | None:
 
 
 def _as_clock(text: str) -> timedelta | None:
-    """The time since midnight of a clock such as ``12:00:01.25`` or ``2:59:58 PM``, cut to microseconds; else None."""
+    """The time since midnight in `text`, a clock such as ``12:00:01.25`` or ``2:59:58 PM``, cut to microseconds; else None."""
     half = _HALF_DAY.search(text)
     parts = _CLOCK.fullmatch(text if half is None else text[: half.start()])
     if parts is None:
@@ -195,24 +200,39 @@ def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
             if lines and layout.skip_rows + layout.footer_rows
             else f"{path}: holds no header and no line of numbers; write it again"
         )
-    lines = lines[layout.skip_rows : end]
+    is_toa5 = end > 4 and layout.skip_rows == 0 and layout.header_rows is None and _TOA5.match(lines[0]) is not None
+    skip = 1 if is_toa5 else layout.skip_rows
+    lines = lines[skip:end]
+    lines[0] = _COMMENT_SIGN.sub("", lines[0])
     separator = _guess_separator(lines) if layout.separator == "auto" else SEPARATORS[layout.separator]
     cells = _split_cells(path, lines, separator)
-    n_header = _count_header_rows(path, cells, layout)
+    n_header = 3 if is_toa5 else _count_header_rows(path, cells, layout)
     rows = cells[n_header:]
     if not rows:
         raise FileError(f"{path}: has a header but no line of numbers; write it again")
-    first = layout.skip_rows + n_header + 1
+    first = skip + n_header + 1
     comma = _has_decimal_commas(path, rows, separator, layout, first)
     name = next(word for word, sign in SEPARATORS.items() if sign == separator)
-    head = {
-        0: "no header",
-        1: f"names in line {layout.skip_rows + 1}",
-        2: f"names in line {layout.skip_rows + 1}, units in line {layout.skip_rows + 2}",
-    }[n_header]
+    head = ("no header", f"names in line {skip + 1}", f"names in line {skip + 1}, units in line {skip + 2}")[
+        min(n_header, 2)
+    ]
     footer_words = f", {plural(layout.footer_rows, 'footer line')} left out" if layout.footer_rows else ""
     words = f"separated by {name}s, decimal {'commas' if comma else 'points'}, {head}{footer_words}"
-    return Grid(cells[:n_header], rows, layout.skip_rows + 1, first, comma, words)
+    header = _named_with_statistics(cells[:n_header]) if is_toa5 else cells[:n_header]
+    return Grid(header, rows, skip + 1, first, comma, words)
+
+
+def _named_with_statistics(header: Sequence[list[str]]) -> list[list[str]]:
+    """Names and units of a TOA5 table, from its three lines of names, units and statistics (``Smp``, ``Avg``, ``Max`` ...).
+
+    What is no sample gets its statistic behind the name.
+    """
+    names, units, statistics = header
+    named = [
+        name if statistic.strip().lower() in ("", "smp") else f"{name} {statistic.strip()}"
+        for name, statistic in zip_longest(names, statistics[: len(names)], fillvalue="")
+    ]
+    return [named, units]
 
 
 def _split(line: str, separator: str) -> list[str]:
@@ -224,7 +244,7 @@ def _split(line: str, separator: str) -> list[str]:
 def _split_cells(path: Path, lines: list[str], separator: str) -> Sequence[list[str]]:
     """Cells of each line, split at `separator` (" " for any blanks); quoted cells may hold separators and line ends.
 
-    Raises `FileError` if quotes are unbalanced.
+    Raises `FileError` if quotes are unbalanced. `lines` are those of the table, with their line ends.
     """
     if separator == " " or not any('"' in line for line in lines):
         return Rows(lines, separator)
@@ -261,7 +281,7 @@ def _count_number_rows(sample: Sequence[str], sign: str) -> int:
 
 
 def _is_data(row: Sequence[str]) -> bool:
-    """True if a line holds numbers, and dates at most, in all cells that are not empty."""
+    """True if the cells `row` of a line hold numbers, and dates at most, in all that are not empty."""
     numbers = [is_number(cell) for cell in row if cell.strip()]
     dates = sum(as_date(cell) is not None for cell in row)
     return any(numbers) and sum(numbers) + dates == len(numbers)
@@ -281,6 +301,8 @@ def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout
     if layout.header_rows is not None:
         return layout.header_rows
     first = next((i for i, row in enumerate(cells[:_HEAD]) if _is_data(row)), None)
+    if first == 0:
+        _require_samples_first(path, cells, layout)
     if first in (0, 1):
         return first or 0
     named = [cell.strip() for cell in cells[0]] if cells else []
@@ -312,13 +334,25 @@ def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout
     )
 
 
+def _require_samples_first(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> None:
+    """Raise `FileError` if the first line counts its columns, as names of data frames do, above numbers with decimals."""
+    line = [cell.strip() for cell in cells[0]]
+    counts = any(line == [str(j) for j in range(first, first + len(line))] for first in (0, 1))
+    if counts and len(line) > 1 and any(re.search(r"[.,]\d", cell) for row in cells[1:3] for cell in row):
+        shown = ", ".join(line[:4]) + (", ..." if len(line) > 4 else "")
+        raise FileError(
+            f"{path}: line {layout.skip_rows + 1} counts {shown}, as numbers of columns do, and may hold samples too: give"
+            f" {layout_words(header_rows=1)} if it names the columns, or {layout_words(header_rows=0)}"
+        )
+
+
 def _has_decimal_commas(
     path: Path, rows: Sequence[Sequence[str]], separator: str, layout: CsvLayout, first_line: int
 ) -> bool:
     """True if the numbers have decimal commas, from `layout.decimal` or by a sample of the rows.
 
-    `rows` are the cells below the header, of which the first is line `first_line`, from 1. Raises `FileError` if both signs
-    occur, or all numbers could also have thousands separators.
+    `rows` are the cells below the header, of which the first is line `first_line`, from 1. Raises `FileError` if both
+    signs occur, or all numbers could also have thousands separators. `separator` is the one between cells.
     """
     if layout.decimal != "auto":
         return layout.decimal == "comma"

@@ -37,7 +37,7 @@ class Table(NamedTuple):
     ----------
     path : Path
     names : tuple of str
-        Header of every column; its number where the table has none.
+        Header of every column; its number where the table has none; "" for a first column that counts the rows.
     units : tuple of str
         What stands below each name in a second line; "" else.
     values : (n_rows, n_columns) float array
@@ -103,9 +103,14 @@ def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "")
     units = [bare_unit(cell) for cell in grid.header[1]] if len(grid.header) > 1 else []
     below = (*units, *("" for _ in names))[: len(names)]
     to_hertz = _to_hertz(path, names[0], below[0], axis_unit)
+    if to_hertz is not None and not names[0]:
+        raise FileError(
+            f"{path}: line {grid.header_line}, column 1 has no name and counts the rows, where frequencies must stand; export"
+            " without it"
+        )
     if to_hertz is not None:
         grid, names, below = _split_complex(path, grid, names, below)
-    values = _numbers(path, grid, names, to_hertz is None)
+    values = _cells_as_numbers(path, grid, names, to_hertz is None)
     return Table(path, names, below, values, grid.header_line, grid.first_line, grid.words, grid.rows, to_hertz)
 
 
@@ -206,7 +211,7 @@ def _column_names(path: Path, grid: Grid) -> tuple[str, ...]:
             " separators in the header, decimal commas between commas, or merged cells; export all lines alike, name every"
             f" column, or give {layout_words(separator=None)}, {layout_words(decimal=None)} or {layout_words(skip_rows=None)}"
         )
-    if "" in names:
+    if "" in names[1:] or (not names[0] and not _counts_rows(grid)):
         raise FileError(
             f"{path}: line {grid.header_line}, column {names.index('') + 1} has no name, as where cells were merged; name every"
             f" column, or leave the line out with {layout_words(skip_rows=None, header_rows=0)}"
@@ -216,6 +221,12 @@ def _column_names(path: Path, grid: Grid) -> tuple[str, ...]:
             f"{path}: line {grid.header_line} names no channel; head each column as in 12Z+ [m/s^2], or give the `separator`"
         )
     return tuple(names)
+
+
+def _counts_rows(grid: Grid) -> bool:
+    """True if the first column counts the rows from 0 or 1, as the index of a data frame does."""
+    counted = [row[0].strip().strip('"') for row in grid.rows[: min(len(grid.rows), _FEW)] if row]
+    return any(counted == [str(first + i) for i in range(len(counted))] for first in (0, 1))
 
 
 def _strip_empty_end(row: Sequence[str]) -> list[str]:
@@ -230,10 +241,10 @@ def _is_whole(row: Sequence[str]) -> bool:
     return all(is_number(cell) or as_date(cell) is not None for cell in row if cell.strip())
 
 
-def _numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> FloatArray:
+def _cells_as_numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> FloatArray:
     """Cells as numbers, (n_rows, n_columns); with `gaps`, empty cells after the first column and dates become NaN.
 
-    Raises `FileError` for any other cell that is no number.
+    Raises `FileError` for any other cell that is no number. `names` are those of the columns.
     """
     rows, count = grid.rows, len(names)
     dated = {j for j, cell in enumerate(rows[0][:count]) if as_date(cell) is not None} if gaps else set()
@@ -249,6 +260,8 @@ def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool
     """
     lines, sign = rows.lines, rows.separator
     if comma:
+        if any("." in cell for line in lines for cell in _undated(line, sign, dated)):
+            return None
         lines = [line.replace(",", ".") for line in lines]
     if sign != " ":
         if _ends_empty(lines[0], sign, count):
@@ -271,6 +284,14 @@ def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool
     return values
 
 
+def _undated(line: str, sign: str, dated: set[int]) -> list[str]:
+    """The line in one piece; without its cells of indices `dated` where there are any. `sign` is the separator."""
+    if not dated:
+        return [line]
+    cells = line.split() if sign == " " else line.split(sign)
+    return [cell for j, cell in enumerate(cells) if j not in dated]
+
+
 def _ends_empty(line: str, sign: str, count: int) -> bool:
     """True if a line has `count` separators `sign`, one for each column, and ends with a separator."""
     return line.rstrip().endswith(sign) and line.rstrip().count(sign) == count
@@ -288,6 +309,7 @@ def _parse_cells(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int]
     """Cells parsed row by row, (n_rows, n_columns); `FileError` with line and column for the first that is no number.
 
     `dated` are the indices of columns of dates, which become NaN; `gaps` allows empty cells after the first column.
+    `names` are those of the columns.
     """
     rows, count = grid.rows, len(names)
     values = np.empty((len(rows), count))
@@ -297,6 +319,8 @@ def _parse_cells(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int]
                 f"{path}: line {grid.first_line + i} has {len(row)} cells, but {_where(grid)} {count}; complete or remove the"
                 " line"
             )
+        if grid.decimal_comma:
+            _require_no_points(path, grid.first_line + i, row[:count], names, dated)
         cells = [cell.replace(",", ".") for cell in row[:count]] if grid.decimal_comma else row[:count]
         if gaps and (dated or not all(cells)):
             first = 0 if count > 1 else count
@@ -316,6 +340,19 @@ def _parse_cells(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int]
             f"{path}: line {grid.first_line + i}, column {j + 1} ({names[j]}) is NaN or infinite; repair or remove the line"
         )
     return values
+
+
+def _require_no_points(path: Path, line: int, row: Sequence[str], names: tuple[str, ...], dated: set[int]) -> None:
+    """Raise `FileError` for a number with a point in a row of a table with decimal commas.
+
+    `line` is that of the row, from 1, and `dated` are the indices of columns of dates.
+    """
+    for j, cell in enumerate(row):
+        if j not in dated and "." in cell and is_number(cell):
+            raise FileError(
+                f"{path}: line {line}, column {j + 1} ({names[j]}) is {cell.strip()}, where other numbers have decimal commas: its"
+                " point may be that of thousands or of decimals; export all numbers alike, without thousands apart"
+            )
 
 
 def _where(grid: Grid) -> str:

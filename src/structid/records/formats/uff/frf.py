@@ -245,7 +245,9 @@ def _frf_scale(
         raise FileError(
             f"{path}: the unit {above.label!r} does not fit the directions of {pair[0]}/{pair[1]}; correct one of them"
         )
-    kind, factor = _scale_by_sides(path, *_split(whole.kind, above, below), pair, factors or UnitFactors(1.0, 1.0))
+    kind, factor = _scale_by_sides(
+        path, *_unlabelled_kinds(whole.kind, above, below), pair, factors or UnitFactors(1.0, 1.0)
+    )
     if whole.kind != kind or (factors is not None and not np.isclose(whole.factor, factor, rtol=1e-4)):
         raise FileError(
             f"{path}: the FRF of {pair[0]}/{pair[1]} has unit {above.label!r}, "
@@ -273,7 +275,9 @@ def _scale_by_sides(
     return KINDS[quantity], above_factor / below_factor
 
 
-def _split(kind: FrfKind, above: Characteristics, below: Characteristics) -> tuple[Characteristics, Characteristics]:
+def _unlabelled_kinds(
+    kind: FrfKind, above: Characteristics, below: Characteristics
+) -> tuple[Characteristics, Characteristics]:
     """Ordinate and denominator of an FRF of this kind without labels, for a label of `above` that covers the whole FRF.
 
     Unknown data types are replaced by those of the kind.
@@ -287,7 +291,7 @@ def _split(kind: FrfKind, above: Characteristics, below: Characteristics) -> tup
 
 
 def _require_alike(path: Path, pairs: list[Pair], responses: list[_Response]) -> None:
-    """Raise `FileError` unless all responses have the kind and the frequencies of the first."""
+    """Raise `FileError` unless all `responses`, one for each of `pairs`, have the kind and the frequencies of the first."""
     first = responses[0]
     for (output, load), response in zip(pairs, responses, strict=True):
         if response.kind != first.kind:
@@ -314,8 +318,8 @@ def _stack_coherence(
 ) -> FloatArray | None:
     """Coherences of all pairs, (n_frequencies, n_outputs, n_inputs); None unless the file has one for every pair.
 
-    `by_pair` are the FRFs that they belong to, `frequency` the lines in Hz that they must share, and `to_hertz` the factor from
-    their abscissa to Hz.
+    `by_pair` are the FRFs that they belong to, `frequency` (n_frequencies,) the lines in Hz that they must share, and
+    `to_hertz` the factor from their abscissa to Hz. `outputs` and `inputs` are the channels of the axes.
     """
     of_pair: dict[Pair, FloatArray] = {}
     for function in coherences:

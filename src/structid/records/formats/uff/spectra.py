@@ -75,7 +75,7 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
                 f"{path}: function {function.ordinal} has other frequencies than the first; export all with one setting"
             )
     is_density = _densities(path, functions)
-    quantities, values = scaled_matrix(path, by_pair, channels, references, factors, options, _values)
+    quantities, values = scaled_matrix(path, by_pair, channels, references, factors, options, _spectrum_values)
     channels, references, values, turned = along_global_axes(
         path, blocks, channels, references, quantities, values, options
     )
@@ -158,7 +158,8 @@ def along_global_axes(
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...], NumberArray, str]:
     """Channels, references and values (n_points, n_channels, n_references) in global axes, and words on the transformation.
 
-    They stay as they are if `options.axes` is "named". `blocks` are those of the file, with nodes and coordinate systems.
+    They stay as they are if `options.axes` is "named". `blocks` are those of the file, with nodes and coordinate
+    systems. `quantities` are those of the channels.
     """
     if options.axes == "named":
         return channels, references, values, ""
@@ -238,8 +239,9 @@ def scaled_matrix(
 ) -> tuple[tuple[Quantity, ...], NumberArray]:
     """Quantities of the channels, and the matrix of functions in SI units, (n_points, n_channels, n_references).
 
-    `values_of(path, function, (response, reference), is_reverse)` returns the values of a function, for the reversed pair if
-    `is_reverse`. Units come from `options.units`, or from labels and `factors` (dataset 164).
+    `values_of(path, function, (response, reference), is_reverse)` returns the values of a function, for the reversed
+    pair if `is_reverse`. Units come from `options.units`, or from labels and `factors` (dataset 164). `by_pair` has the
+    functions by response and reference.
     """
     stated: dict[Dof, float] = {}
     quantity_of: dict[Dof, str] = {}
@@ -276,7 +278,7 @@ def scaled_matrix(
     return tuple(cast(Quantity, quantity_of[dof]) for dof in channels), np.stack(columns, axis=2)
 
 
-def _values(path: Path, function: Dataset58, pair: tuple[Dof, Dof], is_reverse: bool) -> ComplexArray:
+def _spectrum_values(path: Path, function: Dataset58, pair: tuple[Dof, Dof], is_reverse: bool) -> ComplexArray:
     """Complex values of a spectrum, (n_lines,), conjugated if `is_reverse`; `pair` is (response, reference).
 
     Raises `FileError` if an autospectrum is not real and positive, or a cross-spectrum is real.

@@ -119,7 +119,7 @@ def _choose_functions(
 def _require_distinct(
     path: Path, times: Sequence[Dataset58], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]
 ) -> None:
-    """Raise `FileError` if two functions have the same channel and quantity."""
+    """Raise `FileError` if two functions `times` have the same of `channels` and of `quantities`, which are in their order."""
     seen: dict[tuple[Dof, Quantity], Dataset58] = {}
     for function, dof, quantity in zip(times, channels, quantities, strict=True):
         other = seen.setdefault((dof, quantity), function)
@@ -145,7 +145,7 @@ def _unit_words(times: Sequence[Dataset58], options: ReadOptions) -> str:
 
 
 def _require_one_clock(path: Path, channels: tuple[Dof, ...], clocks: Sequence[FloatArray]) -> None:
-    """Raise `FileError` if a channel has other sample times than the first; `clocks` are the times (n_times,) of each in s."""
+    """Raise `FileError` if one of `channels` has other sample times than the first; `clocks` are the times (n_times,) in s."""
     first = clocks[0]
     allowed = 0.01 * abs(first[-1] - first[0]) / max(first.size - 1, 1)
     for dof, axis in zip(channels, clocks, strict=True):
@@ -194,8 +194,9 @@ def _even_samples(
 ) -> tuple[float, float, FloatArray, str]:
     """Sampling rate in Hz, first time in s, evenly spaced samples (n_times, n_channels), and a note on the clock.
 
-    `time` (n_times,) is in s, `to_seconds` the factor from the abscissa of `function` to s; the note is "" for a plainly even
-    clock. Uneven times are resampled if `options.resample` is set, else a `FileError`.
+    `time` (n_times,) is in s, `to_seconds` the factor from the abscissa of `function` to s; the note is "" for a
+    plainly even clock. Uneven times are resampled if `options.resample` is set, else a `FileError`. `values` (n_times,
+    n_channels) are the samples as read.
     """
     step = float(time[-1] - time[0]) / max(time.size - 1, 1)
     if step <= 0:

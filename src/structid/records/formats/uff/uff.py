@@ -97,7 +97,7 @@ def _name(kind: int) -> str:
 
 
 def _choose_functions(path: Path, functions: list[Dataset58], options: ReadOptions) -> list[Dataset58]:
-    """Functions that the option `columns` chooses by number or name such as ``12Z+``, in its order; all if it is not set."""
+    """Functions that the option `columns` chooses from `functions` by number or name such as ``12Z+``, in its order; else all."""
     if not options.columns:
         return functions
     names = [f"{f.response[0]}{_DIRECTIONS.get(f.response[1], ' direction 0')}" for f in functions]
@@ -114,7 +114,10 @@ def _nodes(path: Path, blocks: list[UffDataset]) -> UniversalNodes:
 
 
 def _no_response_error(path: Path, functions: list[Dataset58]) -> FileError:
-    """The error to raise for a file without FRFs and time responses, which names what the file holds."""
+    """The error to raise for a file without FRFs and time responses, which names what the file holds.
+
+    `functions` are all datasets 58 of the file.
+    """
     kinds = sorted({function.kind for function in functions})
     names = ", ".join(map(_name, kinds))
     is_spectra, is_correlations = bool({*kinds} & {*_SPECTRA}), bool({*kinds} & {*_CORRELATIONS})

@@ -168,7 +168,7 @@ def export_deck(study: Study, values: Sequence[ElementValues], path: Path) -> li
         raise InputError(
             f"nothing that was identified ({join_words(absent)}) is a number of {original.name}; take --matrices"
         )
-    text, lines = _written(source, list(numbers.values()))
+    text, lines = _replace_numbers(source, list(numbers.values()))
     with atomic_write(path) as temporary:
         temporary.write_bytes(text.encode("latin-1"))
     left = f"; not in the deck: {join_words(absent)}" if absent else ""
@@ -200,7 +200,7 @@ def _read_source(study: Study, path: Path, values: Sequence[ElementValues]) -> _
     return _DeckModel(path.name, text, mesh, group_of, {(item.element, item.name): item for item in values}, scales)
 
 
-def _written(source: _DeckModel, numbers: Sequence[DeckNumber]) -> tuple[str, list[str]]:
+def _replace_numbers(source: _DeckModel, numbers: Sequence[DeckNumber]) -> tuple[str, list[str]]:
     """The text of the deck after its numbers are replaced, and a sentence on each replacement, in the order of the text.
 
     New numbers fill the field of the old ones where there is room, aligned as they were.

@@ -10,7 +10,7 @@ import numpy as np
 from structid.core.arrays import AnyArray, FloatArray, IntArray
 from structid.core.display import plural
 from structid.core.errors import FileError
-from structid.fem import Bar, Beam, Solid, SpaceBeam, Structure
+from structid.fem import Structure
 from structid.fem.elements import ElementSet, MatrixGroup
 from structid.files import atomic_write, csv_text
 from structid.files.vtu import vtu_text
@@ -111,11 +111,11 @@ def _cell_type(element: ElementSet, n_nodes: int) -> int:
     """VTK number of the cell type of an element with `n_nodes` nodes."""
     if isinstance(element, MatrixGroup):
         return _POINTS
-    if isinstance(element, Solid):
+    if element.symbol == "solid":
         return _SOLIDS[n_nodes]
     if n_nodes == 1:
         return _POINT
-    return _LINE if n_nodes == 2 or isinstance(element, Bar | Beam | SpaceBeam) else _AREAS[n_nodes]
+    return _LINE if n_nodes == 2 or element.is_line else _AREAS[n_nodes]
 
 
 def _cell_data(structure: Structure, properties: Sequence[ElementValues]) -> dict[str, AnyArray]:

@@ -49,7 +49,8 @@ def modes_covariance(model: IdentifiedModel, n_modes: int) -> FloatArray:
 def model_modes_record(model: IdentifiedModel, n_modes: int, source: str, with_covariance: bool = False) -> ModalRecord:
     """The `n_modes` lowest modes of an identified model with unit modal mass, at all moving degrees of freedom of its nodes.
 
-    `source` is the text on their origin. The covariance of frequencies and damping ratios is computed only if asked for.
+    `source` is the text on their origin. The covariance of frequencies and damping ratios is computed only if asked
+    for. Without it, `covariance` is None.
     """
     structure, computed = model.structure, model_modes(model, n_modes)
     rows = [
@@ -70,7 +71,7 @@ def model_modes_record(model: IdentifiedModel, n_modes: int, source: str, with_c
 
 
 def node_translations(structure: Structure, mode_shapes: FloatArray) -> FloatArray:
-    """Translations of all nodes, fixed and tied ones included, (n_modes, n_nodes, 3), from shapes (n_dofs, n_modes)."""
+    """Translations of all nodes, fixed and tied ones included, (n_modes, n_nodes, 3), from `mode_shapes` (n_dofs, n_modes)."""
     row_of = {node: row for row, node in enumerate(structure.nodes)}
     motion = np.zeros((mode_shapes.shape[1], len(row_of), 3))
     moved = structure.numbering.matrix @ mode_shapes

@@ -283,7 +283,8 @@ def _smoothed_problems(problems: Sequence[RecordProblem], level: float) -> list[
 def _level_weights(omega: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
     """Angular frequencies (n,), rad/s, that a smoothing level can use, and the weights of the lines for each, (n, n_lines).
 
-    Only frequencies at which the smoothing is wide against the line spacing are used. Each row of weights has the sum 1.
+    Only frequencies at which the smoothing is wide against the line spacing are used. Each row of weights has the sum
+    1. `omega` (n_lines,) are those of the lines, rad/s, and `level` is the smoothing decay over omega.
     """
     centres = level_frequencies(omega, level)
     centres = centres[level * centres > _WIDE * np.interp(centres, omega, np.gradient(omega))]

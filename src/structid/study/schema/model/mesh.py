@@ -159,7 +159,10 @@ def take_parts(section: Section, mesh: Mesh, elements: list[ElementSet]) -> Take
 
 
 def _assigned_tables(mesh: Mesh, wanted: MeshEntry, elements: list[ElementSet]) -> list[IntArray]:
-    """Node labels of the cells that belong to an element set or to a group that is left out, one array for each."""
+    """Node labels of the cells that belong to an element set or to a group that is left out, one array for each.
+
+    `elements` are the sets of the structure; the arrays are (n_cells, n_nodes), -1 where a row has ended.
+    """
     kinds = {part.kind for part in mesh.parts}
     groups = [
         name for name in as_list(wanted.leave_out) if name in mesh.groups or name.lstrip("*").upper() not in kinds
@@ -242,7 +245,10 @@ def _nodes_of_support(entry: Section, support: SupportEntry, mesh: Mesh | None, 
 
 
 def read_points(section: Section, mesh: Mesh | None, elements: list[ElementSet]) -> list[tuple[Section, MeshPoint]]:
-    """The points of sensors and loads in ``[structure.points]``, each with its section and tied to the nearest mesh node."""
+    """The points of sensors and loads in ``[structure.points]``, each with its section and tied to the nearest mesh node.
+
+    `elements` are the sets of the structure; [] without such a table.
+    """
     inner = section.section("points")
     if inner is None:
         return []

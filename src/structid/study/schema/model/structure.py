@@ -325,7 +325,10 @@ def _make_structure(
 
 
 def _apply_changes(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None) -> Parts:
-    """The parts of the structure as ``[record.structure]`` of one set-up changes them; its own nodes are added to `nodes`."""
+    """The parts of the structure as ``[record.structure]`` of one set-up changes them; its own nodes are added to `nodes`.
+
+    `mesh` is None if the study has none.
+    """
     elements, ties, fixed, measured = parts
     values = changes.values(changes_table())
     names = [element.name for _, element in elements] + [tie.name for _, tie in ties]
@@ -382,7 +385,7 @@ def _read_nodes(
 ) -> Positions:
     """Positions in m by node label, from the mesh, from ``[structure.nodes]``, or else from the solver or the matrix groups.
 
-    Nodes of matrix groups are all at the origin.
+    Nodes of matrix groups are all at the origin. `mesh` and `solved` are None if the study has none.
     """
     inner = section.section("nodes")
     if inner is None and mesh is None and solved is not None:
@@ -422,7 +425,8 @@ def _elements(section: Section, nodes: Positions, mesh: Mesh | None) -> Elements
 def _read_element(entry: Section, kind: type[ElementSet], nodes: Positions, mesh: Mesh | None = None) -> ElementSet:
     """The element set of the class `kind` that one entry describes.
 
-    Its nodes are those in the entry, or else those of a group of the mesh or of all its cells.
+    Its nodes are those in the entry, or else those of a group of the mesh or of all its cells. `mesh` is None if the
+    study has none.
     """
     table = element_table(kind, mesh is not None)
     if "subdivide" in entry.table and kind.is_line:

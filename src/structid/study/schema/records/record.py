@@ -15,7 +15,6 @@ from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence
 from structid.records.corrections import rename_channels, segment_duration
 from structid.records.formats import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.quality.findings import CHANNEL_FAULTS, Finding
-from structid.records.quality.signal_checks import channel_checks
 from structid.records.record import LOADS, Quantity, as_recorded
 from structid.study.schema import records as record_kinds
 from structid.study.schema.kinds import CHANNEL_NAMES, PART, TEXT, TEXTS, as_list, choice
@@ -242,6 +241,10 @@ def read_files(source: RecordSource) -> list[FrfRecord | TimeRecord]:
 def faults(records: Sequence[FrfRecord | TimeRecord]) -> tuple[Finding, ...]:
     """Faults of single channels of time histories: dead, constant, clipped, with drop-outs or spikes; () for FRFs."""
     histories = [record for record in records if isinstance(record, TimeRecord)]
+    if not histories:
+        return ()
+    from structid.records.quality.signal_checks import channel_checks  # for histories alone
+
     found = [one for record in histories for one in channel_checks(record)]
     return tuple(one for one in found if one.kind in CHANNEL_FAULTS)
 

@@ -107,7 +107,8 @@ def _node_of_sensor(
 ) -> tuple[int, float]:
     """Label of the node that a sensor reads, and its distance in m from the point that the study states (0 without a point).
 
-    `number` is the node in the sensor's name, taken if neither node nor point is stated.
+    `number` is the node in the sensor's name, taken if neither node nor point is stated. `nodes` are positions in m by
+    label.
     """
     if sensor.point is not None:
         if sensor.node is not None:

@@ -1,0 +1,143 @@
+"""Tables whose numbers could be taken for others without a word: refused, or read as the logger meant them."""
+
+import numpy as np
+import pytest
+
+from structid.core.errors import FileError, InputError
+from structid.core.units import STANDARD_GRAVITY
+from structid.records import CsvLayout, ReadOptions, read_record
+
+RATE = 100.0
+VALUES = np.random.default_rng(3).normal(size=(400, 2)).round(4)
+TWO = {"channels": "1X,2X", "units": "g"}
+
+
+def read(tmp_path, text, **options):
+    path = tmp_path / "trap.csv"
+    path.write_text(text)
+    return read_record(path, ReadOptions(**options))
+
+
+def rows(separator=",", *first):
+    """Lines of `VALUES`, each behind the cells that the functions `first` make of the number of the line."""
+    return "".join(
+        separator.join([*(make(i) for make in first), *(f"{x:.4f}" for x in row)]) + "\n"
+        for i, row in enumerate(VALUES)
+    )
+
+
+@pytest.mark.parametrize("column", [lambda i: f"{i / RATE:.3f}", lambda i: str(10_000 * i), str])
+def test_times_and_counts_without_a_header_are_no_channel(tmp_path, column):
+    text = rows("\t", column)
+    with pytest.raises(InputError, match=r"line 1, column 1 .* rises in even steps of .*`time_column = 1`"):
+        read(tmp_path, text, sampling_rate=5 * RATE, channels="1X,2X,3X", units="g")
+    record = read(tmp_path, text, sampling_rate=RATE, columns="2,3", **TWO)
+    np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
+
+
+def test_a_header_that_counts_the_columns_is_no_sample(tmp_path):
+    text = "0,1\n" + rows()
+    with pytest.raises(
+        FileError, match=r"line 1 counts 0, 1, as numbers of columns do.*`header_rows = 1`.*`header_rows = 0`"
+    ):
+        read(tmp_path, text, sampling_rate=RATE, **TWO)
+    for header_rows, count in ((1, 400), (0, 401)):
+        layout = CsvLayout(header_rows=header_rows)
+        assert len(read(tmp_path, text, sampling_rate=RATE, csv=layout, **TWO).values) == count
+
+
+@pytest.mark.parametrize("dated", [False, True])
+def test_a_point_among_decimal_commas_is_refused_in_every_line(tmp_path, dated):
+    """The layout is recognised from a sample of the lines, which line 303 is not in."""
+    date = "27.11.2026 12:00:{:05.2f}" if dated else "{:.2f}"
+    lines = [date.format(i / RATE % 60) + ";" + ";".join(f"{x:.4f}" for x in row) for i, row in enumerate(VALUES)]
+    lines = [line if dated else line.replace(".", ",") for line in lines]
+    lines = [date + ";" + rest.replace(".", ",") for date, _, rest in (line.partition(";") for line in lines)]
+    text = "Zeit [s];1X [g];2X [g]\n".replace(" [s]", "" if dated else " [s]")
+    np.testing.assert_allclose(read(tmp_path, text + "\n".join(lines) + "\n").values, VALUES * STANDARD_GRAVITY)
+    lines[301] = lines[301].rpartition(";")[0] + ";1.234"
+    with pytest.raises(FileError, match=r"line 303, column 3 .* is 1\.234, where other numbers have decimal commas"):
+        read(tmp_path, text + "\n".join(lines) + "\n")
+
+
+def toa5(statistics="Smp", name="A"):
+    head = [
+        '"TOA5","CR6","CR6","1","CR6.Std.10","CPU:a.CR6","1","Fast"',
+        f'"TIMESTAMP","RECORD","{name}","B"',
+        '"TS","RN","g","g"',
+        f'"","","{statistics}","Smp"',
+    ]
+    stamp = lambda i: f'"2026-06-25 10:00:{i / RATE:05.2f}"'  # noqa: E731
+    return "\n".join(head) + "\n" + rows(",", stamp, str)
+
+
+def test_toa5_tables_have_three_lines_of_header(tmp_path):
+    record = read(tmp_path, toa5(), columns="A,B", channels="1X,2X")
+    assert record.sampling_rate == pytest.approx(RATE)
+    assert "names in line 2, units in line 3" in record.source
+    np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
+
+
+@pytest.mark.parametrize("text", [toa5("Avg"), toa5("Max"), toa5(name="A_Std")])
+def test_statistics_of_intervals_are_no_samples(tmp_path, text):
+    with pytest.raises(
+        FileError, match=r"line 2, column 3 .*'(Avg|Max|Std)' stands for a level, a statistic or a density"
+    ):
+        read(tmp_path, text, columns="3,4", channels="1X,2X")
+
+
+def paired(step):
+    """Times and samples of two channels in turn, of which the second runs in steps of `step` in s."""
+    lines = [f"{i / RATE:.2f},{row[0]:.4f},{i * step:.2f},{row[1]:.4f}\n" for i, row in enumerate(VALUES)]
+    return "Time (s),A (g),Time (s),B (g)\n" + "".join(lines)
+
+
+def test_channels_with_clocks_of_their_own_are_not_read_by_one(tmp_path):
+    two = {"columns": "2,4", "channels": "1X,2X"}
+    np.testing.assert_allclose(read(tmp_path, paired(0.01), **two).values, VALUES * STANDARD_GRAVITY)
+    with pytest.raises(InputError, match=r"line 1: columns 1 and 3 hold times that differ: 3\.99 s and 7\.98 s in all"):
+        read(tmp_path, paired(0.02), **two)
+    second = read(tmp_path, paired(0.02), time_column=3, columns="4", channels="2X")
+    assert second.sampling_rate == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize("scale, unit", [(1e3, "ms"), (1e6, "us")])
+def test_clocks_that_count_from_1970_tell_the_rate_to_the_last_digit(tmp_path, scale, unit):
+    stamp = lambda i: str(round(1764244800 * scale + i * scale / RATE))  # noqa: E731
+    record = read(tmp_path, "timestamp,A,B\n" + rows(",", stamp), axis_unit=unit, sampling_rate=RATE, **TWO)
+    assert (record.sampling_rate, record.start) == (RATE, 1764244800.0)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x,y,z\n" + rows(",", lambda i: "0.5"),
+        ",x,y\n" + rows(",", str),
+        '"","x","y"\n' + rows(",", lambda i: f'"{i + 1}"'),
+        "# x y\n" + rows(" "),
+        "%x\ty\n" + rows("\t"),
+    ],
+)
+def test_names_as_programs_save_them(tmp_path, text):
+    """Directions of space are no times; row numbers without a name and signs of comments are left out."""
+    columns = "y,z" if text[0] == "x" else "x,y"
+    record = read(tmp_path, text, sampling_rate=RATE, columns=columns, **TWO)
+    np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
+    assert ("row numbers left out" in record.source) == (",x" in text or ',"x' in text)
+
+
+def test_a_first_column_without_a_name_that_counts_nothing_is_refused(tmp_path):
+    with pytest.raises(FileError, match="line 1, column 1 has no name"):
+        read(tmp_path, ",x,y\n" + rows(",", lambda i: str(i + 7)), sampling_rate=RATE, **TWO)
+
+
+def test_row_numbers_are_no_frequencies(tmp_path):
+    text = ",1X/2X [g/N] re,1X/2X [g/N] im\n" + rows(",", str)
+    with pytest.raises(FileError, match="column 1 has no name and counts the rows, where frequencies must stand"):
+        read(tmp_path, text, axis_unit="Hz")
+
+
+@pytest.mark.parametrize("n_lines", [1, 2, 3, 4])
+def test_toa5_tables_cut_within_their_header_are_refused(tmp_path, n_lines):
+    with pytest.raises(FileError):
+        read(tmp_path, "".join(toa5().splitlines(keepends=True)[:n_lines]))
