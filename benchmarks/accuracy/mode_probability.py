@@ -1,9 +1,10 @@
 """Weights of the probability that a cluster of poles is a mode, from simulated records whose modes are known.
 
 Random structures: 3 to 10 modes at random frequencies, damping ratios of 0.2 to 4 %, 3 to 8 channels, in turn ambient
-motion and free decays, and FRFs; noise of 1 to 50 % (FRFs: 0.3 to 10 %) of each channel. Every stable cluster of three
-poles or more is a mode if it is the nearest to a true one, within 3 half-power bandwidths and with a MAC above 0.8. Logistic
-regression with a ridge of 1; half of the records are held back, and the calibration on these is printed.
+motion, free decays and FRFs; noise of 1 to 50 % (FRFs: 0.3 to 10 %) of each channel. Every fourth record is noise alone, of 2
+to 8 channels, white or under a first-order filter and mixed. Every stable cluster of three poles or more is a mode if it is the
+nearest to a true one, within 3 half-power bandwidths and with a MAC above 0.8. Logistic regression with a ridge of 1; half of the
+records are held back, and the calibration on these is printed, that of the weights in use beside it.
 
     python benchmarks/accuracy/mode_probability.py [--records 120] [--seed 0]
 """
@@ -22,16 +23,24 @@ from scipy.signal import lfilter
 import structid as sid
 from structid.modal import ModalOptions, modal_identification
 from structid.modal.correlations import outputs
-from structid.modal.poles.stabilization import clusters, evidence
+from structid.modal.poles.poles import HardCriteria
+from structid.modal.poles.stabilization import Cluster, clusters, evidence, likely_modes, mode_probability
+from structid.modal.subspace.kernel import poles_of_orders
+from structid.modal.subspace.methods import pencil
+from structid.modal.subspace.subspace_modes import BLOCK_ROWS, MAX_ORDER
 
 RATE = 50.0
+FEWEST = 3  # poles of a cluster that is looked at
+Labelled = tuple[np.ndarray, np.ndarray, int, int, int, list[Cluster]]
 
 
 def truth(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frequencies (Hz), damping ratios and shapes (n_channels, n_modes)."""
+    """Frequencies (Hz), damping ratios and shapes (n_channels, n_modes), complex for a third of the structures."""
     n, m = int(rng.integers(3, 11)), int(rng.integers(3, 9))
     frequency = np.sort(rng.uniform(1.0, 20.0, n))
-    return frequency, 10 ** rng.uniform(np.log10(0.002), np.log10(0.04), n), rng.standard_normal((m, n))
+    ratio, shapes = 10 ** rng.uniform(np.log10(0.002), np.log10(0.04), n), rng.standard_normal((m, n))
+    phase = rng.uniform(0.1, 0.6) * rng.standard_normal((m, n)) if rng.random() < 1 / 3 else np.zeros((m, n))
+    return frequency, ratio, shapes * np.exp(1j * phase)
 
 
 def time_record(rng: np.random.Generator, free: bool) -> tuple[sid.TimeRecord, tuple[np.ndarray, ...]]:
@@ -41,14 +50,13 @@ def time_record(rng: np.random.Generator, free: bool) -> tuple[sid.TimeRecord, t
     poles = 2 * np.pi * frequency * (-ratio + 1j * np.sqrt(1 - ratio**2)) / RATE
     t = np.arange(n_samples)[:, None]
     if free:
-        motion = np.exp(poles * t).real
+        motion = np.exp(poles * t)
     else:
-        z = np.exp(poles)
-        force = rng.standard_normal((n_samples + 2000, len(z)))
-        motion = [lfilter([1.0], [1, -2 * p.real, abs(p) ** 2], f)[2000:] for p, f in zip(z, force.T, strict=True)]
+        force = rng.standard_normal((n_samples + 2000, len(poles)))
+        motion = [lfilter([1.0], [1.0, -z], f)[2000:] for z, f in zip(np.exp(poles), force.T, strict=True)]
         motion = np.array(motion).T
     motion = motion / motion.std(axis=0) * rng.uniform(0.2, 2.0, len(poles))
-    values = motion @ shapes.T
+    values = (motion @ shapes.T).real
     noise = 10 ** rng.uniform(-2, np.log10(0.5))
     values = values + noise * values.std(axis=0) * rng.standard_normal(values.shape)
     names = [f"{i + 1}X" for i in range(len(shapes))]
@@ -60,21 +68,44 @@ def frf_record(rng: np.random.Generator) -> tuple[sid.FrfRecord, tuple[np.ndarra
     frequency, ratio, shapes = truth(rng)
     lines = np.linspace(0.5, 22.0, int(rng.integers(100, 1000)))
     s, omega = 2j * np.pi * lines[:, None], 2 * np.pi * frequency
-    load = rng.uniform(0.2, 1.0, len(omega))
-    values = (s**2 / (s**2 + 2 * ratio * omega * s + omega**2) * load) @ shapes.T
+    poles = omega * (-ratio + 1j * np.sqrt(1 - ratio**2))
+    residues = rng.uniform(0.2, 1.0, len(omega)) / (2j * poles.imag) * shapes
+    values = (s**2 / (s - poles)) @ residues.T + (s**2 / (s - poles.conj())) @ residues.conj().T
     noise = 10 ** rng.uniform(-2.5, -1) * np.sqrt(np.mean(np.abs(values) ** 2, axis=0))
     values = values + noise * (rng.standard_normal(values.shape) + 1j * rng.standard_normal(values.shape)) / np.sqrt(2)
     names = [f"{i + 1}X" for i in range(len(shapes))]
     return sid.FrfRecord(lines, values[:, :, None], names, names[:1], "accelerance"), (frequency, ratio, shapes)
 
 
-def labelled(seed: int) -> tuple[np.ndarray, np.ndarray, int, int, int]:
-    """Evidence of all clusters of a record, which are modes, and modes in all, right ones picked and others picked."""
+def noise_record(rng: np.random.Generator) -> sid.TimeRecord:
+    """Noise alone: white, or under a first-order filter with its channels mixed."""
+    m, n_samples = int(rng.integers(2, 9)), int(rng.integers(1500, 12000))
+    values = rng.standard_normal((n_samples, m))
+    if rng.random() < 0.5:
+        values = lfilter([1.0], [1.0, -rng.uniform(-0.5, 0.9)], values, axis=0) @ rng.standard_normal((m, m))
+    return sid.TimeRecord(RATE, values, [f"{i + 1}X" for i in range(m)], ("velocity",) * m)
+
+
+def labelled_noise(seed: int) -> Labelled:
+    """`labelled` for a record of noise, none of whose clusters is a mode."""
+    data = outputs(noise_record(np.random.default_rng(seed)))
+    rows = max(BLOCK_ROWS, -(-2 * MAX_ORDER // data.n_channels))
+    subspace = pencil(data, rows, MAX_ORDER)
+    sweep = poles_of_orders(subspace, range(2, min(MAX_ORDER, subspace.max_order) + 1, 2))
+    every = [c for c in clusters(sweep, data.scale, HardCriteria().damped, keep_all=True) if c.size >= FEWEST]
+    rows_of_evidence = np.array([evidence(c) for c in every]).reshape(len(every), -1)
+    return rows_of_evidence, np.zeros(len(every), dtype=bool), 0, 0, len(likely_modes(every)), every
+
+
+def labelled(seed: int) -> Labelled:
+    """Evidence of all clusters of a record, which are modes; modes in all, right ones picked, others picked; the clusters."""
+    if seed % 4 == 3:
+        return labelled_noise(seed)
     rng = np.random.default_rng(seed)
-    record, (frequency, ratio, shapes) = frf_record(rng) if seed % 3 == 2 else time_record(rng, seed % 3 == 1)
+    record, (frequency, ratio, shapes) = frf_record(rng) if seed % 4 == 2 else time_record(rng, seed % 4 == 1)
     found = modal_identification(record, options=ModalOptions(n_pieces=0, refine=False, deviation=None))
-    scale = np.ones(len(shapes)) if seed % 3 == 2 else outputs(record).scale
-    every = [c for c in clusters(found.sweep, scale, found.options.criteria, keep_all=True) if c.size >= 3]
+    scale = np.ones(len(shapes)) if seed % 4 == 2 else outputs(record).scale
+    every = [c for c in clusters(found.sweep, scale, found.options.criteria, keep_all=True) if c.size >= FEWEST]
     f = np.array([c.frequency[c.chosen] for c in every])
     seen = np.stack([found.sweep[c.number[c.chosen]].shapes[:, c.index[c.chosen]] for c in every], axis=1)
 
@@ -90,7 +121,7 @@ def labelled(seed: int) -> tuple[np.ndarray, np.ndarray, int, int, int]:
 
     picked = right(found.modes.frequency, np.asarray(found.modes.mode_shapes))
     rows = np.array([evidence(c) for c in every])
-    return rows, right(f, seen), len(frequency), int(picked.sum()), int((~picked).sum())
+    return rows, right(f, seen), len(frequency), int(picked.sum()), int((~picked).sum()), every
 
 
 def weights(rows: np.ndarray, is_mode: np.ndarray) -> np.ndarray:
@@ -115,13 +146,19 @@ def main() -> None:
     test = np.concatenate([p[0] for p in parts[half:]]), np.concatenate([p[1] for p in parts[half:]])
     w = weights(*train)
     print("weights:", ", ".join(f"{value:.2f}" for value in w), f"({len(train[1])} clusters, {train[1].sum()} modes)")
+    in_use = np.array([mode_probability(cluster) for part in parts[half:] for cluster in part[5]])
     p = special.expit(test[0] @ w)
-    print("held back: probability, clusters, modes among them")
+    print("held back: probability, clusters, modes among them; the same by the weights in use")
     for low, high in ((0, 0.05), (0.05, 0.3), (0.3, 0.7), (0.7, 0.95), (0.95, 1.01)):
-        inside = (p >= low) & (p < high)
-        print(f"  {low:.2f}-{min(high, 1):.2f}  {inside.sum():5d}  {test[1][inside].mean() if inside.any() else 0:.3f}")
-    n, right, others = (sum(part[i] for part in parts[half:]) for i in (2, 3, 4))
-    print(f"of {n} modes: {right} picked now, and {others} others; in clusters {int(test[1].sum())}")
+        counts = ((p >= low) & (p < high), (in_use >= low) & (in_use < high))
+        columns = (f"{inside.sum():5d}  {test[1][inside].mean() if inside.any() else 0:.3f}" for inside in counts)
+        print(f"  {low:.2f}-{min(high, 1):.2f}  {'    '.join(columns)}")
+    n, right, others = (sum(int(part[i]) for part in parts[half:]) for i in (2, 3, 4))
+    of_noise = sum(part[4] for part in parts[half:] if not part[2])
+    print(
+        f"of {n} modes: {right} picked now, and {others} others, {of_noise} of these in noise alone; in clusters"
+        f" {int(test[1].sum())}"
+    )
     for limit in (0.2, 0.5, 0.8):
         print(f"  by probability above {limit}: {test[1][p > limit].sum()}, and {(~test[1][p > limit]).sum()} others")
 
