@@ -65,6 +65,7 @@ SMALL: dict[str, str] = {
     "accuracy/predictions.py": "--repeats 1 --only chain",
     "accuracy/virtual_sensing.py": "--repeats 1 --samples 300",
     "accuracy/bridge_traffic.py": "--repeats 1 --seconds 4 --forces five",
+    "accuracy/sensing_verdict.py": "--right 1 --wrong 1 --samples 200",
     "accuracy/short_records.py": "--repeats 1",
     "accuracy/sierra_blocks.py": "--corners 1",
     "accuracy/six_masses.py": "--arrangements 4 --short",

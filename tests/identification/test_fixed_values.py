@@ -249,6 +249,24 @@ def test_a_held_value_far_beyond_its_tolerance_is_a_misfit():
     assert judged(found).verdict == "sound"
 
 
+def test_a_held_value_beyond_its_tolerance_widens_by_what_it_explains():
+    """The second mass 30 % heavier than it is held: its error is what the data ask for, as it explains the misfit."""
+    record = measured(((2.0, 2.2 * 1.3, 2.4, 1.8), SPRING, DASHPOT), 1.0, np.random.default_rng(4))
+    options = sid.IdentifyOptions(tolerances=TOLERANCES)
+    estimate = sid.identify(chain(), sid.parameters(chain(), SOUGHT), record, options).estimate
+    fixed = estimate.fixed
+    column = fixed.names.index("mass[m2]")
+    data, left = estimate.goodness.chi_square, estimate.goodness.least_chi_square
+    explained = (data - left) / (data - estimate.goodness.n_data)
+    assert 0.5 < explained < 1
+    assert fixed.error[column] == pytest.approx(0.01 * explained * abs(fixed.asked[column]), rel=1e-6)
+    near = [i for i in range(len(fixed.names)) if i not in fixed.beyond]
+    assert fixed.error[near].tolist() == fixed.tolerance[near].tolist()
+    low, high = estimate.interval().T
+    truth = np.array([SPRING[0], SPRING[2], DASHPOT[0]])
+    assert ((low < truth) & (truth < high))[:2].all()
+
+
 def test_records_share_what_is_held_and_have_a_calibration_each():
     structure = chain()
     unknown = sid.parameters(structure, SOUGHT)

@@ -53,3 +53,14 @@ def test_a_record_of_many_modes_is_given_more_states():
     assert result.orders == tuple(range(2, 121, 2))
     assert np.abs(result.modes.frequency[:, None] / frequency - 1).min(axis=0).max() < 0.005
     assert modal_identification(RECORD, "ssi_cov", ModalOptions(n_pieces=0)).orders[-1] == 60
+
+
+def test_a_short_record_of_many_modes_keeps_the_states_that_it_has_room_for():
+    """Of 160 samples 119 instants remain beside the delays: too few for 120 states, enough for 60."""
+    rng = np.random.default_rng(0)
+    poles = 2 * np.pi * np.linspace(2.0, 23.0, 18) * (-0.004 + 1j)
+    motion = (np.exp(np.outer(np.arange(160) / 50.0, poles)) @ rng.standard_normal((18, 10))).real
+    motion += 1e-4 * motion.std(axis=0) * rng.standard_normal(motion.shape)
+    record = TimeRecord(50.0, motion, [f"{i + 1}X" for i in range(10)], ("velocity",) * 10)
+    result = modal_identification(record, "pencil", ModalOptions(n_pieces=0))
+    assert (result.orders[-1], result.modes.n_modes) == (60, 18)

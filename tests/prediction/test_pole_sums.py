@@ -67,5 +67,5 @@ def test_histories_are_exact_for_straight_loads(fixed, derivatives):
     m, c, k = (structure.matrix(kind).toarray() for kind in ("mass", "damping", "stiffness"))
     exact = sampled_transient(m, k, sides.inputs.toarray(), loads, 400.0, c)
     exact = (exact.displacement, exact.velocity, exact.acceleration)[derivatives] @ sides.outputs.toarray()
-    found = simulate_history(sum_over_poles(reduced, reduced.damping).combined([derivatives]), loads, 400.0)
+    found = simulate_history(sum_over_poles(reduced, reduced.damping).combined([derivatives]), loads, 400.0, loads)
     assert np.abs(found - exact).max() < 1e-6 * np.abs(exact).max()

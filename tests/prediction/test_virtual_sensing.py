@@ -209,12 +209,12 @@ def test_innovations_contradict_a_wrong_model(both, foot, words):
 def test_a_force_of_another_spectrum_does_not_make_a_right_model_wrong(noise, foot, is_stated, words):
     """White noise to 20 Hz, whose exact periodic response a force of a correlation time can only come near to."""
     rng, (a, _) = np.random.default_rng(1), system()
-    lines = np.fft.rfftfreq(1500, 1 / RATE)
+    lines = np.fft.rfftfreq(600, 1 / RATE)
     force = (rng.standard_normal(len(lines)) + 1j * rng.standard_normal(len(lines))) * ((lines > 0) & (lines < 20))
-    force *= FORCE / np.fft.irfft(force, 1500).std()
+    force *= FORCE / np.fft.irfft(force, 600).std()
     s = 2j * np.pi * lines[:, None, None]
     states = np.linalg.solve(s * np.eye(4) - a[:4, :4], np.broadcast_to(a[:4, 4:], (len(lines), 4, 1)))
-    motion = np.fft.irfft((s * states)[:, 2:4, 0] * force[:, None], 1500, axis=0)
+    motion = np.fft.irfft((s * states)[:, 2:4, 0] * force[:, None], 600, axis=0)
     noisy = motion + noise * rng.standard_normal(motion.shape)
     variance = np.full(2, noise**2) if is_stated else None
     record = sid.TimeRecord(RATE, noisy, ["1X", "2X"], ["acceleration"] * 2, variance=variance)
@@ -247,6 +247,30 @@ def test_a_sine_is_found_as_a_force_about_a_frequency():
     assert (np.abs(error) < 1.96 * found.force_std[50:-50]).mean() > 0.93
 
 
+@pytest.mark.parametrize("frequency", [0.0, 4.0])
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_forces_of_higher_order_fall_steeply_and_their_correlation_has_the_stated_integral(order, frequency):
+    """Impulse responses of the chain of low-passes by matrix exponentials; far above the band its power falls by 4 an octave."""
+    force = virtual_sensing._ForceModel.of(0.3, frequency, order, None)
+    covariance = linalg.solve_continuous_lyapunov(force.dynamics, -np.diag(force.noise))
+    step = linalg.expm(0.01 * force.dynamics)
+    correlation, state = [], covariance @ force.output
+    for _ in range(500):
+        correlation.append(force.output @ state)
+        state = step @ state
+
+    def power(hertz):
+        gain = np.linalg.solve(
+            2j * np.pi * hertz * np.eye(len(force.dynamics)) - force.dynamics, np.diag(force.noise**0.5)
+        )
+        return float((np.abs(force.output @ gain) ** 2).sum())
+
+    assert correlation[0] == pytest.approx(1.0)
+    if not frequency:
+        assert np.trapezoid(correlation, dx=0.01) == pytest.approx(0.3, rel=0.01)
+    assert power(4000.0) / power(8000.0) == pytest.approx(4.0**order, rel=0.02)
+
+
 def test_known_forces_leave_nothing_but_noise():
     rng = np.random.default_rng(3)
     force = rng.standard_normal((600, 1)).cumsum(axis=0)
@@ -277,6 +301,22 @@ def test_known_forces_of_filtered_records_are_not_weakened_between_samples():
         errors.append(float((found.values[:, 0] - moved[:, 1])[700:-20].std() / moved[:, 1].std()))
     assert errors[0] < 0.007
     assert errors[1] > 0.015
+
+
+def test_a_history_under_filtered_loads_is_that_of_what_the_filter_left():
+    """White noise up to half the rate at 16 times that; acceleration at the loaded mass follows the load at once too."""
+    factor, n = 16, 600
+    force = np.random.default_rng(14).standard_normal((n, 1))
+    fine = signal.resample(force, factor * n, axis=0)
+    places = ["1X", "2X"], ["2X"]
+    true = sid.predict(make_model(), sid.History(*places, fine, RATE * factor), n_draws=50).values[::factor]
+    errors = []
+    for is_filtered in (True, False):
+        history = sid.History(*places, force, RATE, is_filtered=is_filtered)
+        error = sid.predict(make_model(), history, n_draws=50).values - true
+        errors.append(error[100:-20].std(axis=0) / true.std(axis=0))
+    assert (errors[0] < 0.015).all()
+    assert (errors[1] > 2 * errors[0]).all()
 
 
 @pytest.mark.parametrize("size", [0.0, 500.0])

@@ -83,7 +83,7 @@ def flag_spellings(function: Callable[..., None]) -> dict[str, str]:
     for parameter in inspect.signature(function, eval_str=True).parameters.values():
         kind = parameter.annotation
         if isinstance(kind, type) and is_dataclass(kind):
-            for _, field, name in _option_fields(kind):
+            for _, field, _, name in _option_fields(kind):
                 spellings[field.name] = _flag_names(name)[0]
         for option in getattr(kind, "__metadata__", ()):
             if isinstance(option, OptionInfo):
@@ -135,16 +135,17 @@ def _make_options(options: type[T], values: Mapping[str, object]) -> T:
     return options(**own)
 
 
-def _option_fields(options: type, prefix: str = "") -> Iterator[tuple[type, Field[object], str]]:
-    """Yield dataclass, field and option name of each field of `options`; those of dataclasses inside it follow in their place.
+def _option_fields(options: type, prefix: str = "") -> Iterator[tuple[type, Field[object], object, str]]:
+    """Yield dataclass, field, type and option name of each field of a dataclass of options.
 
-    The option name of such an inner field begins with `prefix`, the names of the fields that lead to it.
+    Fields of a dataclass inside it follow in its place; their option names begin with `prefix`, the names of the fields that lead
+    to them.
     """
     kinds = get_type_hints(options)
     for field in fields(options):
         inner = _inner(kinds[field.name])
         if inner is None:
-            yield options, field, prefix + field.name
+            yield options, field, kinds[field.name], prefix + field.name
         else:
             yield from _option_fields(inner, f"{prefix}{field.name}_")
 
@@ -153,11 +154,14 @@ def _flags(options: type) -> Iterator[inspect.Parameter]:
     """Yield the parameters of a command line function, one for each field of a dataclass of options; lists become text."""
     from structid.core.constraints import parameter_descriptions
 
-    for owner, field, name in _option_fields(options):
-        kind, default = get_type_hints(owner)[field.name], None if field.default is MISSING else field.default
+    descriptions: dict[type, dict[str, str]] = {}
+    for owner, field, kind, name in _option_fields(options):
+        if owner not in descriptions:
+            descriptions[owner] = parameter_descriptions(owner)
+        default = None if field.default is MISSING else field.default
         if kind not in (*_AS_THEY_ARE, _PAIR):
             kind, default = str, str(default) if default else ""
-        words = parameter_descriptions(owner)[field.name].replace("`", "")
+        words = descriptions[owner][field.name].replace("`", "")
         option = typer.Option(*_flag_names(name), help=words, metavar="LOW HIGH" if kind == _PAIR else None)
         yield inspect.Parameter(
             name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option]

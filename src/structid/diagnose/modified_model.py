@@ -309,19 +309,17 @@ class ModifiedModel:
             If a stage on smoothed data ends above its limit, or the fit takes more than `fit_limits`.
         """
         problems = [*(stage for _, stage in self.smoothed(NEAR_LEVELS)), self.anchored()]
-        *far, above = limits or [np.inf]
-        if len(far) != len(problems) - 1:  # the changed model has other stages than that of the limits
-            far = [np.inf] * (len(problems) - 1)
-        methods = [replace(QUICK, above=limit) for limit in (*far, above)]
+        if len(limits) != len(problems):  # there are none, or they are those of a model with other stages
+            limits = [*[np.inf] * (len(problems) - 1), limits[-1] if limits else np.inf]
         ends = [self.theta_of(values) for values in path] if len(path) == len(problems) else []
         theta, steps = np.asarray(self.target.theta_start), list[Minimum]()
-        for number, (problem, method, most) in enumerate(zip(problems, methods, [*far, np.inf], strict=True)):
+        for number, (problem, limit) in enumerate(zip(problems, limits, strict=True)):
             starts = [theta, *ends[number : number + 1]]
             if len(starts) > 1:
                 starts.sort(key=lambda start: squared(residual_at(problem, start)))
-            steps.append(self.minimize(problem, method, starts[0]))
+            steps.append(self.minimize(problem, replace(QUICK, above=limit), starts[0]))
             theta = steps[-1].theta
-            if steps[-1].costs[-1] > most:
+            if len(steps) < len(problems) and steps[-1].costs[-1] > limit:
                 raise SearchEndedError("other changes are far better on smoothed data")
         return NearFit(tuple(step.theta for step in steps), tuple(float(step.costs[-1]) for step in steps))
 

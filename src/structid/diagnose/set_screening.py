@@ -23,7 +23,7 @@ from structid.inversion.search.work import TaskContext, TaskExecutor
 
 
 class LinearizedFit(NamedTuple):
-    """A fit with its residual, and the ways in which fixed values change that within their tolerances.
+    """A fit with its residual on `coarse_problems`, and the ways in which fixed values change that within their tolerances.
 
     Attributes
     ----------

@@ -113,7 +113,7 @@ FINELY_SCREENED = 16
 #: Candidates of each kind that go on besides.
 FIRST_OF_KIND = 2
 #: Changes of sets of each family, the most promising ones by a linear step, that go on: two are refitted at most (`SET_REFITS`).
-#: With 33 instead of 20 near fits the causes of the measured frame are the same.
+#: With all of them the causes of the measured frame are the same.
 FIRST_OF_SET_KIND = 4
 #: Candidates at most that are fitted near.
 SHORTLIST = 38

@@ -39,7 +39,8 @@ from structid.diagnose.thresholds import (
     TOLD_SHIFT,
     WHOLE,
 )
-from structid.forward import ModalProblem, RecordProblem
+from structid.forward import RecordProblem
+from structid.forward.modal import compares_modes
 from structid.identification.alternatives import Alternatives
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
@@ -424,7 +425,7 @@ def clock_or_stiffness(identification: Identification) -> str:
     """
     estimate, problems = identification.estimate, identification.problems
     index = np.flatnonzero(np.array(estimate.kinds) == "stiffness")
-    is_of_modes = all(isinstance(problem, ModalProblem) for problem in problems)
+    is_of_modes = all(compares_modes(problem) for problem in problems)
     if not is_of_modes or len(index) < 2 or any(_fixes_stiffness(problem) for problem in problems):
         return ""
     start = {

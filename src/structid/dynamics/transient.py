@@ -195,7 +195,7 @@ def _undamped(
 ) -> tuple[FloatArray, FloatArray]:
     """Modal displacement and velocity from rest under load cos(omega t) without damping, (n_times, n_modes) each.
 
-    `natural` are natural frequencies in rad/s, `modal_load` is (n_modes,), `time` in s. `time` is (n_times,).
+    `natural` are natural frequencies in rad/s, `modal_load` is (n_modes,), `time` (n_times,) in s.
     """
     t = time[:, None]
     mean, half = 0.5 * (natural + omega), 0.5 * (natural - omega)
@@ -210,8 +210,8 @@ def _driven(
 ) -> tuple[FloatArray, FloatArray]:
     """Modal displacement and velocity from rest under load cos(omega t), with damping, (n_times, n_modes) each.
 
-    `modal_load` is (n_modes,), `omega` in rad/s, `time` in s. The cosine and sine of the load are two additional states
-    of one matrix exponential. `time` is (n_times,).
+    `modal_load` is (n_modes,), `omega` in rad/s, `time` (n_times,) in s. The cosine and sine of the load are two
+    additional states of one matrix exponential.
     """
     n = len(system.natural)
     state_matrix, scale = system.state_matrix()

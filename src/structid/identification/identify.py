@@ -263,6 +263,6 @@ def mass_deviation(
     """
     variance = float(covariance.variance(row)[0])
     if fixed is not None:
-        own = np.array([held.get(name, 0.0) for name in fixed.names]) * fixed.tolerance
-        variance += float(own @ own + 2 * own @ (row @ np.nan_to_num(fixed.slope * fixed.tolerance))[0])
+        own = np.array([held.get(name, 0.0) for name in fixed.names]) * fixed.error
+        variance += float(own @ own + 2 * own @ (row @ np.nan_to_num(fixed.slope * fixed.error))[0])
     return float(np.sqrt(max(variance, 0.0)))

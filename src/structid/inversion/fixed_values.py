@@ -49,6 +49,8 @@ class FixedValueInfluence:
         Change of the parameters that `slope` leaves out where the fixed values move as far as the data ask, physical units: large
         where they move resonances by as much as these are wide. Where the data ask for more than tolerances make likely, as
         other errors of the model do, it is that of a move in the same proportions as long as tolerances make it.
+    explained : float
+        Part of the misfit beyond noise that the fixed values explain where they are as `asked`, 0 to 1.
 
     References
     ----------
@@ -63,14 +65,27 @@ class FixedValueInfluence:
     asked: FloatArray
     theta: FloatArray
     second_order: FloatArray
+    explained: float = 0.0
+
+    @property
+    def error(self) -> FloatArray:
+        """Standard deviation that each fixed value is taken to have, in parts of its value, (n_fixed,).
+
+        It is the tolerance. A value that the data put farther off than chance allows has the error that the data ask for, times the
+        part of the misfit that the fixed values explain: then its tolerance is not what it was said to be.
+        """
+        widened = np.ones(len(self.asked))
+        beyond = list(self.beyond)
+        widened[beyond] = np.maximum(1.0, self.explained * np.abs(self.asked[beyond]))
+        return np.asarray(self.tolerance * widened)
 
     @property
     def changes(self) -> FloatArray:
-        """Changes of the parameters for one tolerance of each fixed value, then `second_order`, (n_params, n_fixed + 1).
+        """Changes of the parameters for one `error` of each fixed value, then `second_order`, (n_params, n_fixed + 1).
 
         Physical units.
         """
-        return np.column_stack([self.slope * self.tolerance, self.second_order])
+        return np.column_stack([self.slope * self.error, self.second_order])
 
     @property
     def change_names(self) -> tuple[str, ...]:
@@ -79,8 +94,8 @@ class FixedValueInfluence:
 
     @property
     def change_tolerances(self) -> tuple[float, ...]:
-        """Tolerance of the cause of each column of `changes`; 0 of the second order."""
-        return (*self.tolerance.tolist(), 0.0)
+        """`error` of the cause of each column of `changes`; 0 of the second order."""
+        return (*self.error.tolist(), 0.0)
 
     @property
     def covariance(self) -> FloatArray:
@@ -144,6 +159,11 @@ def likely_move(asked: FloatArray) -> FloatArray:
     return asked / np.sqrt(max(float(asked @ asked) / max(len(asked), 1), 1.0))
 
 
+def explained_part(chi_square: float, least: float, n_data: int) -> float:
+    """Part of a misfit beyond noise, `chi_square` - `n_data`, that a fit which leaves `least` removes, 0 to 1."""
+    return float(np.clip((chi_square - least) / (chi_square - n_data), 0.0, 1.0)) if chi_square > n_data else 0.0
+
+
 def _size(parts: list[float]) -> str:
     """Range of rising `parts` in per cent, such as ``1 to 2 %``; one number where the first and the last agree."""
     return " to ".join(dict.fromkeys(f"{100 * part:.3g}" for part in (parts[0], parts[-1]))) + " %"
@@ -167,6 +187,8 @@ class FitWithinTolerances:
         `asked`, shortened by `likely_move` where `FixedValues.followed` was called.
     followed : (n_params,) float array
         Free variables of the parameters that fit best where the fixed values are at `likely`; `parameters` if that is `asked`.
+    explained : float
+        Part of the misfit beyond noise that this fit removes, 0 to 1; 0 where `FixedValues.followed` was not called.
     """
 
     problem: Problem
@@ -176,6 +198,7 @@ class FitWithinTolerances:
     parameters: FloatArray
     likely: FloatArray
     followed: FloatArray
+    explained: float = 0.0
 
     @property
     def chi_square(self) -> float:
@@ -278,5 +301,12 @@ class FixedColumns:
         if within is not None:
             remainder = theta - within.followed + changes @ (within.likely * self.tolerance)
         return FixedValueInfluence(
-            self.names, self.kinds, self.tolerance, changes * slope[:, None], asked, free, remainder * slope
+            self.names,
+            self.kinds,
+            self.tolerance,
+            changes * slope[:, None],
+            asked,
+            free,
+            remainder * slope,
+            0.0 if within is None else within.explained,
         )

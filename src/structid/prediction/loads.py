@@ -190,3 +190,16 @@ def _require_rate(value: float, frequency: float, duration: float, sampling_rate
             " samples the load is another one"
         )
     _require_samples(duration, sampling_rate)
+
+
+def band_limited_loads(loads: FloatArray) -> FloatArray:
+    """Samples (n_times, n_loads) of loads behind a filter against aliasing, corrected for straight lines between them.
+
+    Straight lines weaken such loads by sinc(f / rate)^2, by 3 % at a tenth of the rate, so that the samples are made stronger by
+    as much; what the lines add above half the rate hardly moves the modes below it.
+    """
+    if not loads.size:
+        return loads
+    both = np.fft.rfft(np.concatenate([loads, loads[::-1]]), axis=0)
+    weakened = np.sinc(np.linspace(0, 0.5, len(both))) ** 2
+    return np.asarray(np.fft.irfft(both / weakened[:, None], 2 * len(loads), axis=0)[: len(loads)])

@@ -34,7 +34,10 @@ class PredictOptions:
         Number of frequencies.
     history : Path, optional
         File of measured or designed loads, as a record: what they cause from rest is predicted too. Forces act; accelerations and
-        displacements at supports move these.
+        displacements at supports move these. They run in straight lines between samples, unless `filtered`.
+    filtered : bool
+        The loads of `history` were measured behind a filter against aliasing: they hold all that they had below half the
+        sampling rate, which straight lines between samples would weaken. Designed loads, such as pulses and steps, are not.
     half_sine : str
         A half-sine pulse as size, width in s and place, `500,0.01@12Y`: N, or m/s^2 at a support.
     sine : str
@@ -69,6 +72,7 @@ class PredictOptions:
     band: tuple[float, float] | None = None
     lines: Annotated[int, Limits(least=2)] = 400
     history: Path | None = None
+    filtered: bool = False
     half_sine: str = ""
     sine: str = ""
     noise: str = ""
@@ -92,6 +96,10 @@ class PredictOptions:
             raise InputError(
                 f"give one of `history`, `half_sine` and `sine`, got {' and '.join(f'`{name}`' for name in loads)}",
                 loads[1],
+            )
+        if self.filtered and self.history is None:
+            raise InputError(
+                "`filtered` must be left out without `history`, whose loads it is about; got True", "filtered"
             )
         for name in ("sampling_rate",) if self.noise else ("sampling_rate", "duration"):
             if self.history is not None and getattr(self, name) is not None:

@@ -271,7 +271,7 @@ def sum_over_poles(reduced: ReducedMatrices, damping: FloatArray | None = None) 
     return PoleSum(poles, out, into, np.stack([double, np.zeros_like(double), np.zeros_like(double)]))
 
 
-def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float) -> FloatArray:
+def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float, between: FloatArray) -> FloatArray:
     """Outputs (n_times, n_outputs) from rest under loads that are linear between samples, exact at the samples.
 
     Parameters
@@ -282,12 +282,15 @@ def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float) -
         N or N m.
     sampling_rate : float
         Samples per second.
+    between : (n_times, n_inputs) float array
+        The loads as they run in straight lines between samples, `loads` themselves unless these were filtered: see
+        `band_limited_loads`. What follows a load at once follows `loads`.
     """
     step = 1 / sampling_rate
     upper = system.poles.imag >= 0
     poles, out = system.poles[upper], system.out[:, upper]
     weight = np.where(poles.imag > 0, 2.0, 1.0)
-    driven = loads @ system.into[upper].T
+    driven = between @ system.into[upper].T
     total = np.zeros((len(loads), len(out)))
     for k, pole in enumerate(poles):
         before, after = _first_order_hold(pole, step)
@@ -297,7 +300,7 @@ def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float) -
         total += weight[k] * (state[:, None] * out[:, k]).real
     for derivatives, part in enumerate(system.integrals):
         if part.any():
-            total += _rigid_history(loads, step, derivatives) @ part.real.T
+            total += _rigid_history(loads if derivatives == 2 else between, step, derivatives) @ part.real.T
     return total
 
 

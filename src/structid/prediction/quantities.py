@@ -20,6 +20,7 @@ from structid.dynamics.receptance import DENSE_UP_TO
 from structid.fem import Base, Friction, Structure
 from structid.forward.frf.response import Response, response
 from structid.prediction.linear_response import Input, LinearResponse, input_words, linear_response, parse_inputs
+from structid.prediction.loads import band_limited_loads
 from structid.prediction.poles import simulate_history
 from structid.prediction.recovery import (
     Output,
@@ -244,7 +245,9 @@ def _frf_by_fields(
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """Motion, forces or stresses from rest under loads, (n_times, n_outputs); exact for loads in straight lines between samples.
+    """Motion, forces or stresses from rest under loads, (n_times, n_outputs).
+
+    It is exact for loads that run in straight lines between samples, and takes others as band-limited if `is_filtered`.
 
     Loss factors act as viscous dampings that take as much energy at each resonance, since a loss factor has no motion in time.
 
@@ -262,6 +265,9 @@ class History:
     relative : bool
         Whether motions are those beyond the quasi-static motion that moving supports force on the structure; where all supports
         move alike this is the motion against the ground. Forces and stresses are of the whole motion in any case.
+    is_filtered : bool
+        Whether the loads were measured behind a filter against aliasing: they then hold all that they had below half the
+        sampling rate, which straight lines would weaken by 3 % at a tenth of the rate and by a fifth at a quarter of it.
 
     Raises
     ------
@@ -275,6 +281,7 @@ class History:
     sampling_rate: float
     motion: str = "acceleration"
     relative: bool = False
+    is_filtered: bool = False
 
     def __init__(
         self,
@@ -284,6 +291,7 @@ class History:
         sampling_rate: float,
         motion: str = "acceleration",
         relative: bool = False,
+        is_filtered: bool = False,
     ) -> None:
         """Read the names of sensors and loads; require finite loads, a positive sampling rate and a known motion.
 
@@ -305,7 +313,12 @@ class History:
                 "`relative` motion is that beyond the motion of supports, and no input is a base; leave it out"
             )
         pairs = ("outputs", sensors), ("inputs", driven), ("loads", table), ("relative", relative)
-        for name, value in (*pairs, ("sampling_rate", float(sampling_rate)), ("motion", motion)):
+        for name, value in (
+            *pairs,
+            ("is_filtered", is_filtered),
+            ("sampling_rate", float(sampling_rate)),
+            ("motion", motion),
+        ):
             object.__setattr__(self, name, value)
 
     @property
@@ -325,9 +338,11 @@ class History:
             structure, parameters, points, self.outputs, self.inputs, order, band, True, self.relative
         )
 
+        between = band_limited_loads(self.loads) if self.is_filtered else self.loads
+
         def evaluate(physical: FloatArray) -> FloatArray:
             poles = system.poles_at(physical).combined(system.outputs.orders)
-            return system.outputs.joined(simulate_history(poles, self.loads, self.sampling_rate))
+            return system.outputs.joined(simulate_history(poles, self.loads, self.sampling_rate, between))
 
         return evaluate
 

@@ -17,6 +17,7 @@ from structid.core.errors import InputError, NoAnswerError
 from structid.dynamics.exact_discretization import stepped
 from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.innovations import Innovations, InnovationVerdict, judge_innovations
+from structid.prediction.loads import band_limited_loads
 from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis
 from structid.prediction.recovery import Output, OutputMap, distinct_channels, is_von_mises, output_map, parse_outputs
 from structid.records import TimeRecord
@@ -38,6 +39,8 @@ _STRAY = 1e-10
 LARGEST_CHECK = 2.0
 #: Random records of the model to which the innovations of the record are compared.
 _REPLICATES = 20
+#: By how much rounding may let an error of a state seem to grow from reading to reading; more is a filter that has lost its digits.
+_UNSTABLE = 1e-9
 #: Largest doublings of the number of samples after which the covariance must have settled, and by what part it may still grow.
 _DOUBLINGS, _CONVERGED = 40, 1e-12
 #: Part of the variance far from the ends, below which what is missing at the end of the record no longer counts.
@@ -52,6 +55,9 @@ _SPEED = 1e-6
 #: lightly damped modes just above ring in whatever it lets through. Deviations of accelerations are those of the errors behind a
 #: filter that halves what is at half the sampling rate, and wider than the errors behind one that ends before.
 _FILTER = 9, 0.1, 80.0
+#: Rate at which each low-pass of a force forgets its input, over one by the correlation time, for each order that is tried: the
+#: correlation time is the integral of the correlation from 0 on (without a frequency), which is exp(-|t| / T) for order 1.
+_FADING = {1: 1.0, 2: 2.0, 3: 8 / 3}
 #: Shortest correlation time that is sought, in samples, and number of times with which the search begins.
 _SHORTEST, _TIMES = 0.1, 12
 #: Segments of which the spectrum of forces is averaged to see their frequency, and evaluations that its search may take.
@@ -76,8 +82,9 @@ class UnknownForces:
         Where they act.
     correlation_time : float, optional
         s; short for wind or traffic, long for what changes slowly. By default the shortest one under which the record is as
-        likely, but for chance, as under any; where that does not fit, and neither it nor `std` is stated, the covariance may be
-        std^2 exp(-|t| / correlation_time) cos(2 pi frequency t) with the likeliest frequency.
+        likely, but for chance, as under any; where that does not fit, and neither it nor `std` is stated, the spectrum of the
+        forces may fall more steeply, as behind two or three low-passes of first order, and lie about the likeliest frequency:
+        the correlation time is then the integral of the correlation, or of its envelope, from 0 on.
     std : float, optional
         N; the one under which the record is likeliest by default.
     """
@@ -125,6 +132,8 @@ class SensedMotion(Shown):
         A sentence on how the record contradicts the model; "" where it does not.
     force_frequency : float
         About which the spectrum of the unknown forces lies, Hz; 0 where it falls from 0 Hz on, NaN where there are none.
+    force_order : int
+        The spectrum of the unknown forces falls with the frequency to the power -2 `force_order`, 1 to 3.
     """
 
     time: FloatArray
@@ -141,6 +150,7 @@ class SensedMotion(Shown):
     words: tuple[str, ...] = ()
     contradiction: str = ""
     force_frequency: float = float("nan")
+    force_order: int = 1
 
     @property
     def is_explained(self) -> bool:
@@ -264,7 +274,7 @@ def sense(
     carried = Sides(nothing, nothing) if is_distributed else sides_at(model.values)
     basis = reduction_basis(structure, [model.values], carried, rate / len(record.values), rate / 2)
     stated_time = 1.0 if unknown is None else unknown.correlation_time
-    driving = _between_samples(channels.known, is_filtered)
+    driving = band_limited_loads(channels.known) if is_filtered else channels.known
     smoother = _Smoother(channels, driving, len(forces), stated_time or 1 / rate, is_filtered, rate, read)
     reduced = reduce_structure(structure, model.values, basis, sides_at(model.values))
     if reduced.is_rigid.any() and 0 not in channels.derivatives:
@@ -282,11 +292,18 @@ def sense(
     drawn = model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ()
     others = [reduce_structure(structure, v, basis, sides_at(v)) for v in map(model.parameters.values, drawn)]
     nominal, deviation, verdict = _within_uncertainty(chosen, reduced, others, seed)
-    # with as many forces as sensors a frequency would explain the resonance of a wrong model
     is_free = unknown is not None and unknown.correlation_time is None and unknown.std is None
-    if verdict.words and is_free and len(channels.sensors) > len(forces):
-        likelier = chosen.with_likeliest_frequency(reduced, nominal.mean[:, -len(forces) :])
-        retried = likelier and _within_uncertainty(likelier, reduced, others, seed)
+    is_doubted = is_free and bool(verdict.words)
+    sensed_forces = nominal.mean[:, -len(forces) :]
+    steeper = chosen.with_likeliest_order(reduced) if is_doubted else None
+    retried = steeper and _if_steady(steeper, reduced, others, seed)
+    # a steeper spectrum neither hides a wrong model nor makes a right one wrong
+    if steeper and retried and retried[2].is_contradicted == verdict.is_contradicted:
+        chosen, (nominal, deviation, verdict) = steeper, retried
+    # with as many forces as sensors a frequency would explain the resonance of a wrong model
+    if is_doubted and len(channels.sensors) > len(forces):
+        likelier = chosen.with_likeliest_frequency(reduced, sensed_forces)
+        retried = likelier and _if_steady(likelier, reduced, others, seed)
         if likelier and retried and not retried[2].words:
             chosen, (nominal, deviation, verdict) = likelier, retried
     n_out, n_left = len(wanted), len(channels.left)
@@ -315,6 +332,7 @@ def sense(
         ),
         verdict.words if verdict.is_contradicted else "",
         chosen.smoother.frequency if forces else float("nan"),
+        chosen.smoother.order,
     )
 
 
@@ -340,6 +358,16 @@ def _within_uncertainty(
     usual = [smoother.innovations(item.filtered(fit.steady)) for item in replicates]
     verdict = judge_innovations(smoother.innovations(fit), usual, smoother.channels.has_stated_noise)
     return nominal, np.sqrt(nominal.variance + spread), verdict
+
+
+def _if_steady(
+    chosen: _ChosenForces, reduced: ReducedMatrices, others: Sequence[ReducedMatrices], seed: int
+) -> tuple[_Smoothed, FloatArray, InnovationVerdict] | None:
+    """Results of `_within_uncertainty`; None where one of the models has no steady filter, as under forces nearly a sine."""
+    try:
+        return _within_uncertainty(chosen, reduced, others, seed)
+    except NoAnswerError:
+        return None
 
 
 _DOUBTED = (
@@ -492,8 +520,8 @@ class _ForceModel:
     Attributes
     ----------
     dynamics : (n, n) float array
-        1/s. The first state has the covariance exp(-|t| / correlation time) cos(2 pi frequency t), with a second one where there is
-        a frequency; a filter against aliasing follows.
+        1/s. Low-passes of first order in a row, each of one state, or of two where there is a frequency; the last one is the
+        force. A filter against aliasing follows.
     noise : (n,) float array
         Square of each state per second.
     output : (n,) float array
@@ -504,22 +532,29 @@ class _ForceModel:
     output: FloatArray
 
     @classmethod
-    def of(cls, correlation_time: float, frequency: float, filtered_rate: float | None) -> _ForceModel:
-        """Model of a force with this `correlation_time`, s, about a `frequency`, Hz (0 for none).
+    def of(cls, correlation_time: float, frequency: float, order: int, filtered_rate: float | None) -> _ForceModel:
+        """Model of a force with a correlation time, s, about a frequency, Hz (0 for none), from low-passes of first order in a row.
 
-        It is the force as a record filtered for the sampling rate `filtered_rate`, Hz, holds it; None means without
-        filter.
+        `order` is their number. It is the force as a record filtered for the sampling rate `filtered_rate`, Hz, holds it; None
+        means without filter.
         """
         inner, entry, output, direct = _aliasing_filter(filtered_rate)
-        n_own = 2 if frequency else 1
-        turning = 2 * np.pi * frequency * np.array([[0.0, -1.0], [1.0, 0.0]])[:n_own, :n_own]
+        n_each = 2 if frequency else 1
+        n_own, fade = order * n_each, _FADING[order] / correlation_time
+        turning = 2 * np.pi * frequency * np.array([[0.0, -1.0], [1.0, 0.0]])[:n_each, :n_each]
+        stage = turning - fade * np.eye(n_each)
         dynamics = np.zeros((n_own + len(inner),) * 2)
-        dynamics[:n_own, :n_own] = turning - np.eye(n_own) / correlation_time
-        dynamics[n_own:, 0], dynamics[n_own:, n_own:] = entry, inner
-        white = np.where(np.arange(len(dynamics)) < n_own, 2 / correlation_time, 0.0)
+        dynamics[:n_own, :n_own] = np.kron(np.eye(order), stage) + fade * np.kron(np.eye(order, k=-1), np.eye(n_each))
+        dynamics[n_own:, n_own - n_each], dynamics[n_own:, n_own:] = entry, inner
+        white = np.where(np.arange(len(dynamics)) < n_each, 2 * fade, 0.0)
         covariance = linalg.solve_continuous_lyapunov(dynamics, -np.diag(white))
+        if not np.diag(covariance).min() > 0:
+            raise NoAnswerError(
+                "the unknown forces are so near to a sine that their covariance has lost its digits; state a shorter"
+                " `correlation_time`"
+            )
         size = np.sqrt(np.diag(covariance))
-        read = np.concatenate([[direct], np.zeros(n_own - 1), output])
+        read = np.concatenate([np.zeros(n_own - n_each), [direct], np.zeros(n_each - 1), output])
         scaled = dynamics * size / size[:, None]  # states of unit variance, for the digits of the filter
         return cls(scaled, white / size**2, read * size / np.sqrt(read @ covariance @ read))
 
@@ -641,12 +676,26 @@ class _ChosenForces:
     is_trusted: bool = True
     greatest: float = float("nan")
 
-    def with_likeliest_frequency(self, reduced: ReducedMatrices, forces: FloatArray) -> _ChosenForces | None:
-        """Forces of a spectrum about the likeliest frequency; None where the frequency is not worth a parameter.
+    def with_likeliest_order(self, reduced: ReducedMatrices) -> _ChosenForces | None:
+        """Forces whose spectrum falls more steeply, where the record is likelier under them by more than chance; else None.
 
-        The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without a frequency. Both
-        searches have a correlation time and a size; the frequency is one parameter more, which must raise the greatest
-        likelihood by enough: Schwarz (1978), Annals of Statistics 6, 461-464. None also for fewer than `_FEWEST` samples.
+        They have a correlation time and a size too, so that nothing else is weighed. A higher order is tried while it is likelier.
+        """
+        best = self
+        while best.smoother.order < max(_FADING):
+            steeper = replace(best.smoother, order=best.smoother.order + 1)
+            steeper_choice = steeper.with_likeliest_time(reduced, None, is_near=True)
+            if not (steeper_choice.is_trusted and steeper_choice.greatest > best.greatest + _LESS_LIKELY):
+                break
+            best = steeper_choice
+        return None if best is self else best
+
+    def with_likeliest_frequency(self, reduced: ReducedMatrices, forces: FloatArray) -> _ChosenForces | None:
+        """Forces of a spectrum of first order about the likeliest frequency; None where the frequency is not worth a parameter.
+
+        The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without a frequency. Searches
+        with and without a frequency have a correlation time and a size; the frequency is one parameter more, which must raise
+        the greatest likelihood by enough: Schwarz (1978), Annals of Statistics 6, 461-464. None also for fewer than 16 samples.
         """
         count, rate = len(forces), self.smoother.rate
         if count < _FEWEST:
@@ -657,22 +706,21 @@ class _ChosenForces:
 
         def of_point(point: FloatArray) -> tuple[_Smoother, float]:
             time, frequency, size = np.exp(point).tolist()
-            return replace(self.smoother, correlation_time=time, frequency=frequency), size
+            return replace(self.smoother, correlation_time=time, frequency=frequency, order=1), size
 
         def unlikely(point: FloatArray) -> float:
             is_within = _SHORTEST / rate <= np.exp(point[0]) <= _LONGEST * count / rate and np.exp(point[1]) < rate / 2
             smoother, size = of_point(point)
             return -smoother.log_likelihood(reduced, size) if is_within else float("inf")
 
-        starts = [np.log([time, peak, first]) for time in (1 / peak, np.sqrt(count / rate / peak), count / rate / 2)]
-        start = min(starts, key=unlikely)
+        times = 1 / peak, np.sqrt(count / rate / peak), count / rate / 2
+        start = min((np.log([time, peak, first]) for time in times), key=unlikely)
         simplex = start + np.vstack([np.zeros(3), np.diag([-0.7, 0.02, 0.3])])
         options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": _MOST_TRIALS}
         search = minimize(unlikely, start, method="Nelder-Mead", options=options)
         likeliest = -float(search.fun)
-        smoother, size = of_point(search.x)
-        is_worth = likeliest - self.greatest > 0.5 * np.log(count)
-        return _ChosenForces(smoother, size, True, likeliest) if is_worth else None
+        is_worth = likeliest > self.greatest + 0.5 * np.log(count)
+        return _ChosenForces(*of_point(search.x), True, likeliest) if is_worth else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -683,7 +731,7 @@ class _Smoother:
     ----------
     channels : _Channels
     driving : (n_times, n_known) float array
-        The known forces between samples, see `_between_samples`.
+        The known forces between samples, see `band_limited_loads`.
     n_forces : int
         Unknown forces, the last inputs.
     correlation_time : float
@@ -696,6 +744,8 @@ class _Smoother:
         What is asked for, behind used and left-out sensors among the outputs.
     frequency : float
         Hz, about which the spectrum of the unknown forces lies; 0 where it falls from 0 Hz on.
+    order : int
+        Of that spectrum: far from its middle it falls with the frequency to the power -2 order.
     """
 
     channels: _Channels
@@ -706,6 +756,7 @@ class _Smoother:
     rate: float
     read: OutputMap
     frequency: float = 0.0
+    order: int = 1
 
     def fit(self, reduced: ReducedMatrices, std: float) -> _Filtered:
         """The record, filtered under the equations of a model; `std` is the deviation of the unknown forces, N."""
@@ -727,9 +778,9 @@ class _Smoother:
         The known forces stay those of the record; noise of the sensors and unknown forces are drawn from `rng`.
         """
         steady, system, known = fit.steady, fit.steady.system, self.channels.known
-        n, count = len(system.transition), len(known)
-        first = fit.start + square_root(steady.predicted + fit.start_covariance) @ rng.standard_normal(n)
-        drive = rng.standard_normal((count - 1, n)) @ square_root(system.noise).T
+        of_start, of_noise = square_root(steady.predicted + fit.start_covariance), square_root(system.noise)
+        first = fit.start + of_start @ rng.standard_normal(of_start.shape[1])
+        drive = rng.standard_normal((len(known) - 1, of_noise.shape[1])) @ of_noise.T
         states = stepped(system.transition, drive + steady.entered, first)
         read = states @ system.reading.T + known @ system.direct.T + rng.standard_normal(self._measured.shape)
         return replace(self, channels=replace(self.channels, measured=read * np.sqrt(self.channels.variance)))
@@ -777,13 +828,14 @@ class _Smoother:
             return _ChosenForces(self, size, False, -float(search.fun))
         return _ChosenForces(self, float(size * 10**search.x), True, -float(search.fun))
 
-    def with_likeliest_time(self, reduced: ReducedMatrices, std: float | None) -> _ChosenForces:
+    def with_likeliest_time(self, reduced: ReducedMatrices, std: float | None, is_near: bool = False) -> _ChosenForces:
         """Forces of an estimated correlation time and standard deviation.
 
-        From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's
-        likelihood is at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with
-        the square root of the time, so that the spectral density at high frequencies stays; a stated `std`, N, is kept.
-        For the trust see `with_likeliest_std`. `std` is estimated too if it is None.
+        From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is
+        at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with the square root of
+        the time, so that the spectral density at high frequencies stays; a stated `std`, N, is kept. For the trust see
+        `with_likeliest_std`. `std` is estimated too if it is None. The search goes through all times first, unless that of
+        this smoother `is_near`.
         """
         shortest, longest = np.log(_SHORTEST / self.rate), np.log(len(self.channels.measured) / self.rate / 4)
         above = _decades_above(reduced)
@@ -803,10 +855,13 @@ class _Smoother:
             return -likelihood(log_time, decades) if is_within else float("inf")
 
         times = np.linspace(shortest, longest, _TIMES).tolist()
-        by_motion = [likelihood(time, 0.0) for time in times]
-        first = times[int(np.argmax(by_motion))]
-        if max(by_motion) == -np.inf:
-            of_time(first).fit(reduced, size(first, 0.0))  # raises, with the reason
+        if is_near:
+            first = float(np.clip(np.log(self.correlation_time), shortest, longest))
+        else:
+            by_motion = [likelihood(time, 0.0) for time in times]
+            first = times[int(np.argmax(by_motion))]
+            if max(by_motion) == -np.inf:
+                of_time(first).fit(reduced, size(first, 0.0))  # raises, with the reason
         if std is None:
             simplex = np.array(
                 [[first, 0.0], [first + (times[0] - times[1]) * (1 if first > shortest else -1), 0.0], [first, -0.3]]
@@ -824,13 +879,22 @@ class _Smoother:
             )
             log_time, largest = float(search.x), std
         most = -float(search.fun)
-        for step in range(_STEPS, 0, -1):
-            shorter = log_time + step * np.log(_SHORTER)
+
+        def shortened(step: int) -> tuple[_Smoother, float]:
             # with the same density beyond the correlation time
-            smaller = largest * _SHORTER ** (step / 2) if std is None else std
-            if shorter > shortest and of_time(shorter).log_likelihood(reduced, smaller) >= most - _LESS_LIKELY:
-                return _ChosenForces(of_time(shorter), float(smaller), True, most)
-        return _ChosenForces(of_time(log_time), largest, True, most)
+            smaller = largest * _SHORTER ** (step * (self.order - 0.5)) if std is None else std
+            return of_time(log_time + step * np.log(_SHORTER)), float(smaller)
+
+        longest_step = min(_STEPS, max(int(np.ceil((shortest - log_time) / np.log(_SHORTER))) - 1, 0))
+        likely, unlikely_from = 0, longest_step + 1
+        while unlikely_from - likely > 1:  # the record gets less likely with each step
+            step = (likely + unlikely_from) // 2
+            smoother, smaller = shortened(step)
+            if smoother.log_likelihood(reduced, smaller) >= most - _LESS_LIKELY:
+                likely = step
+            else:
+                unlikely_from = step
+        return _ChosenForces(*shortened(likely), True, most)
 
     def _first_std(self, reduced: ReducedMatrices) -> float:
         """First guess of the standard deviation of the unknown forces, N, from the size of the measured motion.
@@ -861,7 +925,7 @@ class _Smoother:
         keep = np.eye(len(predicted)) - gain @ system.reading
         step = system.transition @ keep
         sizes, directions = np.linalg.eigh(innovation)
-        if not sizes[0] > 0:
+        if not (sizes[0] > 0 and np.abs(np.linalg.eigvals(step)).max() < 1 + _UNSTABLE):
             raise NoAnswerError(
                 "the forces move the sensors by so much more than the noise that is stated that the filter loses its digits; state"
                 " the noise that the sensors really have"
@@ -953,7 +1017,9 @@ class _Smoother:
         known = reduced.inputs[:, :n_known]
         unknown, parts_of_forces = _combined_forces(reduced.inputs[:, n_known:])
         n_forces = unknown.shape[1]
-        force = _ForceModel.of(self.correlation_time, self.frequency, self.rate if self.is_filtered else None)
+        force = _ForceModel.of(
+            self.correlation_time, self.frequency, self.order, self.rate if self.is_filtered else None
+        )
         n_each = len(force.output)
         step, size = 1 / self.rate, 2 * n + n_forces * n_each
         elastic = reduced.omega[~reduced.is_rigid & (reduced.omega > 0)]
@@ -1007,20 +1073,6 @@ class _Smoother:
             wanted_direct,
             unmoved,
         )
-
-
-def _between_samples(known: FloatArray, is_filtered: bool) -> FloatArray:
-    """Samples `known` (n_times, n_known) of forces, corrected for straight lines between them.
-
-    Straight lines weaken what was sampled behind a filter by sinc(f / rate)^2, by 3 % at a tenth of the rate, so that the
-    samples are made stronger by as much; what the lines add above half the rate hardly moves the modes below it. Forces of
-    records that went through no filter (`is_filtered` false) stay as they are.
-    """
-    if not is_filtered or not known.shape[1]:
-        return known
-    both = np.fft.rfft(np.concatenate([known, known[::-1]]), axis=0)
-    weakened = np.sinc(np.linspace(0, 0.5, len(both))) ** 2
-    return np.asarray(np.fft.irfft(both / weakened[:, None], 2 * len(known), axis=0)[: len(known)])
 
 
 def _combined_forces(inputs: FloatArray) -> tuple[FloatArray, FloatArray]:

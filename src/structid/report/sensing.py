@@ -20,6 +20,7 @@ def sensing_text(sensed: SensedMotion) -> list[RenderableType]:
     if sensed.force_dofs:
         size, time = number(sensed.prior_std, 3), number(sensed.correlation_time, 3)
         about = f" about {number(sensed.force_frequency, 3)} Hz" if sensed.force_frequency > 0 else ""
+        about += f", spectrum falling with f^-{2 * sensed.force_order}" if sensed.force_order > 1 else ""
         parts.append(
             Text(f"unknown forces before the record: standard deviation {size} N, correlation time {time} s{about}")
         )

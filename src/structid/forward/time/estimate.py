@@ -18,7 +18,7 @@ from structid.inversion.covariance import correlation_length, inverse_informatio
 from structid.inversion.diagnostics.identifiability import identifiability
 from structid.inversion.diagnostics.residual_tests import is_misfit
 from structid.inversion.estimate import Goodness, ParameterValues, SearchRecord
-from structid.inversion.fixed_values import FitWithinTolerances, FixedColumns, FixedValueInfluence
+from structid.inversion.fixed_values import FitWithinTolerances, FixedColumns, FixedValueInfluence, explained_part
 from structid.inversion.uncertainty import Spread
 from structid.unknowns import Parameters
 from structid.unknowns.tolerances import Tolerances, fixed_properties
@@ -260,7 +260,8 @@ def linear_estimate(
         within, least = fixed.refit(rows), chi_square
         if within is not None:
             misfit, least = within.misfits_law(misfit_probability, 1.0, freedom), within.chi_square
-            influence = replace(influence, asked=within.asked, theta=within.parameters)
+            explained = explained_part(chi_square, least, rows.n_data)
+            influence = replace(influence, asked=within.asked, theta=within.parameters, explained=explained)
     basis = "model_error" if misfit or not known_noise else "noise"
     adopted = np.sqrt(np.diag(model if basis == "model_error" else noise))
     identified = adopted <= np.abs(found)

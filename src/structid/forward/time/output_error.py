@@ -324,8 +324,8 @@ class OutputErrorProblem(RecordProblem):
     def _error_slopes(self, values: FloatArray, gain_slopes: FloatArray) -> tuple[FloatArray, FloatArray, int]:
         """Whitened errors (n_data,), their derivatives (n_data, n_params + n_gains), and the number of eliminated unknowns.
 
-        Derivatives are by the parameters `values` of the structure, then by gains, which change every reading by the
-        parts `gain_slopes` (n_gains, n_sensors). `values` is (n_params,).
+        Derivatives are by the parameters `values` (n_params,) of the structure, then by gains, which change every
+        reading by the parts `gain_slopes` (n_gains, n_sensors).
         """
         at = self.incidentals.at(values)
         predicted, change = self.model.derivatives(values, at.force, at.initial, self.n_times)

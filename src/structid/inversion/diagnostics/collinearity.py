@@ -146,8 +146,8 @@ def _sets_by_variance_proportions(condition: FloatArray, proportions: FloatArray
 def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_scale: float) -> CollinearGroup:
     """Collinear group of the parameters with indices `members`, with its standard deviations and a sentence.
 
-    All other parameters count as unknown too. `correlation` is the matrix of all parameters, `of` holds their names,
-    Jacobian and singular directions, and `noise_scale` multiplies the noise. `correlation` is (n_params, n_params).
+    All other parameters count as unknown too. `correlation` (n_params, n_params) is the matrix of all parameters, `of`
+    holds their names, Jacobian and singular directions, and `noise_scale` multiplies the noise.
     """
     others = [i for i in range(len(of.names)) if i not in members]
     triangle = np.asarray(np.linalg.qr(of.jacobian[:, others + members], mode="r"))

@@ -110,8 +110,8 @@ def gains(
 def _gains(reached: FloatArray, inverse: FloatArray, criterion: Criterion, is_all: bool) -> FloatArray:
     """Gain (n_candidates,) of the design criterion by each candidate's rows G, with R the triangle of the known rows.
 
-    `reached` is G R^-1, (n_candidates, n_rows, n_params); `inverse` holds the rows of R^-1 of the parameters of
-    interest, which are all parameters with `is_all`. `inverse` is (n_of_interest, n_params).
+    `reached` is G R^-1, (n_candidates, n_rows, n_params); `inverse` (n_of_interest, n_params) holds the rows of R^-1 of
+    the parameters of interest, which are all parameters with `is_all`.
     """
     grown = np.eye(reached.shape[1]) + reached @ np.swapaxes(reached, 1, 2)
     if criterion == "a":

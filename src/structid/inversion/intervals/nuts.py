@@ -160,8 +160,8 @@ def _phase(
 ) -> ChainState:
     """Chain state before the first draw of a phase; the log density is evaluated once.
 
-    `x` (n_params,) is the place in the coordinates of the phase, `factor` takes these to the parameters, `size` is the
-    first step size, `phase` 0 to 2, and `spent` the number of gradients so far. `factor` is (n_params, n_params).
+    `x` (n_params,) is the place in the coordinates of the phase, `factor` (n_params, n_params) takes these to the
+    parameters, `size` is the first step size, `phase` 0 to 2, and `spent` the number of gradients so far.
     """
     value, gradient = _in_coordinates(log_density, factor, phase)(x)
     step = StepSize(float(np.log(size)), float(np.log(size)), 0.0, float(np.log(10 * size)))

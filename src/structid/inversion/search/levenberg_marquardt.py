@@ -110,7 +110,7 @@ class _Damped:
     def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
         """Damped step (n_params,) with the entries `held` (mask) fixed at those of `values` (n_params,).
 
-        `projected` is Q'r, the residual in the coordinates of the triangle. `projected` is (n_params,).
+        `projected` (n_params,) is Q'r, the residual in the coordinates of the triangle.
         """
         right = self.orthogonal[: len(projected)].T @ projected + self.triangle[:, held] @ values[held]
         orthogonal, factor = np.linalg.qr(self.triangle[:, ~held])

@@ -9,7 +9,7 @@ import numpy as np
 
 from structid import inversion
 from structid.core.arrays import FloatArray, IntArray
-from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns, likely_move
+from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns, explained_part, likely_move
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
 from structid.inversion.problems.wrapped import FixedVariables
@@ -92,10 +92,10 @@ class FixedValues:
         return self._fit(minimum.theta, minimum.linearization, names)
 
     def followed(self, within: FitWithinTolerances, theta: FloatArray) -> FitWithinTolerances:
-        """Copy of `within` with `likely` by `likely_move`, and `followed` fitted from the free variables `theta` (n_params,).
-
-        It is `within` itself where `likely` is `asked`.
-        """
+        """Copy of `within` with `likely`, `followed` and `explained`, which compare it with the answer `theta` (n_params,)."""
+        names = tuple(name for name in self.problem.names if not name.startswith(FIXED))
+        data = self.problem.residual(self._all_free_variables(names, theta))[: self.problem.n_data]
+        within = replace(within, explained=explained_part(float(data @ data), within.chi_square, len(data)))
         likely = likely_move(within.asked)
         if np.array_equal(likely, within.asked):
             return within

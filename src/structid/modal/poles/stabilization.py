@@ -200,8 +200,8 @@ def _two_means_boundary(values: FloatArray) -> float:
 def _link_clusters(distance: FloatArray, number: IntArray, width: float) -> IntArray:
     """Cluster labels 1, 2, ... of poles, (n_poles,), by average linkage up to the distance `width`.
 
-    A cluster has at most one pole of each order. `distance` (n_poles, n_poles) is that between poles, `number` the
-    index of the order of each. `number` is (n_poles,).
+    A cluster has at most one pole of each order. `distance` (n_poles, n_poles) is that between poles, `number`
+    (n_poles,) the index of the order of each.
     """
     if len(distance) < 2:
         return np.ones(len(distance), dtype=int)

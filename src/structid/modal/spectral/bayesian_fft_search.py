@@ -105,7 +105,7 @@ def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, flo
 def _shorten_step(data: BandLines, chart: Chart, x: FloatArray, step: FloatArray) -> FloatArray:
     """Step (size,) shortened to at most 1 in every coordinate, with frequencies and damping ratios inside `_limits`.
 
-    `x` are the coordinates at which `step` begins. `x` is (size,).
+    `x` (size,) are the coordinates at which `step` begins.
     """
     step = step / max(1.0, float(np.abs(step).max()))
     m = chart.centre.n_modes

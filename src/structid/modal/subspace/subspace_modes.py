@@ -74,16 +74,17 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
     if no pole is stable and meets the criteria.
     """
     rows = _block_rows(data, options.block_rows)
-    greatest = MAX_ORDER
+    greatest, n_instants = MAX_ORDER, sum(len(y) - 2 * rows - 1 for y in data.series)
     while True:
         wanted = _orders(data, rows, options.orders, greatest)
         subspace = SUBSPACE_METHODS[method](data, rows, max(wanted), n_pieces=max(options.n_pieces, 1))
         wanted = [n for n in wanted if n <= subspace.max_order] if options.orders is None else wanted
         sweep = poles_of_orders(subspace, wanted)
         selection = picked_poles(sweep, data.scale, options)
-        if options.orders is not None or wanted[-1] < greatest or not _is_crowded(selection, greatest):
-            break
         greatest *= 2
+        is_limited = options.orders is not None or wanted[-1] < greatest // 2 or greatest > n_instants
+        if is_limited or not _is_crowded(selection, greatest // 2):
+            break
     picked, found, notes, others = selection.places, selection.clusters, selection.notes, selection.others
     if not picked:
         raise NoModesError(

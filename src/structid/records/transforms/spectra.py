@@ -408,8 +408,8 @@ def estimate_frf(
 def _estimate_frfs(h1: ComplexArray, spectra: Spectra, estimator: Estimator) -> ComplexArray:
     """FRFs by the estimator H1, H2 or Hv from averaged spectra, (n_lines, n_outputs, n_inputs).
 
-    `h1` are the FRFs of H1. Raises `InputError` for H2 with several inputs, or if an estimate divides by 0. `h1` is
-    (n_lines, n_outputs, n_inputs).
+    `h1` (n_lines, n_outputs, n_inputs) are the FRFs of H1. Raises `InputError` for H2 with several inputs, or if an
+    estimate divides by 0.
     """
     if estimator == "H1":
         return h1

@@ -387,8 +387,8 @@ def _place_labels(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], bu
 def _axes(frame: _Frame, corner: FloatArray, used: set[str]) -> tuple[tuple[str, FloatArray], ...]:
     """Names of the global axes with short lines (2, 2) at the lower left of the drawing.
 
-    `corner` is the lower left of the structure; Z is left out in a plane unless it is in `used`, the directions of
-    arrows. `corner` is (2,).
+    `corner` (2,) is the lower left of the structure; Z is left out in a plane unless it is in `used`, the directions of
+    arrows.
     """
     origin = corner - np.array([0.11, 0.05 if is_spatial(frame.structure) else 0.0]) * frame.size
     count = 3 if is_spatial(frame.structure) or "Z" in used else 2

@@ -80,8 +80,8 @@ def _ratio_limits(
 ) -> tuple[float, float, bool]:
     """Axis limits (low, high) that hold identified parameters, intervals and priors, and True for a logarithmic axis.
 
-    All are divided by initial values: `ratio` (n_params,), `interval` and `prior` (n_params, 2). `sure` masks
-    identified parameters. `sure` is (n_params,).
+    All are divided by initial values: `ratio` (n_params,), `interval` and `prior` (n_params, 2). `sure` (n_params,)
+    masks identified parameters.
     """
     ends = np.concatenate([[1.0], ratio[sure], interval[sure].ravel(), prior.ravel()])
     ends = ends[np.isfinite(ends)]

@@ -284,7 +284,9 @@ def _history(structure: Structure, outputs: tuple[Output, ...], options: Predict
     """
     if options.history is not None:
         inputs, loads, rate = _recorded_loads(structure, options.history, options)
-        words = f"loads of {options.history.name}"
+        words = f"loads of {options.history.name}, " + (
+            "band-limited between samples" if options.filtered else "in straight lines between samples"
+        )
     else:
         name = "half_sine" if options.half_sine else "sine"
         second_name = "width" if options.half_sine else "frequency"
@@ -302,7 +304,7 @@ def _history(structure: Structure, outputs: tuple[Output, ...], options: Predict
         if isinstance(base, Base):
             several = len(base.supports) > 1
             words += f"; {join_words(base.supports)} {'move together' if several else 'moves'}"
-    return History(outputs, inputs, loads, rate, options.motion, options.relative), words
+    return History(outputs, inputs, loads, rate, options.motion, options.relative, options.filtered), words
 
 
 def _recorded_loads(
@@ -328,6 +330,11 @@ def _recorded_loads(
                 )
             inputs.append(support_base(structure, dof, options.supports == "together"))
             is_way = quantity == "displacement"
+            if is_way and options.filtered:
+                raise InputError(
+                    f"{path}: {dof} is a displacement, which a spline joins between samples already; leave `filtered` out",
+                    "filtered",
+                )
             loads.append(support_acceleration(column[:, None], record.sampling_rate)[:, 0] if is_way else column)
     if not inputs:
         raise InputError(

@@ -132,7 +132,7 @@ def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> li
 def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
     """Lists of node labels around the elements `rows` of a set: one list per line or area, one per face of a solid.
 
-    Only the first `_MOST_MARKED` of `rows` are used. `rows` is (n,).
+    Only the first `_MOST_MARKED` of `rows` (n,) are used.
     """
     found: list[list[int]] = []
     for nodes in element.nodes[rows[:_MOST_MARKED]]:
