@@ -151,8 +151,8 @@ def _loads_and_sensors(
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
     """`inputs` and `outputs` of FRFs as named, or where empty by the quantities of the record's channels.
 
-    Loads are then all forces, or all support accelerations if there are no forces; sensors are all other motion
-    channels.
+    Loads are then all forces, or all support accelerations if there are no forces; sensors are all channels that are neither
+    forces nor loads.
     """
     pairs = list(zip(record.channels, record.quantities, strict=True))
     forces, supports = ([dof for dof, own in pairs if own == name] for name in ("force", "support_acceleration"))
@@ -209,7 +209,7 @@ def _average_spectra(
     """Auto- and cross-spectra of inputs and outputs, averaged over all segments, and the number of segments.
 
     `columns` are the indices of inputs and of outputs, `weights` (segment_length,) those of the window; segments begin
-    `step` samples apart. Raises `InputError` if no record is as long as a segment. `detrend` is taken off each segment.
+    `step` samples apart, and `detrend` is taken off each. Raises `InputError` if no record is as long as a segment.
     """
     if detrend not in ("constant", "linear", "none"):
         raise InputError(f"`detrend` must be constant, linear or none, got {detrend!r}")
