@@ -206,7 +206,7 @@ def test_a_change_of_sets_ranks_first_by_one_step_and_its_fit_alone_explains_all
     else:
         written_like(tmp_path, right.changed(one, float(one.strengths[0])), noise)
     base = begun(tmp_path / "study.toml")
-    first = min(screen_sets(base, SERIAL, "changes of the study"), key=lambda row: row.left)
+    first = min(screen_sets(base, SERIAL, "changes of the study")[0], key=lambda row: row.left)
     assert (first.candidate.place[0], first.candidate.where) == (kind, where)
     require_explained(base, one, first.strength, tmp_path)
     assert one.sentence(None) == words

@@ -259,14 +259,49 @@ def test_a_held_value_beyond_its_tolerance_widens_by_what_it_explains():
     fixed = estimate.fixed
     column = fixed.names.index("mass[m2]")
     data, left = estimate.goodness.chi_square, estimate.goodness.least_chi_square
-    explained = (data - left) / (data - estimate.goodness.n_data)
+    explained = (data - left) / (data - (estimate.goodness.n_data - len(SOUGHT)))
     assert 0.5 < explained < 1
     assert fixed.error[column] == pytest.approx(0.01 * explained * abs(fixed.asked[column]), rel=1e-6)
+    assert f"(mass[m2]: {100 * fixed.error[column]:.3g} %" in fixed.words
+    assert fixed.words.endswith(", as the data ask)")
     near = [i for i in range(len(fixed.names)) if i not in fixed.beyond]
     assert fixed.error[near].tolist() == fixed.tolerance[near].tolist()
     low, high = estimate.interval().T
     truth = np.array([SPRING[0], SPRING[2], DASHPOT[0]])
     assert ((low < truth) & (truth < high))[:2].all()
+
+
+def test_a_value_that_is_widened_in_one_state_is_as_wide_in_the_other():
+    """The second mass is 6 % heavier than it is held; less noise in one state shows that, and the mass is one and the same."""
+    values = (MASS[0], 1.06 * MASS[1], *MASS[2:]), SPRING, DASHPOT
+    estimates = []
+    for seed, noise in ((1, 0.003), (2, 0.02)):
+        record = measured(values, 1.0, np.random.default_rng(seed), noise=noise)
+        options = sid.IdentifyOptions(tolerances=TOLERANCES)
+        estimates.append(sid.identify(chain(), sid.parameters(chain(), SOUGHT), record, options).estimate)
+    first, second = (one.fixed for one in estimates)
+    column = first.names.index("mass[m2]")
+    assert first.error[column] > 1.1 * second.error[column]
+    wider = np.maximum(first.error, second.error)
+    by_fixed = first.slope * wider - second.slope * wider
+    orders = first.second_order - second.second_order
+    covariance = sum(one.covariance_of_data for one in estimates) + by_fixed @ by_fixed.T + np.outer(orders, orders)
+    assert sid.compare_states(*estimates).covariance == pytest.approx(covariance, rel=1e-9)
+
+
+def test_fixed_values_that_are_left_out_leave_a_linear_influence():
+    record = measured((np.array(MASS) * [1.0, 1.25, 1.0, 1.0], SPRING, DASHPOT), 1.0, np.random.default_rng(8))
+    problem = sid.Setup(chain(), sid.parameters(chain(), SOUGHT), record).prepared(sid.IdentifyOptions()).problem
+    freed = with_fixed_values(problem, TOLERANCES, record="test")
+    fixed = FixedValues(freed, tolerances_of([freed]))
+    answer = estimate(problem)
+    columns = fixed.sensitivities_at(problem.names, answer.theta, fixed.refit(problem.names, answer.theta, 1e4))
+    kept = [i for i, name in enumerate(columns.names) if name != "mass[m2]"]
+    point = answer.theta, problem.linearize(answer.theta), problem.slope(answer.theta)
+    whole, part = (columns.only(some).influence(*point) for some in (range(len(columns.names)), kept))
+    assert whole.second_order.all()
+    assert part.second_order.tolist() == [0.0] * len(SOUGHT)
+    assert part.slope == pytest.approx(whole.slope[:, kept], rel=1e-9)
 
 
 def test_a_search_on_a_sample_tests_the_residual_of_all_data():

@@ -319,7 +319,7 @@ def test_of_changes_of_the_study_one_step_promises_most_of_a_value_of_each_recor
     found = run_prepared(ready).identification
     trial = base_model(TestedModel(ready.setups, ready.study.options), found.problems, found.estimate.theta)
     base = FittedModel(trial, found.estimate.theta, found.estimate.goodness.chi_square)
-    first = min(screen_sets(base, SERIAL, "changes of the study"), key=lambda row: row.left)
+    first = min(screen_sets(base, SERIAL, "changes of the study")[0], key=lambda row: row.left)
     assert (first.candidate.kind, first.candidate.where) == ("varies", ("stiffness[clamp]",))
     assert first.left < 0.2 * base.chi_square
     assert suggestion_text(ready.study, trial.changed(first.candidate, first.strength).changes)[1] == (

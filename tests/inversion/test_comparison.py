@@ -43,8 +43,12 @@ def state(values, covariance, names=("a", "b"), status=Status.CONVERGED, units=N
 
 def test_what_both_states_owe_to_the_same_held_values_is_no_change():
     first, second = (state([10, 20], 0.01 * np.eye(2)) for _ in range(2))
-    first.fixed = SimpleNamespace(change_names=("mass", "gain 1"), changes=np.array([[2.0, 0.1], [3.0, 0.2]]))
-    second.fixed = SimpleNamespace(change_names=("gain 2", "mass"), changes=np.array([[0.3, 2.1], [0.4, 2.8]]))
+    first.fixed = SimpleNamespace(
+        change_names=("mass", "gain 1"), change_tolerances=(0.01, 0.02), changes=np.array([[2.0, 0.1], [3.0, 0.2]])
+    )
+    second.fixed = SimpleNamespace(
+        change_names=("gain 2", "mass"), change_tolerances=(0.02, 0.01), changes=np.array([[0.3, 2.1], [0.4, 2.8]])
+    )
     found = compare_states(first, second)
     assert np.diag(found.covariance) == pytest.approx(
         [0.02 + 0.1**2 + 0.1**2 + 0.3**2, 0.02 + 0.2**2 + 0.2**2 + 0.4**2]

@@ -16,7 +16,7 @@ from structid.diagnose.causes.gain import MOST_GAIN, LoadGain, SensorGain
 from structid.diagnose.causes.record_left_out import OtherState
 from structid.diagnose.data_rows import outlying_spans, scaled_misfit, tones
 from structid.diagnose.modified_model import FINAL, ModifiedModel, NearFit
-from structid.diagnose.search_budget import count_effort
+from structid.diagnose.search_budget import SearchEndedError, count_effort
 from structid.diagnose.thresholds import (
     MISFIT,
     MOST_PASSES,
@@ -334,14 +334,21 @@ def _fit_to_the_end(base: FittedModel, modified: ModifiedModel, theta: FloatArra
     """The full fit of a changed model: the best of those from `theta` (n_params,) and from the values of `base`.
 
     Candidates with `begins_at_start` are fitted from the start values too. Starts are compared on fewer lines, and so are
-    other strengths where the kind of change asks for them. Outlying lines and tones are looked for again after the fit,
+    other strengths where the kind of change asks for them; all starts count where the best cannot be evaluated on all lines.
+    Outlying lines and tones are looked for again after the fit,
     up to four times.
     """
     starts = [theta, modified.theta_of(base.values)]
     if modified.changes[-1].candidate.begins_at_start:
         starts.append(np.asarray(modified.target.theta_start))
+    first = modified
     modified, coarse = _try_other_strengths(base, modified, modified.fitted_on_fewer_lines(starts))
-    minimum = modified.fitted([coarse.theta])
+    try:
+        minimum = modified.fitted([coarse.theta])
+    except StructidError as error:
+        if isinstance(error.__cause__, SearchEndedError):
+            raise
+        minimum = modified.fitted(starts if modified is first else [modified.theta_of(base.values)])
     for _ in range(MOST_PASSES):
         again = _with_other_lines(base, modified, minimum.theta)
         if again is None:

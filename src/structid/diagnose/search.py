@@ -342,11 +342,9 @@ def _search_once(base: FittedModel, work: TaskExecutor, which: str, budget: Sear
     problems = base.modified.problems
     residual = base.modified.target.residual(base.theta)[: base.modified.target.n_data]
     data = residual_candidates(problems, residual)
-    few = [
-        *screen_sets(base, work, f"{which}changes of the study", looks),
-        *(Screened(one, 1.0, base.misfit) for one in data),
-    ]
-    tried = shortlist.tried + len(few)
+    of_sets, n_sets = screen_sets(base, work, f"{which}changes of the study", looks)
+    few = [*of_sets, *(Screened(one, 1.0, base.misfit) for one in data)]
+    tried = shortlist.tried + n_sets + len(data)
     screened_sets = {one.candidate.key for one in few}
     derived = [one for one in derived_candidates(base, shortlist) if one.candidate.key not in screened_sets]
     looked = [*few, *derived, *shortlist.rows]

@@ -96,21 +96,24 @@ def linearize_fit(fitted: FittedModel) -> LinearizedFit:
     return LinearizedFit(fitted, at.residual, directions[: target.n_data], names, triangle)
 
 
-def screen_sets(base: FittedModel, work: TaskExecutor, name: str, budget: SearchBudget = UNLIMITED) -> list[Screened]:
-    """Changes of sets, records and mesh that lower the misfit by one linear step, each with its best strength, unsorted.
+def screen_sets(
+    base: FittedModel, work: TaskExecutor, name: str, budget: SearchBudget = UNLIMITED
+) -> tuple[list[Screened], int]:
+    """Changes of sets, records and mesh that lower the misfit by one linear step, unsorted; and how many were looked at.
 
-    The drop must be 2 % at least, except for mesh, shear, window and clock, which need none. Of each family the four that
-    leave least go on, and every clock. Misfits are estimated on `coarse_problems`. `name` is that of the stage in progress
-    messages.
+    Each has its best strength. The drop must be 2 % at least, except for mesh, shear, window and clock, which need none. Of each
+    family the four that leave least go on, and every clock. Misfits are estimated on `coarse_problems`. `name` is that of the
+    stage in progress messages.
     """
     several = set_candidates(base.modified.model, base.modified.problems)
     sized = [(candidate, float(strength)) for candidate in several for strength in candidate.strengths]
     linearized = linearize_fit(base)
     left = iter(screen_changes(linearized, sized, work, name, budget))
-    unchanged, screened = linearized.misfit, list[Screened]()
+    unchanged, screened, n_seen = linearized.misfit, list[Screened](), 0
     scale = base.modified.target.n_data / base.modified.coarse_target.n_data
     for candidate in several:
         least, strength = min((next(left), float(strength)) for strength in candidate.strengths)
+        n_seen += int(np.isfinite(least))
         needs_no_drop = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow | Clock)
         if np.isfinite(least) and (needs_no_drop or least < (1 - LEAST_DROP) * unchanged):
             screened.append(Screened(candidate, strength, scale * least))
@@ -120,7 +123,7 @@ def screen_sets(base: FittedModel, work: TaskExecutor, name: str, budget: Search
         counts[family] += 1
         if counts[family] <= FIRST_OF_SET_KIND or isinstance(screened[k].candidate, Clock):
             telling.add(k)
-    return [screened[k] for k in sorted(telling)]
+    return [screened[k] for k in sorted(telling)], n_seen
 
 
 def screen_changes(

@@ -24,6 +24,7 @@ from structid.forward.fixed_values import tolerances_of
 from structid.identification.joint_problem import joint_problem
 from structid.inversion import LevenbergMarquardt, Problem, Search
 from structid.inversion.estimate import estimate
+from structid.inversion.fixed_values import widen_changes
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import SERIAL, TaskContext, TaskExecutor
 
@@ -67,6 +68,7 @@ class _Fit(TypedDict, total=False):
     values: FloatArray
     std: FloatArray
     changes: FloatArray
+    errors: FloatArray
 
 
 def disagreements(
@@ -111,7 +113,9 @@ def disagreements(
         values = one["values"][mine], other["values"][theirs]
         difference = values[0] - values[1]
         std = np.hypot(one["std"][mine], other["std"][theirs])
-        changes = one["changes"][mine] - other["changes"][theirs]
+        wider = np.maximum(one["errors"], other["errors"])
+        changes, changes_there = (widen_changes(fit["changes"], fit["errors"], wider) for fit in (one, other))
+        changes = changes[mine] - changes_there[theirs]
         std = np.sqrt(std**2 + (changes**2).sum(axis=1))
         distance = np.where(np.isfinite(std) & (std > 0), np.abs(difference) / np.where(std > 0, std, 1.0), 0.0)
         size = np.maximum(np.abs(values[0]), np.abs(values[1]))
@@ -138,9 +142,9 @@ class _Parts(NamedTuple):
 def _fit_part(parts: _Parts, item: tuple[int, FloatArray], tools: TaskContext) -> _Fit:
     """The fit of one part: ``values``, ``std`` and ``changes`` by fixed values; an empty dict where it cannot be fitted.
 
-    `values` and `std` are (n_params,); `changes` are those of `FixedValueInfluence`, (n_params, n_fixed + 1), or one
-    column of zeros where fixed values are exact. `item` is the number of the part and the free variables (n_params,) at
-    which its fit starts.
+    `values` and `std` are (n_params,); `changes` are those of `FixedValueInfluence`, (n_params, n_fixed + 1), for ``errors`` of
+    as many, or one column of zeros where fixed values are exact. `item` is the number of the part and the free variables
+    (n_params,) at which its fit starts.
     """
     number, start = item
     search = Search(restarts=0, start=start)
@@ -148,8 +152,9 @@ def _fit_part(parts: _Parts, item: tuple[int, FloatArray], tools: TaskContext) -
         found = estimate(parts.problems[number], _METHOD, search=search, fixed=parts.held[number])
     except (StructidError, np.linalg.LinAlgError):
         return {}
-    changes = np.zeros((len(start), 1)) if found.fixed is None else found.fixed.changes
-    return {"values": found.values, "std": found.spread.of_data.std, "changes": changes}
+    fixed = found.fixed
+    changes, errors = (np.zeros((len(start), 1)), (0.0,)) if fixed is None else (fixed.changes, fixed.change_tolerances)
+    return {"values": found.values, "std": found.spread.of_data.std, "changes": changes, "errors": np.array(errors)}
 
 
 def is_damping(name: str) -> bool:

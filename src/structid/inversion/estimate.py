@@ -649,7 +649,7 @@ def estimate(
         columns = fixed.sensitivities_at(problem.names, best.theta, refits.get(best))
         # without a Jacobian, the draws tell first how many degrees of freedom the residual has
         if chosen.is_matrix_free:
-            columns = replace(columns, refit=lambda: fixed.followed(refit_best(), best.theta))
+            columns = replace(columns, refit=lambda: fixed.followed(refit_best(), problem.names, best.theta))
     uncertainty = chosen.uncertainty(problem, best, misfit_probability, search.seed, columns)
     within = refits.get(best)
     theta, residual = best.theta, best.linearization.residual

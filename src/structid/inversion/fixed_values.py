@@ -9,7 +9,8 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray
-from structid.inversion.covariance import chi_square_law, inverse_information
+from structid.core.display import join_words
+from structid.inversion.covariance import chi_square_law, inverse_information, row_law
 from structid.inversion.diagnostics.residual_tests import misses_noise
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
@@ -18,6 +19,8 @@ from structid.inversion.problem import Problem
 FIXED = "fixed "
 #: What the last column of `FixedValueInfluence.changes` is owed to.
 SECOND_ORDER = "second order"
+#: Fixed values that words name one by one.
+_MOST_NAMED = 3
 #: What fixed values are called, by their kinds.
 _CALLED = {
     "masses": ("mass", "rotary_inertia"),
@@ -119,8 +122,13 @@ class FixedValueInfluence:
 
     @property
     def words(self) -> str:
-        """Tolerances of fixed values in words, such as ``1 % of fixed masses and stiffnesses``."""
-        return tolerance_words(self.names, self.kinds, self.tolerance.tolist())
+        """Tolerances of fixed values in words, such as ``1 % of fixed masses and stiffnesses``.
+
+        Values whose `error` is larger than their tolerance follow, as in ``(mass[deck]: 5 %, as the data ask)``.
+        """
+        wider = [f"{self.names[i]}: {_size([self.error[i]])}" for i in self.beyond if self.error[i] > self.tolerance[i]]
+        asked = f" ({join_words(wider, _MOST_NAMED)}, as the data ask)" if wider else ""
+        return tolerance_words(self.names, self.kinds, self.tolerance.tolist()) + asked
 
 
 def tolerance_words(names: Sequence[str], kinds: Sequence[str], tolerances: Sequence[float]) -> str:
@@ -159,9 +167,21 @@ def likely_move(asked: FloatArray) -> FloatArray:
     return asked / np.sqrt(max(float(asked @ asked) / max(len(asked), 1), 1.0))
 
 
-def explained_part(chi_square: float, least: float, n_data: int) -> float:
-    """Part of a misfit beyond noise, `chi_square` - `n_data`, that a fit which leaves `least` removes, 0 to 1; 0 without such."""
-    return float(np.clip((chi_square - least) / (chi_square - n_data), 0.0, 1.0)) if chi_square > n_data else 0.0
+def explained_part(chi_square: float, least: float, expected: float) -> float:
+    """Part of a misfit beyond noise, `chi_square` - `expected`, that a fit which leaves `least` removes; 0 without such.
+
+    `expected` is the mean sum of squares that noise alone leaves. The result is from 0 to 1.
+    """
+    return float(np.clip((chi_square - least) / (chi_square - expected), 0.0, 1.0)) if chi_square > expected else 0.0
+
+
+def widen_changes(changes: FloatArray, errors: FloatArray, wider: FloatArray) -> FloatArray:
+    """Changes (n_params, n_fixed) of parameters for one of `errors`, as those for one of `wider`, (n_fixed,) each.
+
+    Columns without an error, such as that of second order, stay.
+    """
+    has_error = errors > 0
+    return np.asarray(changes * np.where(has_error, wider / np.where(has_error, errors, 1.0), 1.0))
 
 
 def _size(parts: list[float]) -> str:
@@ -185,8 +205,9 @@ class FitWithinTolerances:
         Free variables of the parameters alone.
     likely : (n_fixed,) float array
         `asked`, shortened by `likely_move` where `FixedValues.followed` was called.
-    followed : (n_params,) float array
-        Free variables of the parameters that fit best where the fixed values are at `likely`; `parameters` if that is `asked`.
+    followed : (n_params,) float array or None
+        Free variables of the parameters that fit best where the fixed values are at `likely`; `parameters` if that is `asked`,
+        None where they are not known.
     explained : float
         Part of the misfit beyond noise that this fit removes, 0 to 1; 0 where `FixedValues.followed` was not called.
     """
@@ -197,7 +218,7 @@ class FitWithinTolerances:
     asked: FloatArray
     parameters: FloatArray
     likely: FloatArray
-    followed: FloatArray
+    followed: FloatArray | None
     explained: float = 0.0
 
     @property
@@ -205,6 +226,15 @@ class FitWithinTolerances:
         """Sum of squares of the data, and of the fixed values in tolerances."""
         data = self.at.residual[: self.problem.n_data]
         return float(data @ data + self.asked @ self.asked)
+
+    @property
+    def expected_chi_square(self) -> float:
+        """Mean sum of squares that noise alone leaves; without a Jacobian, the parameters are not taken off the data."""
+        if isinstance(self.at, Linearization):
+            scale, freedom = chi_square_law(self.problem, self.theta, self.at)
+            return scale * freedom
+        scale, share = row_law(self.problem.rows.averages)
+        return scale * share * self.problem.n_data
 
     def misfits(self, probability: float) -> bool:
         """True if the fit within tolerances misses the noise at this probability; see `misfits_law`.
@@ -258,15 +288,21 @@ class FixedColumns:
         return self if self.within is not None or self.refit is None else replace(self, within=self.refit())
 
     def only(self, kept: Sequence[int]) -> FixedColumns:
-        """A copy with the fixed values at indices `kept` alone; the others count as exact."""
+        """A copy with the fixed values at indices `kept` alone; the others count as exact.
+
+        Where any is left out, no fit of the parameters is known that follows the others alone, and the influence is linear.
+        """
         index, within = list(kept), self.within
+        if within is not None:
+            followed = within.followed if len(index) == len(self.names) else None
+            within = replace(within, asked=within.asked[index], likely=within.likely[index], followed=followed)
         return replace(
             self,
             names=tuple(self.names[i] for i in index),
             kinds=tuple(self.kinds[i] for i in index),
             tolerance=self.tolerance[index],
             columns=self.columns[:, index],
-            within=None if within is None else replace(within, asked=within.asked[index], likely=within.likely[index]),
+            within=within,
             refit=None,
         )
 
@@ -298,7 +334,7 @@ class FixedColumns:
         asked = np.zeros(len(self.names)) if within is None else within.asked
         free = theta if within is None else within.parameters
         remainder: FloatArray = np.zeros(len(theta))
-        if within is not None:
+        if within is not None and within.followed is not None:
             remainder = theta - within.followed + changes @ (within.likely * self.tolerance)
         return FixedValueInfluence(
             self.names,

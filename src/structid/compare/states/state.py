@@ -34,6 +34,7 @@ class StoredChanges:
     """Influence of fixed values as a results folder stores it; the attributes are those of `FixedValueInfluence`."""
 
     change_names: tuple[str, ...]
+    change_tolerances: tuple[float, ...]
     changes: FloatArray
 
 
@@ -190,7 +191,7 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
     record = "frf/" if "frf/outputs" in hdf5_datasets(path) else "modal_record_1/"
     channel_fields = ("outputs", "inputs") if record == "frf/" else ("channels",)
     wanted = [record + name for name in channel_fields] + [f"parameters/{name}" for name in (*names, "values", matrix)]
-    fixed_keys = [f"parameters/{name}" for name in ("fixed_names", "fixed_changes")]
+    fixed_keys = [f"parameters/{name}" for name in ("fixed_names", "fixed_tolerances", "fixed_changes")]
     has_fixed = fixed_keys[0] in hdf5_datasets(path)
     fields = hdf5_fields(path, wanted + (fixed_keys if has_fixed else []))
     texts = {name: texts_of(fields[f"parameters/{name}"]) for name in names}
@@ -204,13 +205,12 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
         raise ValueError("parameters of different numbers")
     fixed, of_data = None, locked(covariance)
     if has_fixed:
-        changes = np.asarray(fields[fixed_keys[1]], dtype=float)
-        if changes.shape[:1] != (n,):
+        tolerances, changes = (np.asarray(fields[key], dtype=float) for key in fixed_keys[1:])
+        if changes.shape != (n, len(tolerances) + 1):
             raise ValueError("changes by fixed values of other numbers")
-        fixed, covariance = (
-            StoredChanges(texts_of(fields[fixed_keys[0]]), locked(changes)),
-            covariance + changes @ changes.T,
-        )
+        of_each = (*tolerances.tolist(), 0.0)  # the second order is last
+        fixed = StoredChanges(texts_of(fields[fixed_keys[0]]), of_each, locked(changes))
+        covariance = covariance + changes @ changes.T
     estimate = StoredEstimate(
         texts["names"], texts["kinds"], texts["units"], locked(values), locked(covariance), status, of_data, fixed
     )

@@ -15,6 +15,7 @@ from structid.core.errors import InputError
 from structid.inversion.comparison.multiple_tests import Correction, adjusted_p_values, detectable, require_levels
 from structid.inversion.comparison.states import LATER, OF_RECORD
 from structid.inversion.estimate import Status
+from structid.inversion.fixed_values import widen_changes
 
 
 class Identified(Protocol):
@@ -54,6 +55,11 @@ class FixedChanges(Protocol):
 
     @property
     def change_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def change_tolerances(self) -> tuple[float, ...]:
+        """Error of each fixed value that `changes` are for, in parts of its value; 0 of the second order."""
+        ...
 
     @property
     def changes(self) -> FloatArray:
@@ -389,12 +395,14 @@ def _changes_by_fixed_values(
 ) -> tuple[FloatArray, FloatArray]:
     """Changes of the compared parameters by each cause in `FixedValueInfluence.changes`, in baseline and later state.
 
-    Both results are (n, n_causes), with the causes of either state as columns. `first` and `second` are the indices of the
+    Both results are (n, n_causes), with the causes of either state as columns; a fixed value of both has the larger error in both.
+    `first` and `second` are the indices of the
     compared parameters in the two estimates. `carried` names parameters whose prior in the later state was the result of the
     baseline; through them a fixed value of one state also changes the other.
     """
     names = tuple(dict.fromkeys(name for one in (baseline, later) if one.fixed for name in one.fixed.change_names))
-    before, after = _aligned(baseline, names), _aligned(later, names)
+    errors = np.maximum(*(_errors(one, names) for one in (baseline, later)))
+    before, after = _aligned(baseline, names, errors), _aligned(later, names, errors)
     if not carried or not names:
         return before[first], after[second]
     at, to = _places(baseline, carried), _places(later, carried)
@@ -407,12 +415,19 @@ def _changes_by_fixed_values(
     return before[first] + p[np.ix_(first, at)] @ moved, after[second]
 
 
-def _aligned(estimate: Identified, names: tuple[str, ...]) -> FloatArray:
-    """Changes (n_params, n_names) of all parameters by the causes `names`; 0 where the estimate has no such cause."""
+def _aligned(estimate: Identified, names: tuple[str, ...], errors: FloatArray) -> FloatArray:
+    """Changes (n_params, n_names) of all parameters by `errors` of the causes `names`; 0 where the estimate has no such cause."""
     changes = np.zeros((len(estimate.names), len(names)))
     if estimate.fixed is not None:
         changes[:, [names.index(name) for name in estimate.fixed.change_names]] = estimate.fixed.changes
-    return changes
+    return widen_changes(changes, _errors(estimate, names), errors)
+
+
+def _errors(estimate: Identified, names: tuple[str, ...]) -> FloatArray:
+    """Error of each of the causes `names` in an estimate, (n_names,); 0 where it has no such fixed value."""
+    fixed = estimate.fixed
+    errors = {} if fixed is None else dict(zip(fixed.change_names, fixed.change_tolerances, strict=True))
+    return np.array([errors.get(name, 0.0) for name in names])
 
 
 def _update_by_carried(

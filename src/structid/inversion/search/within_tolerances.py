@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from structid import inversion
 from structid.core.arrays import FloatArray, IntArray
+from structid.core.errors import StructidError
 from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns, explained_part, likely_move
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
 from structid.inversion.problems.wrapped import FixedVariables
 from structid.inversion.search.least_squares import Method, minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
-from structid.inversion.search.minimum import Progress
+from structid.inversion.search.minimum import Progress, squared
 
 #: Fixed values are near: a few steps settle them.
 _REFIT = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
@@ -77,9 +79,9 @@ class FixedValues:
 
         `chi_square` is the sum of squares at `theta`, (n_params,). Above four times the number of data, steps are damped more,
         and the refit ends there if it stays above. `start` is the end of a refit to a part of the data, free variables of all
-        unknowns with fixed values among them: from there only a few steps are taken.
+        unknowns with fixed values among them: from there only a few steps are taken, if it fits all data better than `theta`.
         """
-        if start is not None:
+        if start is not None and self._cost(start) < self._cost(self._all_free_variables(names, theta)):
             minimum = minimize(self.problem, _LAST_REFIT, start, progress)
             return self._fit(minimum.theta, minimum.linearization, names)
         start, far = self._all_free_variables(names, theta), _FAR * self.problem.n_data
@@ -91,16 +93,24 @@ class FixedValues:
         minimum = minimize(self.problem, self._method, start, progress)
         return self._fit(minimum.theta, minimum.linearization, names)
 
-    def followed(self, within: FitWithinTolerances, theta: FloatArray) -> FitWithinTolerances:
-        """Copy of `within` with `likely`, `followed` and `explained`, which compare it with the answer `theta` (n_params,)."""
-        names = tuple(name for name in self.problem.names if not name.startswith(FIXED))
+    def followed(self, within: FitWithinTolerances, names: tuple[str, ...], theta: FloatArray) -> FitWithinTolerances:
+        """Copy of `within` with `likely`, `followed` and `explained`, which compare it with an answer.
+
+        That is at the free variables `theta` (n_params,) of the parameters `names`. Where the search for `followed` cannot be
+        made, that is on the straight line from the answer to the fit.
+        """
         data = self.problem.residual(self._all_free_variables(names, theta))[: self.problem.n_data]
-        within = replace(within, explained=explained_part(float(data @ data), within.chi_square, len(data)))
-        likely = likely_move(within.asked)
+        explained = explained_part(float(data @ data), within.chi_square, within.expected_chi_square)
+        within, likely = replace(within, explained=explained), likely_move(within.asked)
         if np.array_equal(likely, within.asked):
             return within
         rest = FixedVariables(self.problem, self._index(self.names), likely * self.std)
-        return replace(within, likely=likely, followed=minimize(rest, self._method, theta).theta)
+        order = np.array([names.index(name) for name in rest.names], dtype=int)
+        part = float(np.linalg.norm(likely) / np.linalg.norm(within.asked))
+        followed = theta + part * (within.parameters - theta)
+        with suppress(StructidError, np.linalg.LinAlgError):  # the answer itself needs no such fit
+            followed[order] = minimize(rest, self._method, theta[order]).theta
+        return replace(within, likely=likely, followed=followed)
 
     def fit_at(self, theta: FloatArray, names: tuple[str, ...]) -> FitWithinTolerances:
         """Fit within tolerances at the free variables `theta` of all unknowns, without a search.
@@ -117,7 +127,7 @@ class FixedValues:
         Taken at the free variables `theta` (n_params,) of the parameters `names`, fixed values as in the model. `within`
         is a fit with fixed values free within their tolerances, if one was made; it is stored with its `followed` fitted.
         """
-        within = None if within is None else self.followed(within, theta)
+        within = None if within is None else self.followed(within, names, theta)
         whole, index = self._all_free_variables(names, theta), self._index(self.names)
         if self.is_matrix_free:
             linearized, units = self.problem.linearize_operator(whole), np.arange(len(whole))
@@ -126,6 +136,13 @@ class FixedValues:
             columns = self.problem.linearize(whole).jacobian[: self.problem.n_data, index]
         kinds = tuple(self.problem.unknowns.kinds[i] for i in self._index(self.names))
         return FixedColumns(tuple(name.removeprefix(FIXED) for name in self.names), kinds, self.std, columns, within)
+
+    def _cost(self, theta: FloatArray) -> float:
+        """Sum of squares at the free variables `theta` of all unknowns; infinite where it cannot be evaluated."""
+        try:
+            return squared(self.problem.residual(theta))
+        except (StructidError, np.linalg.LinAlgError):
+            return np.inf
 
     def _fit(
         self, theta: FloatArray, linearization: Linearization | OperatorLinearization, names: tuple[str, ...]

@@ -102,7 +102,7 @@ def _write_parameters(group: h5py.Group, estimate: Estimate) -> None:
         _put(group, "correlation", estimate.spread.correlation, "1")
         if estimate.fixed is not None:
             _texts(group, "fixed_names", estimate.fixed.change_names)
-            _put(group, "fixed_tolerances", estimate.fixed.tolerance, "1")
+            _put(group, "fixed_tolerances", estimate.fixed.error, "1")
             _put(group, "fixed_changes", estimate.fixed.changes, "as in units, by one tolerance of each fixed value")
     else:
         _put(group, "std_relative_error", estimate.uncertainty.std_error, "1")
