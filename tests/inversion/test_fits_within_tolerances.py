@@ -57,7 +57,7 @@ class Line(Problem):
 
     def linearize(self, theta):
         rows = [[10, -2, 0], [0, -2 * theta[1], 10], [0, 5, 0], [0, 1, 0]]
-        return Linearization(self.residual(theta), np.array(rows, dtype=float), 3)
+        return Linearization(self.residual(theta), np.array(rows, dtype=float))
 
 
 @pytest.mark.parametrize("names", [("a", "b"), ("b", "a")])
