@@ -306,7 +306,7 @@ def _loggers(folder: Path) -> _Made:
     for one in LOGGERS:
         name = f"records/logger{one.SUFFIXES[0]}"
         path = _place(folder, name, f"a{one.SUFFIXES[0]}")
-        if find_spec(PACKAGES[one.kind].partition(".")[0]):
+        if find_spec(PACKAGES[one.kind].partition(".")[0]) is not None:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 _WRITERS[one.kind](path)

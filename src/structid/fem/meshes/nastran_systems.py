@@ -129,10 +129,9 @@ class BulkSystems:
 
 
 def _grid_systems(cards: dict[str, Cards], field: int) -> IntArray:
-    """Whole number in the field `field` of each grid point, (n_grids,); that of GRDSET where it is blank.
+    """Whole number in a field of each grid point, (n_grids,), such as its coordinate system; that of GRDSET where it is blank.
 
-    The fields are those of the coordinate systems and supports of grid points. `cards` are those of the deck by name,
-    `field` counts from 0.
+    `field` counts from 0, behind the name of the card.
     """
     numbers = cards["GRID"].integers(field)
     if "GRDSET" in cards:

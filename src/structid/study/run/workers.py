@@ -337,11 +337,11 @@ def in_batches(
     items: Mapping[int, Item],
     require_alive: Callable[[], None] = lambda: None,
 ) -> Iterator[tuple[int, TaskResult]]:
-    """Number and result of each item, in the order in which batches come back.
+    """Number and result of each item of `items`, which are by number, in the order in which batches come back.
 
-    The first batches are single items, which show how long one takes; later ones are larger. `send` sends a batch to a
-    worker and returns its future; `require_alive` is called while nothing comes back, and raises if the workers are
-    lost. `n_workers` is the number of workers, `items` are by number.
+    The first batches are single items, which show how long one takes; later ones are larger. `send` sends a batch to one of
+    `n_workers` workers and returns its future; `require_alive` is called while nothing comes back, and raises if the workers
+    are lost.
     """
     waiting, n_waiting = iter(tuple(items.items())), len(items)
     pending: set[Future[Answer[TaskResult]]] = set()
