@@ -241,6 +241,11 @@ def _require_separable(spectra: Spectra, count: int, inputs: tuple[Dof, ...], fr
     silent = np.argwhere(power <= 0)
     if silent.size:
         line, i = silent[0]
+        if (power[:, i] <= 0).all():
+            raise InputError(
+                f"input {inputs[i]} has no power at any line, as a dead channel or a constant load has none:"
+                " check the channel, or excite the structure by a force that varies"
+            )
         raise InputError(
             f"input {inputs[i]} has no power at {frequency[line]:g} Hz; excite it there or check the channel"
         )
