@@ -61,7 +61,7 @@ class MeshPieces:
 
     @property
     def needed(self) -> int:
-        """Number of pieces an element from which mesh refinement moves no parameter by much."""
+        """Estimated number of pieces of an element that makes the shift by the mesh as small as `_AIMED`; more than `count`."""
         return max(int(np.ceil(self.count * (self.moved / _AIMED) ** (1 / _ORDER))), self.count + 1)
 
     @property
@@ -174,9 +174,9 @@ def _deviation(identification: Identification) -> FloatArray:
 
 
 def _shift(jacobian: FloatArray, change: FloatArray) -> FloatArray:
-    """First-order shift (n_params,) of the minimum by a `change` (n_rows,) of the residual with this `jacobian`; else NaN.
+    """First-order shift (n_params,) of the minimum by a `change` (n_rows,) of the residual; NaN for parameters not determined.
 
-    It is NaN for parameters that are not determined; `jacobian` is (n_rows, n_params).
+    `jacobian` (n_rows, n_params) is that of the residual.
     """
     bread = inverse_information(jacobian)
     seen = np.isfinite(np.diag(bread))

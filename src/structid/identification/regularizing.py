@@ -241,10 +241,7 @@ def _run_first_stages(
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> FloatArray:
-    """Free variables (n_params,) after the first stage sequence of the joint problem, started at `theta`.
-
-    `theta` is (n_params,); None for `progress` reports nothing.
-    """
+    """Free variables (n_params,) after the stages of the first schedule of the joint problem, started at `theta`."""
     for name, stage in next(iter(joint_schedules(problems)), ()):
         theta = work.minimize(stage, method.for_stages(), theta, named(progress, name)).theta
     return theta

@@ -227,7 +227,7 @@ def state_space(
 def _judged_lines(reduced: ReducedMatrices, low: float, high: float) -> FloatArray:
     """Frequencies, Hz, increasing, at which an error is judged: 500 evenly spaced, and `_ACROSS` across each resonance.
 
-    `low` and `high` are the ends of the band, Hz; those outside it are left out. The result is (n_frequencies,).
+    `low` and `high` are the ends of the band, Hz; frequencies outside it are left out.
     """
     omega = reduced.omega[~reduced.is_rigid]
     half = np.diag(reduced.viscous_equivalent())[~reduced.is_rigid] / 2

@@ -832,10 +832,10 @@ class _Smoother:
         """Forces of an estimated correlation time and standard deviation.
 
         From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is
-        at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with the square root of
-        the time, so that the spectral density at high frequencies stays; a stated `std`, N, is kept. For the trust see
-        `with_likeliest_std`. `std` is estimated too if it is None. The search goes through all times first, unless that of
-        this smoother `is_near`.
+        at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with the time to the
+        power `order` - 1/2, so that the spectral density at high frequencies stays; a stated `std`, N, is kept, None is
+        estimated. For the trust see `with_likeliest_std`. The search goes through all times first, unless that of this
+        smoother `is_near`.
         """
         shortest, longest = np.log(_SHORTEST / self.rate), np.log(len(self.channels.measured) / self.rate / 4)
         above = _decades_above(reduced)
@@ -917,7 +917,7 @@ class _Smoother:
     def _steady_filter(self, system: _StateSpace) -> _SteadyFilter:
         """Prepare the part of a filter under the equations `system` that all readings under the known forces share.
 
-        Known forces count as noise of ten times their size before it, since nobody knows what they did then.
+        Before the record known forces count as noise of ten times their size, since nobody knows what they did then.
         """
         predicted = _predicted_covariance(system)
         innovation = system.reading @ predicted @ system.reading.T + np.eye(len(system.reading))

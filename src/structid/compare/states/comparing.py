@@ -333,7 +333,11 @@ def _warnings(comparison: Comparison, baseline: State, later: State) -> tuple[st
 
 
 def comparison_summary(result: ComparisonResult) -> dict[str, JsonValue]:
-    """Content of compare.json in types of JSON; numbers that are not finite become None."""
+    """Content of compare.json in types of JSON; numbers that are not finite become None.
+
+    Keys mirror `ComparisonResult` and its `Comparison`: texts, ``baseline`` and ``later``, ``unchanged`` and its test,
+    settings and statistics of the test, ``changes`` (a row for each parameter), ``covariance`` and ``warnings``.
+    """
     comparison = result.comparison
     z = 1.959963984540054
     rows = [

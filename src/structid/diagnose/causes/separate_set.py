@@ -79,7 +79,7 @@ class DifferingSet(Differing):
             yield cls(where=where, strengths=PARTS, properties=properties, matrices=(matrix,), is_whole=is_whole)
 
     def sentence(self, value: float | None) -> str:
-        """A clause that says in which stiffness a whole set differs from its group; `value`, the factor or None, is not used."""
+        """A clause that says in which property a whole set differs from its group; `value`, the factor or None, is not used."""
         if self.is_whole and len(self.properties) == 1:  # the study fixes all of them
             return f"the stiffnesses of all of {self.where[0]}, which the study fixes, are off by one factor"
         if self.is_whole:

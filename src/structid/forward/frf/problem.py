@@ -404,7 +404,7 @@ def _has_friction(structure: Structure) -> bool:
 def _require_weights(form: Form, record: FrfRecord, deviation: FloatArray) -> None:
     """Raise `InputError` if a value has infinite weight, or is zero where `form` divides by measured values.
 
-    `deviation` (n_lines, n_outputs, n_inputs) is the standard deviation of each value.
+    `deviation` (n_lines, n_outputs, n_inputs) is the standard deviation of each value; form ``equation`` needs none.
     """
     if form != "equation" and not (deviation > 0).all():
         line, output, load = np.argwhere(deviation <= 0)[0]

@@ -67,7 +67,7 @@ def output_rows(
     """Weighted data rows (n_data,) of form ``output``, their slopes (n_data, n_params), and the number of eliminated unknowns.
 
     `physical` are the parameters of the structure, then those of channel errors; with `in_order` modes are paired by
-    frequency order. Without slopes the second part is (n_data, 0). Slopes are computed `with_slopes`.
+    frequency order. Without `with_slopes` the slopes are (n_data, 0).
     """
     fits: list[GroupFit] = []
     rows: list[FloatArray] = []

@@ -336,9 +336,9 @@ class OutputErrorProblem(RecordProblem):
         return self.histories.errors(predicted, at.force), rows, at.basis.shape[1]
 
     def _without_gains(self, theta: FloatArray) -> tuple[OutputErrorProblem, FloatArray]:
-        """Problem with readings and deviations divided by the gains at `theta`, and the parameters (n_params,) of the structure.
+        """Problem without gains, whose readings and deviations are divided by those at `theta`, and the structure's parameters.
 
-        `theta` are the free variables, gains after the structure's.
+        `theta` are the free variables, gains after the structure's; the parameters are (n_params,).
         """
         assert self.channels is not None
         physical, n = self.physical(theta), self.parameters.n_params

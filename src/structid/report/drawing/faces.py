@@ -121,8 +121,7 @@ def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
 def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: Sequence[Mark]) -> frozenset[int]:
     """Nodes of cells that faces hide from view; if nodes times faces exceed 20 million, all nodes that only cells have.
 
-    Empty for structures in a plane. `points` are node positions on paper, `marks` those of `cell_faces`. Positions are
-    (2,).
+    Empty for structures in a plane. `points` are node positions (2,) on paper, `marks` those of `cell_faces`.
     """
     faces = [mark for mark in marks if mark.nodes]
     if not is_spatial(structure) or not faces:

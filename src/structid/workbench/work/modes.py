@@ -159,7 +159,7 @@ def _told(modes: ModalRecord) -> dict[str, StoredEntry]:
 def posted_modes(posted: dict[str, Any]) -> ModalRecord:
     """Modal record of unsaved modes that the page sends, with keys ``frequency``, ``damping``, ``shapes`` and ``channels``.
 
-    Frequencies in Hz, damping ratios, one row of ``shapes`` for each mode, and names of channels. `posted` holds them.
+    ``frequency`` is in Hz, ``damping`` holds ratios, ``shapes`` a row for each mode, ``channels`` names.
 
     Raises
     ------
