@@ -420,18 +420,15 @@ def clock_or_stiffness(identification: Identification) -> str:
     """A clause that a clock explains as well why all stiffnesses moved together from their starts; "" where it does not.
 
     Frequencies that are all read c times too high give c^2 times all stiffnesses over masses, and nothing else. The clause is
-    there for measured modes of models without a fixed stiffness, where the ratios of at least two stiffnesses to their starts
-    agree with one common ratio (chi-square, 5 %) that differs from 1 by more than their uncertainty and 1 %.
+    there for modes and accelerations of models without a fixed stiffness, where the ratios of at least two stiffnesses to
+    their starts agree with one common ratio (chi-square, 5 %) that differs from 1 by more than their uncertainty and 1 %.
     """
     estimate, problems = identification.estimate, identification.problems
     index = np.flatnonzero(np.array(estimate.kinds) == "stiffness")
-    is_of_modes = all(compares_modes(problem) for problem in problems)
-    if not is_of_modes or len(index) < 2 or any(_fixes_stiffness(problem) for problem in problems):
+    may_be_clock = all(takes_clock_for_stiffness(problem) for problem in problems)
+    if not may_be_clock or len(index) < 2 or any(_fixes_stiffness(problem) for problem in problems):
         return ""
-    start = {
-        name: value for problem in problems for name, value in zip(problem.names, problem.unknowns.start, strict=True)
-    }
-    values, begun = estimate.values[index], np.array([start[estimate.names[i]] for i in index])
+    values, begun = estimate.values[index], estimate.initial[index]
     covariance = estimate.covariance[np.ix_(index, index)] / np.outer(values, values)
     if not (np.isfinite(covariance).all() and (values > 0).all() and (begun > 0).all()):
         return ""
@@ -445,11 +442,27 @@ def clock_or_stiffness(identification: Identification) -> str:
     if not is_common or abs(common) < max(MATTERS / np.sqrt(weights.sum()), SHIFTS):
         return ""
     ratio = float(np.exp(common))
+    measured = "measured modes" if all(compares_modes(problem) for problem in problems) else "accelerations"
     return (
-        f"all stiffnesses moved together, to {ratio:.3g} times their starts: measured modes cannot tell that from frequencies"
+        f"all stiffnesses moved together, to {ratio:.3g} times their starts: {measured} cannot tell that from frequencies"
         f" that are all read {100 * abs(np.sqrt(ratio) - 1):.2g} % too {'high' if ratio > 1 else 'low'}; check the clock or"
         " sampling rate"
     )
+
+
+def takes_clock_for_stiffness(problem: RecordProblem) -> bool:
+    """True where frequencies that all read c times too high are what c^2 times all stiffnesses give.
+
+    That holds for modes, and for accelerations per force or per motion of supports: A(s) of masses M and stiffnesses K is
+    that of M and c^2 K at c s. Dashpots differ by c alone, which lightly damped records do not tell.
+    """
+    if compares_modes(problem):
+        return True
+    record = problem.facts.record
+    kind, quantities = getattr(record, "kind", ""), getattr(record, "quantities", ())
+    if quantities:
+        return set(quantities) <= {"acceleration", "force"}
+    return kind in ("accelerance", "transmissibility")
 
 
 def _fixes_stiffness(problem: RecordProblem) -> bool:
@@ -520,9 +533,10 @@ def _judged(
         return Judgement("approximate", words, (said, *(one.words for one in doubts)))
     if is_sound(identification) and not causes and doubts:
         told = tuple(one.words for one in doubts)
+        remedy = ": measure it, or make it an unknown, with a prior where it is known a little"
         words = (
-            f"Approximate: the model explains the record to within its noise, but {told[0]}: measure it, or make it an"
-            " unknown, with a prior where it is known a little."
+            "Approximate: the model explains the record to within its noise, but"
+            f" {told[0]}{'' if doubts[0].is_like_clock else remedy}."
         )
         return Judgement("approximate", words, told)
     by_priors = _by_priors(identification) if leaves_noise_alone(identification) and not causes else []
