@@ -89,7 +89,7 @@ class Explanation:
     tried : int
         How many candidates there were.
     near : tuple of FittedModel
-        Changes, accepted or not, within `ALIKE` of the likeliest model, that as it is among them.
+        Changes, accepted or not, within `ALIKE` of the likeliest model; the unchanged model may be that one.
     further : Explanation, optional
         Of what the first cause leaves.
     better : FittedModel, optional

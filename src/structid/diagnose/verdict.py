@@ -420,17 +420,20 @@ def clock_or_stiffness(identification: Identification) -> str:
     """A clause that a clock explains as well why all stiffnesses moved together from their starts; "" where it does not.
 
     Frequencies that are all read c times too high give c^2 times all stiffnesses over masses, and nothing else. The clause is
-    there for modes and accelerations of models without a fixed stiffness, where the ratios of at least two stiffnesses to
-    their starts agree with one common ratio (chi-square, 5 %) that differs from 1 by more than their uncertainty and 1 %.
+    there for modes and accelerations of models without a fixed stiffness, where the ratios of at least two stiffnesses to their
+    starts agree with one common ratio (chi-square, 5 %) that differs from 1 by more than their uncertainty and 1 %. Axial
+    forces count as stiffnesses.
     """
     estimate, problems = identification.estimate, identification.problems
-    index = np.flatnonzero(np.array(estimate.kinds) == "stiffness")
+    index = np.flatnonzero(np.isin(estimate.kinds, _STIFFENING))
     may_be_clock = all(takes_clock_for_stiffness(problem) for problem in problems)
     if not may_be_clock or len(index) < 2 or any(_fixes_stiffness(problem) for problem in problems):
         return ""
     values, begun = estimate.values[index], estimate.initial[index]
+    if not (values * begun > 0).all():
+        return ""
     covariance = estimate.covariance[np.ix_(index, index)] / np.outer(values, values)
-    if not (np.isfinite(covariance).all() and (values > 0).all() and (begun > 0).all()):
+    if not np.isfinite(covariance).all():
         return ""
     moved = np.log(values / begun)
     try:
@@ -442,11 +445,12 @@ def clock_or_stiffness(identification: Identification) -> str:
     if not is_common or abs(common) < max(MATTERS / np.sqrt(weights.sum()), SHIFTS):
         return ""
     ratio = float(np.exp(common))
+    forces = " and axial forces" if "axial_force" in np.array(estimate.kinds)[index] else ""
     measured = "measured modes" if all(compares_modes(problem) for problem in problems) else "accelerations"
     return (
-        f"all stiffnesses moved together, to {ratio:.3g} times their starts: {measured} cannot tell that from frequencies"
-        f" that are all read {100 * abs(np.sqrt(ratio) - 1):.2g} % too {'high' if ratio > 1 else 'low'}; check the clock or"
-        " sampling rate"
+        f"all stiffnesses{forces} moved together, to {ratio:.3g} times their starts: {measured} cannot tell that from"
+        f" frequencies that are all read {100 * abs(np.sqrt(ratio) - 1):.2g} % too {'high' if ratio > 1 else 'low'}; check the"
+        " clock or sampling rate"
     )
 
 
@@ -465,12 +469,22 @@ def takes_clock_for_stiffness(problem: RecordProblem) -> bool:
     return kind in ("accelerance", "transmissibility")
 
 
+#: Kinds of properties that frequencies read too high by one factor move by one factor.
+_STIFFENING = ("stiffness", "axial_force")
+
+
 def _fixes_stiffness(problem: RecordProblem) -> bool:
-    """True if the model of a problem has a stiffness that no parameter changes and that is not 0."""
-    unknown = problem.parameters
+    """True if a stiffness or an axial force that no parameter changes is a part of the stiffness matrix of a problem."""
+    unknown, structure = problem.parameters, problem.structure
     is_fixed = (np.diff(unknown.design.tocsr().indptr) == 0) & (unknown.offset != 0)
-    properties = problem.structure.properties
-    return any(item.term.kind == "stiffness" and is_fixed[item.values].any() for item in properties)
+    factors = np.ones(len(is_fixed))
+    for item in structure.properties:
+        if item.term.kind in _STIFFENING:
+            factors[item.values][is_fixed[item.values]] = 2.0
+    if (factors == 1.0).all():
+        return False
+    change = structure.matrix("stiffness", factors * structure.values) - structure.matrix("stiffness")
+    return bool(np.any(change.data))
 
 
 def data_disagreements(identification: Identification, work: TaskExecutor = SERIAL) -> tuple[Disagreement, ...]:

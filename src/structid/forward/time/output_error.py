@@ -176,7 +176,7 @@ class Incidentals:
 
 @dataclass(frozen=True)
 class MeasuredChannels:
-    """Sensors, loads and lines (Hz) of a record; see `channel_errors.Measured`."""
+    """Sensors, loads and lines (Hz) of a record; see `channel_errors.ChannelsOfRecord`."""
 
     outputs: tuple[Dof, ...]
     inputs: tuple[Dof, ...]
@@ -239,7 +239,8 @@ class OutputErrorProblem(RecordProblem):
                 what, way = "samples of a support's motion", "take spectra"
             raise InputError(
                 f"at most {_MOST_FORCE_SAMPLES} noisy {what} can be estimated with the parameters, got {n_samples}; {way},"
-                " shorten the record, or declare its variance 0 where its noise matters little"
+                " shorten the record, or declare its variance 0 where its noise matters little (in a study: 0 for"
+                " its channel in `noise` or `relative_noise`)"
             )
 
     @cached_property

@@ -102,10 +102,11 @@ def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPi
 
 
 def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces | None]:
-    """The study, its set-ups with their records read, and the number of pieces of its beams; None where the study states it.
+    """The study, its set-ups with their records read, and the number of pieces of its beams.
 
-    With `subdivide = "auto"` beams are cut so that all modes in the band are right to a tenth of their half-bandwidths;
-    where the study says nothing they begin as drawn. A fit then shows whether these pieces are enough.
+    The number is None where the study states it or nothing can be cut. With `subdivide = "auto"` beams are cut so that all modes in
+    the band are right to a tenth of their half-bandwidths; where the study says nothing they begin as drawn. A fit then
+    shows whether these pieces are enough.
     """
     cache = ResponseCache()
     setups = tuple(load_setup(source, cache) for source in study.setups)

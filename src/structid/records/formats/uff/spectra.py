@@ -158,8 +158,8 @@ def along_global_axes(
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...], NumberArray, str]:
     """Channels, references and values (n_points, n_channels, n_references) in global axes, and words on the transformation.
 
-    They stay as they are if `options.axes` is "named". `blocks` are those of the file, with nodes and coordinate
-    systems. `quantities` are those of the channels.
+    They stay as they are if `options.axes` is "named". `blocks` are those of the file, with nodes and coordinate systems;
+    `quantities` are those of the channels.
     """
     if options.axes == "named":
         return channels, references, values, ""

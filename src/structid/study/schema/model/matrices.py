@@ -323,7 +323,10 @@ def _complete_triangle(item: ImportedMatrix) -> ImportedMatrix:
 
 
 def _labels(entries: Sequence[int | str] | int | str) -> set[int]:
-    """Element labels from `entries`, numbers and ranges such as ``"3-8"``, ends included; `InputError` for a range too long."""
+    """Element labels from `entries`, numbers and ranges such as ``"3-8"``, ends included.
+
+    Raises `InputError` for a range that falls or is too long.
+    """
     labels: set[int] = set()
     for entry in as_list(entries):
         match = _RANGE.match(str(entry))

@@ -159,7 +159,7 @@ def take_parts(section: Section, mesh: Mesh, elements: list[ElementSet]) -> Take
 
 
 def _assigned_tables(mesh: Mesh, wanted: MeshEntry, elements: list[ElementSet]) -> list[IntArray]:
-    """Node labels of the cells that belong to an element set or to a group that is left out, one array for each.
+    """Node labels of the cells that belong to an element set or to a group that is left out, one array a set or block.
 
     `elements` are the sets of the structure; the arrays are (n_cells, n_nodes), -1 where a row has ended.
     """
