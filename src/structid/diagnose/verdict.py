@@ -421,10 +421,11 @@ def clock_or_stiffness(identification: Identification) -> str:
 
     Frequencies that are all read c times too high give c^2 times all stiffnesses over masses, and nothing else. The clause is
     there for measured modes of models without a fixed stiffness, where the ratios of at least two stiffnesses to their starts
-    agree with one common ratio (chi-square, 5 %) that differs from 1 by more than their uncertainty and 1 %.
+    agree with one common ratio (chi-square, 5 %) that differs from 1 by more than their uncertainty and 1 %. Axial forces count
+    as stiffnesses.
     """
     estimate, problems = identification.estimate, identification.problems
-    index = np.flatnonzero(np.array(estimate.kinds) == "stiffness")
+    index = np.flatnonzero(np.isin(estimate.kinds, _STIFFENING))
     is_of_modes = all(compares_modes(problem) for problem in problems)
     if not is_of_modes or len(index) < 2 or any(_fixes_stiffness(problem) for problem in problems):
         return ""
@@ -432,8 +433,10 @@ def clock_or_stiffness(identification: Identification) -> str:
         name: value for problem in problems for name, value in zip(problem.names, problem.unknowns.start, strict=True)
     }
     values, begun = estimate.values[index], np.array([start[estimate.names[i]] for i in index])
+    if not (values * begun > 0).all():
+        return ""
     covariance = estimate.covariance[np.ix_(index, index)] / np.outer(values, values)
-    if not (np.isfinite(covariance).all() and (values > 0).all() and (begun > 0).all()):
+    if not np.isfinite(covariance).all():
         return ""
     moved = np.log(values / begun)
     try:
@@ -445,19 +448,30 @@ def clock_or_stiffness(identification: Identification) -> str:
     if not is_common or abs(common) < max(MATTERS / np.sqrt(weights.sum()), SHIFTS):
         return ""
     ratio = float(np.exp(common))
+    forces = " and axial forces" if "axial_force" in np.array(estimate.kinds)[index] else ""
     return (
-        f"all stiffnesses moved together, to {ratio:.3g} times their starts: measured modes cannot tell that from frequencies"
-        f" that are all read {100 * abs(np.sqrt(ratio) - 1):.2g} % too {'high' if ratio > 1 else 'low'}; check the clock or"
-        " sampling rate"
+        f"all stiffnesses{forces} moved together, to {ratio:.3g} times their starts: measured modes cannot tell that from"
+        f" frequencies that are all read {100 * abs(np.sqrt(ratio) - 1):.2g} % too {'high' if ratio > 1 else 'low'}; check the"
+        " clock or sampling rate"
     )
 
 
+#: Kinds of properties that frequencies read too high by one factor move by one factor.
+_STIFFENING = ("stiffness", "axial_force")
+
+
 def _fixes_stiffness(problem: RecordProblem) -> bool:
-    """True if the model of a problem has a stiffness that no parameter changes and that is not 0."""
-    unknown = problem.parameters
+    """True if a stiffness or an axial force that no parameter changes is a part of the stiffness matrix of a problem."""
+    unknown, structure = problem.parameters, problem.structure
     is_fixed = (np.diff(unknown.design.tocsr().indptr) == 0) & (unknown.offset != 0)
-    properties = problem.structure.properties
-    return any(item.term.kind == "stiffness" and is_fixed[item.values].any() for item in properties)
+    factors = np.ones(len(is_fixed))
+    for item in structure.properties:
+        if item.term.kind in _STIFFENING:
+            factors[item.values][is_fixed[item.values]] = 2.0
+    if (factors == 1.0).all():
+        return False
+    change = structure.matrix("stiffness", factors * structure.values) - structure.matrix("stiffness")
+    return bool(np.any(change.data))
 
 
 def data_disagreements(identification: Identification, work: TaskExecutor = SERIAL) -> tuple[Disagreement, ...]:

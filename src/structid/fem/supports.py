@@ -25,6 +25,7 @@ class FollowingDofs:
     dependents, masters : (n_dependents,), (n_masters,) int arrays
         Codes.
     matrix : (n_dependents, n_masters) float array
+        Motion of each dependent for a unit motion of each master.
     """
 
     dependents: IntArray

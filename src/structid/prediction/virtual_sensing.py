@@ -1078,7 +1078,7 @@ class _Smoother:
 
 
 def _combined_forces(inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """As few independent forces of one spectrum as do to the modes what `inputs` (n_modes, n_forces) of that spectrum do.
+    """Fewest independent forces of one spectrum that do to the modes what `inputs` (n_modes, n_forces) of that spectrum do.
 
     Returns the modal forces of each combination, (n_modes, n_combined), and the part of each in the forces,
     (n_forces, n_combined). Combinations of more forces than modes that move no mode are left out.

@@ -235,8 +235,6 @@ def _state(path: Path, progress: StageProgress | None) -> State:
 def _run_study(study: Study, progress: StageProgress | None) -> State:
     """The state that a run of `study` gives; its mesh and solver are refined as in `structid identify`.
 
-    `progress` is called as in `run_prepared`; None for no reports.
-
     Raises
     ------
     InputError

@@ -37,8 +37,7 @@ class DifferingSet(Differing):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidates for the stiffness or mass of each set that shares a parameter with others, and for all its stiffnesses.
 
-        Springs are left out of the latter; of many sets 150 of each are tried, evenly chosen. `records` are the
-        receptances of each record of one structure, `record_names` their names.
+        Springs are left out of the latter; of many sets 150 of each are tried, evenly chosen.
         """
         first = records[0]
         moved = list(moved_elements(first))

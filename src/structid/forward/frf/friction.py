@@ -60,7 +60,7 @@ class Sliding:
     ----------
     contacts : tuple of Contact
     channels : Channels
-    lines : FrfSolver
+    solver : FrfSolver
     parameters : Parameters
     fixed_coefficients : (n_lines, n_matrices) complex array
         Coefficient of each matrix in the dynamic stiffness, 0 for `contacts`.

@@ -176,7 +176,7 @@ class Incidentals:
 
 @dataclass(frozen=True)
 class MeasuredChannels:
-    """Sensors, loads and lines (Hz) of a record; see `channel_errors.Measured`."""
+    """Sensors, loads and lines (Hz) of a record; see `channel_errors.ChannelsOfRecord`."""
 
     outputs: tuple[Dof, ...]
     inputs: tuple[Dof, ...]

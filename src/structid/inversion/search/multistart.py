@@ -416,7 +416,7 @@ def staged(
 
     If the problem has a larger sum of squares at the end of the stages than at `theta`, its search starts from `theta`.
     `prefix` begins the names of stages in progress messages. `theta` (n_params,) are free variables; `progress` is
-    called with the name of a stage, its iteration and the sum of squares, None for no reports.
+    called with the name of a stage, its iteration and the sum of squares.
     """
     start, iterations = theta, 0
     courses: list[StageCourse] = []

@@ -107,9 +107,9 @@ def _seen_faces(structure: Structure, eye: FloatArray) -> list[tuple[ElementSet,
 
 
 def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
-    """Faces that belong to a single cell, as pairs of cell number and corner nodes; `rows` are the nodes of each cell.
+    """Faces that belong to a single cell, as pairs of cell number and corner nodes, (3,) or (4,) labels.
 
-    Corner nodes are (3,) or (4,) labels; each of `rows` is (n_nodes,).
+    `rows` holds the nodes (n_nodes,) of each cell.
     """
     faces = [
         (index, row[list(face)]) for index, row in enumerate(rows) for face in SOLID_FACES[SOLID_CORNERS[len(row)]]

@@ -446,7 +446,7 @@ def prediction_summary(prediction: StudyPrediction) -> dict[str, StoredEntry]:
 
 
 def _damper_entry(damper: TunedDamper) -> dict[str, StoredEntry]:
-    """Values of a tuned damper, and the largest receptances with and without it."""
+    """The entry of a tuned damper: its values, and the largest receptances with and without it."""
     return {
         "mass_kg": damper.change.mass,
         "frequency_hz": damper.change.frequency,
