@@ -33,7 +33,7 @@ MESH_WARNINGS = (MESH_MOVES, MESH_ERROR, SUBDIVIDE_AUTO)
 
 @dataclass(frozen=True)
 class MeshPieces:
-    """Into how many pieces each beam and bar is cut, and what the mesh still does to the values.
+    """Number of pieces into which each beam and bar is cut, and shift of the values by the mesh that is left.
 
     Attributes
     ----------
