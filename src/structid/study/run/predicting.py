@@ -131,7 +131,7 @@ def predict_study(
 def predict_stored(
     source: Study, folder: Path, options: PredictOptions, changes: Sequence[Change] = ()
 ) -> StudyPrediction:
-    """Predictions from a results folder whose study has been read; see `predict_study`."""
+    """Predictions from a results folder whose study has been read; parameters, result and errors are as in `predict_study`."""
     model = stored_model(folder, source)
     structure, parameters = changed_model(model.structure, model.parameters, changes)
     damper = None
