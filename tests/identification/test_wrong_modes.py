@@ -75,6 +75,15 @@ def test_stiffnesses_that_all_moved_together_may_be_a_clock(scale, starts, is_to
         assert f"read 3 % too {'high' if scale > 1 else 'low'}" in judgement.words
 
 
+@pytest.mark.parametrize(("kind", "is_told"), [("accelerance", True), ("receptance", False)])
+def test_accelerations_cannot_tell_a_clock_from_all_stiffnesses_either(kind, is_told):
+    """Of displacements a clock changes the size as well: 1.03 times the frequencies are no common factor on stiffnesses."""
+    measured_frf = record(chain(tuple(1.03**2 * k for k in STIFFNESS))).as_kind(kind)
+    unknown = parameters(chain(), [Unknown("stiffness", "k", each=True)])
+    words = judged(identify(chain(), unknown, measured_frf)).words
+    assert ("All stiffnesses moved together, to 1.06 times their starts: accelerations cannot" in words) is is_told
+
+
 def test_a_fixed_stiffness_tells_a_clock_from_stiffnesses():
     """Stiffnesses that all moved by 6 % beside a fixed spring, whose modes are not those of a clock."""
     own, factors = chain(), (1.0, 1.06)

@@ -169,7 +169,7 @@ class Receptances:
 
     @cached_property
     def columns(self) -> dict[Dof, FloatArray]:
-        """For each free direction of a node, the weights (n_dofs,) by which it follows the free degrees of freedom.
+        """Weights (n_dofs,) by which each free direction of a node follows the free degrees of freedom, by direction.
 
         Keys are unsigned; directions that follow only driven supports, or nothing, are left out.
         """

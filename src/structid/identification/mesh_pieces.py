@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import InputError, SingularModelError
 from structid.forward import RecordProblem
 from structid.identification.identified import Identification
@@ -16,11 +16,14 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup, titles
 from structid.inversion import Problem
 from structid.inversion.covariance import inverse_information
+from structid.inversion.linearization import Linearization
 
 #: Part of its standard deviation that the mesh may move a value by, and that a finer mesh is chosen for.
 MOVED, _AIMED = 0.2, 0.1
 #: Power of a piece's length that errors of beams go with, most pieces, and degrees of freedom of the finest model that is solved.
 _ORDER, _MOST_PIECES, _MOST_DOFS = 4, 32, 3000
+#: Steps by which a shift is followed where the first says that it matters, and part of it that the last of them may add.
+_MOST_STEPS, _FOLLOWED = 4, 0.2
 #: How the warnings of an identification on its mesh begin: of values that it moves, of modes, of pieces that were not enough.
 MESH_MOVES = "the mesh moves"
 MESH_ERROR = "the values carry an error of the mesh"
@@ -30,7 +33,7 @@ MESH_WARNINGS = (MESH_MOVES, MESH_ERROR, SUBDIVIDE_AUTO)
 
 @dataclass(frozen=True)
 class MeshPieces:
-    """Into how many pieces each beam and bar is cut, and what the mesh still does to the values.
+    """Number of pieces into which each beam and bar is cut, and shift of the values by the mesh that is left.
 
     Attributes
     ----------
@@ -91,8 +94,9 @@ def judge_pieces(
 ) -> MeshPieces:
     """Shifts of the identified values by the mesh, for beams cut into `count` pieces.
 
-    With b the change of the residual by pieces half as long, values move by (J'J)^-1 J'b. If they cannot be computed,
-    `obstacle` says why.
+    With b the change of the residual by pieces half as long, values move by (J'J)^-1 J'b. Where that matters, the minimum is
+    followed with the finer pieces: precise data of light damping move by many widths of a resonance what the first step takes
+    for straight. If they cannot be computed, `obstacle` says why.
 
     Parameters
     ----------
@@ -113,23 +117,24 @@ def judge_pieces(
         )
     try:
         finer = _finer_problem(setups, identification.problems, options, 2 * count)
-        moved_rows = finer.residual(theta[indices_of(identification.estimate.names, finer.names)])[: finer.n_data]
+        columns = indices_of(identification.estimate.names, finer.names)
+        moved_rows = finer.residual(theta[columns])[: finer.n_data]
     except (InputError, SingularModelError, np.linalg.LinAlgError) as error:
         return MeshPieces(count, obstacle=f"with pieces half as long the model cannot be evaluated ({error})")
     at = problem.linearize(theta)
     change = np.zeros(len(at.residual))
     change[: finer.n_data] = moved_rows - at.residual[: finer.n_data]  # priors know no mesh
     step = _shift(at.jacobian, change)
-    shift = step * problem.slope(theta)
-    deviation = _deviation(identification)
-    is_known = np.isfinite(shift) & (deviation > 0)
-    deviations = np.divide(np.abs(shift), deviation, out=np.zeros(len(shift)), where=is_known)
+    predicted: FloatArray = at.residual + change + at.jacobian @ np.nan_to_num(step)
+    size = problem.slope(theta) / np.where((deviation := _deviation(identification)) > 0, deviation, np.inf)
+    if _largest(step * size) >= MOVED:
+        step, predicted = _followed_shift(finer, columns, theta, at, size) or (step, np.full(len(predicted), np.nan))
+    deviations = np.nan_to_num(np.abs(step * size))
     worst = int(np.argmax(deviations))
     moved, name = float(deviations[worst]), problem.names[worst]
     is_finest = moved >= MOVED and count >= _MOST_PIECES
     obstacle = "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
-    refitted = at.residual + change + at.jacobian @ np.nan_to_num(step)
-    excess = float(refitted @ refitted - at.residual @ at.residual)
+    excess = float(predicted @ predicted - at.residual @ at.residual)
     return MeshPieces(count, moved, name, obstacle, excess)
 
 
@@ -178,3 +183,38 @@ def _shift(jacobian: FloatArray, change: FloatArray) -> FloatArray:
     shift = np.full(len(bread), np.nan)
     shift[seen] = -bread[np.ix_(seen, seen)] @ (jacobian[:, seen].T @ change)
     return shift
+
+
+def _followed_shift(
+    finer: Problem, columns: IntArray, theta: FloatArray, at: Linearization, size: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Shift (n_params,) of the minimum to that of the `finer` problem by Gauss-Newton steps, and the residual predicted there.
+
+    None if a step does not lower its sum of squares, or the steps do not end. `at` is the linearization of the coarser problem
+    at its minimum `theta`, whose rows of priors are kept; `columns` are the positions in `theta` of the parameters of `finer`,
+    and `size` turns a shift into deviations.
+    """
+    total, lowest = np.zeros(len(theta)), np.inf
+    for _ in range(_MOST_STEPS):
+        begun = np.nan_to_num(total)
+        try:
+            moved = finer.linearize((theta + begun)[columns])
+        except (SingularModelError, np.linalg.LinAlgError):
+            return None
+        jacobian, residual = at.jacobian.copy(), at.residual + at.jacobian @ begun
+        jacobian[: finer.n_data] = 0.0
+        jacobian[: finer.n_data, columns] = moved.jacobian[: finer.n_data]
+        residual[: finer.n_data] = moved.residual[: finer.n_data]
+        misfit = float(residual @ residual)
+        if not misfit < lowest:
+            return None
+        lowest, step = misfit, _shift(jacobian, residual)
+        total = total + step
+        if _largest(step * size) <= _FOLLOWED * _largest(total * size):
+            return total, residual + jacobian @ np.nan_to_num(step)
+    return None
+
+
+def _largest(values: FloatArray) -> float:
+    """Largest size among `values`; those that are NaN do not count."""
+    return float(np.abs(np.nan_to_num(values)).max(initial=0.0))

@@ -220,13 +220,14 @@ def model_and_error(
     The error of a fit is used only for an identification whose covariance is based on model error. An `IdentifiedModel` and
     `model_error` are returned as they are.
     """
+    model = model_of(source)
     if isinstance(source, IdentifiedModel):
-        return source, model_error
+        return model, model_error
     if model_error is None and source.fits and source.estimate.covariance_basis == "model_error":
         fit, physical = source.fits[0], source.estimate.values[source.own_index]
         problem = fit.problem
         model_error = ModelError.of_fit(problem.structure, problem.parameters, physical, problem.record, fit.predicted)
-    return model_of(source), model_error
+    return model, model_error
 
 
 def _draw_all(

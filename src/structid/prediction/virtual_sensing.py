@@ -16,7 +16,8 @@ from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoAnswerError
 from structid.dynamics.exact_discretization import stepped
 from structid.fem import Structure
-from structid.prediction.identified_model import IdentifiedModel
+from structid.identification.identified import Identification
+from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.innovations import Innovations, InnovationVerdict, judge_innovations
 from structid.prediction.loads import band_limited_loads
 from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis
@@ -186,7 +187,7 @@ class SensedMotion(Shown):
 
 
 def sense(
-    model: IdentifiedModel,
+    source: Identification | IdentifiedModel,
     record: TimeRecord,
     outputs: Sequence[Output | str],
     motion: str = "displacement",
@@ -204,7 +205,7 @@ def sense(
 
     Parameters
     ----------
-    model : IdentifiedModel
+    source : Identification or IdentifiedModel
     record : TimeRecord
         Forces (quantity ``force``) are taken as known, motions as measured, with the record's noise; where it states none, 1 % of
         the size of each sensor is taken.
@@ -249,6 +250,7 @@ def sense(
         raise InputError(f"`motion` must be one of {', '.join(MOTION_DERIVATIVES)}, got {motion!r}")
     if seed < 0:
         raise InputError(f"`seed` must be at least 0, got {seed}")
+    model = model_of(source)
     wanted, left = distinct_channels("outputs", parse_outputs(outputs)), parse_dofs(leave_out)
     curved = next((output for output in wanted if is_von_mises(output)), None)
     if curved is not None:
@@ -1125,7 +1127,7 @@ class _Smoother:
 
 
 def _combined_forces(inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """As few independent forces of one spectrum as do to the modes what `inputs` (n_modes, n_forces) of that spectrum do.
+    """Fewest independent forces of one spectrum that do to the modes what `inputs` (n_modes, n_forces) of that spectrum do.
 
     Returns the modal forces of each combination, (n_modes, n_combined), and the part of each in the forces,
     (n_forces, n_combined). Combinations that move no mode are left out.

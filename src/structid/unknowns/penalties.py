@@ -30,7 +30,7 @@ class _Term:
 
     @property
     def given(self) -> float | None:
-        """The strength, where it is a number."""
+        """The strength if it is a number; None if a rule chooses it."""
         return None if isinstance(self.strength, str) else float(self.strength)
 
     @property

@@ -14,7 +14,7 @@ from structid.fem.meshes.bulk_cards import BulkText, Cards, bulk_text, cards_of
 from structid.fem.meshes.deck_parts import DeckPart, DeckUnits
 from structid.fem.meshes.mesh import CellBlock, Mesh
 from structid.fem.meshes.middle_nodes import EDGES, MiddleNodes
-from structid.fem.meshes.nastran_offsets import OFFSET_CARDS, OffsetReader, properties_aside
+from structid.fem.meshes.nastran_offsets import OFFSET_CARDS, OffsetReader, unread_property_parts
 from structid.fem.meshes.nastran_parts import PART_CARDS, read_parts
 from structid.fem.meshes.nastran_systems import SYSTEM_CARDS, BulkSystems
 
@@ -98,7 +98,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
         _property_groups(text, numbers),
         {},
         path.name,
-        (*middles.parts(), *parts, *offsets, *properties_aside(cards), *_unknown_elements(counts)),
+        (*middles.parts(), *parts, *offsets, *unread_property_parts(cards), *_unknown_elements(counts)),
         (*text.notes, *_notes(counts, axes, systems)),
         axes,
         cells_are_elements=True,

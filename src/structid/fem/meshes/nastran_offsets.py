@@ -192,7 +192,7 @@ def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]
     return middles
 
 
-def properties_aside(cards: Mapping[str, Cards]) -> list[DeckPart]:
+def unread_property_parts(cards: Mapping[str, Cards]) -> list[DeckPart]:
     """Parts that count non-structural masses of properties, by card, and beams whose neutral axis is off their shear centre.
 
     All of them have obstacles. `cards` are those of the deck by name.

@@ -46,7 +46,7 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
 def _groups_at(
     data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool
 ) -> list[tuple[ModelState, GroupData, IntArray]]:
-    """For each group of measured modes: the model state with its sensors scaled, the group, and indices of its model modes.
+    """Model state with its sensors scaled, group, and indices of its model modes, for each group of measured modes.
 
     `physical` are the parameters of the structure, then those of channel errors; with `in_order` modes are paired by
     frequency order. Indices are (n_modes of the group,).

@@ -229,7 +229,7 @@ class SpectraModel:
 
     @cached_property
     def response(self) -> Response:
-        """At the record's lines."""
+        """Response of the model at the record's lines."""
         return _response(self, self.spectra.frequency)
 
     @cached_property

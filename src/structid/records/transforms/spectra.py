@@ -433,7 +433,8 @@ def _estimate_frfs(h1: ComplexArray, spectra: Spectra, estimator: Estimator) -> 
 def _total_least_squares(spectra: Spectra) -> ComplexArray:
     """Hv estimate of the FRFs by total least squares, (n_lines, n_outputs, n_inputs).
 
-    It is the smallest eigenvector of the spectra of all inputs and one output, each scaled to unit power.
+    It is the smallest eigenvector of the spectra of all inputs and one output, each scaled to unit power. Raises `InputError` if
+    that has no part of the output at a line.
     """
     xx, yx, yy = spectra
     lines, outputs, inputs = yx.shape

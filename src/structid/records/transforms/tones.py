@@ -210,7 +210,7 @@ def remove_tones(record: TimeRecord, frequencies: Sequence[float] | Literal["aut
     """
     swings = np.ptp(record.values, axis=0) > 0
     moving = [i for i, quantity in enumerate(record.quantities) if quantity != "force" and swings[i]]
-    asked = _require_frequencies(frequencies, record.sampling_rate)
+    asked = _checked_frequencies(frequencies, record.sampling_rate)
     if not moving:
         return TonesRemoved(record, ())
     motion = np.asarray(record.values[:, moving], dtype=float)
@@ -237,7 +237,7 @@ def remove_tones(record: TimeRecord, frequencies: Sequence[float] | Literal["aut
     return TonesRemoved(replace(record, values=values), tuple(tones), tuple(absent))
 
 
-def _require_frequencies(frequencies: Sequence[float] | Literal["auto"], rate: float) -> list[float] | None:
+def _checked_frequencies(frequencies: Sequence[float] | Literal["auto"], rate: float) -> list[float] | None:
     """`frequencies` of tones in Hz, sorted; None for "auto". `rate` is the sampling rate in Hz.
 
     Raises `InputError` if they are no list of numbers between 0 and half the rate.

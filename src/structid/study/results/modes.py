@@ -110,7 +110,7 @@ def _clusters(result: ModesResult) -> dict[str, StoredEntry]:
 
 
 def options_used(result: ModesResult) -> dict[str, StoredEntry]:
-    """The settings of the identification as plain values, with the orders that were used, and None for no upper frequency."""
+    """The fields of the identification's options as plain values, with the orders that were used; None for no upper frequency."""
     options = result.identification.options
     used = asdict(options)
     if result.identification.sweep:

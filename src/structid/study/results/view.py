@@ -11,7 +11,7 @@ import numpy as np
 
 from structid.core.display import Overview, Shown, as_sentence, join_words, plural
 from structid.core.quantities import exact, number, percent, prefixed, span_text, with_std, with_unit
-from structid.diagnose.fixed_value_influence import resting_words
+from structid.diagnose.fixed_value_influence import doubted, resting_words
 from structid.diagnose.verdict import NOT_TRIED, Cause, Diagnosis, judged
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
@@ -300,6 +300,12 @@ def _next_step(diagnosis: Diagnosis, is_searched: bool, is_any_doubtful: bool) -
         )
     if verdict == "wrong_model" and not is_searched:
         return _NOT_SEARCHED
+    first_doubt = next(iter(doubted(diagnosis.sensitivities)), None)
+    if verdict == "approximate" and first_doubt is not None and first_doubt.is_like_clock:
+        return (
+            f"Check the clock or sampling rate and {first_doubt.name} before you use a stiffness; the other values hold with their"
+            " intervals."
+        )
     return _NOT_ALL if verdict in ("sound", "approximate") and is_any_doubtful else _NEXT_STEPS[verdict]
 
 

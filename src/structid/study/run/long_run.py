@@ -190,7 +190,7 @@ class LongRun:
             self.progress(name, done, total)
 
     def so_far(self) -> dict[str, StoredEntry]:
-        """Values that are reached and the count of finished tasks, as ``so_far.json`` holds them."""
+        """Content of ``so_far.json``: the keys of `Reached.summary`, and ``finished_searches_and_tasks``, their number."""
         done = 0 if self.checkpoint is None else self.checkpoint.n_found
         return {**self.reached.summary(), "finished_searches_and_tasks": done}
 

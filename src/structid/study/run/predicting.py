@@ -131,7 +131,7 @@ def predict_study(
 def predict_stored(
     source: Study, folder: Path, options: PredictOptions, changes: Sequence[Change] = ()
 ) -> StudyPrediction:
-    """Predictions from a results folder whose study has been read; see `predict_study`."""
+    """Predictions from a results folder whose study has been read; parameters, result and errors are as in `predict_study`."""
     model = stored_model(folder, source)
     structure, parameters = changed_model(model.structure, model.parameters, changes)
     damper = None
@@ -446,7 +446,7 @@ def prediction_summary(prediction: StudyPrediction) -> dict[str, StoredEntry]:
 
 
 def _damper_entry(damper: TunedDamper) -> dict[str, StoredEntry]:
-    """Values of a tuned damper, and the largest receptances with and without it."""
+    """The entry of a tuned damper: its values, and the largest receptances with and without it."""
     return {
         "mass_kg": damper.change.mass,
         "frequency_hz": damper.change.frequency,

@@ -241,7 +241,7 @@ class Processes(RemoteWorkers):
 
     def executor(self) -> Executor:
         if self._pool is None:
-            self._pool = PipedProcesses(self.n_workers, _start_process)
+            self._pool = PipedProcesses(self.n_workers, _use_one_thread)
         return self._pool
 
     def give(self, content: bytes) -> str:
@@ -272,8 +272,8 @@ class Processes(RemoteWorkers):
             self._pool = None
 
 
-def _start_process() -> None:
-    """A process for tasks, on one thread."""
+def _use_one_thread() -> None:
+    """Keep this process of tasks to one thread, with the libraries that it has loaded and those that it loads later."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", THREADS_VARIABLE):
         os.environ[name] = "1"  # of libraries that come later
     threadpool_limits(1)

@@ -130,6 +130,11 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
         ``[structure]``.
     files : InputFiles
         List of input files, to which the files read are added.
+
+    Raises
+    ------
+    StudyError
+        If there is no group, or one cannot be read; with its place in the study.
     """
     entries = section.sections("matrix_group")
     matrices = section.section("matrices")
