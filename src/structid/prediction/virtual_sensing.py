@@ -282,7 +282,7 @@ def sense(
     basis = reduction_basis(structure, [model.values], carried, rate / len(record.values), rate / 2)
     if not basis.shape[1]:
         raise NoAnswerError(
-            f"all modes lie above {rate:g} Hz, the sampling rate, where more unknown forces than sensors are not told apart; name"
+            f"all modes lie above {rate:g} Hz, the sampling rate, where more unknown forces than sensors cannot be determined; name"
             f" at most {len(channels.sensors)} of them, or use a record of more samples per second"
         )
     stated_time = 1.0 if unknown is None else unknown.correlation_time
