@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.core.display import join_words
 from structid.core.errors import InputError, SingularModelError
 from structid.forward import RecordProblem
 from structid.identification.identified import Identification
@@ -36,20 +37,18 @@ class MeshPieces:
     ----------
     count : int
     moved : float
-        Largest shift of a value by the mesh, in its standard deviations from noise and tolerances; NaN where not known.
-    name : str
-        The value that moves so far.
+        Largest shift of a determined value by the mesh, in its standard deviations from noise and tolerances; NaN where
+        not known.
+    shifts : str
+        The values that move by more than `MOVED`, the farthest first, each with its shift; "" for none.
     obstacle : str
         Why no more pieces were tried, or none; "" where these are enough.
-    excess : float
-        Increase of chi-square by pieces half as long, all parameters following linearly; NaN where not known.
     """
 
     count: int
     moved: float = float("nan")
-    name: str = ""
+    shifts: str = ""
     obstacle: str = ""
-    excess: float = float("nan")
 
     @property
     def is_enough(self) -> bool:
@@ -58,19 +57,17 @@ class MeshPieces:
 
     @property
     def needed(self) -> int:
-        """Number of pieces an element from which mesh refinement moves no parameter by much."""
-        return max(int(np.ceil(self.count * (self.moved / _AIMED) ** (1 / _ORDER))), self.count + 1)
+        """Number of pieces an element from which mesh refinement moves no parameter by much, at most the largest tried."""
+        aimed = int(np.ceil(self.count * (self.moved / _AIMED) ** (1 / _ORDER)))
+        return min(max(aimed, self.count + 1), _MOST_PIECES)
 
     @property
     def warning(self) -> str:
         """A sentence where the mesh is known to move a value beyond `MOVED`, in a study that says how many pieces; else ""."""
         if not self.moved >= MOVED:
             return ""
-        interval = "which its interval does not include" if self.moved < 1 else "so do not rely on its interval"
-        return (
-            f"{MESH_MOVES} {self.name} by {self.moved:.2g} standard deviations, {interval}:"
-            f" write {SUBDIVIDE_AUTO}, or {self.needed} for {self.count}"
-        )
+        interval = "which intervals do not include" if self.moved < 1 else "so do not rely on these intervals"
+        return f"{MESH_MOVES} {self.shifts}, {interval}: write {SUBDIVIDE_AUTO}, or {self.needed} for {self.count}"
 
     @property
     def words(self) -> str:
@@ -78,11 +75,7 @@ class MeshPieces:
         cut = f"beams are cut into {self.count} pieces" if self.count > 1 else "beams are not cut"
         if self.is_enough:
             return f"{cut}: the mesh moves no value by more than {self.moved:.2g} of its deviation"
-        moves = (
-            f"the mesh moves {self.name} by {self.moved:.2g} standard deviations, and "
-            if np.isfinite(self.moved)
-            else ""
-        )
+        moves = f"{MESH_MOVES} {self.shifts}, and " if self.shifts else ""
         return f"{cut}: {moves}{self.obstacle}"
 
 
@@ -119,18 +112,18 @@ def judge_pieces(
     at = problem.linearize(theta)
     change = np.zeros(len(at.residual))
     change[: finer.n_data] = moved_rows - at.residual[: finer.n_data]  # priors know no mesh
-    step = _shift(at.jacobian, change)
-    shift = step * problem.slope(theta)
+    shift = _shift(at.jacobian, change) * problem.slope(theta)
     deviation = _deviation(identification)
     is_known = np.isfinite(shift) & (deviation > 0)
     deviations = np.divide(np.abs(shift), deviation, out=np.zeros(len(shift)), where=is_known)
-    worst = int(np.argmax(deviations))
-    moved, name = float(deviations[worst]), problem.names[worst]
+    if not is_known.any():
+        return MeshPieces(count, obstacle="no value is determined that the mesh might move")
+    moved = float(deviations.max())
+    far = [i for i in np.argsort(-deviations, kind="stable") if deviations[i] >= MOVED]
+    shifts = join_words([f"{problem.names[i]} by {deviations[i]:.2g}" for i in far], 4) + " standard deviations"
     is_finest = moved >= MOVED and count >= _MOST_PIECES
     obstacle = "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
-    refitted = at.residual + change + at.jacobian @ np.nan_to_num(step)
-    excess = float(refitted @ refitted - at.residual @ at.residual)
-    return MeshPieces(count, moved, name, obstacle, excess)
+    return MeshPieces(count, moved, shifts if far else "", obstacle)
 
 
 def _finer_problem(
