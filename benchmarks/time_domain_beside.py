@@ -34,7 +34,7 @@ import json, resource, sys, time
 import numpy as np
 import time_domain_cases as cases
 from structid.inversion.regression import no_rows
-from structid.inversion.regression.local_reduction import Kernels, row_maker
+from structid.inversion.regression.local_reduction import FoldingKernels, row_maker
 (name, size), n_times, motion, threads = json.loads(sys.argv[1])
 columns, operator, n_params = getattr(cases, name)(tuple(size) if isinstance(size, list) else size)
 rng = np.random.default_rng(0)
@@ -47,10 +47,10 @@ else:
 if motion == "exact":
     rows = (operator[:, : -len(columns)] @ fields[: -len(columns)]).reshape(len(columns), -1, n_times)
     fields[-len(columns) :] = rows.sum(axis=1)
-work, start, maker = Kernels("numba", threads), no_rows(columns, n_params), row_maker(operator, columns)
+work, start, maker = FoldingKernels("numba", threads), no_rows(columns, n_params), row_maker(operator, columns)
 clock = time.thread_time if threads == 1 else time.perf_counter
 few = np.ascontiguousarray(fields[:, : min(n_times, 300)])
-ours, plain = (start.reduced(maker, few, Kernels(kind)).triangles for kind in ("numba", "numpy"))
+ours, plain = (start.reduced(maker, few, FoldingKernels(kind)).triangles for kind in ("numba", "numpy"))
 norms = np.linalg.norm(plain, axis=1, keepdims=True)
 error = float(np.abs((np.abs(ours) - np.abs(plain)) / np.where(norms > 0, norms, 1.0)).max())
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -96,7 +96,7 @@ PASS_IN_A_PROCESS = """
 import ctypes, gc, sys, threading, time
 import numpy as np
 from structid import Beam, Structure, TimeRecord, Unknown, parameters
-from structid.inversion.regression.local_reduction import Kernels
+from structid.inversion.regression.local_reduction import FoldingKernels
 from structid.forward import motion_fit
 from structid.forward.motion.stream import motion_solution, reduced_by_chunks
 from structid.records.formats import ReadOptions
@@ -108,7 +108,7 @@ unknown = parameters(structure, [Unknown(p, "beam", each=True) for p in ("mass",
 names = tuple(str(dof) for dof in structure.dofs)
 kinds = tuple(np.repeat(["acceleration", "velocity", "displacement", "force"], len(names)).tolist())
 record = open_record(path, ReadOptions(sampling_rate=1.0, channels=names * 4, quantities=kinds))
-work = Kernels("numba")
+work = FoldingKernels("numba")
 beam = Beam("beam", [[0, 1], [1, 2], [2, 3]], 1.0, 1.0, mass_damping=1.0)
 small = Structure({i: float(i) for i in range(4)}, [beam], ["0Y", "0RZ"], active=["Y", "RZ"])
 few = tuple(str(dof) for dof in small.dofs)

@@ -8,6 +8,7 @@ import struct
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import h5py
@@ -27,6 +28,7 @@ from structid.fem.importers import (
     write_matrix,
     write_op4,
 )
+from structid.files.loggers import PACKAGES
 from structid.modal import ModalRecord
 from structid.modal.formats.files import write_modes
 from structid.records import FrfRecord, TimeRecord
@@ -304,7 +306,7 @@ def _loggers(folder: Path) -> _Made:
     for one in LOGGERS:
         name = f"records/logger{one.SUFFIXES[0]}"
         path = _place(folder, name, f"a{one.SUFFIXES[0]}")
-        if one.is_installed:
+        if find_spec(PACKAGES[one.kind].partition(".")[0]) is not None:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 _WRITERS[one.kind](path)

@@ -82,12 +82,15 @@ TRUTH = {"stiffness[ground]": 8300.0, "stiffness[lower]": 7300.0}
 UPPER, CHANNELS, FREQUENCY_ERROR, SHAPE_ERROR = 6000.0, ["1X", "3X", "4X", "5X"], 2e-3, 0.02
 
 
-def building(folder, seed, upper=UPPER, held=UPPER):
-    """The study of a building whose upper storeys have another stiffness than it holds, with three modes."""
+def building(folder, seed, upper=UPPER, held=UPPER, clock=1.0):
+    """The study of a building whose upper storeys have another stiffness than it holds, with three modes.
+
+    All frequencies are read `clock` times as high as they are.
+    """
     k = np.array([8300.0, 7300.0, 7300.0, upper, upper])
     stiffness = np.diag(k + np.append(k[1:], 0.0)) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
     squares, shapes = eigh(stiffness, np.diag([5.0, 5.0, 5.0, 5.0, 3.0]))
-    frequency, shapes = np.sqrt(squares[:3]) / (2 * np.pi), shapes[[0, 2, 3, 4], :3]
+    frequency, shapes = clock * np.sqrt(squares[:3]) / (2 * np.pi), shapes[[0, 2, 3, 4], :3]
     shapes = shapes / np.abs(shapes).max(axis=0)
     rng = np.random.default_rng(seed)
     std = FREQUENCY_ERROR * frequency
@@ -167,6 +170,22 @@ def test_a_sound_answer_whose_record_would_have_another_held_value_is_approximat
     narrow = dict(zip(found.estimate.names, result.identification.intervals.ends, strict=True))
     assert any(not low < TRUTH[name] < high for name, (low, high) in narrow.items())
     assert all(low < TRUTH[name] < high for name, (low, high) in ends.items())
+
+
+def test_a_fixed_stiffness_that_the_record_would_have_otherwise_may_be_a_clock(tmp_path):
+    """Frequencies that are all read 1.25 % too high: the stiffnesses are not to be used, though the model explains the record."""
+    ready, result = building(tmp_path, 1, clock=1.0125)
+    assert is_sound(result.identification)
+    found, _ = diagnose_study(ready, result, explain=False)
+    first = doubted(found.diagnosis.sensitivities)[0]
+    assert first.name == "stiffness[upper]"
+    assert first.clock_pull == pytest.approx(1.0125**2 - 1, abs=3 * first.pull_std)
+    assert found.diagnosis.judgement.verdict == "approximate"
+    assert "do not rely on the stiffnesses before both are checked." in found.diagnosis.judgement.words
+    assert found.view.next_step.startswith(
+        "Check the clock or sampling rate and stiffness[upper] before you use a stiffness"
+    )
+    assert not replace(first, clock_pull=0.02, tolerance=0.01).is_like_clock
 
 
 def test_a_clear_pull_is_looked_into_and_named(tmp_path):

@@ -51,6 +51,15 @@ def test_atomic_write_without_folder(tmp_path):
         pytest.fail("must not get here")
 
 
+def test_a_study_is_suggested_for_the_name_of_a_study_alone(tmp_path):
+    (tmp_path / "chain.toml").write_text("x")
+    with pytest.raises(FileError, match=r"no such file; check the name and the folder"):
+        require_readable(tmp_path / "chain.csv")
+    for name in ("chian.toml", "chain"):
+        with pytest.raises(FileError, match=r"did you mean chain\.toml"):
+            require_readable(tmp_path / name)
+
+
 def test_require_readable_names_the_nearest(tmp_path):
     (tmp_path / "measured.uff").write_text("x")
     with pytest.raises(FileError, match=r"mesured.uff: there is no such file; did you mean measured\.uff"):

@@ -208,6 +208,10 @@ def test_missing_noise_and_zero_noise_are_refused():
     variance[3, 1, 0] = 0.0
     with pytest.raises(InputError, match=r"noise of 5X\+/.* is 0 at"):
         FrfProblem(structure, made, replace(record, variance=variance))
+    values, variance = np.array(record.values), np.array(record.variance)
+    values[:, 1, 0], variance[:, 1, 0] = 0.0, 0.0
+    with pytest.raises(InputError, match=r"5X\+/.* is 0 at every line, as a dead channel reads"):
+        FrfProblem(structure, made, replace(record, values=values, variance=variance))
 
 
 def test_friction_needs_its_sensor_and_one_load():

@@ -231,7 +231,7 @@ MEMORY = """
 import ctypes, gc, sys, threading, time
 import numpy as np
 from structid import Beam, Structure, Unknown, parameters
-from structid.inversion.regression.local_reduction import Kernels
+from structid.inversion.regression.local_reduction import FoldingKernels
 from structid.forward import motion_fit
 from structid.forward.motion.stream import motion_solution, reduced_by_chunks
 from structid.records.formats import ReadOptions
@@ -243,7 +243,7 @@ unknown = parameters(structure, [Unknown(p, "beam", each=True) for p in ("mass",
 names = tuple(str(dof) for dof in structure.dofs)
 kinds = tuple(np.repeat(["acceleration", "velocity", "displacement", "force"], len(names)).tolist())
 record = open_record(path, ReadOptions(sampling_rate=1.0, channels=names * 4, quantities=kinds))
-fit, work = motion_fit(structure, unknown), Kernels(sys.argv[2])
+fit, work = motion_fit(structure, unknown), FoldingKernels(sys.argv[2])
 motion_solution(reduced_by_chunks(fit, structure, record, work, longest=40, last=80), work)
 def resident():
     return int(open("/proc/self/statm").read().split()[1]) * 4096

@@ -13,9 +13,11 @@ from scipy.linalg import eigh
 
 import structid as sid
 from structid.diagnose.verdict import judged
-from structid.forward.fixed_values import append_fixed_factors, with_fixed_values
+from structid.forward.fixed_values import append_fixed_factors, tolerances_of, with_fixed_values
 from structid.identification.joint_problem import taken_as_exact, tolerances_clause
+from structid.inversion.estimate import estimate
 from structid.inversion.fixed_values import FIXED, tolerance_words
+from structid.inversion.search.within_tolerances import FixedValues
 from structid.modal import ModalRecord
 from structid.modal.modal_record import independent_errors
 from structid.prediction.identified_model import model_of
@@ -265,6 +267,21 @@ def test_a_held_value_beyond_its_tolerance_widens_by_what_it_explains():
     low, high = estimate.interval().T
     truth = np.array([SPRING[0], SPRING[2], DASHPOT[0]])
     assert ((low < truth) & (truth < high))[:2].all()
+
+
+def test_a_search_on_a_sample_tests_the_residual_of_all_data():
+    """A mass 0.75 % too heavy: the answer on a third of the lines is within three deviations of that on all of them."""
+    values = (MASS[0], 1.0075 * MASS[1], *MASS[2:]), SPRING, DASHPOT
+    record = measured(values, 1.0, np.random.default_rng(4), n_lines=360)
+    structure = chain()
+    setup = sid.Setup(structure, sid.parameters(structure, SOUGHT), record)
+    problem = setup.prepared(sid.IdentifyOptions()).problem
+    freed, lines = with_fixed_values(problem, TOLERANCES, record="test"), np.arange(0, 360, 3)
+    fixed = FixedValues(freed, tolerances_of([freed]), freed.with_lines(lines))
+    on_sample = estimate(problem, sample=problem.with_lines(lines), fixed=fixed).goodness
+    on_all = estimate(problem, fixed=fixed).goodness
+    assert on_sample.least_chi_square == pytest.approx(on_all.least_chi_square, rel=1e-3)
+    assert on_sample.least_chi_square == pytest.approx(on_all.n_data, rel=0.1)
 
 
 def test_records_share_what_is_held_and_have_a_calibration_each():

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from chain_cases import STIFFNESS, chain, record
+from chain_cases import SENSORS, STIFFNESS, chain, record
 from scipy import linalg
 
-from structid import ModalRecord, Spring, Status, Structure, Unknown, identify, parameters
-from structid.diagnose.verdict import _fixes_stiffness, judged
+from structid import Beam, ModalRecord, Spring, Status, Structure, Unknown, identify, parameters
+from structid.diagnose.verdict import clock_or_stiffness, judged
 from structid.identification.identify import identify_together
 from structid.identification.setups.modal import ModalSettings, ModalSetup
+from structid.modal.modal_record import independent_errors
 
 
 def measured(coupling):
@@ -74,10 +75,66 @@ def test_stiffnesses_that_all_moved_together_may_be_a_clock(scale, starts, is_to
         assert f"read 3 % too {'high' if scale > 1 else 'low'}" in judgement.words
 
 
+@pytest.mark.parametrize(("kind", "is_told"), [("accelerance", True), ("receptance", False)])
+def test_accelerations_cannot_tell_a_clock_from_all_stiffnesses_either(kind, is_told):
+    """Of displacements a clock changes the size as well: 1.03 times the frequencies are no common factor on stiffnesses."""
+    measured_frf = record(chain(tuple(1.03**2 * k for k in STIFFNESS))).as_kind(kind)
+    unknown = parameters(chain(), [Unknown("stiffness", "k", each=True)])
+    words = judged(identify(chain(), unknown, measured_frf)).words
+    assert ("All stiffnesses moved together, to 1.06 times their starts: accelerations cannot" in words) is is_told
+
+
 def test_a_fixed_stiffness_tells_a_clock_from_stiffnesses():
-    assert not _fixes_stiffness(found(1e-6).problems[0])
-    own = chain()
-    held = Structure(own.nodes, [*own.elements, Spring("held", ["4X"], stiffness=5.0)], own.fixed, active=["X"])
-    unknown = parameters(held, [Unknown("stiffness", "k", each=True)])
-    [problem] = identify_together([ModalSetup(held, unknown, measured(1e-6))]).problems
-    assert _fixes_stiffness(problem)
+    """Stiffnesses that all moved by 6 % beside a fixed spring, whose modes are not those of a clock."""
+    own, factors = chain(), (1.0, 1.06)
+    held = [Structure(own.nodes, [*chain(tuple(f * k for k in STIFFNESS)).elements,
+                                  Spring("held", ["4X"], stiffness=300.0)], own.fixed, active=["X"]) for f in factors]  # fmt: skip
+    unknown = parameters(held[0], [Unknown("stiffness", "k", each=True)])
+    answer = identify_together([ModalSetup(held[0], unknown, modes_of(held[1], SENSORS))])
+    assert answer.estimate.values == pytest.approx(1.06 * np.array(STIFFNESS), rel=1e-3)
+    assert clock_or_stiffness(answer) == ""
+
+
+@pytest.mark.parametrize(
+    ("force", "factor", "axial_stiffness", "unknown_force", "is_told"),
+    [
+        (0.0, 1.0, 0.0, False, True),
+        (0.0, 1.0, 1e6, False, True),  # no axial motion is in the model
+        (4000.0, 1.0, 0.0, False, False),
+        (4000.0, 1.0, 0.0, True, False),
+        (4000.0, 1.1, 0.0, True, True),
+        (-1000.0, 1.1, 0.0, True, True),
+    ],
+)
+def test_an_axial_force_counts_as_a_stiffness(force, factor, axial_stiffness, unknown_force, is_told):
+    """The bending stiffnesses are 10 % larger than their starts, the force is `factor` times its start."""
+
+    def beam(stiffer, tenser):
+        nodes = {i + 1: (float(i), 0.0) for i in range(7)}
+        parts = [
+            Beam(name, [(i, i + 1) for i in range(first, first + 3)], mass=2.0, bending_stiffness=stiffer * bending,
+                 axial_stiffness=axial_stiffness, axial_force=tenser * force)
+            for name, first, bending in (("left", 1, 1e4), ("right", 4, 2e4))
+        ]  # fmt: skip
+        return Structure(nodes, parts, ["1Y", "7Y"], active=["Y", "RZ"])
+
+    properties = ("bending_stiffness", "axial_force") if unknown_force else ("bending_stiffness",)
+    sought = [Unknown(what, name) for what in properties for name in ("left", "right")]
+    start = beam(1.0, 1.0)
+    record = modes_of(beam(1.1, factor), [f"{i}Y" for i in range(2, 7)])
+    answer = identify_together([ModalSetup(start, parameters(start, sought), record)])
+    assert answer.estimate.values[:2] == pytest.approx([1.1e4, 2.2e4], rel=1e-3)
+    words = clock_or_stiffness(answer)
+    assert ("moved together, to 1.1 times" in words) is is_told
+    assert ("axial forces" in words) is (is_told and unknown_force)
+
+
+def modes_of(structure, channels):
+    """The first four modes of a structure at `channels`, frequencies to 0.1 %, shapes to 0.3 %."""
+    squares, shapes = linalg.eigh(structure.matrix("stiffness").toarray(), structure.matrix("mass").toarray())
+    names = [str(dof).rstrip("+") for dof in structure.dofs]
+    frequency, shapes = np.sqrt(squares[:4]) / (2 * np.pi), shapes[[names.index(name) for name in channels], :4]
+    shapes = shapes / np.abs(shapes).max(axis=0)
+    none = np.full(4, np.nan)
+    errors = independent_errors(np.r_[1e-3 * frequency, none])
+    return ModalRecord(frequency, none, shapes, channels, errors, shape_std=np.full(shapes.shape, 3e-3))

@@ -53,6 +53,28 @@ def test_modes_are_followed_by_their_energy_where_a_mass_is_taken_out():
     assert ((ratio > 1.0) & (ratio < 1.2)).all(), ratio
 
 
+def test_every_use_starts_from_an_identification_and_says_so_of_anything_else():
+    """One sensor named by a bare text does too."""
+    structure = make_oscillator().structure
+    unknown = sid.parameters(structure, [sid.Unknown("stiffness", "k")])
+    like = sid.FrfRecord(np.linspace(5.0, 15.0, 40), np.ones((40, 1, 1)), ("1X",), ("1X",), "receptance")
+    frf = sid.simulated_record(structure, unknown, like, 0.01, np.random.default_rng(1))
+    fit = sid.identify(structure, unknown, sid.with_declared_noise(frf, relative=0.01))
+    force = np.random.default_rng(0).standard_normal((200, 1))
+    record = sid.TimeRecord(100.0, np.hstack([force, 0.1 * force]), ["1X", "1X"], ["force", "acceleration"])
+    assert sid.sense(fit, record, "1X", n_draws=2).values.shape == (200, 1)
+    assert sid.state_space(fit, "1X", "1X", (5.0, 15.0)).a.shape == (2, 2)
+    assert sid.predict(fit, sid.Frf("1X", "1X", [10.0])).values.shape == (1, 1, 1)
+    for use in (
+        lambda: sid.predict(fit.estimate, sid.NaturalModes(1)),
+        lambda: sid.sense(fit.estimate, record, "1X"),
+        lambda: sid.state_space(fit.estimate, "1X", "1X", (5.0, 15.0)),
+        lambda: sid.tune_damper(fit.estimate, "1X", 0.1),
+    ):
+        with pytest.raises(InputError, match=r"an identification is needed, .*got Estimate"):
+            use()
+
+
 def test_band_of_a_frequency_is_half_that_of_the_stiffness():
     found = sid.predict(make_oscillator(0.02), sid.NaturalModes(1), n_draws=1000)
     f = np.sqrt(8e3 / 2.0) / (2 * np.pi)

@@ -61,6 +61,18 @@ def test_values_have_their_unit_with_a_prefix_and_no_digit_beyond_their_deviatio
     assert (light.value_text, light.interval_text) == ("0.1250 ± not determined", "above 0.1000, no upper limit")
 
 
+@pytest.mark.parametrize("interval", [(2e-149, 8e165), (0.0, np.inf), (8.6e-295, np.inf)])
+def test_an_interval_that_limits_nothing_is_told_in_words(interval):
+    wild = ParameterResult(
+        "k", "stiffness", "N/m", 1e8, 4e8, 6e10, interval, 1.0, 1.0, 0.0, "not determined", identified=False
+    )
+    assert (wild.value_text, wild.interval_text) == ("400.0 ± not determined", "not determined")
+    assert wild.interval_with_unit == "not determined"
+    told = replace(wild, interval=(1e8, interval[1]))
+    assert told.interval_text != "not determined"
+    assert told.value_text == "0 ± 60000"
+
+
 def test_states_say_how_each_parameter_is_determined(result, rigid):
     assert set(parameter_states(result.identification)) == {"determined"}
     states = dict(zip(rigid.estimate.names, parameter_states(rigid.identification), strict=True))

@@ -165,6 +165,13 @@ def test_what_a_time_fit_cannot_use_is_named(tmp_path, old, new, words):
         prepare_study(load_study(path))
 
 
+def test_a_record_of_zeros_is_said_to_be_one(tmp_path):
+    record = sampled_record()
+    path, _ = write_study(tmp_path, CHAIN, replace(record, values=np.zeros_like(record.values)))
+    with pytest.raises(InputError, match="the record is 0 at every sample"):
+        prepare_study(load_study(path))
+
+
 @pytest.mark.parametrize("fit", ["spectra", "output_error"])
 def test_accelerations_without_a_load_are_told_at_the_record(tmp_path, fit):
     structure = chain()

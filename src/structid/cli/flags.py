@@ -36,9 +36,9 @@ _OPTION = re.compile(r"`(?P<name>\w+)(?: = (?P<value>[^`]+))?`")
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Function for typer made of `function`: each parameter that is a dataclass of options becomes one flag for each field.
+    """The function for typer made of `function`: each parameter that is a dataclass of options becomes one flag for each field.
 
-    Errors of the user's input end it with one message on stderr and an exit code, see `reported`.
+    An error of the user's input ends it with one message on stderr and an exit code, see `reported`.
     """
     signature = inspect.signature(function, eval_str=True)
     options: dict[str, type] = {
@@ -138,8 +138,7 @@ def _make_options(options: type[T], values: Mapping[str, object]) -> T:
 def _option_fields(options: type, prefix: str = "") -> Iterator[tuple[type, Field[object], object, str]]:
     """Yield dataclass, field, type and option name of each field of a dataclass of options.
 
-    Fields of a dataclass inside it follow in its place; their option names begin with `prefix`, the names of the fields that lead
-    to them.
+    The fields of a dataclass inside it stand in its place; `prefix` is the beginning of their option names.
     """
     kinds = get_type_hints(options)
     for field in fields(options):

@@ -85,9 +85,10 @@ def likeness(value: float, decimals: int = 3) -> str:
 
 
 def percent(ratio: float, digits: int = 3, signed: bool = True, most_decimals: int = 2) -> str:
-    """`ratio` in per cent, with its sign; no more than `most_decimals`, but as many as it takes to tell it from 0.
+    """`ratio` in per cent, with + before positive ones if `signed`; a dash if it is not finite.
 
-    `digits` are significant ones of the number in per cent; a dash for a ratio that is not finite.
+    `digits` are the significant digits of the number in per cent. It has `most_decimals` at most, unless more are needed to
+    tell it from 0.
 
     Examples
     --------

@@ -43,6 +43,9 @@ class FixedValueSensitivity:
         record does not tell.
     tolerance : float
         Standard deviation that the answer allows it, in parts of its value.
+    clock_pull : float
+        For a fixed stiffness, by what part the record would change all fixed stiffnesses by one factor, where nothing else
+        that is fixed explains more: a clock that is off has the same effect. NaN elsewhere.
     """
 
     name: str
@@ -52,6 +55,12 @@ class FixedValueSensitivity:
     pull: float
     pull_std: float
     tolerance: float = 0.0
+    clock_pull: float = float("nan")
+
+    @property
+    def is_like_clock(self) -> bool:
+        """True where a clock that is off explains what the record would change by more than three tolerances and 1 %."""
+        return abs(self.clock_pull) > max(DOUBTED_TOLERANCES * self.tolerance, SHIFTS)
 
     @property
     def most_moved(self) -> int:
@@ -77,6 +86,13 @@ class FixedValueSensitivity:
         """A clause on the value that the record would prefer, and the parameter that would move with it, if any matters."""
         more = f"{_percent(self.pull)} (standard deviation {abs(100 * self.pull_std):.2g} %)"
         words = f"the record prefers {self.name}, fixed in the model, {more}"
+        if self.is_like_clock:
+            off = np.sqrt(1 + self.clock_pull) - 1
+            return (
+                f"{words}, or every identified stiffness {_percent(1 / (1 + self.clock_pull) - 1)} with a clock or sampling rate by"
+                f" which all frequencies read {abs(100 * off):.2g} % too {'high' if off > 0 else 'low'}: do not rely on the"
+                " stiffnesses before both are checked"
+            )
         at = self.moved_by_pull
         if at is None:
             return words
@@ -87,7 +103,8 @@ class FixedValueSensitivity:
 
         `risk` is the chance that any of `among` fixed values of a right model is doubted.
         """
-        if not self.pull_std > 0 or self.moved_by_pull is None or abs(self.pull) <= DOUBTED_TOLERANCES * self.tolerance:
+        matters = self.is_like_clock or self.moved_by_pull is not None
+        if not self.pull_std > 0 or not matters or abs(self.pull) <= DOUBTED_TOLERANCES * self.tolerance:
             return False
         return abs(self.pull) > float(special.ndtri(1 - risk / (2 * among))) * self.pull_std
 
@@ -97,9 +114,9 @@ def _percent(part: float) -> str:
 
 
 def doubted(held: Sequence[FixedValueSensitivity]) -> tuple[FixedValueSensitivity, ...]:
-    """The fixed values for which the record prefers other values (`is_doubted`), the clearest first."""
+    """The fixed values for which the record prefers other values (`is_doubted`): what a clock explains, then the clearest first."""
     found = [one for one in held if one.is_doubted(len(held))]
-    return tuple(sorted(found, key=lambda one: -abs(one.pull / one.pull_std)))
+    return tuple(sorted(found, key=lambda one: (not one.is_like_clock, -abs(one.pull / one.pull_std))))
 
 
 def resting(held: Sequence[FixedValueSensitivity]) -> list[FixedValueSensitivity]:

@@ -13,12 +13,15 @@ from structid.diagnose.causes.places import MOST_DOFS
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, influences
 from structid.diagnose.modified_model import prepared_problems, started_at, weighed_like
 from structid.diagnose.tested_model import ModelDraft, TestedModel
-from structid.diagnose.verdict import fits_noise
+from structid.diagnose.verdict import fits_noise, takes_clock_for_stiffness
 from structid.forward.scatter import scatter_problems
 from structid.identification.identified import Identification
 from structid.identification.joint_problem import joint_problem
 from structid.inversion import Problem
 from structid.inversion.uncertainty import relative_steps
+
+#: All fixed stiffnesses by one factor, and the part of the clearness of another fixed value at which they are as clear.
+_EVERY, _EQUAL = "every fixed stiffness", 1e-6
 
 
 def fixed_value_sensitivities(model: TestedModel, identification: Identification) -> tuple[FixedValueSensitivity, ...]:
@@ -60,8 +63,38 @@ def fixed_value_sensitivities(model: TestedModel, identification: Identification
         zip(estimate.fixed.names, estimate.fixed.tolerance.tolist(), strict=True)
     )  # fmt: skip
     rows = (at.jacobian * relative_steps(target, theta))[:, columns]
-    several = influences(rows, at.residual, free, names, (estimate.std / sizes)[estimate.spread.is_free], scale)
-    return tuple(replace(one, tolerance=tolerances.get(one.name, 0.0)) for one in several)
+    std = (estimate.std / sizes)[estimate.spread.is_free]
+    several = tuple(
+        replace(one, tolerance=tolerances.get(one.name, 0.0))
+        for one in influences(rows, at.residual, free, names, std, scale)
+    )
+    kinds = dict(zip(target.names, target.unknowns.kinds, strict=True))
+    is_stiffness = np.array([kinds[name] == "stiffness" for name in (*free, *names)])
+    is_held = np.arange(len(columns)) >= len(free)
+    sought, held = is_stiffness & ~is_held, is_stiffness & is_held
+    if not (sought.any() and held.any() and all(takes_clock_for_stiffness(one) for one in identification.problems)):
+        return several
+    together = np.column_stack([rows[:, ~is_held], rows[:, held].sum(axis=1)])
+    return _marked(
+        several,
+        influences(together, at.residual, free, [_EVERY], std, scale),
+        [names[i] for i in np.flatnonzero(held[is_held])],
+    )
+
+
+def _marked(
+    several: tuple[FixedValueSensitivity, ...], together: tuple[FixedValueSensitivity, ...], stiffnesses: Sequence[str]
+) -> tuple[FixedValueSensitivity, ...]:
+    """A copy of `several` in which the clearest of the fixed `stiffnesses` has the pull at all of them together as `clock_pull`.
+
+    A plain copy where a single fixed value explains more than all stiffnesses `together` do, or these are not seen.
+    """
+    clear = [abs(one.pull / one.pull_std) for one in (*several, *together)]
+    seen = [i for i, one in enumerate(several) if one.name in stiffnesses and np.isfinite(clear[i])]
+    if not together or not seen or not clear[-1] >= (1 - _EQUAL) * np.nanmax(clear):
+        return several
+    first = max(seen, key=lambda i: clear[i])
+    return tuple(replace(one, clock_pull=together[0].pull) if i == first else one for i, one in enumerate(several))
 
 
 def _free_fixed_values(

@@ -157,7 +157,7 @@ class ModifiedModel:
     def _changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
         """The model with the change `candidate` of size `strength` besides, made anew.
 
-        Its data have the weights of this model's, its start values are those of the set-ups.
+        Its data have the weights of this model's data; its start values are those of the set-ups.
 
         Raises
         ------
@@ -336,7 +336,7 @@ class ModifiedModel:
         return self._best_fit(self.target, FINAL, starts)
 
     def fitted_on_fewer_lines(self, starts: Sequence[FloatArray]) -> Minimum:
-        """The minimum as of `fitted`, but on at most 300 lines of each record: where a full fit may start."""
+        """The minimum as of `fitted`, but on the lines of `coarse_problems`: where a full fit may start."""
         return self._best_fit(self.coarse_target, _COARSE, starts)
 
     def _best_fit(self, problem: Problem, method: LevenbergMarquardt, starts: Sequence[FloatArray]) -> Minimum:

@@ -136,10 +136,7 @@ class Receptances:
         return pushed, own + self._ends.T @ pushed
 
     def _joined(self, motion: ComplexArray) -> ComplexArray:
-        """Motion (n_lines, n_dofs, n) of the model with its measured components, from `motion` without them.
-
-        Without measured components `motion`, of the same shape, is returned as it is.
-        """
+        """Motion (n_lines, n_dofs, n) of the model with its measured components, if any, from `motion` without them."""
         if self._ends is None:
             return motion
         pushed, receptance = self._joints
@@ -172,7 +169,7 @@ class Receptances:
 
     @cached_property
     def columns(self) -> dict[Dof, FloatArray]:
-        """For each free direction of a node, the weights (n_dofs,) by which it follows the free degrees of freedom.
+        """Weights (n_dofs,) by which each free direction of a node follows the free degrees of freedom, by direction.
 
         Keys are unsigned; directions that follow only driven supports, or nothing, are left out.
         """

@@ -333,8 +333,9 @@ def restore_fit(base: FittedModel, candidate: Candidate, stored: StoredFit) -> F
 def _fit_to_the_end(base: FittedModel, modified: ModifiedModel, theta: FloatArray) -> FittedModel:
     """The full fit of a changed model: the best of those from `theta` (n_params,) and from the values of `base`.
 
-    Starts are compared on fewer lines, and so are other strengths where the kind of change asks for them. Outlying lines and
-    tones are looked for again after the fit, up to four times.
+    Candidates with `begins_at_start` are fitted from the start values too. Starts are compared on fewer lines, and so are
+    other strengths where the kind of change asks for them. Outlying lines and tones are looked for again after the fit,
+    up to four times.
     """
     starts = [theta, modified.theta_of(base.values)]
     if modified.changes[-1].candidate.begins_at_start:

@@ -89,7 +89,7 @@ class Explanation:
     tried : int
         How many candidates there were.
     near : tuple of FittedModel
-        Changes, accepted or not, within `ALIKE` of the likeliest model, that as it is among them.
+        Changes, accepted or not, within `ALIKE` of the likeliest model; the unchanged model may be that one.
     further : Explanation, optional
         Of what the first cause leaves.
     better : FittedModel, optional
@@ -423,7 +423,7 @@ def _beside(first: FittedModel, work: TaskExecutor, which: str, budget: SearchBu
 
 
 def _first_alike(rows: Sequence[Screened]) -> list[int]:
-    """For each screened change, the position of the first with the same kind, strength and misfit; mostly that of itself."""
+    """Position of the first change with the same kind, strength and misfit for each screened one; mostly that of itself."""
     seen = [(one.candidate.place[0], f"{one.strength:.9e}", f"{one.left:.9e}") for one in rows]
     return [seen.index(key) for key in seen]
 

@@ -99,9 +99,9 @@ def linearize_fit(fitted: FittedModel) -> LinearizedFit:
 def screen_sets(base: FittedModel, work: TaskExecutor, name: str, budget: SearchBudget = UNLIMITED) -> list[Screened]:
     """Changes of sets, records and mesh that lower the misfit by one linear step, each with its best strength, unsorted.
 
-    The drop must be 2 % at least, except for mesh, shear, window and clock, which are kept whenever their model exists. Of each
-    other family, and of shear, the four most telling go on. Misfits are estimated from at most 300 lines of each record. `name`
-    is that of the stage in progress messages.
+    The drop must be 2 % at least, except for mesh, shear, window and clock, which need none. Of each family the four that
+    leave least go on, and every clock. Misfits are estimated on `coarse_problems`. `name` is that of the stage in progress
+    messages.
     """
     several = set_candidates(base.modified.model, base.modified.problems)
     sized = [(candidate, float(strength)) for candidate in several for strength in candidate.strengths]

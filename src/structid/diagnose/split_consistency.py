@@ -138,8 +138,9 @@ class _Parts(NamedTuple):
 def _fit_part(parts: _Parts, item: tuple[int, FloatArray], tools: TaskContext) -> _Fit:
     """The fit of one part: ``values``, ``std`` and ``changes`` by fixed values; an empty dict where it cannot be fitted.
 
-    `values` and `std` are (n_params,), `changes` (n_params, n_fixed). `item` is the number of the part and the free
-    variables at which its fit starts. Free variables are (n_params,).
+    `values` and `std` are (n_params,); `changes` are those of `FixedValueInfluence`, (n_params, n_fixed + 1), or one
+    column of zeros where fixed values are exact. `item` is the number of the part and the free variables (n_params,) at
+    which its fit starts.
     """
     number, start = item
     search = Search(restarts=0, start=start)

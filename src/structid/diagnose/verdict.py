@@ -420,20 +420,20 @@ def clock_or_stiffness(identification: Identification) -> str:
     """A clause that a clock explains as well why all stiffnesses moved together from their starts; "" where it does not.
 
     Frequencies that are all read c times too high give c^2 times all stiffnesses over masses, and nothing else. The clause is
-    there for measured modes of models without a fixed stiffness, where the ratios of at least two stiffnesses to their starts
-    agree with one common ratio (chi-square, 5 %) that differs from 1 by more than their uncertainty and 1 %.
+    there for modes and accelerations of models without a fixed stiffness, where the ratios of at least two stiffnesses to their
+    starts agree with one common ratio (chi-square, 5 %) that differs from 1 by more than their uncertainty and 1 %. Axial
+    forces count as stiffnesses.
     """
     estimate, problems = identification.estimate, identification.problems
-    index = np.flatnonzero(np.array(estimate.kinds) == "stiffness")
-    is_of_modes = all(compares_modes(problem) for problem in problems)
-    if not is_of_modes or len(index) < 2 or any(_fixes_stiffness(problem) for problem in problems):
+    index = np.flatnonzero(np.isin(estimate.kinds, _STIFFENING))
+    may_be_clock = all(takes_clock_for_stiffness(problem) for problem in problems)
+    if not may_be_clock or len(index) < 2 or any(_fixes_stiffness(problem) for problem in problems):
         return ""
-    start = {
-        name: value for problem in problems for name, value in zip(problem.names, problem.unknowns.start, strict=True)
-    }
-    values, begun = estimate.values[index], np.array([start[estimate.names[i]] for i in index])
+    values, begun = estimate.values[index], estimate.initial[index]
+    if not (values * begun > 0).all():
+        return ""
     covariance = estimate.covariance[np.ix_(index, index)] / np.outer(values, values)
-    if not (np.isfinite(covariance).all() and (values > 0).all() and (begun > 0).all()):
+    if not np.isfinite(covariance).all():
         return ""
     moved = np.log(values / begun)
     try:
@@ -445,19 +445,46 @@ def clock_or_stiffness(identification: Identification) -> str:
     if not is_common or abs(common) < max(MATTERS / np.sqrt(weights.sum()), SHIFTS):
         return ""
     ratio = float(np.exp(common))
+    forces = " and axial forces" if "axial_force" in np.array(estimate.kinds)[index] else ""
+    measured = "measured modes" if all(compares_modes(problem) for problem in problems) else "accelerations"
     return (
-        f"all stiffnesses moved together, to {ratio:.3g} times their starts: measured modes cannot tell that from frequencies"
-        f" that are all read {100 * abs(np.sqrt(ratio) - 1):.2g} % too {'high' if ratio > 1 else 'low'}; check the clock or"
-        " sampling rate"
+        f"all stiffnesses{forces} moved together, to {ratio:.3g} times their starts: {measured} cannot tell that from"
+        f" frequencies that are all read {100 * abs(np.sqrt(ratio) - 1):.2g} % too {'high' if ratio > 1 else 'low'}; check the"
+        " clock or sampling rate"
     )
 
 
+def takes_clock_for_stiffness(problem: RecordProblem) -> bool:
+    """True where frequencies that all read c times too high are what c^2 times all stiffnesses give.
+
+    That holds for modes, and for accelerations per force or per motion of supports: A(s) of masses M and stiffnesses K is
+    that of M and c^2 K at c s. Dashpots differ by c alone, which lightly damped records do not tell.
+    """
+    if compares_modes(problem):
+        return True
+    record = problem.facts.record
+    kind, quantities = getattr(record, "kind", ""), getattr(record, "quantities", ())
+    if quantities:
+        return set(quantities) <= {"acceleration", "force"}
+    return kind in ("accelerance", "transmissibility")
+
+
+#: Kinds of properties that frequencies read too high by one factor move by one factor.
+_STIFFENING = ("stiffness", "axial_force")
+
+
 def _fixes_stiffness(problem: RecordProblem) -> bool:
-    """True if the model of a problem has a stiffness that no parameter changes and that is not 0."""
-    unknown = problem.parameters
+    """True if a stiffness or an axial force that no parameter changes is a part of the stiffness matrix of a problem."""
+    unknown, structure = problem.parameters, problem.structure
     is_fixed = (np.diff(unknown.design.tocsr().indptr) == 0) & (unknown.offset != 0)
-    properties = problem.structure.properties
-    return any(item.term.kind == "stiffness" and is_fixed[item.values].any() for item in properties)
+    factors = np.ones(len(is_fixed))
+    for item in structure.properties:
+        if item.term.kind in _STIFFENING:
+            factors[item.values][is_fixed[item.values]] = 2.0
+    if (factors == 1.0).all():
+        return False
+    change = structure.matrix("stiffness", factors * structure.values) - structure.matrix("stiffness")
+    return bool(np.any(change.data))
 
 
 def data_disagreements(identification: Identification, work: TaskExecutor = SERIAL) -> tuple[Disagreement, ...]:
@@ -520,9 +547,10 @@ def _judged(
         return Judgement("approximate", words, (said, *(one.words for one in doubts)))
     if is_sound(identification) and not causes and doubts:
         told = tuple(one.words for one in doubts)
+        remedy = ": measure it, or make it an unknown, with a prior where it is known a little"
         words = (
-            f"Approximate: the model explains the record to within its noise, but {told[0]}: measure it, or make it an"
-            " unknown, with a prior where it is known a little."
+            "Approximate: the model explains the record to within its noise, but"
+            f" {told[0]}{'' if doubts[0].is_like_clock else remedy}."
         )
         return Judgement("approximate", words, told)
     by_priors = _by_priors(identification) if leaves_noise_alone(identification) and not causes else []

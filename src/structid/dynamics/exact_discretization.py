@@ -144,9 +144,8 @@ def stepped(transition: FloatArray, drive: FloatArray, start: FloatArray) -> Flo
 def _step_in_blocks(transition: FloatArray, drive: FloatArray, start: FloatArray) -> FloatArray:
     """States as `stepped` gives them, (n_steps + 1, n_states, ...), with blocks of steps computed side by side.
 
-    Each block first runs from rest; its final state shows where the next block begins. `transition` (n_states,
-    n_states) advances the state by one step, `drive` (n_steps, n_states, ...) is added in each, and `start` (n_states,
-    ...) is the first state.
+    Each block first runs from rest; its final state shows where the next block begins. `transition` (n_states, n_states)
+    advances the state by one step, `drive` (n_steps, n_states, ...) is added in each, `start` (n_states, ...) is the first.
     """
     n_steps, n = drive.shape[:2]
     length = int(np.sqrt(n_steps / 2))

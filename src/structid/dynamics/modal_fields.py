@@ -139,10 +139,10 @@ def _difference(fields: ComplexArray, exact: ComplexArray) -> float:
 
 
 def _check_lines(poles: FloatArray, lines: FloatArray) -> IntArray:
-    """Indices of the lines nearest to each pole within the band, and of eight spread over it, increasing.
+    """Index of the first line at or above each pole within the band, and of eight spread over it (`_SPREAD`), increasing.
 
-    `poles` and `lines` are frequencies in one unit; they need not be sorted. Only poles (n_poles,) between the least
-    and the largest of `lines` (n_lines,) count.
+    `poles` (n_poles,) and `lines` (n_lines,) are frequencies in one unit and need not be sorted; poles outside the lines do
+    not count.
     """
     order = np.argsort(lines)
     in_band = poles[(poles >= lines.min()) & (poles <= lines.max())]

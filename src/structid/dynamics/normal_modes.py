@@ -149,9 +149,9 @@ def _large_modes(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Circular frequencies (rad/s), mass-normalized shapes and relative rounding errors of a large sparse model.
 
-    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency. If many of all modes are wanted, the
-    model is solved densely after all. `strains` makes an operator B with K = B'B, or gives None where there is none;
-    then roundings of K are not avoided.
+    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency. If a large part of all modes is wanted, the
+    model is solved densely after all. `strains` makes an operator B with K = B'B, by which roundings of K are avoided; None,
+    or a result of None, leaves them.
     """
     n_heavy = int((mass.diagonal() > 0).sum())
     if _MOST_BY_LANCZOS * n_modes >= n_heavy:
@@ -181,10 +181,10 @@ def _large_modes(
 def frequencies_between(
     known: Modes, mass: sparse.csc_array, stiffness: sparse.csc_array, lowest: float, highest: float
 ) -> tuple[FloatArray, bool]:
-    """Natural frequencies (Hz) above `lowest` and up to `highest` (Hz), rising, and True if the list is complete.
+    """Natural frequencies (n_modes,) above `lowest` and up to `highest` (Hz), rising, and True if the list is complete.
 
-    `known` are the lowest modes of the model. If the list is not complete, as in a large model, it may hold only the
-    first such frequency. The frequencies are (n_modes,).
+    `known` are the lowest modes of the model. If the list is not complete, as in a large model, it may hold only the first
+    such frequency.
     """
     frequency = known.frequency
     is_all = mass.shape[0] <= _DENSE_UP_TO or bool(frequency[-1] > highest)
@@ -246,10 +246,10 @@ def _strain_inverse(operator: sparse.csr_array, mass: sparse.csc_array, shift: f
 def _root(
     mass: FloatArray, stiffness: FloatArray, operator: sparse.csr_array | None, shift: float
 ) -> tuple[FloatArray, FloatArray, NDArray[np.intp]] | None:
-    """R with R'R = K + `shift` M, L with L L' = M, and the order of the degrees of freedom in both; None without an R.
+    """R with R'R = K + `shift` M, L with L L' = M, and the order of the degrees of freedom in both; None if there is no R.
 
-    R comes from a QR decomposition with B (`operator`), or from Cholesky's of the shifted stiffness if that is None.
-    `mass` and `stiffness` are M and K, (n_dofs, n_dofs).
+    `mass` and `stiffness` are M and K, (n_dofs, n_dofs). R comes from a QR decomposition with B (`operator`), or from
+    Cholesky's of the shifted stiffness if that is None.
     """
     heavy = np.diag(mass) > 0
     size = np.sqrt(np.where(heavy, np.diag(mass), 1.0))
@@ -383,10 +383,9 @@ def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
 
 
 def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues omega^2, ascending, and mass-normalized shapes (n_dofs, n_heavy) of `mass`, `stiffness` (n_dofs, n_dofs).
+    """Eigenvalues omega^2, ascending, and mass-normalized shapes (n_dofs, n_heavy) of `mass` and `stiffness` (n_dofs, n_dofs).
 
-    Massless are degrees of freedom, or combinations of them, without mass. Massless motions are condensed statically;
-    n_heavy is the number of motions with mass.
+    Motions without mass, of a degree of freedom or a combination of several, follow statically; n_heavy counts the others.
     """
     heavy = np.diag(mass) > 0
     if _is_definite(mass[np.ix_(heavy, heavy)]):
@@ -412,7 +411,7 @@ def _condensed_modes(
 ) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues omega^2 and shapes (n_dofs, n_heavy); degrees of freedom that are not `heavy` (mask) follow statically.
 
-    `SingularModelError` if those have no stiffness. `mass` and `stiffness` are (n_dofs, n_dofs).
+    `mass` and `stiffness` are (n_dofs, n_dofs). Raises `SingularModelError` if those that follow have no stiffness.
     """
     if heavy.all():
         return linalg.eigh(stiffness, mass)

@@ -68,7 +68,7 @@ def confirmation_of(command: str, study: Path, inputs: Sequence[Path]) -> str:
 
 @contextmanager
 def commands_told(tell: Callable[[str, Path], None]) -> Iterator[None]:
-    """Context manager that calls `tell(command, study folder)` before a command first runs in the block; None calls nothing.
+    """Context manager that calls `tell(command, study folder)` before a command first runs in the block.
 
     A command whose files have changed in between is reported again.
     """

@@ -287,10 +287,9 @@ def _fit_products(
 
 
 def _in_powers_of_values(polynomial: Mapping[Powers, FloatArray], table: _Table) -> dict[Powers, FloatArray]:
-    """Coefficients (n_numbers,) of the polynomial by powers of value / reference instead of u.
+    """Coefficients (n_numbers,) of `polynomial` by powers of value / reference instead of u, the relative change of a parameter.
 
-    Coefficients at rounding level are set to 0, and powers without any other are left out. The polynomial maps powers
-    of u, the relative changes of parameters, to coefficients (n_numbers,).
+    Coefficients at rounding level are set to 0, and powers that have no other are left out.
     """
     total: dict[Powers, FloatArray] = {}
     centre = {name: one.origin for name, one in table.axes.items()}

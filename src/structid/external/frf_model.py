@@ -119,10 +119,9 @@ class FrfsOut(OneFile):
 def _channel_indices(
     path: Path, word: str, wanted: Sequence[Dof], of_file: Sequence[Dof]
 ) -> tuple[IntArray, FloatArray]:
-    """Index in `of_file`, the channels of the file, of each channel in `wanted`, and 1 or -1 for the relative sense.
+    """Index in `of_file`, the channels of the file, of each channel in `wanted`, and 1 or -1 for its sense there; (n_wanted,) each.
 
-    `word` is "sensor" or "load", for the `FileError` if a channel is missing. `wanted` and `of_file` may name a channel
-    in opposite senses. Both results are (n_wanted,).
+    `word` is "sensor" or "load", for the `FileError` if a channel is missing.
     """
     index_and_sign = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(of_file)}
     missing = [str(dof.unsigned) for dof in wanted if dof.unsigned not in index_and_sign]
@@ -308,10 +307,9 @@ def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: Tas
 
 
 def _change(centre: ComplexArray, run: ComplexArray, point: Point) -> float:
-    """Relative change of the FRFs from `centre` to `run`, the root mean square over lines and channels.
+    """Relative change of the FRFs (n_lines, n_outputs, n_inputs) from `centre` to `run`: root mean square over all values.
 
-    Changes of single values above 1 count as 1. `point` is not used. `centre` and `run` are (n_lines, n_outputs,
-    n_inputs).
+    A change above 1 counts as 1; values that are 0 at the centre, and `point`, do not count.
     """
     size = np.abs(centre)
     there = size > 0

@@ -82,7 +82,8 @@ def solved_matrices(
     Raises
     ------
     InputError
-        If a run fails, its matrices differ in size from the first run's, or no polynomial of low order is verified.
+        If a run fails, its matrices differ in size from the first run's, no polynomial of low order is verified, or a matrix
+        at the nominal values is not positive semidefinite and that is not accepted.
     """
     counts = RunCounts()
     pattern = _Pattern()

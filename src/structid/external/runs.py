@@ -140,7 +140,7 @@ def runs(
     list of Path or RunFailedError
         An error if the run failed at each attempt.
     RunCounts
-        Numbers of runs that were kept from before and that were made now.
+        Numbers of runs that were kept from before and that were made now; equal points count once, failed runs do not.
 
     Raises
     ------

@@ -206,9 +206,9 @@ def _run_matrices(frequency: FloatArray, c: FloatArray, d: FloatArray, kappa: fl
 
 
 def _parabola(changes: Sequence[float], differences: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Slope and quadratic coefficient, shaped as an entry of `differences`, of a parabola through 0 and two points.
+    """Slope and quadratic coefficient of the parabola through 0 that has the two `differences` at the two `changes`.
 
-    It is 0 at no change and has the two `differences` at the two `changes`.
+    Both have the shape of an entry of `differences`.
     """
     a, b = changes
     square: FloatArray = (differences[1] / b - differences[0] / a) / (b - a)

@@ -229,9 +229,9 @@ def _reduce_component(
 ) -> Reduction:
     """A component reduced to its interface and modes; not reduced, with `following` None, if `component.whole`.
 
-    `terms` are the properties of its element sets, by set. `codes` are its degrees of freedom. `joined` are the codes
-    to keep and `constrained` those held at zero, both of the whole structure. Raises `InputError` if no code is kept or
-    none is inside. The result has the same order of degrees of freedom as `codes`.
+    `terms` are the properties of its element sets, by set, and `codes` its degrees of freedom, in the order of the result.
+    `joined` are the codes to keep and `constrained` those held at zero, both of the whole structure. Raises `InputError` if no
+    code is kept or none is inside.
     """
     matrices = _nominal_matrices(component, terms, codes)
     kept, free = np.isin(codes, joined), ~np.isin(codes, list(constrained))

@@ -91,8 +91,8 @@ class MeasuredComponent:
         Raises
         ------
         InputError
-            If `interface` is empty or repeats, shapes disagree, `frequency` does not increase, values are not finite, or a
-            variance is negative.
+            If `interface` is empty or repeats, shapes disagree, `frequency` is empty or does not increase, values are not finite,
+            or a variance is negative.
         """
         dofs = parse_dofs((interface,) if isinstance(interface, str | Dof) else tuple(interface))
         axis, values = locked(frequency, np.float64), np.asarray(receptance, dtype=np.complex128)

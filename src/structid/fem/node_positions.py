@@ -102,10 +102,7 @@ class LengthDependence:
         )
 
     def ratio(self, values: FloatArray) -> FloatArray:
-        """Length of each element over its nominal length, (n_elements,), at the property `values` of the whole structure.
-
-        `values` is (n_values,).
-        """
+        """Length of each element over its nominal length, (n_elements,), at all property `values` (n_values,)."""
         ratio = np.ones_like(self.lengths)
         for rows, slope, nominal in zip(self.at, self.slopes, self.nominal, strict=True):
             ratio = ratio + slope * (values[rows] - nominal) / self.lengths

@@ -25,6 +25,7 @@ class FollowingDofs:
     dependents, masters : (n_dependents,), (n_masters,) int arrays
         Codes.
     matrix : (n_dependents, n_masters) float array
+        Motion of each dependent for a unit motion of each master.
     """
 
     dependents: IntArray
@@ -136,7 +137,7 @@ class Constraint:
     def __init__(self, name: str, dependent: str | Dof, depends_on: Iterable[tuple[str | Dof, float]]) -> None:
         """A constraint called `name`: `dependent` is a weighted sum of other degrees of freedom.
 
-        `depends_on` are pairs of a degree of freedom and its coefficient, which must be finite.
+        `depends_on` are pairs of a degree of freedom and its coefficient; `InputError` unless all are finite.
         """
         pairs = tuple((parse_dof(d), float(c)) for d, c in depends_on)
         if not all(np.isfinite(c) for _, c in pairs):
@@ -207,7 +208,7 @@ class Base:
     def __init__(self, name: str, supports: str | Dof | Iterable[str | Dof]) -> None:
         """A base called `name`: supported degrees of freedom that one measured motion drives.
 
-        The structure fixes these `supports`.
+        The structure fixes these `supports`; `InputError` if there are none.
         """
         named = (supports,) if isinstance(supports, str | Dof) else tuple(supports)
         object.__setattr__(self, "name", name)

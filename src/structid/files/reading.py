@@ -87,13 +87,18 @@ def read_start(path: Path, most: int, follow: bool = True, begin: int = 0) -> by
 
 
 def _why_missing(path: Path) -> str:
-    """The reason why there is no file at `path`, with the nearest name in its folder as a suggestion."""
+    """The reason why there is no file at `path`, with the nearest name in its folder as a suggestion.
+
+    A study is suggested only for a name that ends as studies do, or has no suffix: no record or mesh is a study.
+    """
     if path.is_symlink():
         return "is a broken link; mend it, or give the file itself"
     folder = path.parent
     if not folder.is_dir():
         return f"there is no such file; its folder {folder} does not exist either"
-    close_names = difflib.get_close_matches(path.name, [entry.name for entry in folder.iterdir()], n=1, cutoff=0.5)
+    may_be_study = path.suffix.lower() in ("", ".toml")
+    names = [entry.name for entry in folder.iterdir() if may_be_study or entry.suffix.lower() != ".toml"]
+    close_names = difflib.get_close_matches(path.name, names, n=1, cutoff=0.5)
     return "there is no such file; " + (
         f"did you mean {close_names[0]}?" if close_names else "check the name and the folder"
     )

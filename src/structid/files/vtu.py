@@ -67,9 +67,9 @@ def _section(name: str, arrays: Mapping[str, AnyArray]) -> list[str]:
 
 
 def _array_line(name: str, values: AnyArray) -> str:
-    """A DataArray element of the file: number of bytes, then the little-endian values of the array, in base 64.
+    """The DataArray element called `name`: number of bytes, then the little-endian values of the array, in base 64.
 
-    `values` is (n,) or (n, n_components), of a type in `_TYPES`. `name` is the attribute Name of the element.
+    `values` is (n,) or (n, n_components), of a type in `_TYPES`.
     """
     array = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
     kind = _TYPES[f"{array.dtype.kind}{array.dtype.itemsize}"]

@@ -71,7 +71,7 @@ def hdf5_shapes(path: str) -> dict[str, StoredEntry]:
     found: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        """Read the variable `item` under its `name`, unless it is one of MATLAB's own groups."""
+        """Note shape, type and first byte of the dataset `item` by its `name`; groups and empty datasets are left out."""
         if isinstance(item, h5py.Dataset) and item.shape is not None:
             dtype = _complex_type(item.dtype)
             text = h5py.check_string_dtype(item.dtype) is not None
@@ -122,7 +122,7 @@ def hdf5_fields(path: str, names: list[str]) -> dict[str, StoredEntry]:
 def hdf5_part(path: str, name: str, begin: int, stop: int, axis: int) -> np.ndarray:
     """Entries `begin` to `stop` (exclusive) along `axis` 0 or 1 of the two-dimensional dataset `name` of an HDF5 file.
 
-    `path` is the file's. The result is (stop - begin, n) or (n, stop - begin).
+    The result is (stop - begin, n) or (n, stop - begin).
     """
     import h5py
 
@@ -260,10 +260,7 @@ def _complex_type(dtype: np.dtype) -> np.dtype:
 
 
 def _as_complex(array: np.ndarray) -> np.ndarray:
-    """`array` with pairs of real and imaginary parts turned into complex numbers; other arrays unchanged.
-
-    The shape stays.
-    """
+    """`array` with pairs of real and imaginary parts turned into complex numbers of the same shape; other arrays unchanged."""
     if array.dtype.names and _complex_type(array.dtype) != array.dtype:
         real, imaginary = array.dtype.names
         return np.asarray(array[real] + 1j * array[imaginary])
@@ -273,7 +270,8 @@ def _as_complex(array: np.ndarray) -> np.ndarray:
 def ansys(path: str) -> dict[str, StoredEntry]:
     """Contents of the ANSYS file at `path` by name: matrices and their rows from ``.full``, element matrices from ``.emat``.
 
-    A matrix is [shape, column starts, rows, values]; elements are pairs of equation numbers and values by kind.
+    The keys are ``dofs``, ``held``, ``STIFFNESS`` and ``MASS``, or ``nodes``, ``labels``, ``n_dof`` and ``elements``. A matrix
+    is [shape, column starts, rows, values]; an element is a pair of equation numbers and values by kind.
     """
     from ansys.mapdl.reader import read_binary
 

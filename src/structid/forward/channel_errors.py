@@ -107,10 +107,7 @@ class ChannelErrors(NamedUnknowns):
         return output[:, :, None] / input_[:, None, :]
 
     def lateness(self, physical: FloatArray) -> FloatArray:
-        """Delay of every FRF, s, (n_outputs, n_inputs).
-
-        `physical` are the values of the channel errors, (n_errors,).
-        """
+        """Delay of every FRF, s, (n_outputs, n_inputs), from the values `physical` (n_errors,) of the channel errors."""
         delays = self.rows("delay")
         late: FloatArray = np.tensordot(physical[delays], self.exponents[delays], 1)
         return late

@@ -139,9 +139,9 @@ def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: i
 
 
 def _weight_derivatives(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Element index, parameter index and derivative of every element weight that depends on a parameter.
+    """Yield element index, parameter index and derivative, (n_pairs,) each, of element weights that depend on parameters.
 
-    Three arrays of equal length, in parts that fit into memory. The arrays are (n_pairs,).
+    Each part fits into memory.
     """
     element = np.repeat(np.arange(part.slope.shape[0]), np.diff(part.slope.indptr))
     local = part.blocks.dofs.shape[1] ** 2 if isinstance(part.blocks, Blocks) else 1
@@ -366,10 +366,11 @@ def _weighed_entries(
 def _derivative_entries(
     entries: tuple[IntArray, IntArray, IntArray, FloatArray], design: sparse.csr_array, n_dofs: int
 ) -> Iterator[tuple[IntArray, IntArray, IntArray, FloatArray]]:
-    """Entries of the derivatives of matrices by parameters, in parts: key, column, index of the element weight, and value.
+    """Yield entries of the derivatives of matrices by parameters: key, column, index of the element weight, and value.
 
-    The key is parameter index times n_dofs plus row. `entries` are row, column, weight index and value of the element
-    matrices; `design` (n_weights, n_params) is the derivative of the weights. Every array is (n_entries,).
+    A part holds one parameter of each weight. The key is parameter index times n_dofs plus row. `entries` are row,
+    column, weight index and value of the element matrices; `design` (n_weights, n_params) is the derivative of the
+    weights. Every array is (n_entries,).
     """
     row, column, element, value = entries
     counts = np.diff(design.indptr)

@@ -57,10 +57,7 @@ def linearization_with_priors(
 
 
 def sparse_prior_rows(unknowns: NamedUnknowns, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-    """Residual (n_priors,) of all priors and its derivative with respect to the free variables, sparse (n_priors, n_params).
-
-    `theta` (n_params,) are the free variables.
-    """
+    """Residual (n_priors,) of all priors at the free variables `theta` (n_params,), and its derivative by these, sparse."""
     residual, rows = unknowns.sparse_prior_rows(unknowns.physical(theta))
     members, free_residual, weights = free_prior_rows(unknowns.free_prior, theta)
     free_rows = sparse.csr_array((weights, (np.arange(len(members)), members)), (len(members), len(theta)))
@@ -71,9 +68,8 @@ def sparse_prior_rows(unknowns: NamedUnknowns, theta: FloatArray) -> tuple[Float
 def complex_rows(n_lines: int, names: Sequence[str], averages: FloatArray | None = None) -> DataRows:
     """Labels of data rows for complex values: real parts of all lines and channels first, then imaginary parts.
 
-    Lines vary slowest; `names` are those of the channels. `averages` (n_data,) are the numbers of averages behind the
-    variances, None if these are known. Rows are numbered by `n_lines` lines and two series (real, imaginary) for each
-    name.
+    In each part lines vary slowest. Every channel of `names` has two series, 2 k (real) and 2 k + 1 (imaginary).
+    `averages` (n_data,) are the numbers of averages behind the variances, None if these are known.
     """
     index, channel = np.repeat(np.arange(n_lines), len(names)), np.tile(2 * np.arange(len(names)), n_lines)
     both = tuple(name for name in names for _ in range(2))

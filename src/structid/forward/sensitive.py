@@ -129,7 +129,7 @@ class WeightedParts:
 def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...]) -> IntArray:
     """Indices of the property values on which the derivatives of element weights depend.
 
-    These are factors of a weight, and what they multiply if a factor is a parameter. `sensitive` comes from
+    These are factors of a weight, and what they multiply if a parameter changes a factor. `sensitive` comes from
     `sensitive_elements`. The result is (n,), sorted.
     """
     counts, marks = np.diff(unknown.design.tocsr().indptr), np.zeros(len(unknown.offset), dtype=bool)

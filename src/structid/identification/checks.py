@@ -128,8 +128,8 @@ def _scaled(matrix: FloatArray) -> FloatArray:
 def _null_words(structure: Structure, matrix: FloatArray, members: np.ndarray | None = None) -> str:
     """Names of the degrees of freedom that move most in a null vector of `matrix`, at most six; "" if it is regular.
 
-    `matrix` is positive semidefinite; `members` are the indices of its rows among all degrees of freedom, all by
-    default. `matrix` is (n, n), `members` (n,).
+    `matrix` (n, n) is positive semidefinite; `members` (n,) are the indices of its rows among all degrees of freedom,
+    all by default.
     """
     if not len(matrix):
         return ""

@@ -123,7 +123,8 @@ class Identification(Shown, IdentificationPlots):
     alternatives : Alternatives or None
         Sets of values that fit the data equally well; None where one only was found.
     mesh : str
-        Into how many pieces beams were cut by what the mesh moves values by, in words; "" where the study says the number.
+        Words on the number of pieces into which beams were cut and on the shift of values by the mesh; "" where the study
+        says the number.
     """
 
     estimate: Estimate

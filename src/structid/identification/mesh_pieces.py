@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import join_words
 from structid.core.errors import InputError, SingularModelError
 from structid.forward import RecordProblem
@@ -17,11 +17,14 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup, titles
 from structid.inversion import Problem
 from structid.inversion.covariance import inverse_information
+from structid.inversion.linearization import Linearization
 
 #: Part of its standard deviation that the mesh may move a value by, and that a finer mesh is chosen for.
 MOVED, _AIMED = 0.2, 0.1
 #: Power of a piece's length that errors of beams go with, most pieces, and degrees of freedom of the finest model that is solved.
 _ORDER, _MOST_PIECES, _MOST_DOFS = 4, 32, 3000
+#: Steps by which a shift is followed where the first says that it matters, and part of it that the last of them may add.
+_MOST_STEPS, _FOLLOWED = 4, 0.2
 #: How the warnings of an identification on its mesh begin: of values that it moves, of modes, of pieces that were not enough.
 MESH_MOVES = "the mesh moves"
 MESH_ERROR = "the values carry an error of the mesh"
@@ -31,7 +34,7 @@ MESH_WARNINGS = (MESH_MOVES, MESH_ERROR, SUBDIVIDE_AUTO)
 
 @dataclass(frozen=True)
 class MeshPieces:
-    """Into how many pieces each beam and bar is cut, and what the mesh still does to the values.
+    """Number of pieces into which each beam and bar is cut, and shift of the values by the mesh that is left.
 
     Attributes
     ----------
@@ -57,7 +60,7 @@ class MeshPieces:
 
     @property
     def needed(self) -> int:
-        """Number of pieces an element from which mesh refinement moves no parameter by much, at most the largest tried."""
+        """Estimated number of pieces of an element at which the mesh moves values by `_AIMED`, at most `_MOST_PIECES`."""
         aimed = int(np.ceil(self.count * (self.moved / _AIMED) ** (1 / _ORDER)))
         return min(max(aimed, self.count + 1), _MOST_PIECES)
 
@@ -84,8 +87,9 @@ def judge_pieces(
 ) -> MeshPieces:
     """Shifts of the identified values by the mesh, for beams cut into `count` pieces.
 
-    With b the change of the residual by pieces half as long, values move by (J'J)^-1 J'b. If they cannot be computed,
-    `obstacle` says why.
+    With b the change of the residual by pieces half as long, values move by (J'J)^-1 J'b. Where that matters, the minimum is
+    followed with the finer pieces: precise data of light damping move by many widths of a resonance what the first step takes
+    for straight. If they cannot be computed, `obstacle` says why.
 
     Parameters
     ----------
@@ -106,24 +110,27 @@ def judge_pieces(
         )
     try:
         finer = _finer_problem(setups, identification.problems, options, 2 * count)
-        moved_rows = finer.residual(theta[indices_of(identification.estimate.names, finer.names)])[: finer.n_data]
+        columns = indices_of(identification.estimate.names, finer.names)
+        moved_rows = finer.residual(theta[columns])[: finer.n_data]
     except (InputError, SingularModelError, np.linalg.LinAlgError) as error:
         return MeshPieces(count, obstacle=f"with pieces half as long the model cannot be evaluated ({error})")
     at = problem.linearize(theta)
     change = np.zeros(len(at.residual))
     change[: finer.n_data] = moved_rows - at.residual[: finer.n_data]  # priors know no mesh
-    shift = _shift(at.jacobian, change) * problem.slope(theta)
-    deviation = _deviation(identification)
-    is_known = np.isfinite(shift) & (deviation > 0)
-    deviations = np.divide(np.abs(shift), deviation, out=np.zeros(len(shift)), where=is_known)
-    if not is_known.any():
+    step = _shift(at.jacobian, change)
+    size = problem.slope(theta) / np.where((deviation := _deviation(identification)) > 0, deviation, np.inf)
+    if _largest(step * size) >= MOVED:
+        followed = _followed_shift(finer, columns, theta, at, size)
+        step = step if followed is None else followed
+    if not np.isfinite(step * size).any():
         return MeshPieces(count, obstacle="no value is determined that the mesh might move")
+    deviations = np.nan_to_num(np.abs(step * size))
     moved = float(deviations.max())
     far = [i for i in np.argsort(-deviations, kind="stable") if deviations[i] >= MOVED]
-    shifts = join_words([f"{problem.names[i]} by {deviations[i]:.2g}" for i in far], 4) + " standard deviations"
+    shifts = [f"{problem.names[i]} by {deviations[i]:.2g}" for i in far]
     is_finest = moved >= MOVED and count >= _MOST_PIECES
     obstacle = "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
-    return MeshPieces(count, moved, shifts if far else "", obstacle)
+    return MeshPieces(count, moved, f"{join_words(shifts, 4)} standard deviations" if far else "", obstacle)
 
 
 def _finer_problem(
@@ -162,12 +169,47 @@ def _deviation(identification: Identification) -> FloatArray:
 
 
 def _shift(jacobian: FloatArray, change: FloatArray) -> FloatArray:
-    """First-order shift (n_params,) of the minimum by a `change` (n_rows,) of the residual with this `jacobian`; else NaN.
+    """First-order shift (n_params,) of the minimum by a `change` (n_rows,) of the residual; NaN for parameters not determined.
 
-    It is NaN for parameters that are not determined; `jacobian` is (n_rows, n_params).
+    `jacobian` (n_rows, n_params) is that of the residual.
     """
     bread = inverse_information(jacobian)
     seen = np.isfinite(np.diag(bread))
     shift = np.full(len(bread), np.nan)
     shift[seen] = -bread[np.ix_(seen, seen)] @ (jacobian[:, seen].T @ change)
     return shift
+
+
+def _followed_shift(
+    finer: Problem, columns: IntArray, theta: FloatArray, at: Linearization, size: FloatArray
+) -> FloatArray | None:
+    """Shift (n_params,) of the minimum to that of the `finer` problem by Gauss-Newton steps.
+
+    None if a step does not lower its sum of squares, or the steps do not end. `at` is the linearization of the coarser problem
+    at its minimum `theta`, whose rows of priors are kept; `columns` are the positions in `theta` of the parameters of `finer`,
+    and `size` turns a shift into deviations.
+    """
+    total, lowest = np.zeros(len(theta)), np.inf
+    for _ in range(_MOST_STEPS):
+        begun = np.nan_to_num(total)
+        try:
+            moved = finer.linearize((theta + begun)[columns])
+        except (SingularModelError, np.linalg.LinAlgError):
+            return None
+        jacobian, residual = at.jacobian.copy(), at.residual + at.jacobian @ begun
+        jacobian[: finer.n_data] = 0.0
+        jacobian[: finer.n_data, columns] = moved.jacobian[: finer.n_data]
+        residual[: finer.n_data] = moved.residual[: finer.n_data]
+        misfit = float(residual @ residual)
+        if not misfit < lowest:
+            return None
+        lowest, step = misfit, _shift(jacobian, residual)
+        total = total + step
+        if _largest(step * size) <= _FOLLOWED * _largest(total * size):
+            return total
+    return None
+
+
+def _largest(values: FloatArray) -> float:
+    """Largest size among `values`; those that are NaN do not count."""
+    return float(np.abs(np.nan_to_num(values)).max(initial=0.0))

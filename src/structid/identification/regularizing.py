@@ -166,8 +166,7 @@ def _regularize_by_draws(
 ) -> Regularized:
     """Regularized problems for a matrix-free search, with strengths settled by posterior draws; see `settled_strengths`.
 
-    Without strengths to be chosen nothing is fitted. `progress` is called with the name of the stage, its iteration and
-    the sum of squares; None for no reports.
+    Without strengths to be chosen nothing is fitted.
     """
     from structid.inversion.regularization.drawn_strengths import balanced_strengths, settled_strengths
 
@@ -208,10 +207,7 @@ def _regularize_by_local_models(
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> Regularized:
-    """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`.
-
-    `progress` is called with the name of the stage, its iteration and the sum of squares; None for no reports.
-    """
+    """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`."""
     begun = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
     search = _Search(begun, tuple(options.regularization), method, work)
     theta = np.array(search.problem.theta_start)
@@ -241,10 +237,7 @@ def _run_first_stages(
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> FloatArray:
-    """Free variables (n_params,) after the first stage sequence of the joint problem, started at `theta`.
-
-    `theta` is (n_params,); None for `progress` reports nothing.
-    """
+    """Free variables (n_params,) after the stages of the first schedule of the joint problem, started at `theta`."""
     for name, stage in next(iter(joint_schedules(problems)), ()):
         theta = work.minimize(stage, method.for_stages(), theta, named(progress, name)).theta
     return theta

@@ -84,7 +84,7 @@ def search_parameters(
     """Best estimate over the problems of all records, by the method that set-ups and options ask for.
 
     Regularizations, polarities of channels and weights are settled on the way. `progress` is called with the name of
-    the stage, its iteration and the sum of squares; None for no reports.
+    the stage, its iteration and the sum of squares.
 
     Raises
     ------

@@ -699,11 +699,12 @@ def _refit_once(
 ) -> FitWithinTolerances:
     """Refit of `minimum` with fixed values free within their tolerances, cached in `refits`.
 
-    Minima that are one answer share one refit. `names` are the names of the parameters in the order of the free variables of
-    `minimum`.
+    Minima that are one answer to the same data share one refit. `names` are the names of the parameters in the order of the
+    free variables of `minimum`.
     """
     if minimum not in refits:
-        shared = next((fit for other, fit in refits.items() if are_same(other, minimum)), None)
+        fitted = [(other, fit) for other, fit in refits.items() if fit.problem is fixed.problem]
+        shared = next((fit for other, fit in fitted if are_same(other, minimum)), None)
         refits[minimum] = shared or fixed.refit(names, minimum.theta, float(minimum.costs[-1]))
     return refits[minimum]
 

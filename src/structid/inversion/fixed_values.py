@@ -160,7 +160,7 @@ def likely_move(asked: FloatArray) -> FloatArray:
 
 
 def explained_part(chi_square: float, least: float, n_data: int) -> float:
-    """Part of a misfit beyond noise, `chi_square` - `n_data`, that a fit which leaves `least` removes, 0 to 1."""
+    """Part of a misfit beyond noise, `chi_square` - `n_data`, that a fit which leaves `least` removes, 0 to 1; 0 without such."""
     return float(np.clip((chi_square - least) / (chi_square - n_data), 0.0, 1.0)) if chi_square > n_data else 0.0
 
 

@@ -11,7 +11,7 @@ T = TypeVar("T")
 
 
 class LastEvaluation(Generic[T]):
-    """The evaluation at the last point: a step is tried and taken there, and tests follow. It goes to no other process."""
+    """The evaluation at the last point, where a step is tried and taken, and tests follow; a pickled copy is empty."""
 
     def __init__(self) -> None:
         self._kept: tuple[bytes, T] | None = None

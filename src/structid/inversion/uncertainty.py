@@ -254,10 +254,7 @@ class Spread:
 
     @property
     def correlation(self) -> FloatArray:
-        """Correlation matrix of the parameters; NaN where a variance is not known, or 0.
-
-        It is (n_params, n_params).
-        """
+        """Correlation matrix (n_params, n_params) of the parameters; NaN where a variance is not known, or 0."""
         scale = np.outer(self.std, self.std)
         known = np.isfinite(scale) & (scale > 0)
         return np.divide(self.covariance, scale, out=np.full_like(scale, np.nan), where=known)

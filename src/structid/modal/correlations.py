@@ -199,7 +199,7 @@ def pieces(data: ScaledMotion, head: int, tail: int, n_pieces: int = 1) -> tuple
 
     Returns
     -------
-    tuple of Piece
+    tuple of RecordPiece
         `part` of each is its number of samples over that of all windows.
     """
     lengths = np.array([len(y) - head - tail for y in data.series])

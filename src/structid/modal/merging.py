@@ -502,9 +502,8 @@ def _all_stated(
     """Standard deviations of all shape entries of each part, with unstated ones (NaN) replaced by the median of the others.
 
     `parts` are the shapes of one mode in each set-up, `errors` their standard deviations, `places` the channel indices
-    of their entries; the result is like `errors`, and all 1 if none is stated. The median is taken of errors over the
-    norm of the part at the sensors that all parts have. Entries of the three sequences are (n_own_channels,), one for
-    each set-up.
+    of their entries, (n_own_channels,) each; the result is like `errors`, and all 1 if none is stated. The median is
+    taken of errors over the norm of the part at the sensors that all parts have.
     """
     shared = reduce(np.intersect1d, places)
     sizes = [float(np.linalg.norm(part[np.isin(place, shared)])) for part, place in zip(parts, places, strict=True)]
@@ -586,8 +585,7 @@ def merged_shape(
 def _order(index: Sequence[IntArray]) -> list[int]:
     """Order of the set-ups in which each shares a channel with an earlier one, starting with set-up 0.
 
-    `index` are the channel indices of each set-up. Raises `InputError` if a set-up shares no channel with the others.
-    The entries of `index` are (n_own_channels,).
+    `index` holds the channel indices (n_own_channels,) of each set-up. Raises `InputError` if no such order exists.
     """
     order, seen, rest = [0], set(index[0].tolist()), list(range(1, len(index)))
     while rest:

@@ -268,9 +268,9 @@ def _kammer_sensors(ground: _TestSelection, count: int) -> tuple[int, ...]:
 def _at_all_lines(
     ground: _TestSelection, label: str, sensors: tuple[int, ...] | range, loads: tuple[int, ...] | range
 ) -> PlannedTest:
-    """The test with the candidates of these indices at every line, with its predicted deviations.
+    """The test with the candidates `sensors` and `loads` (indices) at every line, with its predicted deviations.
 
-    `label` names the test in tables. `sensors` and `loads` are indices of candidates.
+    `label` names the test in tables.
     """
     options = ground.options
     cross = ground.cross[np.ix_(list(sensors), list(loads))].sum(axis=(0, 1))

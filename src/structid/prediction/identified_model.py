@@ -168,14 +168,23 @@ def identified_model(
     )
 
 
-def model_of(identification: Identification) -> IdentifiedModel:
-    """Identified model, with parameters and joint uncertainty, of an identification.
+def model_of(identification: Identification | IdentifiedModel) -> IdentifiedModel:
+    """Identified model, with parameters and joint uncertainty, of an identification; an identified model as it is.
 
     Raises
     ------
+    InputError
+        If `identification` is neither.
     NoAnswerError
         If the data do not determine a parameter, or a matrix-free search gave no covariance matrix.
     """
+    if isinstance(identification, IdentifiedModel):
+        return identification
+    if not isinstance(identification, Identification):
+        raise InputError(
+            "an identification is needed, as `identify` and `identify_together` give it and `run_study` has it as"
+            f" `.identification`, got {type(identification).__name__}"
+        )
     estimate, index = identification.estimate, identification.own_index
     if not estimate.uncertainty.has_matrix:
         raise NoAnswerError(

@@ -136,8 +136,7 @@ def judge_innovations(
 def _larger(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
     """Words on whitened innovations (n_times, n) that are significantly larger than those of replicates; "" where they are not.
 
-    Their root mean square must also exceed the geometric mean of those of replicates by more than 20 %; "" too if n is
-    0. Each of `replicates` is shaped as `whitened`.
+    Their root mean square must also exceed the geometric mean of those of replicates by more than 20 %; "" too if n is 0.
     """
     if not whitened.size:
         return ""
@@ -151,8 +150,7 @@ def _larger(whitened: FloatArray, replicates: Sequence[FloatArray]) -> str:
 def _correlated(whitened: FloatArray, replicates: Sequence[FloatArray], least: float = _FORETOLD) -> str:
     """Words on whitened innovations (n_times, n) that are more correlated in time than those of replicates, else "".
 
-    `least` is the least excess of `foretold_part` over the mean of replicates; "" too if n is 0. Each of `replicates`
-    is shaped as `whitened`.
+    `least` is the least excess of `foretold_part` over the mean of replicates; "" too if n is 0.
     """
     if not whitened.size:
         return ""

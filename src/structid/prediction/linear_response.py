@@ -48,8 +48,11 @@ class LinearResponse:
 
 
 def parse_inputs(inputs: Sequence[Input | str]) -> tuple[Input, ...]:
-    """Degrees of freedom that are loaded, read from their names, and bases as they are."""
-    return tuple(each if isinstance(each, Base) else parse_dof(each) for each in inputs)
+    """Degrees of freedom that are loaded, read from their names, and bases as they are; a single text is a list of one."""
+    return tuple(
+        each if isinstance(each, Base) else parse_dof(each)
+        for each in ([inputs] if isinstance(inputs, str) else inputs)
+    )
 
 
 def input_words(inputs: Sequence[Input]) -> tuple[str, ...]:

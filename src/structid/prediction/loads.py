@@ -29,7 +29,8 @@ def half_sine(amplitude: float, width: float, duration: float, sampling_rate: fl
     Raises
     ------
     InputError
-        If the sampling rate gives fewer than eight samples a period of twice `width`, or the record is too short or too long.
+        If `width` is not positive, a period of twice `width` has fewer than eight samples, or the record has fewer than two
+        samples or more than ten million.
     """
     _require_rate(width, 0.5 / width if width > 0 else np.nan, duration, sampling_rate, "width of the pulse")
     t = np.arange(round(duration * sampling_rate)) / sampling_rate
@@ -44,7 +45,8 @@ def sine(amplitude: float, frequency: float, duration: float, sampling_rate: flo
     Raises
     ------
     InputError
-        If there are fewer than eight samples a period, or the record is too short or too long.
+        If `frequency` is not positive, a period has fewer than eight samples, or the record has fewer than two samples or
+        more than ten million.
     """
     _require_rate(frequency, frequency, duration, sampling_rate, "frequency of the sine")
     t = np.arange(round(duration * sampling_rate)) / sampling_rate

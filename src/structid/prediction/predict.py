@@ -220,13 +220,14 @@ def model_and_error(
     The error of a fit is used only for an identification whose covariance is based on model error. An `IdentifiedModel` and
     `model_error` are returned as they are.
     """
+    model = model_of(source)
     if isinstance(source, IdentifiedModel):
-        return source, model_error
+        return model, model_error
     if model_error is None and source.fits and source.estimate.covariance_basis == "model_error":
         fit, physical = source.fits[0], source.estimate.values[source.own_index]
         problem = fit.problem
         model_error = ModelError.of_fit(problem.structure, problem.parameters, physical, problem.record, fit.predicted)
-    return model_of(source), model_error
+    return model, model_error
 
 
 def _draw_all(
@@ -285,10 +286,10 @@ def _evaluated(evaluate: Evaluator, physical: FloatArray) -> NumberArray:
 
 
 def parameter_points(model: IdentifiedModel) -> list[FloatArray]:
-    """Physical parameters for a reduction: the identified ones, and up to 12 that are off by a large independent error each.
+    """Physical parameters, (n_params,) each, for a reduction: the identified ones, and up to 12 sets that are off.
 
-    Each of these is off by two standard deviations of one of the largest errors, and at least 0.001 of the identified
-    value. Entries are (n_params,), in physical units.
+    Each of these is off by two standard deviations of one of the largest independent errors, but no value is below
+    0.001 of the identified one.
     """
     order = np.argsort(-np.linalg.norm(model.factor, axis=0))[:_MOST_POINTS]
     lines = _OFF * np.eye(model.factor.shape[1])[order]
@@ -322,8 +323,7 @@ def _with_model_error(
 ) -> NumberArray | None:
     """Draws (n_draws, ...) of FRFs, histories or spectra with random model errors added; None for other quantities.
 
-    `nominal` are the values by the identified model. `nominal` are the values by the identified model, `draws` those by
-    the random models, and `seed` fixes the errors.
+    `nominal` are the values by the identified model, `draws` those by the random models; `seed` fixes the errors.
     """
     rng = np.random.default_rng(seed + 1)
     if isinstance(base, Frf):
@@ -339,10 +339,9 @@ def _with_model_error(
 
 
 def _band(quantity: Quantity, nominal: NumberArray, draws: NumberArray, words: str) -> Prediction:
-    """Prediction with its 95 % band, from the quantity by the identified model and by the random models (n_draws, ...).
+    """Prediction with its 95 % band, from the values `nominal` by the identified model and `draws` (n_draws, ...) by random ones.
 
-    `words` say what the uncertainty includes. Draws along axes of time or frequency are not kept. `nominal` is the
-    quantity by the identified model, `draws` (n_draws, ...) those by the random models.
+    `words` say what the uncertainty includes. Draws along axes of time or frequency are not kept.
     """
     sizes = np.abs(draws) if np.iscomplexobj(draws) else draws
     # between order statistics so that the truth, which is like one model more, lies inside with the probability LEVEL

@@ -371,7 +371,7 @@ def support_acceleration(displacement: FloatArray, sampling_rate: float) -> Floa
     Raises
     ------
     InputError
-        If a displacement does not begin at 0, or there are fewer than four samples.
+        If a displacement does not begin at 0 or is not finite, or there are fewer than four samples.
     """
     table = np.asarray(displacement, dtype=np.float64)
     require_shape("displacement", table, (None, None))

@@ -323,8 +323,8 @@ def parse_output(text: str | Output) -> Output:
 
 
 def parse_outputs(texts: Sequence[str | Output]) -> tuple[Output, ...]:
-    """Outputs named by `texts`, each read by `parse_output`."""
-    return tuple(parse_output(text) for text in texts)
+    """Outputs named by `texts`, each read by `parse_output`; a single text is a list of one."""
+    return tuple(parse_output(text) for text in ([texts] if isinstance(texts, str) else texts))
 
 
 def distinct_channels(name: str, channels: tuple[Any, ...]) -> tuple[Any, ...]:

@@ -16,7 +16,8 @@ from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, NoAnswerError
 from structid.files import atomic_write
-from structid.prediction.identified_model import IdentifiedModel
+from structid.identification.identified import Identification
+from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis, sum_over_poles
 from structid.records.record import MOTION_DERIVATIVES
 
@@ -128,7 +129,7 @@ def _encode_arrays(suffix: str, content: dict[str, object]) -> bytes:
 
 
 def state_space(
-    model: IdentifiedModel,
+    source: Identification | IdentifiedModel,
     outputs: Sequence[Dof | str],
     inputs: Sequence[Dof | str],
     band: tuple[float, float],
@@ -146,7 +147,7 @@ def state_space(
 
     Parameters
     ----------
-    model : IdentifiedModel
+    source : Identification or IdentifiedModel
     outputs, inputs : sequence of Dof or str
     band : (float, float)
         Hz: where the equations must hold.
@@ -182,6 +183,7 @@ def state_space(
         raise InputError(
             f"`sampling_rate` must be more than twice the highest frequency of `band`, {high:g} Hz, got {sampling_rate:g}"
         )
+    model = model_of(source)
     sensors, loads, structure = parse_dofs(outputs), parse_dofs(inputs), model.structure
     structure.require_modes("state equations")
     sides = Sides(structure.selection(sensors), structure.selection(loads))
@@ -227,7 +229,7 @@ def state_space(
 def _judged_lines(reduced: ReducedMatrices, low: float, high: float) -> FloatArray:
     """Frequencies, Hz, increasing, at which an error is judged: 500 evenly spaced, and `_ACROSS` across each resonance.
 
-    `low` and `high` are the ends of the band, Hz; those outside it are left out. The result is (n_frequencies,).
+    `low` and `high` are the ends of the band, Hz; frequencies outside it are left out.
     """
     omega = reduced.omega[~reduced.is_rigid]
     half = np.diag(reduced.viscous_equivalent())[~reduced.is_rigid] / 2

@@ -209,8 +209,8 @@ def _couple_damper(
     """Receptances (..., n_lines, n_outputs, n_inputs) with a damper coupled at the first output and first input.
 
     H - H_od z H_di / (1 + z H_dd), where z = -w^2 m (k + i w c) / (k + i w c - w^2 m) is the force that moves the foot
-    of the damper, per displacement. `frequency` (n_lines,) and `tuned` are in Hz, `mass` in kg, `ratio` is the damping
-    ratio. `receptance` is in m/N, `frequency` (n_lines,).
+    of the damper, per displacement. `receptance` is in m/N, `frequency` (n_lines,) and `tuned` are in Hz, `mass` is in
+    kg, `ratio` the damping ratio.
     """
     w, rate = 2 * np.pi * frequency, 2 * np.pi * tuned
     strut = mass * (rate**2 + 2j * ratio * rate * w)

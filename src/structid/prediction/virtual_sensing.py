@@ -15,7 +15,8 @@ from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoAnswerError
 from structid.dynamics.exact_discretization import stepped
-from structid.prediction.identified_model import IdentifiedModel
+from structid.identification.identified import Identification
+from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.innovations import Innovations, InnovationVerdict, judge_innovations
 from structid.prediction.loads import band_limited_loads
 from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis
@@ -181,7 +182,7 @@ class SensedMotion(Shown):
 
 
 def sense(
-    model: IdentifiedModel,
+    source: Identification | IdentifiedModel,
     record: TimeRecord,
     outputs: Sequence[Output | str],
     motion: str = "displacement",
@@ -199,7 +200,7 @@ def sense(
 
     Parameters
     ----------
-    model : IdentifiedModel
+    source : Identification or IdentifiedModel
     record : TimeRecord
         Forces (quantity ``force``) are taken as known, motions as measured, with the record's noise; where it states none, 1 % of
         the size of each sensor is taken.
@@ -244,6 +245,7 @@ def sense(
         raise InputError(f"`motion` must be one of {', '.join(MOTION_DERIVATIVES)}, got {motion!r}")
     if seed < 0:
         raise InputError(f"`seed` must be at least 0, got {seed}")
+    model = model_of(source)
     wanted, left = distinct_channels("outputs", parse_outputs(outputs)), parse_dofs(leave_out)
     curved = next((output for output in wanted if is_von_mises(output)), None)
     if curved is not None:
@@ -832,10 +834,10 @@ class _Smoother:
         """Forces of an estimated correlation time and standard deviation.
 
         From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is
-        at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with the square root of
-        the time, so that the spectral density at high frequencies stays; a stated `std`, N, is kept. For the trust see
-        `with_likeliest_std`. `std` is estimated too if it is None. The search goes through all times first, unless that of
-        this smoother `is_near`.
+        at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with the time to the
+        power `order` - 1/2, so that the spectral density at high frequencies stays; a stated `std`, N, is kept, None is
+        estimated. For the trust see `with_likeliest_std`. The search goes through all times first, unless that of this
+        smoother `is_near`.
         """
         shortest, longest = np.log(_SHORTEST / self.rate), np.log(len(self.channels.measured) / self.rate / 4)
         above = _decades_above(reduced)
@@ -917,7 +919,7 @@ class _Smoother:
     def _steady_filter(self, system: _StateSpace) -> _SteadyFilter:
         """Prepare the part of a filter under the equations `system` that all readings under the known forces share.
 
-        Known forces count as noise of ten times their size before it, since nobody knows what they did then.
+        Before the record known forces count as noise of ten times their size, since nobody knows what they did then.
         """
         predicted = _predicted_covariance(system)
         innovation = system.reading @ predicted @ system.reading.T + np.eye(len(system.reading))
@@ -1076,7 +1078,7 @@ class _Smoother:
 
 
 def _combined_forces(inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """As few independent forces of one spectrum as do to the modes what `inputs` (n_modes, n_forces) of that spectrum do.
+    """Fewest independent forces of one spectrum that do to the modes what `inputs` (n_modes, n_forces) of that spectrum do.
 
     Returns the modal forces of each combination, (n_modes, n_combined), and the part of each in the forces,
     (n_forces, n_combined). Combinations of more forces than modes that move no mode are left out.

@@ -260,11 +260,10 @@ def _make_record(
     shape: tuple[int, ...],
     factors: FloatArray | None,
 ) -> OnDiskRecord:
-    """The record on disk of an array of samples by channels, after checks of its shape and channels.
+    """The record on disk of an array of samples by channels; raises `InputError` if its shape or channels cannot be those of one.
 
     `array` is the dataset's name in HDF5 ("" for NPY), `rate` the sampling rate in Hz, `shape` that of the stored array
     in either order (samples are rows if both axes fit), and `factors` (n_channels,) scale to SI; None if already in SI.
-    `quantities` are those of the channels.
     """
     count = len(channels)
     if len(shape) != 2 or count not in shape:
@@ -379,11 +378,10 @@ def _reading_errors(path: Path, when: str) -> Iterator[None]:
 def _sample_chunks(
     n_times: int, n_channels: int, first: int, last: int | None, longest: int | None
 ) -> Iterator[tuple[int, int]]:
-    """Consecutive ranges (begin, stop) of sample numbers that cover `first` to `last`, stop exclusive.
+    """Yield consecutive ranges (begin, stop) of sample numbers that cover `first` to `last`, stop exclusive; None is the end.
 
-    A range has at most `longest` samples; without it, the length depends on the size of the record. `last` None means
-    the end. Raises `InputError` if the bounds lie outside of the record or `longest` is below 1. `n_times` and
-    `n_channels` are the size of the record.
+    A range has at most `longest` samples; without it, the length depends on the size of the record, `n_times` by `n_channels`.
+    Raises `InputError` if the bounds lie outside of the record or `longest` is below 1.
     """
     end = n_times if last is None else last
     if not 0 <= first <= end <= n_times:

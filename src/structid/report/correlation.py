@@ -163,7 +163,7 @@ def frac_words(part: ResponsesCorrelation) -> str:
 
 
 def at_words(correlation: StudyCorrelation) -> str:
-    """At which values the model stands."""
+    """Words on the values at which the model was evaluated."""
     return (
         "Model at the start values of the study"
         if correlation.at is None

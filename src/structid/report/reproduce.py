@@ -58,11 +58,16 @@ def write_reproduction(items: Sequence[ReproducedItem], folder: Path, png: bool 
 
 
 def reproduction_summary(items: Sequence[ReproducedItem]) -> dict[str, JsonValue]:
-    """The content of reproduction.json: `printed` and `computed` are those of the first table, row by row."""
+    """The content of reproduction.json: ``structid``, the version, and ``items``; see `_item_summary`."""
     return {"structid": __version__, "items": [_item_summary(item) for item in items]}
 
 
 def _item_summary(item: ReproducedItem) -> dict[str, JsonValue]:
+    """Content of reproduction.json for one item.
+
+    Keys: ``item``, ``title``, ``verdict``, ``note``, ``max_abs_difference``, ``supporting_tables``, ``panels``, and those
+    of the fields of the first `Table`, such as ``printed`` and ``computed``, row by row.
+    """
     blank: dict[str, JsonValue] = {"rows": [], "columns": [], "printed": [], "computed": []}
     return {
         "item": item.name,

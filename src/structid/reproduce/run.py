@@ -26,7 +26,7 @@ def reproduce(chapters: Iterable[int] = CHAPTERS, progress: Progress | None = No
 
     Returns
     -------
-    tuple of Item
+    tuple of ReproducedItem
         Reproducible: random studies use fixed seeds, and linear algebra runs in one thread.
 
     Raises

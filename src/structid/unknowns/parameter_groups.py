@@ -175,10 +175,7 @@ def element_sets(group: ParameterGroup) -> tuple[tuple[str, ...], ...]:
 
 
 def _varies(numbers: np.ndarray, first: IntArray) -> np.ndarray:
-    """True for each parameter (n_params,) whose entries, which begin at `first`, have different `numbers`.
-
-    `numbers` is (n_entries,), `first` (n_params,).
-    """
+    """True for each parameter (n_params,) whose `numbers` (n_entries,) differ; `first` (n_params,) is where its entries begin."""
     if not len(first):
         return np.zeros(0, dtype=bool)
     return np.asarray(np.maximum.reduceat(numbers, first) > np.minimum.reduceat(numbers, first))
@@ -264,13 +261,9 @@ def _neighbour_groups(
 ) -> tuple[IntArray, IntArray]:
     """First and last element row, from 0, of the group of neighbours that shares a parameter, (n_entries,) each.
 
-    `number` (n_entries,) is the index of the element set in `names`, and `row` the element row of each entry;
-    `unknown.each` is the size of a group. `row` is (n_entries,), from 0.
-
-    Raises
-    ------
-    InputError
-        If the elements of a set make no whole groups, or those of a group are no neighbours.
+    For each entry, `number` is the index of its element set in `names`, and `row` the element row, from 0; `unknown.each` is
+    the size of a group. Raises `InputError` if the elements of a set make no whole groups, or those of a group are no
+    neighbours.
     """
     size = int(unknown.each)
     if size == 1:
@@ -345,10 +338,10 @@ def _element_centres(
 
 
 def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Property, IntArray]]:
-    """Pairs of a property and its element rows that the property `wanted` and `text`, an entry of `elements`, select.
+    """Pairs of a property and its element rows (n_rows,), from 0, that `wanted` and `text`, an entry of `elements`, select.
 
-    `text` is an element set such as ``girder``, or part of one such as ``girder:2-5``; rows count from 0. ``stiffness``
-    stands for all stiffnesses of a set that has no property of that name. Rows are (n_rows,).
+    `text` is an element set such as ``girder``, or part of one such as ``girder:2-5``. The property `wanted` ``stiffness``
+    stands for all stiffnesses of a set that has no property of that name.
 
     Raises
     ------

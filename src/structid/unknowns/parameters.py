@@ -295,8 +295,8 @@ def _resolve_tie(
 ) -> tuple[tuple[ParameterGroup, int] | None, float]:
     """The parameter (its group, its index there) that a tied group follows in the end, and the ratio to it.
 
-    None and 1.0 for a group that is not tied. Raises `InputError` if there is no such parameter, or ties run in a
-    circle. `groups` are all groups of the declarations.
+    None and 1.0 for a group that is not tied. `groups` are all groups of the declarations. Raises `InputError` if there is no
+    such parameter, or ties run in a circle.
     """
     if group.unknown.tied_to is None:
         return None, 1.0

@@ -30,7 +30,7 @@ class _Term:
 
     @property
     def given(self) -> float | None:
-        """The strength, where it is a number."""
+        """The strength if it is a number; None if a rule chooses it."""
         return None if isinstance(self.strength, str) else float(self.strength)
 
     @property
@@ -157,7 +157,7 @@ def _parameters_of_term(structure: Structure, unknown: Parameters, term: Regular
 def _neighbour_pairs(structure: Structure, columns: IntArray, values: IntArray) -> IntArray:
     """Pairs of parameter indices whose elements share a node, (n_pairs, 2), the lower first, each once.
 
-    `columns` and `values` are those of `_parameters_of_term`. Both are (n_entries,).
+    `columns` and `values`, (n_entries,) each, are those of `_parameters_of_term`.
     """
     tables = {element.name: element.nodes for element in structure.sets}
     owners, nodes = [], []

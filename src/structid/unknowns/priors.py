@@ -184,10 +184,7 @@ class Coupling:
         return self.at(np.arange(first, first + self.matrix.shape[1]), n_params)
 
     def at(self, index: IntArray, n_params: int) -> Coupling:
-        """The coupling among `n_params` parameters, with its k-th parameter at position ``index[k]``.
-
-        `index` is (n_own_params,).
-        """
+        """The coupling among `n_params` parameters, with its k-th parameter at position ``index[k]`` of them."""
         matrix = sparse.csr_array(self.matrix)
         wide = sparse.csr_array((matrix.data, index[matrix.indices], matrix.indptr), (matrix.shape[0], n_params))
         kept = wide if sparse.issparse(self.matrix) else wide.toarray()

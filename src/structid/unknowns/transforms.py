@@ -34,10 +34,7 @@ class Transforms:
     upper: FloatArray
 
     def at(self, index: Sequence[int] | IntArray) -> Transforms:
-        """Transforms of the parameters at `index`, in that order.
-
-        `index` is (n,).
-        """
+        """Transforms of the parameters at `index` (n,), in that order."""
         chosen = np.asarray(index, dtype=np.intp)
         kinds = tuple(self.kinds[i] for i in chosen.tolist())
         return Transforms(kinds, locked(self.lower[chosen]), locked(self.upper[chosen]))

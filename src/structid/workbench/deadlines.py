@@ -23,10 +23,7 @@ class DeadlineProtocol(H11Protocol):
         self._await_headers()
 
     def data_received(self, data: bytes) -> None:
-        """Handle received bytes; the time limit for headers starts with each request, and is not extended by each byte.
-
-        `data` are the bytes received.
-        """
+        """Handle the bytes `data`; the time limit for headers starts with each request, and is not extended by each byte."""
         super().data_received(data)
         if self.conn.their_state is not h11.IDLE:
             self._stop_waiting()

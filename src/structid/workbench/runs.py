@@ -111,9 +111,10 @@ class Run:
         return "queued" if (self.folder / "queued").exists() else "running"
 
     def summary(self) -> dict[str, Any]:
-        """Identifier, study, results folder, start time, state and last progress of the run, and what can be done with it.
+        """The run for the page: ``id``, ``study``, ``results``, ``started``, ``state``, ``can_resume``, ``has_results``, ``last``.
 
-        ``started`` is in seconds since 1970 (0 if unknown); ``can_resume`` is True if the run has ended and left a checkpoint.
+        ``started`` is in seconds since 1970 (0 if unknown); ``can_resume`` is True if the run has ended and left a checkpoint;
+        ``last`` is its last progress record.
         """
         told, state = self._read_run_file, self.state
         results = str(told.get("results", ""))

@@ -83,10 +83,10 @@ def _changes(
     supports: list[str] | tuple[()],
     removed: list[str] | tuple[()],
 ) -> list[Change]:
-    """Changes of the structure from the texts of the flags, such as "5@12" for a mass of 5 kg at node 12.
+    """Changes of the structure from the texts of the flags; raises `InputError` if a text has another form.
 
-    Raises `InputError` if a text has another form. Masses are ``KG@NODE``, scales ``PROPERTY=FACTOR``, dampers
-    ``KG,HZ,RATIO@DOF``; `supports` name degrees of freedom, `removed` element sets.
+    Masses are ``KG@NODE``, scales ``PROPERTY=FACTOR``, dampers ``KG,HZ,RATIO@DOF``; `supports` name degrees of freedom,
+    `removed` element sets.
     """
     from structid.prediction.changes import AddMass, AddSupport, AddTunedMassDamper, Remove, Scale
 

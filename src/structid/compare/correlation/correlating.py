@@ -143,7 +143,10 @@ def values_at(names: tuple[str, ...], start: FloatArray, values: Mapping[str, fl
 
 
 def correlation_summary(correlation: StudyCorrelation) -> dict[str, StoredEntry]:
-    """Content of correlation.json; numbers that are not finite are kept here, and modes count from 1."""
+    """Content of correlation.json, with numbers that are not finite; modes count from 1.
+
+    Keys: ``title``, ``at``, ``modal_records``, ``response_records``, ``channels``, ``warnings`` and ``provenance``.
+    """
     return {
         "title": correlation.study.title,
         "at": "start values" if correlation.at is None else correlation.at.name,
@@ -156,7 +159,11 @@ def correlation_summary(correlation: StudyCorrelation) -> dict[str, StoredEntry]
 
 
 def _modes_summary(part: ModesCorrelation) -> dict[str, StoredEntry]:
-    """Content of correlation.json for one record of modes; modes count from 1, and a mode without a pair has None."""
+    """Content of correlation.json for one record of modes; modes count from 1, and a mode without a pair has None.
+
+    Keys: ``name``, ``source``, ``modes``, ``missing``, ``surplus_model_modes``, ``model_frequency_hz``, ``mac``,
+    ``channels``, ``reduction``, ``self_orthogonality``, ``cross_orthogonality`` and ``expansion`` (None without one).
+    """
     pairing, expanded = part.pairing, part.expanded
     number = pairing.number
     rows = [
@@ -209,6 +216,10 @@ def _modes_summary(part: ModesCorrelation) -> dict[str, StoredEntry]:
 
 
 def _responses_summary(part: ResponsesCorrelation) -> dict[str, StoredEntry]:
+    """Content of correlation.json for one record of FRFs.
+
+    Keys: ``name``, ``source``, ``kind``, ``band_hz``, ``frac``, ``fdac_hz``, ``fdac`` and ``resonances``.
+    """
     record = part.record
     pairs = [
         {"output": str(output), "input": str(load), "frac": part.frac[o, i]}

@@ -235,8 +235,6 @@ def _state(path: Path, progress: StageProgress | None) -> State:
 def _run_study(study: Study, progress: StageProgress | None) -> State:
     """The state that a run of `study` gives; its mesh and solver are refined as in `structid identify`.
 
-    `progress` is called as in `run_prepared`; None for no reports.
-
     Raises
     ------
     InputError
@@ -333,7 +331,11 @@ def _warnings(comparison: Comparison, baseline: State, later: State) -> tuple[st
 
 
 def comparison_summary(result: ComparisonResult) -> dict[str, JsonValue]:
-    """Content of compare.json in types of JSON; numbers that are not finite become None."""
+    """Content of compare.json in types of JSON; numbers that are not finite become None.
+
+    Keys mirror `ComparisonResult` and its `Comparison`: texts, ``baseline`` and ``later``, ``unchanged`` and its test,
+    settings and statistics of the test, ``changes`` (a row for each parameter), ``covariance`` and ``warnings``.
+    """
     comparison = result.comparison
     z = 1.959963984540054
     rows = [

@@ -39,10 +39,9 @@ class Appendage(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate appendages at up to 24 nodes of the first record's model and those of its channels, one for each frequency.
+        """Candidate appendages at up to 24 of the `chosen_nodes` of the first record, one for each direction and frequency.
 
-        Rotations count only at nodes that do not translate, as in drive trains. `records` are the receptances of each
-        record of one structure, `record_names` their names.
+        Rotations count only at nodes that do not translate, as in drive trains.
         """
         first = records[0]
         nodes = set(spread(sorted(chosen_nodes(first)), _MOST_NODES))

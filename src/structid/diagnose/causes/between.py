@@ -109,10 +109,7 @@ class LoadBetween(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate places of each measured force on bars and beams from its node to neighbours; none for support motions.
-
-        `records` are the receptances of each record of one structure, `record_names` their names.
-        """
+        """Candidate places of each measured force on bars and beams from its node to neighbours; none for support motions."""
         for channel, other, bends in _channels_and_neighbours(records, 2):
             if records[channel.record].problem.facts.measures_force:
                 where = (channel.dof.place, other.place)

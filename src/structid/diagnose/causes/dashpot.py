@@ -26,10 +26,7 @@ class Dashpot(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate dampers from chosen degrees of freedom to the ground, and across springs of which both ends move.
-
-        `records` are the receptances of each record of one structure, `record_names` their names.
-        """
+        """Candidate dampers from chosen degrees of freedom to the ground, and across springs of which both ends move."""
         first = records[0]
         places = [((dof.place,), direction) for dof, direction in chosen_dofs(first)]
         for where, direction in [*places, *spread(list(spring_ends(first)), MOST_ELEMENTS)]:

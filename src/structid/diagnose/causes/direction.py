@@ -95,10 +95,7 @@ class LoadDirection(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate turns of each measured force towards every other direction of its node; none for motions of supports.
-
-        `records` are the receptances of each record of one structure, `record_names` their names.
-        """
+        """Candidate turns of each measured force towards every other direction of its node; none for motions of supports."""
         for receptances, channel in channels(records, 2):
             if not receptances.problem.facts.measures_force:
                 continue

@@ -46,7 +46,7 @@ class FixedValue(Candidate):
 
     @property
     def family(self) -> str:
-        """Name of the property: masses do not compete with stiffnesses for a place."""
+        """Kind and property, so that masses do not compete with stiffnesses for a place."""
         return f"{self.kind} {_property(self)}"
 
     @property

@@ -34,10 +34,7 @@ class SensorGain(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate gains, as logarithms, of each sensor in records of several: errors of calibration and mistaken units.
-
-        `records` are the receptances of each record of one structure, `record_names` their names.
-        """
+        """Candidate gains, as logarithms, of each sensor in records of several: errors of calibration and mistaken units."""
         for _, channel in channels(records, 1):
             if channel.n_alike > 1:
                 logs = _log_gains(mistaken_motions(channel.dof.is_rotation))
@@ -78,10 +75,7 @@ class LoadGain(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate gains, as logarithms, of each load or driven support: errors of calibration and mistaken units.
-
-        `records` are the receptances of each record of one structure, `record_names` their names.
-        """
+        """Candidate gains, as logarithms, of each load or driven support: errors of calibration and mistaken units."""
         for receptances, channel in channels(records, 2):
             is_motion = receptances.problem.record.is_per_motion
             table = mistaken_motions(channel.dof.is_rotation) if is_motion else MISTAKEN_FORCES

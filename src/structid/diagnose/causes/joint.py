@@ -43,10 +43,7 @@ class FlexibleJoint(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate flexible joints at the rotations of element ends that have a bending stiffness, at most 150 of them.
-
-        `records` are the receptances of each record of one structure, `record_names` their names.
-        """
+        """Candidate flexible joints at the rotations of element ends that have a bending stiffness, at most 150 of them."""
         first = records[0]
         ends: dict[tuple[str, int, int], list[_Column]] = {}
         for one in first.elements(("mass", "rotary_inertia", "viscous_damping", "stiffness", "axial_force")):

@@ -37,10 +37,7 @@ class Mass(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate masses at chosen nodes, in all records together and, if there are several records, in each record alone.
-
-        `records` are the receptances of each record of one structure, `record_names` their names.
-        """
+        """Candidate masses at chosen nodes, in all records together and, if there are several records, in each record alone."""
         yield from cls._at_nodes(records[0])
         for number, receptances in enumerate(records if len(record_names) > 1 else ()):
             if has_places(receptances.problem):

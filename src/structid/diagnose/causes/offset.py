@@ -51,8 +51,7 @@ class MassOffset(Candidate):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate offsets of each point mass along each axis, where a rotation of its node would then move the mass.
 
-        Levers are at most the largest extent of the structure; at most 60 masses are tried. `records` are the
-        receptances of each record of one structure, `record_names` their names.
+        Levers are at most the largest extent of the structure; at most 60 masses are tried.
         """
         first = records[0]
         nodes = {one.name: one.nodes.ravel() for one in first.structure.elements if isinstance(one, PointMass)}

@@ -29,10 +29,7 @@ class AddedRotaryInertia(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate inertias at free rotations of chosen nodes; a negative one takes away less than the model has there.
-
-        `records` are the receptances of each record of one structure, `record_names` their names.
-        """
+        """Candidate inertias at free rotations of chosen nodes; a negative one takes away less than the model has there."""
         first, nodes = records[0], chosen_nodes(records[0])
         mass, free = first.structure.matrix("mass", first.values), set(first.structure.numbering.free)
         for dof, follow in first.columns.items():

@@ -47,8 +47,7 @@ class SensorMass(Candidate):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """One candidate, a mass common to all sensors, where these are at several nodes; else none.
 
-        It is left out too where the sensors of a record can move in more than 60 ways. `records` are the receptances of
-        each record of one structure, `record_names` their names.
+        It is left out too where the sensors of a record can move in more than 60 ways.
         """
         nodes = list(dict.fromkeys(node for one in records for node in _sensed(one)))
         most = max(len(_translations(one, _sensed(one))) for one in records)

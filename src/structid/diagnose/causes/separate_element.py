@@ -99,8 +99,7 @@ class DifferingElement(Differing):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidates for the stiffness, the mass, and all stiffnesses of each element in a set of several, and for mounts.
 
-        Of many, at most 300 for a single property and 150 for all stiffnesses are tried, evenly chosen. `records` are
-        the receptances of each record of one structure, `record_names` their names.
+        Of many, at most 300 for a single property and 150 for all stiffnesses are tried, evenly chosen.
         """
         first = records[0]
         moved = list(moved_elements(first))

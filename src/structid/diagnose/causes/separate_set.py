@@ -37,8 +37,7 @@ class DifferingSet(Differing):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidates for the stiffness or mass of each set that shares a parameter with others, and for all its stiffnesses.
 
-        Springs are left out of the latter; of many sets 150 of each are tried, evenly chosen. `records` are the
-        receptances of each record of one structure, `record_names` their names.
+        Springs are left out of the latter; of many sets 150 of each are tried, evenly chosen.
         """
         first = records[0]
         moved = list(moved_elements(first))
@@ -79,7 +78,7 @@ class DifferingSet(Differing):
             yield cls(where=where, strengths=PARTS, properties=properties, matrices=(matrix,), is_whole=is_whole)
 
     def sentence(self, value: float | None) -> str:
-        """A clause that says in which stiffness a whole set differs from its group; `value`, the factor or None, is not used."""
+        """A clause that says in which property a whole set differs from its group; `value`, the factor or None, is not used."""
         if self.is_whole and len(self.properties) == 1:  # the study fixes all of them
             return f"the stiffnesses of all of {self.where[0]}, which the study fixes, are off by one factor"
         if self.is_whole:

@@ -48,10 +48,7 @@ class Support(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """A candidate flexible support for each direction that is fixed or driven in some record and can give way.
-
-        `records` are the receptances of each record of one structure, `record_names` their names.
-        """
+        """A candidate flexible support for each direction that is fixed or driven in some record and can give way."""
         inputs = [{dof.unsigned for dof in one.problem.record.inputs} for one in records]
         scales = {
             dof.unsigned: float(1 / np.median(np.abs(own)))

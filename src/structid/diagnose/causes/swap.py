@@ -20,7 +20,7 @@ from structid.diagnose.tested_model import TestedModel
 def _effect(receptances: Receptances, axis: int, channel_names: Sequence[str], strengths: FloatArray) -> ComplexArray:
     """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by `strengths` times an exchange of two channels.
 
-    The channels are sensors (axis 1) or loads (axis 2) with the two `channel_names`. `strengths` is (n_strengths,).
+    The channels are the sensors (`axis` 1) or loads (`axis` 2) with the two `channel_names`.
     """
     i, k = (index_of(receptances, axis, place) for place in channel_names)
     order = np.arange(receptances.frf.shape[axis])

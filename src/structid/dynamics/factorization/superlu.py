@@ -94,10 +94,7 @@ class SuperLuFactor:
     is_complex: bool
 
     def solve(self, right: NumberArray) -> NumberArray:
-        """Solution X, (n, n_right), of A X = `right`, real or complex.
-
-        `right` is (n, n_right).
-        """
+        """Solution X, (n, n_right), of A X = `right` (n, n_right), real or complex."""
         reordered = right[self.order]
         if self.is_complex:
             unordered = self.factor.solve(np.asarray(reordered, dtype=np.complex128))

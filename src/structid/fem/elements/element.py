@@ -423,10 +423,9 @@ class ElementSet:
         return what.unit
 
     def codes(self, positions: NodeCoordinates) -> IntArray:
-        """Sorted codes of the degrees of freedom that the set uses if no other elements are present.
+        """Sorted codes (n_codes,) of the degrees of freedom that the set uses if no other elements are present; see `dof_code`.
 
-        `positions` are node coordinates by label. The result is (n_codes,); a code is one integer for node and
-        direction, see `dof_code`.
+        `positions` are node coordinates by label.
         """
         if self.moves:  # so that no matrices are made, which are dear on a mesh
             return joined_codes([node_codes(np.unique(self.nodes)[:, None], self.moves)])

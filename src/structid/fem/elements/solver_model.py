@@ -294,8 +294,8 @@ def _split_powers(part: Part) -> tuple[str, Powers]:
 def _kind_of_parameter(name: str, parts: Sequence[Part]) -> Kind:
     """Kind of the property of the parameter `name`: that of the one matrix that is proportional to it, else ``parameter``.
 
-    ``mass``, ``viscous_damping`` or ``stiffness`` if all parts with the parameter belong to that matrix and have it to
-    the first power, alone.
+    The kind is ``mass``, ``viscous_damping`` or ``stiffness`` if all parts with the parameter belong to one matrix and have
+    the parameter to the first power, alone.
     """
     of_parameter = [part for part in parts if any(name == other for other, _ in part.powers)]
     kinds = {part.matrix_of for part in of_parameter}

@@ -150,8 +150,7 @@ def _local_axes(name: str, x: FloatArray, orientation: FloatArray | None) -> Flo
     """Local axes as rows, (n_elements, 3, 3), from unit vectors `x` (n_elements, 3) along the beams.
 
     Local y is the part of `orientation` (3,) across the beam; by default (None) of global Y, or of global X for beams
-    along Y. Raises `InputError`, which names the set, if `orientation` runs along a beam. `name` is that of the element
-    set.
+    nearly along Y. Raises `InputError`, which names the set, if `orientation` runs along a beam.
     """
     if orientation is not None:
         guide = np.broadcast_to(orientation, x.shape)

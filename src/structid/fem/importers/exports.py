@@ -55,6 +55,11 @@ def total_mass(mass: Any, dofs: Sequence[str | Dof], direction: str = "X") -> fl
     float
         In the mass unit of the matrix. What is held in the exported model has no part in it.
 
+    Raises
+    ------
+    InputError
+        If `direction` is no translation, or `dofs` are not as many as the rows.
+
     Examples
     --------
     >>> total_mass(np.diag([2.0, 3.0, 3.0]), ["1X", "2X", "2Y"])
@@ -113,6 +118,11 @@ def in_si(matrix: Any, dofs: Sequence[str | Dof], length_unit: str = "m", force_
     dofs : n degrees of freedom
     length_unit, force_unit : str
         Units of `structid.core.units`, such as ``mm`` and ``N``; time is always in seconds.
+
+    Raises
+    ------
+    InputError
+        If a unit is not known.
     """
     for name, unit, known in (("length_unit", length_unit, LENGTHS), ("force_unit", force_unit, FORCES)):
         if unit not in known:

@@ -174,8 +174,8 @@ def _array_positions(
 ) -> tuple[IntArray, IntArray]:
     """Row and column, from 0, of each of `n_entries` entries of an array layout, (n_entries,) each.
 
-    The entries are whole columns, or the part on and below the diagonal (below, if skew); `symmetry` is the word in the
-    banner. Raises `FileError` for another number of entries. `n_rows` and `n_columns` are those of the matrix.
+    The entries are whole columns of the `n_rows` by `n_columns` matrix, or the part on and below the diagonal (below, if
+    skew); `symmetry` is the word in the banner. Raises `FileError` for another number of entries.
     """
     if symmetry == "general":
         wanted = n_rows * n_columns

@@ -111,10 +111,7 @@ class Blocks:
         return row, column, is_stored
 
     def assemble(self, weights: np.ndarray) -> sparse.csc_array:
-        """The sum of weights[e] B_e as a sparse (n_dofs, n_dofs) array.
-
-        `weights` is (n_elements,); B_e is the matrix of element e.
-        """
+        """The sum of weights[e] B_e over the elements, as a sparse (n_dofs, n_dofs) array; `weights` is (n_elements,)."""
         row, column, element, value = self.entries()
         summed = sparse.coo_array((value * np.asarray(weights)[element], (row, column)), (self.n_dofs, self.n_dofs))
         return summed.tocsc()

@@ -111,7 +111,7 @@ class ShearFactor(Factor):
     def slope(self, values: FloatArray, number: int) -> FloatArray:
         """Derivative of the factor of each element by its bending (`number` 0) or shear stiffness (1), (n_elements,).
 
-        See `Factor.slope`. `values` (n_values,) are all property values of the structure.
+        `values` (n_values,) are all property values of the structure; see `Factor.slope`.
         """
         bending, shear = values[self.bending], values[self.shear]
         total = shear + self.ratio * bending
@@ -319,9 +319,8 @@ def rigid_mass(
 ) -> tuple[float, FloatArray]:
     """Mass in kg in rigid motion along the first of `directions` that has any, and its derivative by every value, (n_values,).
 
-    Both are 0 if none has. Reduced models, whose rigid motion does not show their mass, are left out.
-    `length_dependences` are those of element lengths, by set. See `Structure.mass_of`. `values` (n_values,) are all
-    property values.
+    Both are 0 if none has. Reduced models, whose rigid motion does not show their mass, are left out. `values` (n_values,)
+    are all property values, `length_dependences` those of element lengths, by set. See `Structure.mass_of`.
     """
     total, gradient = 0.0, np.zeros(len(values))
     pairs = [(item, matrix_term) for item in properties for matrix_term in item.term.matrix_terms]

@@ -232,9 +232,9 @@ def _mesh_nodes(assembly: Assembly, blocks: Iterable[CellBlock], factor: float) 
 
 
 def _reference_points(assembly: Assembly, factor: float) -> dict[int, FloatArray]:
-    """Positions in m of the nodes of the assembly itself (reference points), by label.
+    """Positions (3,) in m of the nodes of the assembly itself (reference points), by label.
 
-    `factor` turns lengths of the file into m. Each is (3,).
+    `factor` turns lengths of the file into m.
     """
     own = assembly.own
     if own is None:

@@ -87,8 +87,8 @@ class PartData:
     def _take_nodes(self, options: dict[str, str], rows: list[list[str]]) -> None:
         """Take up the data lines of a *NODE, in the current coordinate system.
 
-        `options` are those of the keyword, `rows` the words of its data lines. Raises `ValueError` if a node repeats, or
-        coordinates may have decimal commas.
+        `options` are those of the keyword, `rows` the words of its data lines. Raises `ValueError` if a node repeats, coordinates
+        may have decimal commas, or SYSTEM is neither rectangular nor cylindrical.
         """
         _require_decimal_points(rows)
         labels = [int(row[0]) for row in rows]

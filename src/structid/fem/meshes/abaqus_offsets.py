@@ -98,9 +98,8 @@ class SectionOffsets:
     def _shell_offsets(self, block: KeywordBlock, chosen: Sequence[tuple[int, IntArray]]) -> list[CellOffsets]:
         """Offsets in m of shells whose nodes lie on a surface some thicknesses above their middle.
 
-        `chosen` are cell blocks, by index, with the rows of the section. They run along the mean normal at each node,
-        or along the cell's where normals there differ too much. `block` is the keyword of their section, with the
-        option OFFSET.
+        They run along the mean normal at each node, or along the cell's where normals there differ too much. `chosen` are cell
+        blocks, by index, with the rows of the section; `block` is the keyword of the section, with the option OFFSET.
         """
         part, thickness = _offset_in_thicknesses(block.options["OFFSET"]), self._length * _thickness(block)
         corners = [self._corners(index, rows) for index, rows in chosen]
@@ -123,8 +122,8 @@ class SectionOffsets:
     def _beam_offsets(self, scope: PartData, block: KeywordBlock, index: int, rows: IntArray) -> CellOffsets:
         """Offsets in m of beams of CalculiX whose line lies some widths along the local directions 1 and 2 off their axis.
 
-        `index` is that of the cell block, `rows` are its cells in the section. Raises `ValueError` if the section has
-        no widths. `scope` is the part that has the section, `block` the keyword.
+        `index` is that of the cell block, `rows` are its cells in the section; `scope` is the part that has the section, `block`
+        the keyword. Raises `ValueError` if the section has no widths, or local direction 1 is along a beam.
         """
         shape = block.options.get("SECTION", "").upper()
         words = [[float(word) for word in row if word] for row in block.rows if any(row)]
@@ -185,7 +184,7 @@ def _thickness(block: KeywordBlock) -> float:
 
 
 def _mean_direction(normals: Sequence[FloatArray]) -> FloatArray | None:
-    """The unit mean (3,) of the unit vectors `normals`; None if one of them is more than 20 degrees from it."""
+    """The unit mean (3,) of the unit vectors `normals`; None if one of them is more than 20 degrees (`_SMOOTH`) from it."""
     total = np.sum(normals, axis=0)
     size = float(np.linalg.norm(total))
     if size == 0 or min(float(normal @ total) for normal in normals) < _SMOOTH * size:

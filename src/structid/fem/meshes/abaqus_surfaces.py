@@ -128,8 +128,8 @@ class Surfaces:
     def _face(self, scope: PartData, label: int, side: str) -> tuple[tuple[int, ...], bool]:
         """Labels in the mesh of the nodes of a face, corners before middles, and True if the element is a shell.
 
-        `side` is S1, S2, ... of a solid, or a side of a shell such as SPOS. Raises `ValueError` if there is no such
-        element or face. `label` is that of the element in its `scope`.
+        `label` is that of the element in its `scope`; `side` is S1, S2, ... of a solid, or a side of a shell such as SPOS. Raises
+        `ValueError` if there is no such element or face.
         """
         for name, table in scope.elements.items():
             if label in table:
@@ -234,9 +234,9 @@ def _nearest(shape: CellShape, point: FloatArray, corners: FloatArray) -> FloatA
 
 
 def _on_face(shape: CellShape, local: FloatArray, tangents: FloatArray) -> FloatArray:
-    """The point (2,) of the reference square or triangle nearest to `local`, itself if it is inside.
+    """The point (2,) of the reference square or triangle nearest to `local` (2,), itself if it is inside.
 
-    Distances are those that `tangents` (2, 3), the derivatives of the position, give. `local` is (2,).
+    Distances are those that `tangents` (2, 3), the derivatives of the position, give.
     """
     is_square = shape.name.startswith("quad")
     sides = [((-1, -1), (1, -1)), ((1, -1), (1, 1)), ((1, 1), (-1, 1)), ((-1, 1), (-1, -1))]

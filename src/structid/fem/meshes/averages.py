@@ -49,8 +49,8 @@ def mean_motion(
     """Map (6, n_components) from components to the rigid motion at `reference` (3,) that fits them best by least squares.
 
     Weights of rotations are multiplied by the square of the mean distance of the nodes, as in Nastran, so that those of
-    translations and rotations compare. None if the components do not determine the motion. `positions` are those of all
-    nodes by label, (3,) each.
+    translations and rotations compare. `positions` (3,) are those of all nodes by label. None if the components do not
+    determine the motion.
     """
     nodes = list(dict.fromkeys(component.node for component in components))
     distances = [float(np.linalg.norm(positions[node] - reference)) for node in nodes]

@@ -54,7 +54,7 @@ class CoordinateSystem:
 def axes_of_points(origin: FloatArray, on_z: FloatArray, in_xz: FloatArray) -> FloatArray | None:
     """Axes x, y, z as rows (3, 3) by three points (3,): the origin, one on z and one in the half plane of z and +x.
 
-    None if the points lie on a line. The points are `origin`, `on_z` and `in_xz`, (3,) each.
+    None if the points lie on a line.
     """
     z = on_z - origin
     y = np.cross(z, in_xz - origin)

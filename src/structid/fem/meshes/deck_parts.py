@@ -320,7 +320,7 @@ def weights_along(
 ) -> dict[tuple[int, str], float]:
     """Weights {(node, direction): weight} of a node's displacement along a unit vector (3,), times `factor`.
 
-    Its rotation instead if `rotation`. Parts below `_ROUNDING` are left out.
+    With `rotation` they are those of its rotation about that vector. Parts of at most `_ROUNDING` are left out.
     """
     directions = DIRECTIONS[3:] if rotation else DIRECTIONS[:3]
     return {
@@ -446,10 +446,9 @@ def _spring_dofs(weights: Mapping[tuple[int, str], float]) -> tuple[Dof, Dof | N
 def _matrix_of(
     triples: Sequence[tuple[int, str, int, str, float]], codes: Sequence[tuple[int, str]] | None = None
 ) -> tuple[list[Dof], sparse.csc_array]:
-    """Degrees of freedom, and the sparse matrix on them of summed entries (node, direction, node, direction, value).
+    """Degrees of freedom, and the sparse matrix on them with the sum of `triples` (node, direction, node, direction, value).
 
-    The degrees of freedom are those of `codes` (node, direction), by default all in the entries, sorted. The sum runs
-    over `triples`, the entries.
+    The degrees of freedom are those of `codes` (node, direction), by default all in the entries, sorted.
     """
     if codes is None:
         codes = sorted({(node, direction) for node, direction, *_ in triples})

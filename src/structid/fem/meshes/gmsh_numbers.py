@@ -59,10 +59,7 @@ class Ascii:
         self._at = 0
 
     def _next(self, count: int) -> np.ndarray:
-        """The next `count` words; `ValueError` if the section has fewer.
-
-        They are an array (count,) of texts.
-        """
+        """The next `count` words, an array (count,) of texts; `ValueError` if the section has fewer."""
         if self._words is None:
             self._words = np.array(self._text.split())
         part = self._words[self._at : self._at + count]
@@ -145,10 +142,7 @@ class Binary:
         self._order = ">" if swapped == (sys.byteorder == "little") else "<"
 
     def _next(self, form: np.dtype, count: int) -> np.ndarray:
-        """The next `count` numbers of the type `form`; `ValueError` if the file has fewer.
-
-        The result is (count,).
-        """
+        """The next `count` numbers of the type `form`, (count,); `ValueError` if the file has fewer."""
         if count < 0 or self.offset + count * form.itemsize > len(self._data):
             raise ValueError("a section ends too soon")
         part = np.frombuffer(self._data, form, count, self.offset)
@@ -162,10 +156,7 @@ class Binary:
         return self._next(np.dtype(self._order + "u8"), count).astype(np.int64)
 
     def counts(self, count: int) -> IntArray:
-        """The next `count` whole numbers, which stand on a line of text.
-
-        The result is (count,).
-        """
+        """The next `count` whole numbers, (count,), which stand on a line of text."""
         stop = self._data.index(b"\n", self.offset)
         words = np.array(self._data[self.offset : stop].split()[:count]).astype(np.int64)
         self.offset = stop + 1

@@ -98,9 +98,9 @@ class Mesh:
         return max((CELL_DIMENSIONS.get(block.kind, 0) for block in self.blocks if not block.is_beside), default=0)
 
     def chosen(self, group: str | None = None) -> list[tuple[CellBlock, IntArray]]:
-        """Blocks that have cells in `group`, each with the row indices of these; if None, all cells of the largest dimension.
+        """Blocks that have cells in `group`, each with its rows (n_chosen,) of them; if None, all cells of the largest dimension.
 
-        Raises `InputError` if there is no such group. The row indices are (n_chosen,) for each block.
+        Raises `InputError` if there is no such group.
         """
         if group is None:
             all_cells = [(block, np.arange(len(block.nodes))) for block in self.blocks]
@@ -134,9 +134,9 @@ class Mesh:
         return locked(np.concatenate(padded), np.int64)
 
     def group_nodes(self, group: str) -> IntArray:
-        """Sorted labels of the nodes of a node set, or else of the cells of a group.
+        """Sorted labels (n_nodes,) of the nodes of a node set, or else of the cells of a group.
 
-        If cells are offset, these are the nodes that carry them. The result is (n_nodes,).
+        If cells are offset, these are the nodes that carry them.
 
         Raises
         ------
@@ -153,11 +153,7 @@ class Mesh:
         return self.carried_by(np.concatenate(nodes))
 
     def carried_by(self, labels: IntArray) -> IntArray:
-        """Labels with nodes at the ends of offsets replaced by those that carry them, each once and in order.
-
-        `labels` and the result are one-dimensional; the result is sorted. Labels are (n_labels,), the result
-        (n_unique,).
-        """
+        """`labels` (n_labels,) with nodes at the ends of offsets replaced by those that carry them; sorted, each once."""
         unique: IntArray = np.unique(labels)
         if self.carriers:
             unique = np.unique([self.carriers.get(label, label) for label in unique.tolist()]).astype(np.int64)

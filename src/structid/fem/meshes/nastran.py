@@ -14,7 +14,7 @@ from structid.fem.meshes.bulk_cards import BulkText, Cards, bulk_text, cards_of
 from structid.fem.meshes.deck_parts import DeckPart, DeckUnits
 from structid.fem.meshes.mesh import CellBlock, Mesh
 from structid.fem.meshes.middle_nodes import EDGES, MiddleNodes
-from structid.fem.meshes.nastran_offsets import OFFSET_CARDS, OffsetReader, properties_aside
+from structid.fem.meshes.nastran_offsets import OFFSET_CARDS, OffsetReader, unread_property_parts
 from structid.fem.meshes.nastran_parts import PART_CARDS, read_parts
 from structid.fem.meshes.nastran_systems import SYSTEM_CARDS, BulkSystems
 
@@ -98,7 +98,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
         _property_groups(text, numbers),
         {},
         path.name,
-        (*middles.parts(), *parts, *offsets, *properties_aside(cards), *_unknown_elements(counts)),
+        (*middles.parts(), *parts, *offsets, *unread_property_parts(cards), *_unknown_elements(counts)),
         (*text.notes, *_notes(counts, axes, systems)),
         axes,
         cells_are_elements=True,
@@ -106,9 +106,9 @@ def read(path: Path, units: DeckUnits) -> Mesh:
 
 
 def _property_groups(text: BulkText, numbers: list[IntArray]) -> dict[str, tuple[IntArray, ...]]:
-    """Rows of the cells of each property, one array for each block, by its number in words and by its name in comments.
+    """Rows of the cells of each property, one array for each block, by its number as text and by its name in comments.
 
-    `numbers` are the property numbers of the cells of each block. Both are (n_cells,) in each block.
+    `numbers` are the property numbers of the cells of each block, (n_cells,) each.
     """
     groups: dict[str, tuple[IntArray, ...]] = {
         str(number): tuple(np.flatnonzero(of_block == number) for of_block in numbers)
@@ -190,8 +190,7 @@ def _without_repeats(path: Path, name: str, cards: Cards) -> Cards:
 def _default_property(name: str, cards: dict[str, Cards], labels: IntArray) -> IntArray:
     """Property number of each element `labels` (n,) if its field is blank: that of BAROR or BEAMOR for bars and beams.
 
-    Without such a card it is the element's own number. `name` is the card of the elements. `cards` are those of the
-    deck by name.
+    Without such a card it is the element's own number. `name` is the card of the elements, `cards` are those of the deck.
     """
     default = {"CBAR": "BAROR", "CBEAM": "BEAMOR"}.get(name, "")
     if default not in cards or cards[default].is_blank(1).all():
@@ -224,7 +223,7 @@ def _notes(counts: Counter[str], axes: dict[int, FloatArray], systems: BulkSyste
 
 
 def _property_names(content: bytes) -> dict[str, str]:
-    """Property names in the comments of HyperMesh, Femap and Patran in `content`, by property number in words.
+    """Property names in the comments of HyperMesh, Femap and Patran in `content`, by property number as text.
 
     A name in Patran's form precedes the property's card.
     """

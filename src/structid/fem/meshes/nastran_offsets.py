@@ -124,11 +124,10 @@ class OffsetReader:
     def _bar_arm(
         self, block: CellBlock, row: int, end: int, vector: FloatArray, words: Sequence[str], flags: str
     ) -> FloatArray:
-        """The arm (3,) in m of an end (0 or 1) of a bar in global directions.
+        """The arm (3,) in m of an end (0 or 1) of the bar `row` of a block in global directions.
 
-        Its components are along the directions of motion of the grid point (G in OFFT) or the axes of the element (O).
-        `row` is the bar, `vector` its offset, `words` are the fields of its card and `flags` its OFFT. Raises
-        `ValueError` for others. `vector` is (3,), in the unit of the deck.
+        `vector` (3,) is the offset in m along the directions of motion of the grid point (G in OFFT) or the axes of the element
+        (O); `words` are the fields of the bar's card and `flags` its OFFT. Raises `ValueError` for others.
         """
         flag = flags[1 + end] if len(flags) == 3 else ""
         node = int(block.nodes[row, end])
@@ -193,7 +192,7 @@ def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]
     return middles
 
 
-def properties_aside(cards: Mapping[str, Cards]) -> list[DeckPart]:
+def unread_property_parts(cards: Mapping[str, Cards]) -> list[DeckPart]:
     """Parts that count non-structural masses of properties, by card, and beams whose neutral axis is off their shear centre.
 
     All of them have obstacles. `cards` are those of the deck by name.
@@ -206,9 +205,9 @@ def properties_aside(cards: Mapping[str, Cards]) -> list[DeckPart]:
     for name, mass_of in _BEAM_MASSES.items():
         for row in range(len(cards[name]) if name in cards else 0):
             words = cards[name].row_words(row)
-            counts[name] = counts.get(name, 0) + int(any(_is_number(word) for word in mass_of(words)))
+            counts[name] = counts.get(name, 0) + int(any(_is_nonzero(word) for word in mass_of(words)))
             tail = _beam_tail(words) if name == "PBEAM" else []
-            shifted += any(_is_number(word) for word in [*tail[12:16]])
+            shifted += any(_is_nonzero(word) for word in [*tail[12:16]])
     parts = [
         DeckPart(f"{name} NSM", count, obstacle="add it to the density") for name, count in counts.items() if count
     ]
@@ -268,6 +267,6 @@ def _real(word: str) -> float:
     return as_real(word.encode("latin-1"))
 
 
-def _is_number(word: str) -> bool:
-    """True if a field holds something other than 0 or nothing."""
+def _is_nonzero(word: str) -> bool:
+    """True if the field `word` holds a number other than 0."""
     return bool(word) and _real(word) != 0

@@ -184,10 +184,7 @@ def read_parts(
 
 
 def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
-    """The value of PARAM,WTMASS in the bulk data or in case control, 1 without it; `FileError` if there are several.
-
-    `cards` are those of the deck by name; the unit is that of the deck.
-    """
+    """The value of PARAM,WTMASS in the bulk data or in case control, 1 without it; `FileError` if there are several."""
     stated = [words[1] for words in _words_of_cards(cards, "PARAM") if words[0] == "WTMASS"]
     stated += [word.decode("latin-1").upper() for word in _WTMASS.findall(text.case_control)]
     factors = {_real(word) for word in stated}
@@ -267,7 +264,7 @@ def _component_indices(word: str) -> list[int]:
 def _read_body(deck: _DeckContext, name: str, row: Sequence[str]) -> ReasonAndPart:
     """Refusal ("" if none) and deck part from a CONM1 or CONM2 card: the mass matrix of a grid point.
 
-    `row` are the fields of the card. `name` is that of the card.
+    `name` is that of the card, `row` are its fields.
     """
     words = _pad_words(row, 24)
     node = _whole(words[1])
@@ -374,7 +371,7 @@ def _read_scalar_spring(
 def _read_bush(deck: _DeckContext, name: str, values: Values, row: Sequence[str]) -> ReasonAndPart:
     """Refusal ("" if none) and deck part from a CBUSH, CBUSH1D or CVISC card: springs and dashpots along its axes.
 
-    `values` are the properties by number, `row` the fields of the card. `name` is that of the card.
+    `name` is that of the card, `row` are its fields; `values` are the properties by number.
     """
     words = _pad_words(row, 16)
     first, second = _whole(words[2]), _whole(words[3])
@@ -535,10 +532,9 @@ def _read_rbe2(deck: _DeckContext, words: Sequence[str]) -> ReasonAndTies:
 def _follow_rigidly(
     deck: _DeckContext, name: str, main: int, dependents: Sequence[int], components: str
 ) -> ReasonAndTies:
-    """Refusal ("" if none) and ties of nodes that follow the node `main` rigidly in some of their components.
+    """Refusal ("" if none) and ties of the nodes `dependents` that follow the node `main` rigidly in some of their components.
 
-    `components` are digits from 1 to 6, such as "123"; with all six the tie is a rigid link called `name`. `dependents`
-    are node labels.
+    `components` are digits from 1 to 6, such as "123"; with all six the tie is a rigid link called `name`.
     """
     if set(_component_indices(components)) == set(range(6)):
         return "", [RigidLink(name, main, dependents)]

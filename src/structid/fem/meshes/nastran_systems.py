@@ -50,10 +50,10 @@ class BulkSystems:
         self._path = path
         self.labels: IntArray = grids.integers(0)
         self._coordinates = np.stack([grids.reals(field) for field in (2, 3, 4)], axis=1)
-        self._definition = _grid_systems(cards, _CP)
-        self.displacement: IntArray = _grid_systems(cards, _CD)
+        self._definition = _grid_numbers(cards, _CP)
+        self.displacement: IntArray = _grid_numbers(cards, _CD)
         #: Whether grid points are held by fields of their own (PS).
-        self.has_supports: bool = bool((_grid_systems(cards, _PS) != 0).any())
+        self.has_supports: bool = bool((_grid_numbers(cards, _PS) != 0).any())
         self._cards = _read_system_cards(cards)
         self._resolved = {0: CoordinateSystem("R", np.zeros(3), np.eye(3))}
 
@@ -128,11 +128,10 @@ class BulkSystems:
         return axes
 
 
-def _grid_systems(cards: dict[str, Cards], field: int) -> IntArray:
-    """Whole number in the field `field` of each grid point, (n_grids,); that of GRDSET where it is blank.
+def _grid_numbers(cards: dict[str, Cards], field: int) -> IntArray:
+    """Whole number in a field of each grid point, (n_grids,), such as its coordinate system; that of GRDSET where it is blank.
 
-    The fields are those of the coordinate systems and supports of grid points. `cards` are those of the deck by name,
-    `field` counts from 0.
+    `field` counts from 0, behind the name of the card.
     """
     numbers = cards["GRID"].integers(field)
     if "GRDSET" in cards:

@@ -117,10 +117,7 @@ def _node_labels(grid: _Grid) -> IntArray:
 
 
 def _cell_groups(grid: _Grid) -> dict[str, tuple[IntArray, ...]]:
-    """Row indices in each block of the cells of each group, by name: cell sets, and ``array=value`` of whole-number arrays.
-
-    There is one array for each block.
-    """
+    """Row indices of the cells of each group, one array for each block, by name: cell sets and ``array=value`` of whole numbers."""
     groups: dict[str, tuple[IntArray, ...]] = {}
     for name, rows in grid.cell_sets.items():
         groups[str(name)] = tuple(np.asarray([] if r is None else r, dtype=np.int64) for r in rows)

@@ -123,14 +123,12 @@ class UniversalNodes:
     unknown: dict[int, str] = field(default_factory=dict)
 
     def axes(self, node: int, remedy: str = "export the coordinate systems too (dataset 2420)") -> FloatArray | None:
-        """Axes of the motion at `node` as rows, None where they are the global ones or the file has no such node.
-
-        Axes are (3, 3).
+        """Axes of the motion at `node` as rows, (3, 3); None where they are the global ones or the file has no such node.
 
         Raises
         ------
         FileError
-            If the file does not tell them; with the `remedy`.
+            If the file does not tell them; the message ends with `remedy`.
         """
         if node in self.unknown:
             raise FileError(f"{self.path}: {self.unknown[node]}; {remedy}")
@@ -152,7 +150,8 @@ def read_nodes(path: Path, blocks: Sequence[UffDataset] | None = None) -> Univer
     Raises
     ------
     FileError
-        If a dataset is damaged, a node has two positions, or its position is in a coordinate system that is not defined.
+        If a dataset is damaged, a node has two positions in one kind of dataset or motions along different axes in two, or
+        its position is in a coordinate system that is not defined.
     """
     blocks = read_blocks(path) if blocks is None else blocks
     factors = read_unit_factors(path, blocks)
@@ -262,7 +261,7 @@ def _short_node(line: str) -> list[float]:
 def _long_node(first: str, second: str) -> list[float]:
     """Label, two coordinate systems (definition, displacement) and three coordinates of a node of dataset 2411 or 781.
 
-    Raises `ValueError` if they cannot be read. `first` and `second` are its two lines.
+    `first` and `second` are its two lines. Raises `ValueError` if they cannot be read.
     """
     coordinates = read_reals(second.encode("ascii", errors="replace"))
     if coordinates.size != 3:
@@ -373,9 +372,9 @@ def _resolve_point_system(
 ) -> CoordinateSystem:
     """The coordinate system `label` of dataset 18 in global axes and m, resolved through its chain of reference systems.
 
-    `by_points` has the definitions of dataset 18, `systems` the systems that are known, `above` the labels on the way
-    here. Raises `FileError` if the chain is not closed, or the points lie on a line. `scale` is the unit of the file in
-    m.
+    `by_points` has the definitions of dataset 18, `systems` the systems that are known, `above` the labels on the way here;
+    `scale` is the file's unit of length in m. Raises `FileError` if the chain runs in a circle or to a system that is not
+    defined, or the three points lie on a line.
     """
     where, kind, reference, numbers = by_points[label]
     if label in above:

@@ -39,18 +39,18 @@ def start_deviation(unknowns: NamedUnknowns, start_error: float) -> FloatArray:
 def level_frequencies(omega: FloatArray, level: float) -> FloatArray:
     """Angular frequencies over the band of `omega` (rad/s), evenly spaced in the logarithm by about `level`.
 
-    There are at least `_FEWEST_LINES` and at most 250.
+    There are at least `_FEWEST_LINES` (60) and at most `_MOST_LINES` (250).
     """
     count = int(np.clip(np.log(omega[-1] / omega[0]) / level, _FEWEST_LINES, _MOST_LINES))
     return np.geomspace(omega[0], omega[-1], count)
 
 
 def smoothed_records(record: FrfRecord, levels: Sequence[float] = LEVELS) -> tuple[tuple[float, FrfRecord], ...]:
-    """Pairs of a level a and the FRFs at s = omega (a + i), computed from `record`, for each of `levels`.
+    """Pairs of a level a and the FRFs at s = d + omega (a + i), with d the decay of `record`, for each of `levels`.
 
     Lines are evenly spaced in the logarithm by a, at least 60 and at most 250 over the band. A level is left out where
-    fewer than eight of its lines are good to 25 % (see `right_half_plane`); no pairs with fewer than eight lines above
-    0 Hz.
+    fewer than eight of its lines are good to 25 % (see `right_half_plane`); the result is empty if `record` has fewer
+    than eight lines above 0 Hz.
     """
     omega = record.omega[record.omega > 0]
     if len(omega) < _USABLE_LINES:
@@ -74,7 +74,7 @@ def is_noisy(record: FrfRecord) -> bool:
 
 
 def thinned_lines(omega: FloatArray) -> IntArray:
-    """Indices of at most about `_THINNED_LINES` lines that are evenly spread in the logarithm; all indices if there are no more.
+    """Indices of at most about `_THINNED_LINES` lines, evenly spread in the logarithm; all if no more lie above 0 Hz.
 
     `omega` (n_lines,) are ascending angular frequencies.
     """

@@ -60,7 +60,7 @@ class Sliding:
     ----------
     contacts : tuple of Contact
     channels : Channels
-    lines : FrfSolver
+    solver : FrfSolver
     parameters : Parameters
     fixed_coefficients : (n_lines, n_matrices) complex array
         Coefficient of each matrix in the dynamic stiffness, 0 for `contacts`.
@@ -97,8 +97,7 @@ class Sliding:
     ) -> None:
         """Add to derivatives at fixed sliding amplitudes the part by the change of the amplitudes, in place.
 
-        `part` is the range of lines. See `LineDerivatives` for `derivative`, `readings` and `reach`. `physical`
-        (n_params,) are the parameters.
+        `part` is the range of lines, `physical` (n_params,) are the parameters; see `LineDerivatives` for the others.
         """
         size = (1j / self.at(physical)[0][part][:, self.matrix_indices]).real
         motion = readings[:, self.channels.n_outputs :, 0]
@@ -171,9 +170,7 @@ def _newton_step(
 ) -> FloatArray:
     """Sliding amplitudes (n_frequencies, n_contacts) after one Newton step from `size`, changed fivefold at most.
 
-    The other arguments are those of `balanced_amplitudes`: motion per contact force and under the load, friction
-    forces, and smallest amplitudes. Amplitudes are in the unit of the contacts' motion. `flexibility` is
-    (n_frequencies, n_contacts, n_contacts), `free` and `floor` are shaped as `size`, and `force` is (n_contacts,).
+    The other arguments are those of `balanced_amplitudes`; no amplitude gets below `floor`.
     """
     n_contacts = len(force)
     pull = 1j * force / size

@@ -404,10 +404,15 @@ def _has_friction(structure: Structure) -> bool:
 def _require_weights(form: Form, record: FrfRecord, deviation: FloatArray) -> None:
     """Raise `InputError` if a value has infinite weight, or is zero where `form` divides by measured values.
 
-    `deviation` (n_lines, n_outputs, n_inputs) is the standard deviation of each value.
+    `deviation` (n_lines, n_outputs, n_inputs) is the standard deviation of each value; form ``equation`` needs none.
     """
     if form != "equation" and not (deviation > 0).all():
         line, output, load = np.argwhere(deviation <= 0)[0]
+        if not record.values[:, output, load].any():
+            raise InputError(
+                f"{record.outputs[output]}/{record.inputs[load]} is 0 at every line, as a dead channel reads: check it,"
+                " or leave the sensor out (`channels_used` in [record] of a study)"
+            )
         raise InputError(
             f"noise of {record.outputs[output]}/{record.inputs[load]} is 0 at {record.frequency[line]:g} Hz;"
             " declare an absolute noise or a model error, so that every line has a finite weight"

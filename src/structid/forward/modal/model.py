@@ -68,8 +68,8 @@ class ModalModel:
     def _state_at(self, physical: FloatArray) -> ModelState:
         """Matrices, modes and sensor columns of the model at `physical`, computed afresh.
 
-        Up to `DENSE_UP_TO` degrees of freedom all modes are computed, else about three times as many as were measured. `physical`
-        are the parameters of the structure, then those of channel errors.
+        Up to `DENSE_UP_TO` degrees of freedom all modes are computed, else 3 `n_modes` + 10. `physical` are the
+        parameters of the structure, then those of channel errors.
         """
         own, values = physical[: self.parameters.n_params], self.parameters.values(physical[: self.parameters.n_params])
         matrix_kinds = ("mass", "damping", "stiffness", "structural_damping")

@@ -128,8 +128,8 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes
     With Phi the mass-normalized shapes and B = S' Phi, the shape residual is Psi - B A with A from least squares, and
     the frequencies are the diagonal of A^-1 Lambda A. Both stay if the shapes Phi turn among themselves, so derivatives
     need no difference of eigenvalues in the group: d Lambda = Phi' (dK - (lambda_k + lambda_l) / 2 dM) Phi and,
-    outside, S' d phi_k = -Y_k' (dK - lambda_k dM) phi_k with Y_k = (K - lambda_k M)^+ S. Derivatives by the parameters
-    are computed `with_slopes`, else they have no columns.
+    outside, S' d phi_k = -Y_k' (dK - lambda_k dM) phi_k with Y_k = (K - lambda_k M)^+ S. Without `with_slopes` the
+    derivatives by the parameters have no columns.
 
     References
     ----------

@@ -46,7 +46,7 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
 def _groups_at(
     data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool
 ) -> list[tuple[ModelState, GroupData, IntArray]]:
-    """For each group of measured modes: the model state with its sensors scaled, the group, and indices of its model modes.
+    """Model state with its sensors scaled, group, and indices of its model modes, for each group of measured modes.
 
     `physical` are the parameters of the structure, then those of channel errors; with `in_order` modes are paired by
     frequency order. Indices are (n_modes of the group,).
@@ -67,7 +67,7 @@ def output_rows(
     """Weighted data rows (n_data,) of form ``output``, their slopes (n_data, n_params), and the number of eliminated unknowns.
 
     `physical` are the parameters of the structure, then those of channel errors; with `in_order` modes are paired by
-    frequency order. Without slopes the second part is (n_data, 0). Slopes are computed `with_slopes`.
+    frequency order. Without `with_slopes` the slopes are (n_data, 0).
     """
     fits: list[GroupFit] = []
     rows: list[FloatArray] = []

@@ -242,8 +242,9 @@ def shape_residual(problem: ModalProblem, theta: FloatArray) -> FloatArray:
 def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float, float]]:
     """Number of values, number of determined parameters, and share of the misfit, for each kind of value (such as shapes).
 
-    The second is the trace of (J'J)^-1 J_k'J_k with J_k the rows of the kind; with priors these add up to the number of
-    parameters. Empty if the data do not determine all. `theta` (n_params,) are free variables.
+    The second is the trace of (J'J)^-1 J_k'J_k with J_k the rows of the kind; with that of the prior rows, which are no
+    kind here, these add up to the number of parameters. Empty if data and priors do not determine all parameters.
+    `theta` (n_params,) are free variables.
     """
     at = problem.linearize(theta)
     information = at.jacobian.T @ at.jacobian

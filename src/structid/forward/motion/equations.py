@@ -241,8 +241,8 @@ def _layout(row: IntArray, parameter: IntArray, n_dofs: int, n_params: int) -> t
     """Parameter of each column of each block, (n_blocks, n_columns), and the column of every entry within its block.
 
     `row` and `parameter` (n_entries,) are the entries. There is a block for each degree of freedom, or a single one if
-    that would take too much memory. Unused columns are -1; known terms are in the last column, the right-hand side.
-    `n_dofs` and `n_params` are those of the structure.
+    these would take too much memory and there are at most `_MOST_IN_ONE_BLOCK` parameters. Unused columns are -1; known
+    terms (`parameter` is `n_params`) are in the last column, the right-hand side.
     """
     pairs = np.unique((row * (n_params + 1) + parameter)[parameter < n_params])
     dof, column = pairs // (n_params + 1), pairs % (n_params + 1)

@@ -109,10 +109,10 @@ class RecursiveMotionFit:
             )
 
     def bias(self, values: FloatArray | None = None, exact_motion: bool = False) -> FloatArray:
-        """Predicted bias (n_params,) of the fit by noise of the motion, for parameters `values`, by default the fitted ones.
+        """Predicted bias (n_params,) of the fit by noise of the motion, for parameters `values` (n_params,).
 
-        With `exact_motion` the fitted motion has no noise, and the noise is added to its normal equations. `values` is
-        (n_params,).
+        None takes the fitted values. With `exact_motion` the fitted motion has no noise, and the noise is added to its
+        normal equations.
         """
         found = self.solution()
         p = found.values if values is None else np.asarray(values, dtype=np.float64)

@@ -38,7 +38,7 @@ def motion_estimate(
     """Estimate with covariance, status and words from a linear fit to motion; `bias` (n_params,) if it was predicted.
 
     A parameter is identified if its standard deviation is at most its size and its bias at most half of it. `n_samples`
-    is the number of samples behind it.
+    is the number of samples that were fitted.
     """
     unknown = equations.unknown
     std = np.sqrt(np.diag(fit.covariance))

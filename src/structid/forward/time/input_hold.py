@@ -66,7 +66,7 @@ class InputHold:
         return np.concatenate([[self.start], samples]) if self.gap > 0 else samples
 
     def oscillation(self, n_times: int) -> FloatArray:
-        """Input state at all `times` for unit force amplitudes, (n_steps + 1, n_inputs, n_force_values).
+        """State of `generator` at all `times` for unit force amplitudes, (n_steps + 1, n_states, n_force_values).
 
         Amplitudes are all cosines, then all sines if they are free. `n_times` is the number of samples.
         """

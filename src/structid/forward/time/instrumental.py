@@ -62,9 +62,9 @@ class RowsAt(Protocol):
 
 
 class InstrumentalSteps:
-    """Iterations in their order, whatever way and stage they belong to: first those that `keeper` has from before.
+    """Iterations of all stages in their order; those in the checkpoint of `keeper` are read back, not made again.
 
-    The rows, which take all the time, are not made for those; what follows from them is kept bit for bit.
+    Their rows, which take all the time, are not made; what follows from the rows is stored bit for bit.
 
     Parameters
     ----------
@@ -83,10 +83,7 @@ class InstrumentalSteps:
                 self.steps.append(Step(int(outcome), np.asarray(solution), np.asarray(deviation), None))
 
     def taken(self, fit: RowsAt, values: FloatArray) -> Step:
-        """Next iteration of `fit` from the parameters `values`; read from the checkpoint if it is there, else made and kept.
-
-        `values` is (n_params,).
-        """
+        """Next iteration of `fit` from the parameters `values` (n_params,), read from the checkpoint or made and kept."""
         self.count += 1
         if self.count <= len(self.steps):
             return self.steps[self.count - 1]
@@ -97,9 +94,9 @@ class InstrumentalSteps:
         return step
 
     def _state(self) -> dict[str, Any]:
-        """Steps as arrays for a checkpoint: outcomes, solutions and deviations, (n_steps, n_params).
+        """Steps for a checkpoint: ``outcomes`` (n_steps,), ``solutions`` and ``deviations`` (n_steps, n_params).
 
-        They stand under ``outcomes``, ``solutions`` and ``deviations``; ``theta`` is the last solution.
+        ``theta`` is the last solution.
         """
         solutions = np.array([step.solution for step in self.steps])
         deviations = np.array([step.deviation for step in self.steps])
@@ -349,7 +346,7 @@ def _iterate(
 ) -> _End:
     """End of at most `most` instrumental iterations from the parameters `values`.
 
-    It converges when no parameter moves by more than `_TOLERANCE` standard deviations. Each solution is appended to `history`;
+    It converges when no parameter moves by `_TOLERANCE` standard deviations. Each solution is appended to `history`;
     steps that reverse the one before are halved. `steps` keeps the iterations. `values` and the entries of `history`
     are (n_params,).
     """

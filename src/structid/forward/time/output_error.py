@@ -176,7 +176,7 @@ class Incidentals:
 
 @dataclass(frozen=True)
 class MeasuredChannels:
-    """Sensors, loads and lines (Hz) of a record; see `channel_errors.Measured`."""
+    """Sensors, loads and lines (Hz) of a record; see `channel_errors.ChannelsOfRecord`."""
 
     outputs: tuple[Dof, ...]
     inputs: tuple[Dof, ...]
@@ -239,7 +239,8 @@ class OutputErrorProblem(RecordProblem):
                 what, way = "samples of a support's motion", "take spectra"
             raise InputError(
                 f"at most {_MOST_FORCE_SAMPLES} noisy {what} can be estimated with the parameters, got {n_samples}; {way},"
-                " shorten the record, or declare its variance 0 where its noise matters little"
+                " shorten the record, or declare its variance 0 where its noise matters little (in a study: 0 for"
+                " its channel in `noise` or `relative_noise`)"
             )
 
     @cached_property
@@ -336,9 +337,9 @@ class OutputErrorProblem(RecordProblem):
         return self.histories.errors(predicted, at.force), rows, at.basis.shape[1]
 
     def _without_gains(self, theta: FloatArray) -> tuple[OutputErrorProblem, FloatArray]:
-        """Problem with readings and deviations divided by the gains at `theta`, and the parameters (n_params,) of the structure.
+        """Problem without gains, whose readings and deviations are divided by those at `theta`, and the structure's parameters.
 
-        `theta` are the free variables, gains after the structure's.
+        `theta` are the free variables, gains after the structure's; the parameters are (n_params,).
         """
         assert self.channels is not None
         physical, n = self.physical(theta), self.parameters.n_params

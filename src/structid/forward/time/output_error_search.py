@@ -109,10 +109,10 @@ def _search_starts(
     work: TaskExecutor,
     progress: StageProgress | None,
 ) -> Iterator[tuple[_PathEnd, int]]:
-    """Result of the search from each starting point in turn, with its iterations; a further round is made when needed.
+    """Yield the result of the search from each starting point of each of `rounds`, with its number of iterations.
 
-    `shared` is the problem, the numbers of samples of the stages, and the options. `rounds` give the starting points of
-    each round.
+    A round is made only when its first result is asked for. `shared` is the problem, the numbers of samples of the
+    stages, and the options.
     """
     count = 0
     for starts in rounds:
@@ -301,7 +301,7 @@ def _best(short: OutputErrorProblem, ways: Sequence[_PathEnd]) -> tuple[float, F
 
 
 def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], tools: TaskContext) -> dict[str, Any]:
-    """Start point that posterior linearization reaches from a centre with a spread and a seed, as a task."""
+    """Start point ``theta`` that posterior linearization reaches from a centre with a spread and a seed, as a task."""
     progress = named(tools.progress, f"far start, {short.n_times} samples")
     return {"theta": posterior_linearized(short, *task, progress)}
 

@@ -128,7 +128,7 @@ class MassLine:
     def values(self, own: FloatArray) -> FloatArray:
         """Acceleration per unit force far above all modes, (n_outputs, n_inputs), at parameters `own` of the structure.
 
-        Under driven supports it is the acceleration per unit acceleration of the support. `own` is (n_params,).
+        For a driven support it is per unit acceleration of the support. `own` is (n_params,).
         """
         x, _ = self._fields(own)
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
@@ -229,7 +229,7 @@ class SpectraModel:
 
     @cached_property
     def response(self) -> Response:
-        """At the record's lines."""
+        """Response of the model at the record's lines."""
         return _response(self, self.spectra.frequency)
 
     @cached_property

@@ -243,8 +243,8 @@ def _filters(
     """Sampled derivatives of the test functions times the time step, sparse (n_windows, n_times), by order of derivative.
 
     `length` and `step` are in s; `windows` is the number of test functions, by default eight to a length. Raises
-    `InputError` if the length or number does not fit the record. `n_dofs` counts the degrees of freedom with an
-    equation, for the default; `orders` are the orders of derivatives wanted.
+    `InputError` if the length does not fit the record, or the equations, one for each window and each of `n_dofs`
+    degrees of freedom, are more than `_MOST_ROWS`. `orders` are the orders of derivatives wanted.
     """
     span, shortest = (n_times - 1) * step, _FEWEST_SAMPLES * step
     if not shortest <= length * (1 + 1e-9) or length > span * (1 + 1e-9):

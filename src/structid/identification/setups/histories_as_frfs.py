@@ -114,10 +114,7 @@ def _of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord | No
 
 
 def _first_run(lines: IntArray) -> IntArray:
-    """All line indices from the first of the sorted `lines` to the last one before a gap of more than `_FEWEST` lines.
-
-    The result is (n,).
-    """
+    """All line indices (n,) from the first of the sorted `lines` to the last one before a gap of more than `_FEWEST` lines."""
     gaps = np.flatnonzero(np.diff(lines) > _FEWEST)
     last = lines[gaps[0]] if len(gaps) else lines[-1]
     return np.arange(lines[0], last + 1)

@@ -73,7 +73,7 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
         """The problem of the lines that `options` choose."""
 
     def problem_warnings(self, problem: P) -> tuple[str, ...]:
-        """Warnings that take work with the model of a problem; `prepared` leaves them out, since most never ask for them."""
+        """Warnings that take work with the model of a problem, made only where they are asked for; `prepared` has none of them."""
         return ()
 
     @abstractmethod

@@ -232,8 +232,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
     def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: TaskExecutor) -> Estimate:
         """Estimate by `identify_time` (output error, instrumental variables or weak form).
 
-        The calibration of the set-up replaces that of the options' tolerances. `progress` is called with the name of
-        the stage, its iteration and the sum of squares; None for no reports.
+        A calibration of the set-up replaces that of the options' tolerances.
         """
         tolerances = options.tolerances
         if self.calibration is not None:

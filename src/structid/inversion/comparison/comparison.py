@@ -387,9 +387,9 @@ def _places(estimate: Identified, names: Sequence[str]) -> np.ndarray:
 def _changes_by_fixed_values(
     baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray]:
-    """Changes of the compared parameters by one tolerance of each fixed value, in the baseline and in the later state.
+    """Changes of the compared parameters by each cause in `FixedValueInfluence.changes`, in baseline and later state.
 
-    Both results are (n, n_fixed), with the fixed values of either state as columns. `first` and `second` are the indices of the
+    Both results are (n, n_causes), with the causes of either state as columns. `first` and `second` are the indices of the
     compared parameters in the two estimates. `carried` names parameters whose prior in the later state was the result of the
     baseline; through them a fixed value of one state also changes the other.
     """
@@ -408,7 +408,7 @@ def _changes_by_fixed_values(
 
 
 def _aligned(estimate: Identified, names: tuple[str, ...]) -> FloatArray:
-    """Changes (n_params, n_names) of all parameters by the fixed values `names`; 0 where a value has no influence."""
+    """Changes (n_params, n_names) of all parameters by the causes `names`; 0 where the estimate has no such cause."""
     changes = np.zeros((len(estimate.names), len(names)))
     if estimate.fixed is not None:
         changes[:, [names.index(name) for name in estimate.fixed.change_names]] = estimate.fixed.changes

@@ -73,10 +73,7 @@ def agreement(problem: Problem, linearization: Linearization) -> Agreement | Non
 
 
 def _residual_squares_and_rank(jacobian: FloatArray, residual: FloatArray) -> tuple[float, int]:
-    """Residual sum of squares of a linear least-squares fit of `jacobian` (n_rows, n_params) to `residual`, and its rank.
-
-    The Jacobian is (n_rows, n_params).
-    """
+    """Residual sum of squares of a linear least-squares fit of `jacobian` (n_rows, n_params) to `residual`, and its rank."""
     scale = np.linalg.norm(jacobian, axis=0)
     vectors, singular, _ = np.linalg.svd(jacobian / np.where(scale > 0, scale, 1.0), full_matrices=False)
     used = vectors[:, singular > _NULL * singular.max(initial=0.0)]

@@ -175,7 +175,6 @@ def exchanged(
 
     `candidates` are (n_candidates, n_rows, n_params) and `existing` (n_existing, n_params), as in `gains`, with its
     `criterion` and `of_interest`; `chosen` are the indices to start from. At most 20 passes over the members are made.
-    `of_interest` is a mask (n_params,), None for all.
     """
     members = list(chosen)
     for _ in range(_MOST_PASSES):
@@ -203,7 +202,7 @@ def optimal(
     """Indices of the best `count` candidates by greedy choice and exchange, in the order of greedy choice among them.
 
     `candidates` are (n_candidates, n_rows, n_params), the rows `existing` (n_existing, n_params) are measured already;
-    `criterion` is the determinant or trace of the covariance of the parameters `of_interest`. `of_interest` is a mask
+    `criterion` is the determinant ("d") or trace ("a") of the covariance of the parameters `of_interest`, a mask
     (n_params,), None for all.
 
     Raises

@@ -68,10 +68,7 @@ class Bootstrap:
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance of the replicates about their mean; NaN where they are not reliable.
-
-        The result is (n_params, n_params), in physical units.
-        """
+        """Covariance (n_params, n_params) of the replicates about their mean, physical units; NaN if they are not reliable."""
         n_params = len(self.names)
         if not self.is_reliable:
             return np.full((n_params, n_params), np.nan)

@@ -183,10 +183,7 @@ def _next_phase(log_density: LogDensity, state: ChainState) -> ChainState:
 
 
 def _in_coordinates(log_density: LogDensity, factor: FloatArray, phase: int) -> LogDensity:
-    """Log density and gradient as a function of coordinates y with x = `factor` y; `log_density` itself in phase 0.
-
-    `factor` is (n_params, n_params).
-    """
+    """Log density and gradient as a function of y with x = `factor` y, (n_params, n_params); `log_density` itself in phase 0."""
     if phase == 0:
         return log_density
 

@@ -384,10 +384,7 @@ class _Side:
         return float(residual @ residual)
 
     def _tangent(self, theta: FloatArray) -> FloatArray:
-        """Derivative of the other free variables by this one along the constrained minima, (n_params - 1,), at `theta`.
-
-        `theta` (n_params,) are free variables.
-        """
+        """Derivative (n_params - 1,) of the other free variables by this one, along the constrained minima, at `theta`."""
         jacobian = self.problem.linearize(theta).jacobian
         column = jacobian[:, self.index]
         return -np.linalg.lstsq(np.delete(jacobian, self.index, axis=1), column, rcond=None)[0]

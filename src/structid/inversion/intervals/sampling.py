@@ -94,10 +94,7 @@ class Samples:
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance of the draws, physical units; NaN where they are not reliable.
-
-        The result is (n_params, n_params).
-        """
+        """Covariance (n_params, n_params) of the draws, physical units; NaN where they are not reliable."""
         n_params = len(self.names)
         if not self.is_reliable:
             return np.full((n_params, n_params), np.nan)
@@ -217,9 +214,9 @@ class _Drawn:
 
 
 def _whitening(estimate: Estimate, fitted: FloatArray | None = None) -> FloatArray:
-    """Lower Cholesky factor (n, n) of a covariance of the free variables: `fitted`, or by default that from noise.
+    """Lower Cholesky factor of a covariance (n_params, n_params) of the free variables: `fitted`, else that from noise.
 
-    Raises `InputError` with the names of the parameters if it is not finite. `fitted` is (n, n).
+    Raises `InputError` with the names of the parameters if it is not finite.
     """
     slope = np.ones(len(estimate.names)) if estimate.parameters.slope is None else estimate.parameters.slope
     covariance = estimate.spread.covariance_noise / np.outer(slope, slope) if fitted is None else fitted
@@ -268,10 +265,7 @@ class _Target:
 
 
 def _log_slope_derivative(problem: Problem, theta: FloatArray) -> FloatArray:
-    """Derivative of log|dp/dtheta| by the own free variable of each parameter p, (n_params,), by central differences.
-
-    `theta` is (n_params,).
-    """
+    """Derivative of log|dp/dtheta| by the own free variable of each parameter p, (n_params,), by central differences."""
     step = 1e-5
     ratio = problem.slope(theta + step) / problem.slope(theta - step)
     return np.log(np.abs(ratio)) / (2 * step)
@@ -396,10 +390,7 @@ def _split(draws: FloatArray) -> FloatArray:
 
 
 def _rank_normal(draws: FloatArray) -> FloatArray:
-    """Normal quantiles of (rank - 3/8) / (S + 1/4) for all S draws together; equal draws have their mean rank. Same shape.
-
-    `draws` may have any shape.
-    """
+    """Normal quantiles of (rank - 3/8) / (S + 1/4) for all S `draws` together, in their shape; equal draws have their mean rank."""
     _, place, counts = np.unique(draws, return_inverse=True, return_counts=True)
     ranks = np.cumsum(counts) - 0.5 * (counts - 1)
     return special.ndtri((ranks - 0.375) / (draws.size + 0.25))[place].reshape(draws.shape)

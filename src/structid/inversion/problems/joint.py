@@ -145,10 +145,7 @@ class JointProblem(Problem):
         )
 
     def _stack_rows(self, parts: Sequence[FloatArray]) -> FloatArray:
-        """Data rows of all `parts`, one array for each problem, then the prior rows that no earlier problem states.
-
-        Each of `parts` is (n_residuals, ...), and so is the result.
-        """
+        """Data rows of all `parts`, (n_residuals, ...) each, then prior rows that no earlier problem states."""
         data = [part[: problem.n_data] for part, problem in zip(parts, self.problems, strict=True)]
         priors = [part[rows] for part, rows in zip(parts, self._first_priors, strict=True)]
         return np.concatenate([*data, *priors])

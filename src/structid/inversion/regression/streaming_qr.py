@@ -3,8 +3,8 @@
 A regression matrix of structural dynamics is sparse in a simple way: the equations of one degree of freedom hold only
 the few parameters of the elements around it. Each such block of rows keeps the triangle [R_d | z_d] of a QR
 factorization over its own columns; new rows enter by one more QR, and so do the triangles of another part of the
-record. Products B'B, which square the condition, are made of single blocks only, and count only where they are known to
-be well conditioned (see `gram_kernels`) or have been made so (see `whitened_kernels`).
+record. Products B'B, which square the condition, are made of single blocks only, and count only where they prove to be
+well conditioned (see `compiled`).
 """
 
 from __future__ import annotations

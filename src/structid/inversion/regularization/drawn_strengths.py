@@ -159,8 +159,8 @@ def balanced_strengths(
 ) -> tuple[float, ...]:
     """Penalty strengths at which penalty and data have information of equal trace over the members, at `theta`.
 
-    `terms` are the penalties; strengths in `given` that are not None are kept. `theta` (n_params,) are free variables.
-    One strength for each penalty.
+    `terms` are the penalties, each of which gets one strength; those in `given` that are not None are kept. `theta`
+    (n_params,) are free variables.
     """
     if all(value is not None for value in given):
         return tuple(float(value) for value in given if value is not None)

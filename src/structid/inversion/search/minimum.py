@@ -74,10 +74,7 @@ class Minimum:
 
 
 def residual_at(problem: Problem, theta: FloatArray) -> FloatArray | None:
-    """Residual (n_residuals,) at free variables `theta`; None if the model is singular there or an entry is not finite.
-
-    `theta` is (n_params,).
-    """
+    """Residual (n_residuals,) at free variables `theta` (n_params,); None if the model is singular there or it is not finite."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
             residual = problem.residual(theta)

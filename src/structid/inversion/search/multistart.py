@@ -250,8 +250,8 @@ def _wide_minima(
     """All minima of searches from distant random starts and along the weakest directions, and True if they are complete.
 
     Each minimum comes with its number of iterations. They are complete if no further one is expected before
-    `wide_starts` run out. `path` is the continuation path of each search, `start` the centre of the starts; `grouped`
-    takes the new minima. `start` (n_params,) are free variables.
+    `wide_starts` run out. `path` is the continuation path of each search, `start` (n_params,) the centre of the starts
+    in free variables; `grouped` takes the new minima.
     """
     rng = np.random.default_rng([search.seed, search.wide_starts])
     reach, size = problem.unknowns.reach, np.log(_WIDE) * sizes_at(problem, start)
@@ -285,9 +285,9 @@ def _wide_minima(
 def _search_widely(
     shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: TaskContext
 ) -> StoredValues:
-    """One search from a wide start, as a task; it may come to where the data cannot be held against the model.
+    """Search from a wide start, as a task; arguments and result are those of `_search`.
 
-    Arguments and result are those of `_search`.
+    An `InputError`, raised where the data cannot be held against the model, gives ``failed`` too.
     """
     try:
         return _search(shared, item, tools)
@@ -366,8 +366,7 @@ def _after(first: Minimum, last: Minimum) -> Minimum:
 def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatArray, search: Search) -> bool:
     """True if the best answer is doubtful enough for more searches: far from the start, or pushed beyond a bound.
 
-    False without `doubt_starts` or for a matrix-free method. See `Search`. `start` (n_params,) are the free variables
-    at the start.
+    False without `doubt_starts` (see `Search`) or for a matrix-free method. `start` (n_params,) are free variables.
     """
     if not search.doubt_starts or method.is_matrix_free:
         return False
@@ -417,7 +416,7 @@ def staged(
 
     If the problem has a larger sum of squares at the end of the stages than at `theta`, its search starts from `theta`.
     `prefix` begins the names of stages in progress messages. `theta` (n_params,) are free variables; `progress` is
-    called with the name of a stage, its iteration and the sum of squares, None for no reports.
+    called with the name of a stage, its iteration and the sum of squares.
     """
     start, iterations = theta, 0
     courses: list[StageCourse] = []

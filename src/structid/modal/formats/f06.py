@@ -149,10 +149,7 @@ class _Listing:
             self.page.mode = int(match[1])
 
     def _read_title(self, number: int, line: str) -> None:
-        """Read a title in spaced letters: begin the eigenvalue table, or the page of a vector; any other title ends a table.
-
-        `number` is that of the line in the file.
-        """
+        """Read a title in spaced letters, line `number`: begin the eigenvalue table or the page of a vector, or end either."""
         self.state = ""
         if _REAL_TABLE.search(line):
             self.state = "table"
@@ -170,10 +167,7 @@ class _Listing:
         self.page = _Page(page.subcase, page.superelement)
 
     def _read_table(self, number: int, line: str) -> None:
-        """Read a row of the eigenvalue table; raise `FileError` if it is of a buckling analysis.
-
-        `number` is that of the line in the file.
-        """
+        """Read line `number`, a row of the eigenvalue table; raise `FileError` if it is of a buckling analysis."""
         if match := _TABLE_ROW.match(line):
             _, _, cycles, mass, _ = (real_number(text) for text in match[3].split())
             self.table.setdefault(int(match[1]), []).append((real_number(match[3].split()[0]), cycles, mass))

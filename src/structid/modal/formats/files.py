@@ -131,7 +131,9 @@ def _require_suffix(path: Path, suffix: str, known: tuple[str, ...]) -> None:
 def modal_fields(modes: ModalRecord) -> dict[str, StoredEntry]:
     """Fields of `modes` for JSON; matrices as lists of rows, a row of `mode_shapes` for each of `channels`.
 
-    Keys are those of the file; numbers that are not known are None or NaN.
+    Keys are those of modes.json: ``frequency_hz``, ``damping_ratio``, their ``..._std``, ``mpc``, ``channels``,
+    ``scaling``, ``mode_shapes`` (``real``, ``imaginary``), ``shape_std``, ``covariance``, ``changes``, ``source`` and
+    ``warnings``. What is not known is None, single numbers NaN.
     """
     std = np.full(2 * modes.n_modes, np.nan) if modes.covariance is None else np.sqrt(np.diag(modes.covariance))
     shapes = modes.mode_shapes
@@ -215,7 +217,7 @@ def _read_json(path: Path) -> ModalRecord:
 def _array(path: Path, data: Mapping[str, object], key: str, n_axes: int, prefix: str = "") -> np.ndarray:
     """Numbers under `key` of `data` as an array with `n_axes` axes, null read as NaN; `FileError` if they are none.
 
-    `prefix` completes the key in errors. The axes may have any length.
+    `prefix` completes the key in errors.
     """
     try:
         array = np.array(data.get(key), dtype=float)

@@ -209,10 +209,7 @@ def _vectors(path: Path, table: _Table, words: _Words, system: int) -> Iterator[
 
 
 def _generalized_masses(tables: list[_Table], words: _Words) -> dict[tuple[int | None, int], tuple[float, float]]:
-    """Eigenvalue omega^2 and generalized mass, by (subcase, mode number), from eigenvalue tables; subcase 0 if not stated.
-
-    The subcase may be None too.
-    """
+    """Eigenvalue omega^2 and generalized mass, by (subcase, mode number), from eigenvalue tables; subcase 0 if not stated."""
     masses: dict[tuple[int | None, int], tuple[float, float]] = {}
     for table in tables:
         if table.name not in _EIGENVALUES:

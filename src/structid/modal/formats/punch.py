@@ -157,7 +157,7 @@ def punch_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes
 
 
 def _read_key(path: Path, number: int, line: str, subcase: int | None, superelement: int | None) -> VectorKey:
-    """Key (run, mode, eigenvalue) in an EIGENVALUE line of a punch file; `FileError` if the line holds none.
+    """Key of the vector that an EIGENVALUE line of a punch file announces; `FileError` if the line holds none.
 
     `number` is that of the line, from 1. `subcase` and `superelement` are the numbers stated above the line, None if
     there are none.

@@ -431,11 +431,10 @@ def _complex(reals: Sequence[float]) -> _Stated:
 
 
 def _make_mode(where: str, number: int, kind: _Kind, lines: list[str], begin: int, stated: _Stated) -> _Mode:
-    """Mode of a dataset whose nodes begin at line index `begin`.
+    """Mode of a dataset of `lines`, whose nodes begin at line index `begin`.
 
     `stated` is its eigenvalue (rad/s), damping ratio and modal mass; `where` names the dataset in errors, `number` is
-    55 or 2414. `FileError` if a value is not finite or the data have an unknown layout. `lines` are those of the
-    dataset.
+    55 or 2414. `FileError` if a value is not finite or the data have an unknown layout.
     """
     s, ratio, mass = stated
     if not np.isfinite([s.real, s.imag, mass.real, mass.imag]).all():
@@ -459,9 +458,9 @@ def _read_nodes(
 ) -> dict[int, NDArray[np.complex128]]:
     """Motion (6,) by node label: each node has a line with its label, then lines with its values.
 
-    `where` names the dataset in errors; the nodes begin at line index `begin`. Missing rotations are 0. `FileError` if
-    a node is damaged, repeated or incomplete. `lines` are those of the dataset; a node has `n_values` values, which are
-    pairs of numbers if `is_complex`.
+    The nodes begin at index `begin` of the dataset's `lines`; each has `n_values` values, pairs of numbers if
+    `is_complex`. Missing rotations are 0. `FileError`, with the dataset `where`, if a node is damaged, repeated or
+    incomplete.
     """
     n_numbers = n_values * (2 if is_complex else 1)
     step = 1 + -(-n_numbers // 6)

@@ -83,10 +83,7 @@ class PolesAndParticipation:
 
     @property
     def sizes(self) -> FloatArray:
-        """Magnitude of each free unknown, in the order of `free`: that of the pole, or of the mode's largest participation.
-
-        The result is (n_free,).
-        """
+        """Magnitude (n_free,) of each free unknown, in the order of `free`: of the pole, or of the mode's largest participation."""
         largest = np.abs(self.participation).max(axis=0)
         entries = np.broadcast_to(largest, self.participation.shape).ravel()
         return np.concatenate([np.abs(self.poles), np.abs(self.poles), entries, entries])[self.free]

@@ -218,8 +218,8 @@ def _gather_scattered_poles(labels: IntArray, distance: FloatArray, poles: Compl
     """Cluster labels 1, 2, ... after each cluster, largest first, took like poles of smaller ones in the orders it lacks.
 
     In each such order the nearest pole is taken, within `_ONE_MODE` in median distance and 5 % of the pole itself. Poles of
-    close or highly damped modes scatter over the orders and fall into several clusters. `distance` is (n_poles,
-    n_poles), `number` the index of the order of each pole. `labels`, `poles` and `number` are (n_poles,).
+    close or highly damped modes scatter over the orders and fall into several clusters. `labels`, `poles` and `number`,
+    the index of the order of each pole, are (n_poles,); `distance` is (n_poles, n_poles).
     """
     labels, sizes = labels.copy(), np.bincount(labels)
     taken = np.zeros(len(labels), dtype=bool)

@@ -246,8 +246,7 @@ def _independent_motions(
 def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
     """Scale of each channel, (n_channels,): root mean square of all translations, or of all rotations; 1 where that is 0.
 
-    `base` (n_times, n_channels) are the samples. `InputError` if all are 0. `channels` tell translations from
-    rotations.
+    `base` (n_times, n_channels) are the samples of `channels`. `InputError` if all are 0.
     """
     turning = np.array([dof.is_rotation for dof in channels])
     scale = np.ones(len(channels))
@@ -263,7 +262,8 @@ def _real_where_close(eigenvalues: NumberArray, x: NumberArray) -> tuple[NumberA
     """Eigenvalues and vectors (columns of `x`), with nearly real conjugate pairs replaced by two real ones each.
 
     The two vectors are real and imaginary part of the first. Pairs stand side by side, the positive imaginary part
-    first, as LAPACK gives them. The result is real if all are. `eigenvalues` is (n,), `x` (n_rows, n).
+    first, as LAPACK gives them. Both results are real if all eigenvalues are, nearly. `eigenvalues` is (n,), `x`
+    (n_rows, n).
     """
     if np.isrealobj(eigenvalues):
         return eigenvalues, x

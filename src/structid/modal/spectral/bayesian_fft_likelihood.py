@@ -131,10 +131,7 @@ def _root(x: FloatArray, m: int) -> ComplexArray:
 
 
 def _vectors(chart: Chart, x: FloatArray) -> FloatArray:
-    """Shapes before they are given unit norm, (n_channels, m).
-
-    `x` are the coordinates of the `chart`.
-    """
+    """Shapes (n_channels, m) at the coordinates `x` of the `chart`, before they are given unit norm."""
     n, m = chart.centre.shapes.shape
     t = x[2 * m : m * (n + 1)].reshape(m, n - 1)
     return np.asarray(chart.centre.shapes + np.einsum("mnt,mt->nm", chart.tangents, t))

@@ -186,10 +186,7 @@ def starts(data: BandLines, places: Sequence[float]) -> list[BandModes]:
 
 
 def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
-    """Shapes (n_channels, n_modes) by principal directions of the lines nearest each place (Hz), kept distinct if possible.
-
-    The result has one column for each place.
-    """
+    """Shapes (n_channels, n_places), principal directions of the lines nearest each place (Hz), kept distinct if possible."""
     shapes: list[FloatArray] = []
     width = max(5, len(data.frequency) // (4 * len(places)))
     for f in places:

@@ -154,9 +154,7 @@ def coherence(spectrum: Spectrum, line: int) -> float:
 
 
 def automatic_peaks(spectrum: Spectrum, level: int = 0) -> IntArray:
-    """Line indices of significant peaks of a singular value of the spectrum, lowest first, without two lines at either end.
-
-    The result is (n_peaks,).
+    """Line indices (n_peaks,) of significant peaks of a singular value, lowest first, without two lines at either end.
 
     Parameters
     ----------
@@ -263,9 +261,7 @@ def _stored_lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArra
 
 
 def peaks_within(spectrum: Spectrum, options: ModalOptions) -> IntArray:
-    """Line indices of the peaks within the frequency limits, by hand or automatic, lowest first; see `chosen_peaks`.
-
-    The result is (n_peaks,).
+    """Line indices (n_peaks,) of the peaks within the frequency limits, by hand or automatic, lowest first; see `chosen_peaks`.
 
     Raises
     ------

@@ -83,7 +83,7 @@ class _RecordAtPoles:
 
     @property
     def inside(self) -> FloatArray:
-        """That part of t [Re E, Im E] which is a sum of [Re E, Im E], as its coefficients, (2 n_modes, 2 n_modes)."""
+        """Coefficients (2 n_modes, 2 n_modes) of the part of t [Re E, Im E] that is a sum of [Re E, Im E]."""
         return solve_upper(self.triangle, self.along)
 
 

@@ -148,8 +148,8 @@ def _with_left_over(
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], FreeDecay]:  # fmt: skip
     """The chosen poles, their clusters and the free decay, with missing modes added if its residual is more than noise.
 
-    Heavily damped modes scatter over the orders, so that their clusters are too small to be taken for modes. The first three
-    results replace `picked`, `chosen_clusters` and `motion`; these are returned as they are if nothing is added.
+    Heavily damped modes scatter over the orders, so that their clusters are too small to be taken for modes. `picked`,
+    `chosen_clusters` and `motion` are returned as they are if nothing is added.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def _add_candidates(data: ScaledMotion, poles: ComplexArray, candidates: Complex
     """Poles with those `candidates` (rad/s) added, strongest first, that lower Schwarz's criterion.
 
     All poles are refined by maximum likelihood each time, and those that no longer stand out are left out. At most four
-    candidates in a row are tried without gain. `poles` and `candidates` are in rad/s, (n,) each.
+    candidates in a row are tried without gain. `poles`, in rad/s too, and `candidates` are (n,) each.
     """
     price = schwarz(data, poles)
     while True:

@@ -114,8 +114,8 @@ def _wanted_modes(again: ModalRecord, merged: ModalRecord, lost: IntArray, prese
     """Indices, increasing, of modes of `again` that match the `lost` modes of `merged` and are not among `present`.
 
     A match is within 2 % in frequency, has a MAC of `_ONE_SHAPE` or more over the known entries, and a standard deviation of
-    frequency below the half-power bandwidth. `lost` are mode numbers of `merged`; `present` are modes the set-up
-    already has. The result is (n_wanted,), `lost` (n_lost,).
+    frequency not above the half-power bandwidth, if it is known. `lost` (n_lost,) are indices of modes of `merged`;
+    `present` are modes the set-up already has.
     """
     places = {dof.unsigned: i for i, dof in enumerate(merged.channels)}
     rows = np.array([places[dof.unsigned] for dof in again.channels])

@@ -302,8 +302,6 @@ def frf_from_array(
 ) -> FrfRecord:
     """An FRF record from an array, with channels and units from `options`; trailing axes of length 1 may be missing.
 
-    None for `coherence` if it was not measured.
-
     Parameters
     ----------
     path : Path
@@ -312,12 +310,14 @@ def frf_from_array(
     frequency : (n_frequencies,) array
         In Hz, or in `options.axis_unit`.
     coherence : array of the shape of `values`, or None
+        None if it was not measured.
     options : ReadOptions
 
     Raises
     ------
     InputError
-        If outputs, inputs or kind are missing, or do not fit the array, or the array is real.
+        If outputs, inputs or kind are missing, or do not fit the array, the array is real or not finite, or `options` are
+        those of time histories.
     """
     time_options = [name for name in options.given() if name in _TIME_OPTIONS]
     if time_options:
@@ -361,10 +361,9 @@ def frf_from_array(
 
 
 def _with_shape(path: Path, name: str, values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
-    """`values` with axes of length 1 appended up to three axes; `InputError` unless the result has `shape`.
+    """`values`, of one to three axes, with axes of length 1 appended up to three; `InputError` unless the result has `shape`.
 
-    `shape` is (n_frequencies, n_outputs, n_inputs); `name` is the argument that the message names. `values` has one to
-    three axes.
+    `shape` is (n_frequencies, n_outputs, n_inputs); `name` is the argument that the message names.
     """
     full = values
     while full.ndim < 3:

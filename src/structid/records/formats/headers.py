@@ -202,11 +202,10 @@ def units_in_name(name: str, parse: Callable[[str], T]) -> list[tuple[str, T, bo
 
 
 def other_unit_in_name(name: str, parse: Callable[[str], Unit | FrfUnit], kind: str, factor: float) -> str:
-    """Text of a unit in a header that differs from the unit a channel is read in; "" if there is none.
+    """The unit in the header `name` that differs from the one in which a channel is read; "" if there is none.
 
-    `kind` is the quantity (or kind of FRF) that the channel is read as, and `factor` that to SI. A unit without
-    brackets counts only if it is a unit of this kind. `name` is the header, `parse` turns the text of a unit into the
-    unit, and raises `InputError` for others.
+    `kind` is the quantity (or kind of FRF) that the channel is read as, and `factor` that to SI. A unit without brackets
+    counts only if it is a unit of this kind. `parse` turns the text of a unit into the unit, and raises `InputError` for others.
     """
     for text, stated, is_bracketed in units_in_name(name, parse):
         is_same = stated[0] == kind

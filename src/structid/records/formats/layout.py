@@ -171,9 +171,9 @@ def _field(path: Path, fields: Mapping[str, Field], name: str) -> Field:
 
 
 def _array(path: Path, fields: Mapping[str, Field], name: str) -> np.ndarray:
-    """The numeric array in the field `name` of `fields`; `FileError` if it is missing, not numeric, or wrongly complex.
+    """The numeric array in the field `name` of `fields`, of any shape.
 
-    The array may have any shape.
+    Raises `FileError` if it is missing or not numeric, or complex in another field than ``values``.
     """
     value = _field(path, fields, name)
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fciu":
@@ -204,10 +204,7 @@ def _text(path: Path, fields: Mapping[str, Field], name: str) -> str:
 
 
 def _texts(path: Path, fields: Mapping[str, Field], name: str) -> tuple[str, ...]:
-    """The texts in the field `name` of `fields` as a tuple, also for a single text; `FileError` if it is missing.
-
-    `FileError` too if it is of another type.
-    """
+    """The texts in the field `name` of `fields` as a tuple, also for a single one; `FileError` if it is missing or holds others."""
     value = _field(path, fields, name)
     if isinstance(value, str):
         return (value,)

@@ -95,9 +95,9 @@ def _select_time(path: Path, record: TimeRecord, options: ReadOptions) -> TimeRe
 
 
 def sample_range(path: Path, time: FloatArray, options: ReadOptions) -> tuple[int, int]:
-    """Index of the first sample between `options.start` and `options.stop`, and that after the last; `time` is in s and even.
+    """Index of the first sample from `options.start` on, and that after the last up to `options.stop`.
 
-    `time` is (n_times,).
+    `time` (n_times,) holds evenly spaced times in s.
 
     Raises
     ------

@@ -60,9 +60,9 @@ def read_spectrum(path: str | Path, options: ReadOptions | None = None) -> Spect
 
 
 def _arrays(path: Path) -> tuple[list[str], Callable[[str], np.ndarray]]:
-    """Names of the numeric arrays of an NPZ, MAT or HDF5 file, and a function that returns the array of a name.
+    """Names of the arrays of an NPZ, MAT or HDF5 file, and a function that returns the array of a name, of any shape.
 
-    The arrays may have any shape.
+    Raises `FileError` for a file with another suffix.
     """
     suffix = path.suffix.lower()
     if suffix in NPZ.SUFFIXES:

@@ -255,9 +255,9 @@ def _judge_scale(
 ) -> str:
     """Note on a factor, offset or sensitivity beside an array, which is not applied; "" if it changes nothing.
 
-    `name` is the statement, `key` its plain name and `value` its content; `is_own` says that it is an attribute of the
-    array itself. Such an attribute raises `FileError` if the array is packed or of whole numbers, and `InputError` if
-    no option states the unit of the values. `array` is the name of the array and `dtype` its type.
+    `array` is the name of the array and `dtype` its type; `name` is the statement, `key` its plain name and `value` its content.
+    `is_own` says that it is an attribute of the array itself. Such an attribute raises `FileError` if it is one of packing,
+    or scales whole numbers, and else `InputError` if no option states the unit of the values.
     """
     try:
         numbers = np.ravel(value)

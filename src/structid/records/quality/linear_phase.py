@@ -59,9 +59,10 @@ class Fir:
 
 
 def low_pass(passed: float, stopped: float, rate: float, decibel: float) -> FloatArray:
-    """Taps of a Kaiser-windowed low-pass FIR filter: unchanged up to `passed` Hz, reduced by `decibel` from `stopped` Hz on.
+    """Taps (n_taps,) of a Kaiser-windowed low-pass FIR filter, an odd number of them.
 
-    `rate` is the sampling rate in Hz. The number of taps is odd. The result is (n_taps,).
+    It leaves frequencies up to `passed` Hz as they are and reduces them by `decibel` from `stopped` Hz on; `rate` is the sampling
+    rate in Hz.
     """
     from scipy.signal import firwin, kaiserord
 

@@ -31,10 +31,7 @@ def flagged_runs(flags: Flags) -> list[tuple[int, int]]:
 
 
 def quantum(y: FloatArray) -> float:
-    """Least difference between values of `y`, rounding apart: the step of the converter, or nearly 0.
-
-    `y` is (n,).
-    """
+    """Least difference between values of `y` (n,), rounding apart: the step of the converter, or nearly 0; 0 if all are equal."""
     steps = np.diff(np.unique(y))
     steps = steps[steps > 1e-9 * np.ptp(y)]
     return float(steps.min()) if steps.size else 0.0

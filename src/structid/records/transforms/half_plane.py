@@ -240,8 +240,8 @@ def poisson_weights(omega: FloatArray, laplace: ComplexArray) -> tuple[FloatArra
 def _trapezoid(nodes: FloatArray, width: FloatArray, laplace: ComplexArray) -> FloatArray:
     """Trapezoidal weights of the Poisson kernel at each of `laplace`, (n_laplace, n_nodes).
 
-    `nodes` are frequencies in rad/s, negative ones included, and `width` (n_nodes,) their widths in rad/s. `nodes` is
-    (n_nodes,), `laplace` (n_laplace,) are s = decay + i omega, 1/s.
+    `nodes` (n_nodes,) are frequencies in rad/s, negative ones included, and `width` (n_nodes,) their widths; `laplace`
+    (n_laplace,) are s = decay + i omega, 1/s.
     """
     kernel = nodes - laplace.imag[:, None]
     kernel *= kernel

@@ -151,8 +151,8 @@ def _loads_and_sensors(
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
     """`inputs` and `outputs` of FRFs as named, or where empty by the quantities of the record's channels.
 
-    Loads are then all forces, or all support accelerations if there are no forces; sensors are all other motion
-    channels.
+    Loads are then all forces, or all support accelerations if there are no forces; sensors are all channels that are neither
+    forces nor loads.
     """
     pairs = list(zip(record.channels, record.quantities, strict=True))
     forces, supports = ([dof for dof, own in pairs if own == name] for name in ("force", "support_acceleration"))
@@ -209,7 +209,7 @@ def _average_spectra(
     """Auto- and cross-spectra of inputs and outputs, averaged over all segments, and the number of segments.
 
     `columns` are the indices of inputs and of outputs, `weights` (segment_length,) those of the window; segments begin
-    `step` samples apart. Raises `InputError` if no record is as long as a segment. `detrend` is taken off each segment.
+    `step` samples apart, and `detrend` is taken off each. Raises `InputError` if no record is as long as a segment.
     """
     if detrend not in ("constant", "linear", "none"):
         raise InputError(f"`detrend` must be constant, linear or none, got {detrend!r}")
@@ -241,6 +241,11 @@ def _require_separable(spectra: Spectra, count: int, inputs: tuple[Dof, ...], fr
     silent = np.argwhere(power <= 0)
     if silent.size:
         line, i = silent[0]
+        if (power[:, i] <= 0).all():
+            raise InputError(
+                f"input {inputs[i]} has no power at any line, as a dead channel or a constant load has none:"
+                " check the channel, or excite the structure by a force that varies"
+            )
         raise InputError(
             f"input {inputs[i]} has no power at {frequency[line]:g} Hz; excite it there or check the channel"
         )
@@ -428,7 +433,8 @@ def _estimate_frfs(h1: ComplexArray, spectra: Spectra, estimator: Estimator) -> 
 def _total_least_squares(spectra: Spectra) -> ComplexArray:
     """Hv estimate of the FRFs by total least squares, (n_lines, n_outputs, n_inputs).
 
-    It is the smallest eigenvector of the spectra of all inputs and one output, each scaled to unit power.
+    It is the smallest eigenvector of the spectra of all inputs and one output, each scaled to unit power. Raises `InputError` if
+    that has no part of the output at a line.
     """
     xx, yx, yy = spectra
     lines, outputs, inputs = yx.shape

@@ -210,7 +210,7 @@ def remove_tones(record: TimeRecord, frequencies: Sequence[float] | Literal["aut
     """
     swings = np.ptp(record.values, axis=0) > 0
     moving = [i for i, quantity in enumerate(record.quantities) if quantity != "force" and swings[i]]
-    asked = _require_frequencies(frequencies, record.sampling_rate)
+    asked = _checked_frequencies(frequencies, record.sampling_rate)
     if not moving:
         return TonesRemoved(record, ())
     motion = np.asarray(record.values[:, moving], dtype=float)
@@ -237,7 +237,7 @@ def remove_tones(record: TimeRecord, frequencies: Sequence[float] | Literal["aut
     return TonesRemoved(replace(record, values=values), tuple(tones), tuple(absent))
 
 
-def _require_frequencies(frequencies: Sequence[float] | Literal["auto"], rate: float) -> list[float] | None:
+def _checked_frequencies(frequencies: Sequence[float] | Literal["auto"], rate: float) -> list[float] | None:
     """`frequencies` of tones in Hz, sorted; None for "auto". `rate` is the sampling rate in Hz.
 
     Raises `InputError` if they are no list of numbers between 0 and half the rate.
@@ -578,10 +578,10 @@ def _fitted_spline(time: FloatArray, blocks: ComplexArray, track: FloatArray, ph
 
 
 def _amplitude_columns(time: FloatArray, phase: _Phase, degrees: tuple[int, int]) -> FloatArray:
-    """Terms by which a tone's amplitude may change, (n_times, n_terms), at `time` in s.
+    """Terms by which a tone's amplitude may change, (n_times, n_terms), at `time` (n_times,) in s.
 
     They are Legendre polynomials of time and of the tone's frequency, with `degrees` in this order. From degree 2 in
-    frequency on, terms with its rate of change are added, since a structure answers with a delay. `time` is (n_times,).
+    frequency on, terms with its rate of change are added, since a structure answers with a delay.
     """
     columns = np.polynomial.legendre.legvander(2 * time / phase.duration - 1, degrees[0])
     if not degrees[1]:

@@ -90,8 +90,7 @@ def look(shading: Shading | None, element: str, index: int) -> ElementStyle:
 def shading(title: str, changes: Changes, limit: float) -> Shading:
     """Shading called `title` of elements by relative `changes` on a diverging colour scale, white at 0.
 
-    `limit` is a fraction, as are the changes; larger changes have the end colours. The scale runs from -`limit` to
-    `limit`, a fraction, as are the changes; larger changes have the end colours.
+    The scale runs from -`limit` to `limit`, a fraction, as are the changes; larger changes have the end colours.
     """
     ticks = [part * limit for part in (-1.0, -0.5, 0.0, 0.5, 1.0)]
     texts = tuple((value, f"{'+' if value > 0 else ''}{exact(100 * value, 3)} %") for value in ticks)

@@ -144,8 +144,8 @@ def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
 def _spacing(points: Mapping[int, FloatArray], elements: Sequence[ElementSet], size: float) -> float:
     """Smallest distance on paper between nodes of `elements` that are apart; `size` if there is none.
 
-    `points` are node positions on paper, `size` is the extent of the drawing. Of very many nodes a few hundred are
-    compared. Positions are (2,).
+    `points` are node positions (2,) on paper, `size` is the extent of the drawing. Of very many nodes a few hundred are
+    compared.
     """
     nodes = sorted({int(n) for e in elements for n in np.unique(e.nodes) if n >= 0})
     few = np.array([points[n] for n in nodes[:: max(1, len(nodes) // 400)]]).reshape(-1, 2)

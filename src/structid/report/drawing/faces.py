@@ -107,9 +107,9 @@ def _seen_faces(structure: Structure, eye: FloatArray) -> list[tuple[ElementSet,
 
 
 def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
-    """Faces that belong to a single cell, as pairs of cell number and corner nodes; `rows` are the nodes of each cell.
+    """Faces that belong to a single cell, as pairs of cell number and corner nodes, (3,) or (4,) labels.
 
-    Corner nodes are (3,) or (4,) labels; each of `rows` is (n_nodes,).
+    `rows` holds the nodes (n_nodes,) of each cell.
     """
     faces = [
         (index, row[list(face)]) for index, row in enumerate(rows) for face in SOLID_FACES[SOLID_CORNERS[len(row)]]
@@ -121,8 +121,7 @@ def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
 def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: Sequence[Mark]) -> frozenset[int]:
     """Nodes of cells that faces hide from view; if nodes times faces exceed 20 million, all nodes that only cells have.
 
-    Empty for structures in a plane. `points` are node positions on paper, `marks` those of `cell_faces`. Positions are
-    (2,).
+    Empty for structures in a plane. `points` are node positions (2,) on paper, `marks` those of `cell_faces`.
     """
     faces = [mark for mark in marks if mark.nodes]
     if not is_spatial(structure) or not faces:

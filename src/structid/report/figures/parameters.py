@@ -100,9 +100,9 @@ def _ratio_limits(
 
 
 def _ratio_axis(label: str, limits: plot.Limits, log: bool, room: float = 0.0) -> plot.Axis:
-    """Axis of relative values with the given `limits`, extended at both ends by the fraction `room` of its length.
+    """Axis `label` of relative values with these `limits`, extended at both ends by the fraction `room` of its length.
 
-    A logarithmic axis has plain numbers as tick labels. The axis is called `label`, and logarithmic if `log`.
+    It is logarithmic if `log`, then with plain numbers as tick labels.
     """
     low, high = limits
     if not log:

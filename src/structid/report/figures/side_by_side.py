@@ -171,7 +171,7 @@ def _spans(nodes: IntArray) -> list[tuple[int, int]]:
 def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[plot.Panel, ...]:
     """Plot panels, one for each mode pair, with measured and model shape side by side; all have the same axes.
 
-    `chosen` are the indices of the measured modes. `chosen` is (n_chosen,), from 0.
+    `chosen` (n_chosen,) are the indices of the measured modes.
     """
     structure = part.structure
     like = part.model.mode_shapes @ part.coefficients[:, chosen]
@@ -240,8 +240,7 @@ def _curve(
 def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, ...]:
     """Plot panels of mode pairs without geometry, one for each: measured and model shape over the sensors in a row.
 
-    `chosen` are the indices of the measured modes; each pair is scaled to a largest entry of 1. `chosen` is
-    (n_chosen,), from 0.
+    `chosen` (n_chosen,) are the indices of the measured modes; each pair is scaled to a largest entry of 1.
     """
     names = [str(dof) for dof in part.measured.channels]
     positions = np.arange(len(names), dtype=float)

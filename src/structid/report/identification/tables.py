@@ -329,8 +329,7 @@ def _span(frequency: FloatArray) -> str:
 def _gaps(whole: FloatArray, used: FloatArray) -> str:
     """Text on frequency ranges inside the band that were left out, beginning with a comma; "" if there are none.
 
-    `whole` and `used` are the frequencies of the record and of the fit, Hz. Both are (n,), increasing. Frequencies are
-    (n_lines,) each.
+    `whole` and `used` (n,) are the frequencies of the record and of the fit, Hz, increasing.
     """
     inside = whole[(whole >= used[0]) & (whole <= used[-1])]
     out = ~np.isin(inside, used)

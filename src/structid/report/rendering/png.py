@@ -263,10 +263,7 @@ class _Canvas:
             self._line(later, trace.at(np.pi))
 
     def _line(self, trace: Curve, points: tuple[np.ndarray, ...]) -> None:
-        """Draw one line of a curve through `points`, arrays x, y and perhaps z, and note its legend entry.
-
-        Arrays are (n,).
-        """
+        """Draw one line of a curve through `points`, arrays x, y and perhaps z, (n,) each, and note its legend entry."""
         pen, marker = trace.pen or _NONE, trace.marker or Marker("none", 0.0, "")
         edge, axes = marker.edge or _NONE, self.beside if trace.right else self.axes
         (line,) = axes.plot(

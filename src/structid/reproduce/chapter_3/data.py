@@ -69,7 +69,7 @@ def beam(values: FloatArray, damping: dict[str, Any] | None = None) -> Structure
     """Free-free beam of 15 elements, with nodes 1 to 16 at distances of 1 m.
 
     `values` (30,) are the masses per length (kg/m) and then the stiffnesses EI / h^3 (N/m); `damping` are damping
-    properties of `Beam`. None for `damping` leaves the beam without.
+    properties of `Beam`, None for a beam without damping.
     """
     nodes = {i + 1: float(i) for i in range(N_ELEMENTS + 1)}
     pairs = [[i, i + 1] for i in range(1, N_ELEMENTS + 1)]

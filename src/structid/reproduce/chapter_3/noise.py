@@ -147,9 +147,9 @@ def batched_values(equations: TimeEquations, fields: FloatArray) -> FloatArray:
 def predicted_bias(reading: str, n_samples: int) -> float:
     """First-order prediction of the relative bias of the estimates due to noise in the motion, as RMS over the 30 parameters.
 
-    `reading` is a key of `READINGS`. For "integrated", the error of the displacement after k steps of h = 1 ms has the
-    variance s^2 h^4 k^3 / 3, where s is the noise of the acceleration. `n_samples` is the number of samples, 1 ms
-    apart.
+    `reading` is a key of `READINGS`, `n_samples` the number of samples, `STEP` (0.5 s) apart. For "integrated", the error
+    of the displacement after k steps of h = `FINE_STEP` (1 ms) has the variance s^2 h^4 k^3 / 3, where s is the noise of
+    the acceleration.
     """
     structure = beam(ACTUAL)
     exact = driven(structure, sampling_times(n_samples))
@@ -307,8 +307,8 @@ def claims(n_seeds: int, report: Callable[[float], None]) -> ReproducedItem:
 def _error_panel(exact: FloatArray, integrated: FloatArray) -> Panel:
     """Panel of the RMS error against the number of samples, for exact and for integrated displacements.
 
-    Each row of `exact` and `integrated` is 5 %, median, 95 %, bias and predicted bias for one number of samples. Both
-    are (n_numbers, 5).
+    Each row of `exact` and `integrated`, (n_numbers, 5), is 5 %, median, 95 %, bias and predicted bias for one number
+    of samples.
     """
     curves = []
     for label, samples, part in (

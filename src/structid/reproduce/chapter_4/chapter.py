@@ -57,7 +57,7 @@ _START_COLUMNS = (
 def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[ReproducedItem, ...]:
     """Table 4.1 and Figures 4.1 to 4.5, computed beside what is printed; random studies use the seeds 0 to n_seeds - 1.
 
-    `progress` is called with the name of an item and the fraction done. None for `progress` reports nothing.
+    `progress` is called with the name of an item and the fraction done.
     """
     seeds = range(n_seeds)
     steps: tuple[Step, ...] = (

@@ -16,7 +16,7 @@ _MOST_CHANGES = 50
 
 
 def search_summary(estimate: Estimate) -> dict[str, StoredEntry]:
-    """Entries on a matrix-free search: its kind, the reason for it, and how many parameters are determined."""
+    """Entries on a matrix-free search, ``search``, ``reason`` and ``n_determined``: its kind, why, and how many are determined."""
     return {"search": "matrix_free", "reason": search_reason(estimate), "n_determined": estimate.spread.determined}
 
 
@@ -26,7 +26,10 @@ def search_reason(estimate: Estimate) -> str:
 
 
 def changes_summary(estimate: Estimate) -> dict[str, StoredEntry]:
-    """Entries of estimate.json for very many parameters: those that moved most, and the name of the file with all of them."""
+    """Entries of estimate.json for very many parameters: those that moved most, and the name of the file with all of them.
+
+    The keys are ``n_beyond_chance``, ``chance_limit_std``, ``largest_changes`` and ``parameters_file``.
+    """
     beyond, limit = estimate.beyond_chance()
     rows = _columns(estimate)
     return {

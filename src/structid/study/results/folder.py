@@ -119,7 +119,10 @@ def _relative_path(path: Path, folder: Path) -> str:
 
 
 def estimate_summary(result: StudyResult) -> dict[str, StoredEntry]:
-    """Content of estimate.json as a dictionary, in which numbers may still be NaN or infinite; the file has null for these."""
+    """Content of estimate.json as a dictionary, in which numbers may still be NaN or infinite; the file has null for these.
+
+    The keys are those of `_verdict`, `record_summaries`, `modal_summary` and the other parts, and those written out below.
+    """
     view, answer = result.view, result.identification
     estimate, identifiability = answer.estimate, answer.estimate.identifiability
     has_matrix = estimate.uncertainty.has_matrix
@@ -270,7 +273,11 @@ def varied_summary(answer: Identification) -> dict[str, StoredEntry]:
 
 
 def _verdict(view: ResultsView) -> dict[str, StoredEntry]:
-    """The entries on the verdict: its reasons, the next step, advice, causes and suggestions."""
+    """The entries on the verdict: its reasons, the next step, advice, causes and suggestions.
+
+    The keys are ``verdict``, ``verdict_text``, ``verdict_reasons``, ``headline``, ``next_step``, ``advice``, ``causes``,
+    ``suggestions`` and ``n_changes_tried``; causes and suggestions are as in `Diagnosis`.
+    """
     diagnosis, judgement = view.diagnosis, view.diagnosis.judgement
     causes, suggestions = (
         [{**asdict(cause), "where": cause.where[0] if len(cause.where) == 1 else cause.where} for cause in listed]
@@ -284,7 +291,10 @@ def _verdict(view: ResultsView) -> dict[str, StoredEntry]:
 
 
 def _strengths(item: AppliedRegularization, has_matrix: bool) -> dict[str, StoredEntry]:
-    """Strength of each row of a regularization; one number for a smoothness over very many rows, which all have the same."""
+    """The entry ``strengths``, one for each row of a regularization, or ``strength`` and ``n_determined`` without `has_matrix`.
+
+    Without a matrix the regularization is a smoothness over very many rows, which all have the same strength.
+    """
     return (
         {"strengths": item.strengths}
         if has_matrix
@@ -293,7 +303,10 @@ def _strengths(item: AppliedRegularization, has_matrix: bool) -> dict[str, Store
 
 
 def record_summaries(fits: Sequence[RecordFit]) -> dict[str, StoredEntry]:
-    """The entry ``records`` with the fit of each record if there are several; else ``polarities`` if the data decided any."""
+    """The entry ``records`` with the fit of each record if there are several; else ``polarities`` if the data decided any.
+
+    An entry of ``records`` has ``name``, ``source``, ``polarities`` and the keys of `fit_summary`.
+    """
     if len(fits) > 1:
         rows = [
             {"name": fit.name, "source": fit.measured.source, "polarities": fit.polarities, **fit_summary(fit)}
@@ -305,7 +318,11 @@ def record_summaries(fits: Sequence[RecordFit]) -> dict[str, StoredEntry]:
 
 
 def fit_summary(fit: RecordFit) -> dict[str, StoredEntry]:
-    """Fit of the identified model to a record: relative errors, over all lines of the evaluation band and for each channel."""
+    """Fit of the identified model to a record: relative errors, over all lines of the evaluation band and for each channel.
+
+    The keys are ``median_relative_error``, ``n_lines``, ``band_hz``, ``n_lines_fitted``, ``band_fitted_hz``, ``kind``, ``unit``,
+    ``noise_source`` and ``channels``.
+    """
     error, record, fitted = fit.relative_error, fit.evaluation, fit.problem.record
     channels: list[StoredEntry] = [
         {"output": str(output), "input": str(load), "median_relative_error": float(np.median(error[:, o, i]))}

@@ -42,7 +42,9 @@ def write_merged(modes: ModalRecord, folder: Path, geometry: Geometry | None = N
 def modes_summary(result: ModesResult) -> dict[str, StoredEntry]:
     """The content of modes.json, in which numbers may still be NaN or infinite; `read_modes` reads the file.
 
-    Keys are those of the file.
+    The keys are those of `modal_fields` but ``changes``, those of `_clusters`, MPC and MPD with deviations, ``probability``,
+    ``title``, ``method``, ``n_modes``, ``tone_kurtosis``, ``tones_removed``, ``scale``, ``left_out``, ``findings``,
+    ``preparation``, ``record``, ``options`` and ``provenance``.
     """
     identification = result.identification
     fields = modal_fields(result.modes)
@@ -76,7 +78,7 @@ def modes_summary(result: ModesResult) -> dict[str, StoredEntry]:
 
 
 def _tone(tone: Tone) -> dict[str, StoredEntry]:
-    """A tone that was taken off: frequencies in Hz, and amplitude and part of the variance of each channel."""
+    """The entry of a tone that was taken off: the fields of `Tone`, with ``_hz`` behind the names of frequencies."""
     return {
         "frequency_hz": tone.frequency,
         "lowest_hz": tone.lowest,
@@ -108,7 +110,7 @@ def _clusters(result: ModesResult) -> dict[str, StoredEntry]:
 
 
 def options_used(result: ModesResult) -> dict[str, StoredEntry]:
-    """The settings of the identification as plain values, with the orders that were used, and None for no upper frequency."""
+    """The fields of the identification's options as plain values, with the orders that were used; None for no upper frequency."""
     options = result.identification.options
     used = asdict(options)
     if result.identification.sweep:

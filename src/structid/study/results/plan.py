@@ -27,6 +27,9 @@ def plan_summary(
 ) -> dict[str, StoredEntry]:
     """The content of plan.json, in which numbers may still be NaN or infinite.
 
+    The keys are ``title``, ``determined``, ``notes``, ``options``, ``parameters``, ``tests``, ``next_sensors``, ``enough``,
+    ``rank``, ``condition``, ``undetermined_directions``, ``collinear_groups``, ``provenance``.
+
     Parameters
     ----------
     plan : Plan

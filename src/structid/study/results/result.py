@@ -59,7 +59,11 @@ class SolverAnswer:
     difference: float
 
     def summary(self) -> dict[str, StoredEntry]:
-        """Entries of estimate.json on the solver."""
+        """The entry ``solver`` of estimate.json.
+
+        The keys are ``command``, ``values``, ``updated_deck``, ``runs_made``, ``runs_kept``, ``facts``, ``check`` and
+        ``largest_difference``.
+        """
         return {
             "command": self.command,
             "values": self.values,

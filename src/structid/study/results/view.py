@@ -11,7 +11,7 @@ import numpy as np
 
 from structid.core.display import Overview, Shown, as_sentence, join_words, plural
 from structid.core.quantities import exact, number, percent, prefixed, span_text, with_std, with_unit
-from structid.diagnose.fixed_value_influence import resting_words
+from structid.diagnose.fixed_value_influence import doubted, resting_words
 from structid.diagnose.verdict import NOT_TRIED, Cause, Diagnosis, judged
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
@@ -34,6 +34,8 @@ MOST_ADVICE = 5
 _SHORT_SENTENCE = 60
 #: Relative standard deviation beyond which a value is weakly determined.
 _WEAK = 0.5
+#: Factor below and above a value that an end of its interval lies beyond where it tells nothing, and the words for two such ends.
+_NO_LIMIT, _NO_INTERVAL = 1000.0, "not determined"
 _BETWEEN_SENTENCES = re.compile(r"(?<=[.?!]) (?=[A-Z])")
 _NEXT_STEPS = {
     "sound": "Use the values with their intervals.",
@@ -113,19 +115,25 @@ class ParameterResult:
         """Value and standard deviation without their unit; the limit alone at a bound."""
         if self.bound is not None:
             return exact(self.scaled(self.value))
-        return with_std(self.scaled(self.value), self.scaled(self.std))
+        return with_std(self.scaled(self.value), np.nan if self.is_unlimited else self.scaled(self.std))
 
     @property
     def interval_text(self) -> str:
-        """The interval as text, lower and upper end without their unit."""
+        """The interval as text, lower and upper end without their unit; in words where it limits nothing."""
         low, high = map(self.scaled, self.interval)
-        return span_text(low, high)
+        return _NO_INTERVAL if self.is_unlimited else span_text(low, high)
 
     @property
     def interval_with_unit(self) -> str:
-        """The interval as text, its ends with their unit."""
+        """The interval as text, its ends with their unit; in words where it limits nothing."""
         low, high = map(self.scaled, self.interval)
-        return span_text(low, high, self.unit_text)
+        return _NO_INTERVAL if self.is_unlimited else span_text(low, high, self.unit_text)
+
+    @property
+    def is_unlimited(self) -> bool:
+        """True if the interval of a positive value reaches so far below and above it that neither end tells anything."""
+        low, high = self.interval
+        return 0 <= low < self.value / _NO_LIMIT and high > self.value * _NO_LIMIT
 
     @property
     def unit_text(self) -> str:
@@ -292,6 +300,12 @@ def _next_step(diagnosis: Diagnosis, is_searched: bool, is_any_doubtful: bool) -
         )
     if verdict == "wrong_model" and not is_searched:
         return _NOT_SEARCHED
+    first_doubt = next(iter(doubted(diagnosis.sensitivities)), None)
+    if verdict == "approximate" and first_doubt is not None and first_doubt.is_like_clock:
+        return (
+            f"Check the clock or sampling rate and {first_doubt.name} before you use a stiffness; the other values hold with their"
+            " intervals."
+        )
     return _NOT_ALL if verdict in ("sound", "approximate") and is_any_doubtful else _NEXT_STEPS[verdict]
 
 

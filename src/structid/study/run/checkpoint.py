@@ -61,7 +61,7 @@ class Checkpoint:
     owner : RunIdentity
         The `fingerprint` of the study.
     resume : bool
-        Whether to go on from what is there; otherwise it is removed.
+        True to go on from what is there; otherwise it is removed.
     seconds : float
         At most one file in that time: what a killed run may have to do again. 0 writes every iteration and every task.
 
@@ -256,10 +256,7 @@ def _save(path: Path, tree: Mapping[str, StoredEntry]) -> None:
 
 
 def _load(path: Path) -> dict[str, StoredEntry]:
-    """The nested entries that `_save` wrote to `path`; `FileError` if the file is damaged.
-
-    Keys are those that were given to `_save`.
-    """
+    """The nested entries that `_save` wrote to `path`; `FileError` if the file is damaged."""
     arrays = npz_arrays(path, _WHOLE, _ANEW)
     with damage_told(path, _WHOLE, _ANEW):
         entries = fill_tree(json.loads(str(arrays["tree"])), lambda number: arrays[f"a{number}"])

@@ -64,7 +64,8 @@ class Reached:
     def summary(self) -> dict[str, StoredEntry]:
         """The values reached so far, without uncertainty, as plain values for JSON.
 
-        There is no entry ``parameters`` before the first iteration.
+        The keys are ``status``, ``search``, ``iteration``, ``sum_of_squares``, ``tasks`` while tasks run, and ``parameters`` from
+        the first iteration on.
         """
         summary: dict[str, StoredEntry] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
         summary["sum_of_squares"] = self.cost
@@ -90,7 +91,7 @@ class LongRun:
     checkpoint : Checkpoint, optional
         Keeps what is done.
     progress : callable, optional
-        Of tasks.
+        Called with the name of the tasks, how many are done, and how many there are.
     """
 
     def __init__(
@@ -99,10 +100,7 @@ class LongRun:
         checkpoint: Checkpoint | None = None,
         progress: TaskProgress | None = None,
     ) -> None:
-        """A run on `workers` (by default in this process), with an optional checkpoint and a callback for finished tasks.
-
-        `progress` is called with the name of the tasks, how many are done, and how many there are.
-        """
+        """A run on `workers` (by default in this process), with an optional checkpoint and a callback for finished tasks."""
         self.workers: Workers = workers or InProcess()
         self.checkpoint, self.progress = checkpoint, progress
         self.reached = Reached()
@@ -192,7 +190,7 @@ class LongRun:
             self.progress(name, done, total)
 
     def so_far(self) -> dict[str, StoredEntry]:
-        """Values that are reached and the count of finished tasks, as ``so_far.json`` holds them."""
+        """Content of ``so_far.json``: the keys of `Reached.summary`, and ``finished_searches_and_tasks``, their number."""
         done = 0 if self.checkpoint is None else self.checkpoint.n_found
         return {**self.reached.summary(), "finished_searches_and_tasks": done}
 

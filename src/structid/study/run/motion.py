@@ -62,7 +62,7 @@ class MotionOptions:
     workers : int, optional
         Processes that reduce stretches of the records; by default this one takes one chunk after the other.
     scheduler : str, optional
-        Address of the Dask cluster that does instead.
+        Address of a Dask cluster that reduces them instead.
     """
 
     work: FoldingKernels = FoldingKernels()  # noqa: RUF009  frozen
@@ -109,12 +109,12 @@ class MotionResult:
 def motion_of_study(path: Path, options: MotionOptions, progress: Progress | None = None) -> MotionResult:
     """Parameters of the study at `path`, identified from the motion of every degree of freedom.
 
-    `progress` is called with the number of samples done and their total. None for `progress` reports nothing.
+    `progress`, if given, is called with the number of samples done and their total.
 
     Raises
     ------
     StudyError
-        If the study cannot be used for it: several records, repeats, measured modes; with the place in the file.
+        If the study has several records, or a key that is not used here, such as `modes` or `frf`; with the place in the file.
     InputError, FileError
         If the record lacks what the equations need, has gaps, or shrinks.
     """
@@ -192,7 +192,12 @@ def _number(value: float) -> str:
 
 
 def motion_summary(result: MotionResult) -> dict[str, StoredEntry]:
-    """Summary of the fit and of its cost (samples, seconds, memory) as plain values for JSON."""
+    """The content of motion.json: the fit and its cost (samples, seconds, memory).
+
+    The keys are ``title``, ``status``, ``message``, ``parameters`` and ``identified`` (numbers of them),
+    ``degrees_of_freedom_of_the_structure``, ``samples``, ``equations``, ``rank``, ``condition``, ``residual_rms``, ``engine``,
+    ``solver``, ``records``, ``record_bytes``, ``reduced_by``, ``seconds``, ``peak_memory_bytes`` and ``inputs``.
+    """
     found, fit = result.solution, result.solution.fit
     return {
         "title": result.study.title,
@@ -230,7 +235,7 @@ class MotionTaskData:
     work : FoldingKernels
         The same on every worker.
     longest : int or None
-        Samples a chunk.
+        Samples a chunk; None leaves it to the size of the record.
     """
 
     structure: Structure
@@ -364,7 +369,6 @@ def reduced_alone(
     """The fit `fit` extended by all remaining samples of the records, reduced in this process one chunk after the other.
 
     `checkpoint` is a file that keeps the fit; `progress` is called with the number of samples done and their total.
-    None for `checkpoint` keeps nothing.
     """
     ends = list(accumulate(record.n_times for record in whole.records))
 

@@ -131,7 +131,7 @@ def predict_study(
 def predict_stored(
     source: Study, folder: Path, options: PredictOptions, changes: Sequence[Change] = ()
 ) -> StudyPrediction:
-    """Predictions from a results folder whose study has been read; see `predict_study`."""
+    """Predictions from a results folder whose study has been read; parameters, result and errors are as in `predict_study`."""
     model = stored_model(folder, source)
     structure, parameters = changed_model(model.structure, model.parameters, changes)
     damper = None
@@ -384,7 +384,7 @@ def _noise_history(
 def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, tuple[FloatArray, FloatArray], Input]:
     """Path of the noise table that the options name as ``table@place``, its frequencies and densities, and the driven input.
 
-    Frequencies (Hz) and densities are (n_frequencies,) each.
+    Frequencies are in Hz; both are (n_frequencies,).
     """
     text, at, name = options.noise.rpartition("@")
     if not at or not text:
@@ -409,7 +409,11 @@ def _sizes_at(name: str, text: str, parts: tuple[str, str]) -> tuple[tuple[float
 
 
 def prediction_summary(prediction: StudyPrediction) -> dict[str, StoredEntry]:
-    """The content of prediction.json."""
+    """The content of prediction.json.
+
+    The keys are ``title``, ``results``, ``changes``, ``bands``, ``warnings``, ``level``, ``modes``, and, where they were asked for,
+    ``loads``, ``tuned_damper``, ``maxima``, ``root_mean_square``, ``largest`` and ``duration_s``.
+    """
     modes = parts_of(prediction.modes)
     return {
         "title": prediction.title,
@@ -442,7 +446,7 @@ def prediction_summary(prediction: StudyPrediction) -> dict[str, StoredEntry]:
 
 
 def _damper_entry(damper: TunedDamper) -> dict[str, StoredEntry]:
-    """Values of a tuned damper, and the largest receptances with and without it."""
+    """The entry of a tuned damper: its values, and the largest receptances with and without it."""
     return {
         "mass_kg": damper.change.mass,
         "frequency_hz": damper.change.frequency,

@@ -89,7 +89,9 @@ def sensed_csv(sensed: SensedMotion) -> str:
 def sensed_summary(sensed: SensedMotion, folder: Path, path: Path) -> dict[str, StoredEntry]:
     """The content of sensed.json: root mean squares of outputs and forces with deviations, checks of left-out sensors, verdict.
 
-    `folder` holds the results that the motion was computed from, `path` is the record.
+    `folder` holds the results that the motion was computed from, `path` is the record. The keys are ``results``, ``record``,
+    ``motion``, ``outputs``, ``forces``, ``force_prior_std``, ``correlation_time_s``, ``force_frequency_hz``,
+    ``force_spectrum_order``, ``left_out``, ``verdict``, ``contradiction`` and ``warnings``.
     """
 
     def rows(dofs: tuple[object, ...], values: np.ndarray, std: np.ndarray) -> list[dict[str, StoredEntry]]:

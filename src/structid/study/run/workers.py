@@ -241,7 +241,7 @@ class Processes(RemoteWorkers):
 
     def executor(self) -> Executor:
         if self._pool is None:
-            self._pool = PipedProcesses(self.n_workers, _start_process)
+            self._pool = PipedProcesses(self.n_workers, _use_one_thread)
         return self._pool
 
     def give(self, content: bytes) -> str:
@@ -272,8 +272,8 @@ class Processes(RemoteWorkers):
             self._pool = None
 
 
-def _start_process() -> None:
-    """A process for tasks, on one thread."""
+def _use_one_thread() -> None:
+    """Keep this process of tasks to one thread, with the libraries that it has loaded and those that it loads later."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", THREADS_VARIABLE):
         os.environ[name] = "1"  # of libraries that come later
     threadpool_limits(1)
@@ -337,11 +337,11 @@ def in_batches(
     items: Mapping[int, Item],
     require_alive: Callable[[], None] = lambda: None,
 ) -> Iterator[tuple[int, TaskResult]]:
-    """Number and result of each item, in the order in which batches come back.
+    """Number and result of each item of `items`, which are by number, in the order in which batches come back.
 
-    The first batches are single items, which show how long one takes; later ones are larger. `send` sends a batch to a
-    worker and returns its future; `require_alive` is called while nothing comes back, and raises if the workers are
-    lost. `n_workers` is the number of workers, `items` are by number.
+    The first batches are single items, which show how long one takes; later ones are larger. `send` sends a batch to one of
+    `n_workers` workers and returns its future; `require_alive` is called while nothing comes back, and raises if the workers
+    are lost.
     """
     waiting, n_waiting = iter(tuple(items.items())), len(items)
     pending: set[Future[Answer[TaskResult]]] = set()

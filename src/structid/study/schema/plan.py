@@ -218,8 +218,8 @@ def _candidate_lines(
 ) -> tuple[tuple[float, ...], tuple[str, ...]]:
     """Candidate frequencies in Hz and notes: those of the plan, those of the record, or spread over a band.
 
-    Without any band, it reaches over the modes of the model. The keys that are used here are removed from `values`.
-    `record` is None if the plan has none to take lines from.
+    Without any band, they reach over the modes of the model. The keys that are used here are removed from `values`. `record`
+    is None if the plan has none to take lines from.
     """
     band, spacing = values.pop("band", None), values.pop("spacing", "linear")
     axis, count = values.pop("frequency", None), values.pop("n_lines", None)
@@ -256,7 +256,8 @@ def _noise_levels(
 ) -> tuple[float, float, tuple[str, ...]]:
     """Relative noise, absolute noise (in the unit of the FRFs) and notes: as declared, else the record's median, else 1 %.
 
-    `model_error` (relative) is added to the relative noise as a sum of squares. `record` is None if the plan has none.
+    `model_error` (relative) is added to the relative noise as a sum of squares, and stands alone where neither is there.
+    `record` is None if the plan has none.
     """
     inner = section.section("noise")
     relative, absolute, notes = _DEFAULT_NOISE, 0.0, _NO_NOISE

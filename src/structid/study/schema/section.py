@@ -89,10 +89,10 @@ class Section:
 
     @contextmanager
     def located(self, key: str | None = None) -> Iterator[None]:
-        """Context manager that adds the position of this section, and of `key`, to an `InputError` raised in its block.
+        """Context manager that adds the position of this section and of a key to an `InputError` raised in its block.
 
-        The error becomes a `StudyError`; an error that has a position already is left as it is. Without `key` only the
-        section is named.
+        The key is the option that the error names, if the section has it, else `key`; without either only the section is named. The
+        error becomes a `StudyError`; one that is a `StudyError` already is left as it is.
         """
         try:
             yield

@@ -90,9 +90,9 @@ class Study(Shown):
 
     @property
     def settings(self) -> dict[str, StoredEntry]:
-        """All options of the identification as plain values, defaults included.
+        """All options of the identification as plain values, defaults included: the fields of `IdentifyOptions`.
 
-        The entries for search and regularization have the name of their kind.
+        The search is under ``search`` in place of ``method``, with its ``type``; each regularization has its ``kind``.
         """
         settings = asdict(self.options)
         settings["search"] = {"type": type(self.options.method).__name__, **settings.pop("method")}

@@ -50,7 +50,7 @@ def read_parameters(root: Section, structure: Structure, element_sets: Collectio
     """The parameters that the ``[[unknown]]`` tables declare on `structure`.
 
     `element_sets` are the names of sets in any set-up of the study. Those that `structure` lacks are ignored, and a parameter
-    that is declared on them alone is left out.
+    that is declared on them alone is left out. Raises `StudyError` if a table cannot be used, or no free parameter is left.
     """
     entries = root.sections("unknown")
     if not entries:

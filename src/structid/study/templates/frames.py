@@ -24,10 +24,10 @@ def _pairs(first: int, count: int) -> str:
 
 
 def _beams(name: str, nodes: str, mass: float, bending: float, loss_factor: float, length: float | None = None) -> str:
-    """Text of a ``[[structure.beam]]`` table; with `length`, that of a member in m, it has an axial stiffness too.
+    """Text of the ``[[structure.beam]]`` table of the set `name`; with a `length` in m it has an axial stiffness too.
 
-    `nodes` is the text of the pairs of nodes, `mass` in kg/m, `bending` stiffness in N m^2. `name` is that of the set,
-    `loss_factor` the stiffness's; None for `length` leaves the axial stiffness out.
+    `nodes` is the text of the pairs of nodes, `mass` in kg/m, `bending` the stiffness in N m^2, `loss_factor` that of the
+    stiffness.
     """
     axial = ""
     if length is not None:

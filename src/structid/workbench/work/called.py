@@ -157,7 +157,9 @@ def _check(opened: OpenFolder, study: str) -> StoredEntry:
     """Result of `structid check` for a study as a mapping: findings, channels, modes, parameters with predicted std, and rank.
 
     ``modes`` are rows of frequency (Hz), damping ratio, in band or not, and lines per half-power bandwidth; ``mass`` is the
-    total mass and its standard deviation (kg). At most 2000 ``parameters`` and 12 undetermined ``directions`` are returned.
+    total mass and its standard deviation (kg). At most 2000 ``parameters``, of ``n_parameters``, and 12 undetermined
+    ``directions`` are returned. The other keys mirror the result of `check_study`: ``determined``, ``records``,
+    ``warnings``, ``findings``, ``facts``, ``channels``, ``rank`` and ``resonances``.
     """
     import numpy as np
 
@@ -211,7 +213,8 @@ def _needs(opened: OpenFolder, study: str) -> StoredEntry:
     """Memory (bytes) and duration (s) that a study's identification is expected to take.
 
     ``bytes`` is needed and ``free`` is available. The run takes ``seconds`` at least and ``most_seconds`` if causes of a misfit
-    are sought; ``is_tried`` is True if the search was tried to its end.
+    are sought, for ``causes_seconds``; an iteration takes ``iteration_seconds``. ``is_tried`` is True if the search was tried
+    to its end.
     """
     from structid.study.run.resources import available_bytes, expected
     from structid.study.schema.study import load_study

@@ -26,8 +26,9 @@ _MOST_VALUES = 400_000
 def fitted_responses(folder: Path) -> dict[str, StoredEntry]:
     """Measured, fitted and initial FRF magnitudes of every channel of the first record, those with the largest misfit first.
 
-    ``error`` is the median relative error; arrays are packed and thinned to about `_MOST_VALUES` values. ``channels`` is empty if
-    `folder` holds no FRFs.
+    ``frequency`` (Hz), and ``channels`` with ``name``, ``quantity``, ``unit``, median relative ``error``, ``measured``,
+    ``fitted`` and ``initial``; arrays are packed and thinned to about `_MOST_VALUES` values. If `folder` holds no FRFs,
+    ``channels`` is empty, and there is no ``frequency``.
 
     Raises
     ------
@@ -73,7 +74,8 @@ def fitted_responses(folder: Path) -> dict[str, StoredEntry]:
 def initial_responses(setup: AnySetup, problem: RecordProblem, options: IdentifyOptions) -> dict[str, StoredEntry]:
     """FRF magnitudes of a model at its start values, at the lines of its record, thinned to about `_MOST_LINES` lines.
 
-    ``channels`` is empty if the record has no FRFs or the responses are not finite.
+    ``frequency`` (Hz), and ``channels`` with ``name`` and ``magnitude``. If the record has no FRFs or the responses are
+    not finite, ``channels`` is empty, and there is no ``frequency``.
     """
     problem = setup.shown_problem(options, problem.channels) or problem
     if not isinstance(problem, FrfProblem):

@@ -110,9 +110,7 @@ class Looking(SerialExecutor):
         progress: StageProgress | None = None,
         first: int = 0,
     ) -> list[Any]:
-        """Results of `task` for each of `items`, as from `TaskExecutor.map`, without ever starting a solver.
-
-        `name` and `first` are not used.
+        """Results of `task` for each of `items`, as from `SerialExecutor.map`, without ever starting a solver.
 
         Raises
         ------

@@ -122,10 +122,7 @@ def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[flo
 
 
 def _write_modes(result: ModesResult, folder: Path) -> dict[str, StoredEntry]:
-    """Write modes and their report into `folder`, replacing earlier ones, and return the modes for the web page.
-
-    Keys are those of modes.json and of the page.
-    """
+    """Write modes and their report into `folder`, replacing earlier ones, and return the modes for the page, see `_modes`."""
     with staged_folder(folder, MODES_PAGE) as staged:
         write_modes_results(result, staged)
         modes_page(result).write(staged)
@@ -133,6 +130,7 @@ def _write_modes(result: ModesResult, folder: Path) -> dict[str, StoredEntry]:
 
 
 def _modes(result: ModesResult) -> dict[str, StoredEntry]:
+    """Modes for the page: the keys of `_told` with ``method``, ``steps``, and ``warnings`` of the whole result."""
     return {
         **_told(result.modes),
         "method": result.identification.method,
@@ -142,6 +140,10 @@ def _modes(result: ModesResult) -> dict[str, StoredEntry]:
 
 
 def _told(modes: ModalRecord) -> dict[str, StoredEntry]:
+    """Modes for the page: ``frequency`` (Hz), ``damping``, their ``..._std``, ``likeness``, ``channels``, ``shapes``, ``warnings``.
+
+    ``likeness`` is the MAC of each pair of modes; ``shapes`` has a row for each mode.
+    """
     std = modes.std
     n = modes.n_modes
     return {
@@ -159,7 +161,7 @@ def _told(modes: ModalRecord) -> dict[str, StoredEntry]:
 def posted_modes(posted: dict[str, Any]) -> ModalRecord:
     """Modal record of unsaved modes that the page sends, with keys ``frequency``, ``damping``, ``shapes`` and ``channels``.
 
-    Frequencies in Hz, damping ratios, one row of ``shapes`` for each mode, and names of channels. `posted` holds them.
+    ``frequency`` is in Hz, ``damping`` holds ratios, ``shapes`` a row for each mode, ``channels`` names.
 
     Raises
     ------
@@ -178,7 +180,9 @@ def beside(model: ReadModel, measured: ModalRecord, results: Path | None) -> dic
     """Comparison of `measured` modes with those of `model`, at start values or at the values in the folder `results`.
 
     ``frequency`` and ``model`` are in Hz, ``mac`` is (n_measured, n_shown), ``pair`` gives for each measured mode the column of
-    its model mode or None. Channels are renamed by ``relabel`` of the study's record.
+    its model mode or None, ``together`` those of all model modes that it is compared with; ``number`` is that of each model
+    mode shown, from 1. ``difference`` (relative) and ``remarks`` have an entry for each measured mode. The other keys are
+    ``likeness``, ``warnings`` and ``sensors``, the number of channels. Channels are renamed by ``relabel`` of the study's record.
 
     Raises
     ------

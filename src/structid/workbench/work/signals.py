@@ -289,8 +289,8 @@ def responses(record: FrfRecord, outputs: list[str]) -> dict[str, StoredEntry]:
 def options_of(posted: dict[str, Any]) -> ReadOptions:
     """Options for reading a record file, from a mapping of the page or a ``[record]`` section.
 
-    Unknown keys and empty values ("" or None) are ignored; ``csv`` may be a mapping, see `CsvLayout`. `posted` maps
-    names of options to values.
+    `posted` maps names of options to values: unknown keys and empty values ("" or None) are ignored; ``csv`` may be a
+    mapping, see `CsvLayout`.
 
     Raises
     ------

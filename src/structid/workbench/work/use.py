@@ -104,8 +104,7 @@ def read_changes(stated: Sequence[Mapping[str, Any]]) -> list[Change]:
     """Changes of a structure from mappings, each with a ``kind`` and the values of that kind.
 
     Kinds: ``mass`` (node, mass), ``scale`` (label, factor), ``support`` (dof), ``damper`` (dof, mass, frequency,
-    damping_ratio) and ``remove`` (name). Masses are in kg, frequencies in Hz. The mappings are `stated`, in the order
-    of the changes.
+    damping_ratio) and ``remove`` (name). Masses are in kg, frequencies in Hz. Changes keep the order of `stated`.
 
     Raises
     ------

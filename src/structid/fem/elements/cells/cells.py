@@ -93,9 +93,9 @@ class CellSet(ElementSet):
 def cell_positions(name: str, nodes: IntArray, positions: NodeCoordinates, dimensions: int) -> FloatArray:
     """Positions in m of the cells' nodes along the first axes, (n_cells, n_nodes, dimensions); zeros where a row has ended.
 
-    Raises `InputError`, which names the set, if nodes have fewer than `dimensions` coordinates, or more and a cell is
-    not parallel to the x-y plane. `nodes` (n_cells, n_nodes) are labels, -1 where a row has ended; `positions` map
-    labels to coordinates; `name` is that of the set.
+    `nodes` (n_cells, n_nodes) are labels, -1 where a row has ended; `positions` map labels to coordinates. Raises `InputError`,
+    which names the set `name`, if nodes have fewer than `dimensions` coordinates, or more and a cell is not parallel to the
+    x-y plane.
     """
     size = len(next(iter(positions.values())))
     if size < dimensions:
@@ -110,10 +110,9 @@ def cell_positions(name: str, nodes: IntArray, positions: NodeCoordinates, dimen
 
 
 def _require_flat(name: str, nodes: IntArray, corners: FloatArray) -> None:
-    """Raise `InputError` if z differs within a cell by more than 1e-9 of its size.
+    """Raise `InputError`, which names the set `name`, if z differs within a cell by more than 1e-9 of its size.
 
     `nodes` (n_cells, n_nodes) are labels, -1 where a row has ended, and `corners` positions (n_cells, n_nodes, 3).
-    `name` is that of the element set, for the message.
     """
     used = nodes >= 0
     high = np.where(used, corners[..., 2], -np.inf).max(axis=1)

@@ -62,9 +62,9 @@ class CellShape:
         return _monomials(points, self.exponents) @ np.linalg.inv(_monomials(self.corners, self.exponents))
 
     def slopes(self, points: FloatArray) -> FloatArray:
-        """Derivatives of the shape functions along the reference axes at `points` (n_points, n_dimensions).
+        """Derivatives (n_points, n_dimensions, n_nodes) of the shape functions along the reference axes.
 
-        The result is (n_points, n_dimensions, n_nodes).
+        `points` (n_points, n_dimensions) are reference coordinates.
         """
         coefficients = np.linalg.inv(_monomials(self.corners, self.exponents))
         axes = range(self.corners.shape[1])
@@ -225,8 +225,8 @@ def gradients(
 def require_regular(name: str, nodes: IntArray, positions: FloatArray, determinant: FloatArray) -> None:
     """Raise `InputError` if a cell has no volume (area), is turned inside out or folded.
 
-    `determinant` (n_points, n_cells) is that of the Jacobian; `name` and `nodes` are for the message. `positions`
-    (n_cells, n_nodes, d) are in m; `nodes` (n_cells, n_nodes) are labels.
+    `nodes` (n_cells, n_nodes) are labels, `positions` (n_cells, n_nodes, d) are in m, `determinant` (n_points, n_cells) is that
+    of the Jacobian; `name` is that of the set.
     """
     size = np.ptp(positions, axis=1).max(axis=1) ** positions.shape[2]
     word = "area" if positions.shape[2] == 2 else "volume"

@@ -109,7 +109,7 @@ def plate_mass(name: str, nodes: IntArray, corners: FloatArray, cell: str) -> Fl
 
     Triangles take the nine functions of Bazeley, Cheung, Irons and Zienkiewicz (1965), quadrilaterals the twelve of
     Melosh (1963) on the reference square. Both hold every rigid motion exactly. Arguments are those of
-    `bending_stiffness`. `corners` is (n_cells, n_corners, 2), m.
+    `bending_stiffness`.
     """
     shape = CELLS[cell]
     corner_slopes = np.einsum("qdk,ekc->eqdc", shape.slopes(shape.corners), corners)

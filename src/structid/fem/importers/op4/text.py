@@ -166,10 +166,10 @@ def _require(lines: _Lines, line_index: int, column: int, row: int, reals: int, 
 def _read_numbers(
     path: Path, buffer: NDArray[np.uint8], offset: IntArray, length: IntArray, table: IntArray, title: _Title
 ) -> FloatArray:
-    """The real numbers of all strings, one after another; `FileError` with the line for a field that is none.
+    """The real numbers (n_numbers,) of all strings, one after another; `FileError` with the line for a field that is none.
 
-    `offset` and `length` are first byte and size of each line in `buffer`; `table` has first line, number of reals, row
-    and column of each string. The result is (n_numbers,), `offset` and `length` (n_lines,), `table` (n_strings, 4).
+    `offset` and `length` (n_lines,) are first byte and size of each line in `buffer`; `table` (n_strings, 4) has first line,
+    number of reals, row and column of each string.
     """
     count = table[:, 1]
     before = np.cumsum(count) - count

@@ -61,7 +61,7 @@ class SubstructureCoupling:
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
     ) -> Iterator[tuple[slice, NumberArray]]:
-        """Fields of the coupled structure for one block of lines after another: the lines, and (n, n_dofs, n_loads).
+        """Yield the lines and the fields (n, n_dofs, n_loads) of the coupled structure, one block of lines after another.
 
         `loads` (n_dofs, n_loads) are all columns of the channels by default. `physical` (n_params,) are the parameters,
         `coefficients` (n_lines, n_matrices) the factors of the matrices in Z.
@@ -79,11 +79,10 @@ class SubstructureCoupling:
     def _fields_and_interface_forces(
         self, physical: FloatArray, coefficients: ComplexArray, right: sparse.csc_array
     ) -> Iterator[tuple[slice, NumberArray, NumberArray]]:
-        """For one block of lines after another: the lines, fields of the model alone, and interface forces.
+        """Yield the lines, the fields of the model alone and the interface forces of one block of lines after another.
 
         Fields (n, n_dofs, n_joined + n_loads) are under unit interface forces, then under the load columns `right`
-        (n_dofs, n_loads); forces are (n, n_joined, n_loads). `coefficients` (n_lines, n_matrices) are those of the
-        matrices in Z. `physical` (n_params,) are the parameters.
+        (n_dofs, n_loads); forces are (n, n_joined, n_loads). The other arguments are those of `fields`.
         """
         n_joined = self.joined.shape[1]
         given = np.zeros((n_joined, right.shape[1]))

@@ -350,8 +350,9 @@ def sampling_rate(
     even = even_rate(time, exact) or even_rate(time, last_digits(texts) * scale)
     if even is not None or to_resample:
         return even
-    off = np.abs(np.diff(time) - step)
-    i = int(np.argmax(off))
+    steps = np.diff(time)
+    back = steps <= 0
+    i = int(np.argmax(back if back.any() else np.abs(steps - step)))
     raise FileError(
         f"{path}: line {i + first_line + 1}, column {column}: time must be even, got a step of {time[i + 1] - time[i]:.9g} s"
         f" where the mean is {step:.9g} s; {_uneven_remedy(time, i)}"
@@ -361,10 +362,18 @@ def sampling_rate(
 def _uneven_remedy(time: FloatArray, i: int) -> str:
     """Advice for an uneven step between samples `i` and `i` + 1 of `time` (n_times,) in s, as text that ends an error.
 
-    It names missing lines if the step is a multiple of the median step, else more digits or resampling.
+    It names repeated lines if the time stands still or goes back, missing lines if the step is a multiple of the median
+    step, else more digits or resampling.
     """
     usual = float(np.median(np.diff(time)))
-    missing = (time[i + 1] - time[i]) / usual - 1 if usual > 0 else 0.0
+    step = time[i + 1] - time[i]
+    if step <= 0:
+        backward = int((np.diff(time) <= 0).sum())
+        return (
+            f"{backward} times are not later than the one before: remove repeated lines and sort the others, or write more"
+            " digits where rounding made them alike"
+        )
+    missing = step / usual - 1 if usual > 0 else 0.0
     if missing > 0.5 and abs(missing - round(missing)) < 0.01 * (missing + 1):
         return (
             f"{round(missing)} lines are missing at the usual step of {usual:.9g} s: cut the file there, or add these lines "

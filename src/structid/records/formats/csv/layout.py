@@ -47,7 +47,7 @@ class CsvLayout:
     Raises
     ------
     InputError
-        If a number is negative, there are more than two header rows, or the encoding is not known.
+        If a field has a value that is not listed here, or separator and decimal sign are both a comma.
     """
 
     skip_rows: Number = 0

@@ -281,7 +281,7 @@ def _count_number_rows(sample: Sequence[str], sign: str) -> int:
 
 
 def _is_data(row: Sequence[str]) -> bool:
-    """True if the cells `row` of a line hold numbers, and dates at most, in all that are not empty."""
+    """True if each cell of `row` is a number, a date or empty, and one at least is a number."""
     numbers = [is_number(cell) for cell in row if cell.strip()]
     dates = sum(as_date(cell) is not None for cell in row)
     return any(numbers) and sum(numbers) + dates == len(numbers)
@@ -349,10 +349,10 @@ def _require_samples_first(path: Path, cells: Sequence[list[str]], layout: CsvLa
 def _has_decimal_commas(
     path: Path, rows: Sequence[Sequence[str]], separator: str, layout: CsvLayout, first_line: int
 ) -> bool:
-    """True if the numbers have decimal commas, from `layout.decimal` or by a sample of the rows.
+    """True if the numbers have decimal commas, from `layout.decimal` or by a sample of `rows`, the cells below the header.
 
-    `rows` are the cells below the header, of which the first is line `first_line`, from 1. Raises `FileError` if both
-    signs occur, or all numbers could also have thousands separators. `separator` is the one between cells.
+    `first_line` is the line of the first row, from 1; `separator` is the one between cells. Raises `FileError` if both signs
+    occur, or all numbers could also have thousands separators.
     """
     if layout.decimal != "auto":
         return layout.decimal == "comma"

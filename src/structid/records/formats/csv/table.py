@@ -295,7 +295,7 @@ def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool
 
 
 def _undated(line: str, sign: str, dated: set[int]) -> list[str]:
-    """The line in one piece; without its cells of indices `dated` where there are any. `sign` is the separator."""
+    """The cells of `line` but those at the indices `dated`; the whole line as one text if there are none. `sign` divides cells."""
     if not dated:
         return [line]
     cells = line.split() if sign == " " else line.split(sign)

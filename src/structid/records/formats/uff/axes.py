@@ -107,8 +107,7 @@ def _global(dof: Dof, axis: int, sign: int) -> Dof:
 def _describe_skewed(dof: Dof, axes: FloatArray, is_load: bool) -> str:
     """Text of the error on a channel along no global axis, which says how to state its direction in a study.
 
-    `axes` (3, 3) holds the local axes of its node as rows, in global coordinates. `is_load` says that the channel is a
-    load.
+    `axes` (3, 3) holds the local axes of its node as rows, in global coordinates.
     """
     way = ", ".join(f"{part:.5g}" for part in axes[dof.axis % 3])
     name = f"{'load ' if is_load else ''}{dof.place}"

@@ -319,7 +319,7 @@ def _stack_coherence(
     """Coherences of all pairs, (n_frequencies, n_outputs, n_inputs); None unless the file has one for every pair.
 
     `by_pair` are the FRFs that they belong to, `frequency` (n_frequencies,) the lines in Hz that they must share, and
-    `to_hertz` the factor from their abscissa to Hz. `outputs` and `inputs` are the channels of the axes.
+    `to_hertz` the factor from their abscissa to Hz. Raises `FileError` if a pair has two, or one is complex.
     """
     of_pair: dict[Pair, FloatArray] = {}
     for function in coherences:

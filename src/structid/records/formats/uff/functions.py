@@ -174,7 +174,7 @@ class _Dof:
 def _parse_record_6(line: str) -> _Dof:
     """Function type, (node, direction) of response and of reference, and both entity names, from record 6 of dataset 58.
 
-    `line` is its text.
+    Raises `ValueError` if the text `line` is out of its columns.
     """
     words = line.split()
     if len(words) != len(_DOF_COLUMNS):  # a name is blank, or has blanks in it
@@ -206,10 +206,9 @@ def _parse_characteristics(line: str) -> Characteristics:
 
 
 def _text_values(where: str, block: UffDataset, points: int, columns: int) -> FloatArray:
-    """Values of an ASCII dataset, (n_points, n_columns); zeros that fill up the last line are dropped.
+    """Values of an ASCII dataset, (`points`, `columns`); zeros that fill up the last line are dropped.
 
-    `where` names the dataset in errors. Raises `FileError` if numbers are missing or left over. There are `points` rows
-    and `columns` numbers in each.
+    `where` names the dataset in errors. Raises `FileError` if numbers are missing or left over.
     """
     body = block.content.split(b"\n", HEADER_LINES - 1)[HEADER_LINES - 1]
     try:
@@ -230,10 +229,10 @@ def _text_values(where: str, block: UffDataset, points: int, columns: int) -> Fl
 def _binary_values(
     where: str, block: UffDataset, points: int, per_value: int, item: int
 ) -> tuple[FloatArray | None, FloatArray]:
-    """Abscissa (n_points,) and values (n_points, `per_value`) of a binary dataset 58b; the abscissa is None if evenly spaced.
+    """Abscissa (`points`,) and values (`points`, `per_value`) of a binary dataset 58b; the abscissa is None if evenly spaced.
 
-    `where` names the dataset in errors; each value has `per_value` numbers (2 if complex) of `item` bytes. `points` is
-    the number of values.
+    `where` names the dataset in errors; each value has `per_value` numbers (2 if complex) of `item` bytes. Raises `FileError` if
+    the form of its numbers is not read.
     """
     words = block.head.split()
     try:

@@ -158,8 +158,8 @@ def along_global_axes(
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...], NumberArray, str]:
     """Channels, references and values (n_points, n_channels, n_references) in global axes, and words on the transformation.
 
-    They stay as they are if `options.axes` is "named". `blocks` are those of the file, with nodes and coordinate
-    systems. `quantities` are those of the channels.
+    They stay as they are if `options.axes` is "named". `blocks` are those of the file, with nodes and coordinate systems;
+    `quantities` are those of the channels.
     """
     if options.axes == "named":
         return channels, references, values, ""
@@ -241,7 +241,7 @@ def scaled_matrix(
 
     `values_of(path, function, (response, reference), is_reverse)` returns the values of a function, for the reversed
     pair if `is_reverse`. Units come from `options.units`, or from labels and `factors` (dataset 164). `by_pair` has the
-    functions by response and reference.
+    functions by response and reference. Raises `FileError` if a channel is not of motion, or of two quantities.
     """
     stated: dict[Dof, float] = {}
     quantity_of: dict[Dof, str] = {}

@@ -194,9 +194,9 @@ def _even_samples(
 ) -> tuple[float, float, FloatArray, str]:
     """Sampling rate in Hz, first time in s, evenly spaced samples (n_times, n_channels), and a note on the clock.
 
-    `time` (n_times,) is in s, `to_seconds` the factor from the abscissa of `function` to s; the note is "" for a
-    plainly even clock. Uneven times are resampled if `options.resample` is set, else a `FileError`. `values` (n_times,
-    n_channels) are the samples as read.
+    `time` (n_times,) is in s, `values` (n_times, n_channels) are the samples as read, `to_seconds` is the factor from the abscissa
+    of `function` to s. The note is "" for a plainly even clock. Uneven times are resampled if `options.resample` is set, else
+    they raise `FileError`.
     """
     step = float(time[-1] - time[0]) / max(time.size - 1, 1)
     if step <= 0:

@@ -49,8 +49,8 @@ def modes_covariance(model: IdentifiedModel, n_modes: int) -> FloatArray:
 def model_modes_record(model: IdentifiedModel, n_modes: int, source: str, with_covariance: bool = False) -> ModalRecord:
     """The `n_modes` lowest modes of an identified model with unit modal mass, at all moving degrees of freedom of its nodes.
 
-    `source` is the text on their origin. The covariance of frequencies and damping ratios is computed only if asked
-    for. Without it, `covariance` is None.
+    `source` is the text on their origin. The covariance of frequencies and damping ratios is None unless asked for by
+    `with_covariance`.
     """
     structure, computed = model.structure, model_modes(model, n_modes)
     rows = [

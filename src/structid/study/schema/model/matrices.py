@@ -130,6 +130,11 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
         ``[structure]``.
     files : InputFiles
         List of input files, to which the files read are added.
+
+    Raises
+    ------
+    StudyError
+        If there is no group, or one cannot be read; with its place in the study.
     """
     entries = section.sections("matrix_group")
     matrices = section.section("matrices")
@@ -323,7 +328,10 @@ def _complete_triangle(item: ImportedMatrix) -> ImportedMatrix:
 
 
 def _labels(entries: Sequence[int | str] | int | str) -> set[int]:
-    """Element labels from `entries`, numbers and ranges such as ``"3-8"``, ends included; `InputError` for a range too long."""
+    """Element labels from `entries`, numbers and ranges such as ``"3-8"``, ends included.
+
+    Raises `InputError` for a range that falls or is too long.
+    """
     labels: set[int] = set()
     for entry in as_list(entries):
         match = _RANGE.match(str(entry))

@@ -159,7 +159,7 @@ def take_parts(section: Section, mesh: Mesh, elements: list[ElementSet]) -> Take
 
 
 def _assigned_tables(mesh: Mesh, wanted: MeshEntry, elements: list[ElementSet]) -> list[IntArray]:
-    """Node labels of the cells that belong to an element set or to a group that is left out, one array for each.
+    """Node labels of the cells that belong to an element set or to a group that is left out, one array a set or block.
 
     `elements` are the sets of the structure; the arrays are (n_cells, n_nodes), -1 where a row has ended.
     """
@@ -200,7 +200,8 @@ def require_all_assigned(section: Section, mesh: Mesh, elements: list[ElementSet
 def read_supports(section: Section, mesh: Mesh | None, nodes: Collection[int]) -> list[Dof]:
     """Degrees of freedom that the ``[[structure.support]]`` tables fix, each once.
 
-    `nodes` are the labels of all nodes of the structure, `mesh` is None if there is none.
+    `nodes` are the labels of all nodes of the structure, `mesh` is None if there is none. Raises `StudyError` if a table cannot
+    be used.
     """
     fixed: dict[Dof, None] = {}
     for entry in section.sections("support"):
@@ -247,7 +248,7 @@ def _nodes_of_support(entry: Section, support: SupportEntry, mesh: Mesh | None, 
 def read_points(section: Section, mesh: Mesh | None, elements: list[ElementSet]) -> list[tuple[Section, MeshPoint]]:
     """The points of sensors and loads in ``[structure.points]``, each with its section and tied to the nearest mesh node.
 
-    `elements` are the sets of the structure; [] without such a table.
+    `elements` are the sets of the structure; [] without such a table. Raises `StudyError` if there is no `mesh`.
     """
     inner = section.section("points")
     if inner is None:

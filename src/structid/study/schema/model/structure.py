@@ -221,6 +221,11 @@ def read_structure(
         what is `fixed` instead.
     record : Section, optional
         ``[record]``, whose ``[record.sensors]`` may have nodes of their own.
+
+    Raises
+    ------
+    StudyError
+        If a key, a file or an entry cannot be used; with its place in the study.
     """
     given = section.values(structure_table())
     groups: list[tuple[Section, MatrixGroup]] = []

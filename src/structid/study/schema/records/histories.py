@@ -145,6 +145,8 @@ class TimeSource:
         variance = absolute**2 + (relative * np.sqrt((record.values**2).mean(axis=0))) ** 2
         if variance.any():
             record = replace(record, variance=variance)
+        if record.variance is None and not record.values.any():
+            raise self.section.error("the record is 0 at every sample of every channel: check its file and channels")
         if record.variance is None:
             raise self.section.error(
                 "needs the noise of the channels: `noise` (standard deviations, SI units) or `relative_noise` (parts of"

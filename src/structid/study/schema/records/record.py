@@ -158,6 +158,7 @@ def read_source(
     """The source that ``[record]`` describes; its files must exist but are not read.
 
     See `ChannelSource` for `aimed` and `supports`. `keys` are the valid keys of another section that says where FRFs are.
+    Raises `StudyError` if a key cannot be used or a file is missing.
     """
     called = aimed or {}
     table = keys or record_table(Table())

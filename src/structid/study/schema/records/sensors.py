@@ -108,7 +108,7 @@ def _node_of_sensor(
     """Label of the node that a sensor reads, and its distance in m from the point that the study states (0 without a point).
 
     `number` is the node in the sensor's name, taken if neither node nor point is stated. `nodes` are positions in m by
-    label.
+    label. Raises `InputError` if node and point are both stated, or there is no such node.
     """
     if sensor.point is not None:
         if sensor.node is not None:
