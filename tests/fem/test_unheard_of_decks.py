@@ -133,7 +133,10 @@ def test_nodes_with_decimal_commas_are_refused(tmp_path):
         .replace("3,1,1,0", "3,1,5,1,5,0,0")
         .replace("1,0,0,0", "1,0,0,0,0,0,0")
     )
-    with pytest.raises(FileError, match=r"node 3 has 6 numbers and none has a decimal point.*with commas"):
+    with pytest.raises(FileError, match=r"node 1 has 6 numbers and none has a decimal point.*with commas"):
         read(tmp_path, nodes, ".inp")
-    normals = "*NODE\n1,0,0,0,0,0,1\n2,1,0,0,0,-1,0\n3,1,1,0\n4,0,1,0,,,\n" + PANEL.partition("4,0,1,0\n")[2]
+    flat = PANEL.replace("3,1,1,0", "3,0,5,1,5")
+    with pytest.raises(FileError, match=r"node 3 has 4 numbers and none has a decimal point"):
+        read(tmp_path, flat, ".inp")
+    normals = "*NODE\n1,0,0,0,0,0,1\n2,1,0,0,0,-1,0\n3,1,1,0,1,1,0\n4,0,1,0,,,\n" + PANEL.partition("4,0,1,0\n")[2]
     assert len(read(tmp_path, normals, ".inp").labels) == 4

@@ -16,18 +16,18 @@ from structid.similarity import mac
 from structid.study.results.modes import write_modes_results
 
 
-@pytest.fixture
-def three(tmp_path, monkeypatch):
-    """Records of three set-ups: two with sensors 1 and 2, one with 1 and 3."""
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module")
+def three(tmp_path_factory):
+    """Records of three set-ups, two with sensors 1 and 2, one with 1 and 3, each with its modes alone."""
+    folder = tmp_path_factory.mktemp("three")
     for name, sensors, seed in (("a", [0, 1], 3), ("b", [0, 1], 4), ("c", [0, 2], 5)):
         whole = ambient(seed=seed)
         channels = tuple(whole.channels[i] for i in sensors)
         kinds = whole.quantities[:2]
-        write_record(
-            f"{name}.npz", replace(whole, values=whole.values[:, sensors], channels=channels, quantities=kinds)
-        )
-    return ["a.npz", "b.npz", "c.npz"]
+        part = replace(whole, values=whole.values[:, sensors], channels=channels, quantities=kinds)
+        write_record(folder / f"{name}.npz", part)
+    paths = [folder / f"{name}.npz" for name in "abc"]
+    return {path: modes_of_file(path) for path in paths}
 
 
 def without(result, mode):
@@ -37,7 +37,7 @@ def without(result, mode):
 
 
 def test_a_lost_mode_is_found_again_in_its_record(three):
-    each = [modes_of_file(path) for path in three]
+    each = list(three.values())
     places = [int(np.abs(result.modes.frequency - FREQUENCY[1]).argmin()) for result in each]
     lacking = [each[0], each[1], without(each[2], places[2])]
     merging = merged_setups([result.modes for result in lacking])
@@ -51,21 +51,16 @@ def test_a_lost_mode_is_found_again_in_its_record(three):
 
 def test_unmeasured_entries_stay_unknown_where_a_mode_is_not_found_again(three, monkeypatch, tmp_path):
     """The third set-up, alone with sensor 3, never shows mode 2: results and page say so."""
-    read = setups.read_and_identify
-
-    def lossy(path, *rest, **options):
-        result = read(path, *rest, **options)
-        return (
-            without(result, int(np.abs(result.modes.frequency - FREQUENCY[1]).argmin())) if path.stem == "c" else result
-        )
-
-    monkeypatch.setattr(setups, "read_and_identify", lossy)
-    found_again = modes_of_setups(three)
+    paths, third = list(three), list(three.values())[2]
+    lost = without(third, int(np.abs(third.modes.frequency - FREQUENCY[1]).argmin()))
+    read = dict(zip(paths, [*list(three.values())[:2], lost], strict=True))
+    monkeypatch.setattr(setups, "read_and_identify", lambda path, *_, **options: read[path])
+    found_again = modes_of_setups(paths)
     assert any("found again" in step for step in found_again.steps)
     assert found_again.modes.known.all()
     assert (np.diag(mac(found_again.modes.mode_shapes, SHAPES)) > 0.98).all()
     monkeypatch.setattr(setups, "recovered_modes", lambda *_: None)
-    result = modes_of_setups(three)
+    result = modes_of_setups(paths)
     np.testing.assert_allclose(result.modes.frequency, FREQUENCY, rtol=0.01)
     assert (~result.modes.known).nonzero() == ([2], [1])
     write_modes_results(result, tmp_path)

@@ -78,17 +78,42 @@ def test_toa5_tables_have_three_lines_of_header(tmp_path):
     np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
 
 
-@pytest.mark.parametrize("text", [toa5("Avg"), toa5("Max"), toa5(name="A_Std")])
+@pytest.mark.parametrize(
+    "text", [toa5("Avg"), toa5("Max"), toa5("Tot"), toa5("StdDev"), toa5("Med"), toa5("Cov"), toa5(name="A_Std")]
+)
 def test_statistics_of_intervals_are_no_samples(tmp_path, text):
     with pytest.raises(
-        FileError, match=r"line 2, column 3 .*'(Avg|Max|Std)' stands for a level, a statistic or a density"
+        FileError,
+        match=r"line 2, column 3 .*'(Avg|Max|Tot|StdDev|Med|Cov|Std)' stands for a level, a statistic or a density",
     ):
         read(tmp_path, text, columns="3,4", channels="1X,2X")
 
 
-def paired(step):
-    """Times and samples of two channels in turn, of which the second runs in steps of `step` in s."""
-    lines = [f"{i / RATE:.2f},{row[0]:.4f},{i * step:.2f},{row[1]:.4f}\n" for i, row in enumerate(VALUES)]
+def test_a_single_sensor_whose_name_ends_like_a_statistic_is_read(tmp_path):
+    two = {"columns": "2,3", **TWO}
+    clock = lambda i: f"{i / RATE:.2f}"  # noqa: E731
+    for name in ("Pos max", "A_std", "Node_Min"):
+        record = read(tmp_path, f"Time (s),{name},B\n" + rows(",", clock), **two)
+        np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
+    for names in ("A_Max,A_Min", "A_Avg,B"):
+        with pytest.raises(FileError, match="stands for a level, a statistic or a density"):
+            read(tmp_path, f"Time (s),{names}\n" + rows(",", clock), **two)
+
+
+def test_a_load_that_rises_evenly_is_a_channel_where_its_unit_says_so(tmp_path):
+    lines = "".join(f"{i / RATE:.2f},{0.5 * i:.1f},{row[1]:.4f}\n" for i, row in enumerate(VALUES))
+    record = read(tmp_path, "Time (s),Load (N),B (g)\n" + lines, columns="2,3", channels="1X,2X")
+    np.testing.assert_allclose(record.values[:, 0], 0.5 * np.arange(400))
+    with pytest.raises(InputError, match=r"column 2 \('Load'\) rises in even steps"):
+        read(tmp_path, "Time (s),Load,B (g)\n" + lines, columns="2,3", units="N,g", channels="1X,2X")
+
+
+def paired(step, start=0.0, n_second=400):
+    """Times and samples of two channels in turn: the second has `n_second`, in steps of `step` from `start` on, in s."""
+    second = [f"{start + i * step:.2f},{row[1]:.4f}" if i < n_second else "," for i, row in enumerate(VALUES)]
+    lines = [
+        f"{i / RATE:.2f},{row[0]:.4f},{cells}\n" for i, (row, cells) in enumerate(zip(VALUES, second, strict=True))
+    ]
     return "Time (s),A (g),Time (s),B (g)\n" + "".join(lines)
 
 
@@ -99,6 +124,41 @@ def test_channels_with_clocks_of_their_own_are_not_read_by_one(tmp_path):
         read(tmp_path, paired(0.02), **two)
     second = read(tmp_path, paired(0.02), time_column=3, columns="4", channels="2X")
     assert second.sampling_rate == pytest.approx(50.0)
+    with pytest.raises(InputError, match=r"columns 1 and 3 hold times that differ: the second is 0\.05 s ahead"):
+        read(tmp_path, paired(0.01, start=0.05), **two)
+    with pytest.raises(InputError, match=r"columns 1 and 3 hold times that differ: 1\.99 s and 3\.98 s in all"):
+        read(tmp_path, paired(0.02, n_second=200), **two)
+
+
+@pytest.mark.parametrize("stamp", [lambda i: "1.7e9", lambda i: f"{(86399 + i / RATE) % 86400:.2f}"])
+def test_a_column_that_does_not_rise_is_no_second_clock(tmp_path, stamp):
+    text = "Time (s),Time stamp (s),A,B\n" + rows(",", lambda i: f"{i / RATE:.2f}", stamp)
+    np.testing.assert_allclose(read(tmp_path, text, columns="3,4", **TWO).values, VALUES * STANDARD_GRAVITY)
+
+
+def test_seconds_since_1970_beside_seconds_since_the_start_are_one_clock(tmp_path):
+    text = "Time (s),Timestamp (s),A,B\n" + rows(",", lambda i: f"{i / RATE:.2f}", lambda i: f"{1.7e9 + i / RATE:.2f}")
+    np.testing.assert_allclose(read(tmp_path, text, columns="3,4", **TWO).values, VALUES * STANDARD_GRAVITY)
+
+
+def test_a_last_line_without_an_end_is_read_if_it_is_surely_whole(tmp_path):
+    comma, semicolon = (
+        "Time [s],A,B\n" + rows(",", lambda i: f"{i / RATE:.2f}"),
+        ("Zeit [s];A;B\n" + rows(";", lambda i: f"{i / RATE:.2f}")).replace(".", ","),
+    )
+    two = {"columns": "2,3", **TWO}
+    for text in (comma, semicolon):
+        np.testing.assert_allclose(read(tmp_path, text[:-1], **two).values, VALUES * STANDARD_GRAVITY)
+        with pytest.raises(FileError, match="its last line has no end, so it may be truncated"):
+            read(tmp_path, text[:-2], **two)
+
+
+@pytest.mark.parametrize("sign", [",", ";"])
+def test_a_whole_number_behind_a_date_has_no_decimals(tmp_path, sign):
+    """A last 1234 may be cut to 123, as nine lines above hold three digits."""
+    lines = "".join(f"2026-01-01 10:00:{i / 10:04.1f}{sign}{500 + i}\n" for i in range(400))
+    with pytest.raises(FileError, match="its last line has no end, so it may be truncated"):
+        read(tmp_path, f"time{sign}A\n{lines}"[:-1], columns="A", channels="1X", units="g")
 
 
 @pytest.mark.parametrize("scale, unit", [(1e3, "ms"), (1e6, "us")])
@@ -116,6 +176,7 @@ def test_clocks_that_count_from_1970_tell_the_rate_to_the_last_digit(tmp_path, s
         '"","x","y"\n' + rows(",", lambda i: f'"{i + 1}"'),
         "# x y\n" + rows(" "),
         "%x\ty\n" + rows("\t"),
+        "#x,y\n#g,g\n" + rows(","),
     ],
 )
 def test_names_as_programs_save_them(tmp_path, text):
@@ -141,3 +202,10 @@ def test_row_numbers_are_no_frequencies(tmp_path):
 def test_toa5_tables_cut_within_their_header_are_refused(tmp_path, n_lines):
     with pytest.raises(FileError):
         read(tmp_path, "".join(toa5().splitlines(keepends=True)[:n_lines]))
+
+
+def test_signs_that_belong_to_names_or_lines_left_out_are_not_stripped(tmp_path):
+    record = read(tmp_path, "#1,#2\n" + rows(), sampling_rate=RATE, columns="#1,#2", **TWO)
+    np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
+    record = read(tmp_path, "#1.5 2.5\n" + rows(" "), sampling_rate=RATE, **TWO)
+    np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)

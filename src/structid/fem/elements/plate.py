@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from functools import partial
 
 import numpy as np
@@ -55,7 +54,6 @@ class ThinSet(CellSet):
     mass_damping: Values = declared(*PER_VELOCITY, "N s/m^4", "density", default=0.0)
     stiffness_damping: Values = declared(*PER_STRAIN_RATE, "Pa s", "youngs_modulus", default=0.0)
 
-    @abstractmethod
     def centre_strains(self, positions: NodeCoordinates, row: int) -> tuple[FloatArray, FloatArray]:
         """Maps from an element's motion to the strains of its middle surface at its centre, and to those per height.
 
@@ -63,6 +61,7 @@ class ThinSet(CellSet):
         is the part of global X in the plane of the element, or of global Y where X is normal to it; height counts along the
         normal, about which the corners run counter-clockwise, and along Z in a plate.
         """
+        raise NotImplementedError
 
 
 @element

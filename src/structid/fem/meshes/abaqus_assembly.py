@@ -178,15 +178,16 @@ def _require_decimal_points(rows: list[list[str]]) -> None:
     """Raise `ValueError` if lines of nodes may have decimal commas, which Abaqus takes as the ends of numbers.
 
     `rows` are the words of each line: label, three coordinates and, if given, the direction of the normal. Decimal commas
-    leave no point in any of them, and what follows the third number is no unit vector.
+    leave no point in any of them, and what follows the third number is no direction, or one along no axis or diagonal.
     """
     if any("." in word for row in rows for word in row[1:]):
         return
     for row in rows:
-        normal = [float(word or 0) for word in row[4:]]
-        if any(normal) and sum(x * x for x in normal) != 1.0:
+        normal = [float(word) for word in row[4:] if word]
+        if normal and not (any(normal) and {abs(x) for x in normal} <= {0.0, 1.0}):
             raise ValueError(
-                f"node {row[0]} has {len(row) - 1} numbers and none has a decimal point, as where decimals are written with commas"
+                f"node {row[0]} has {len(row) - 1} numbers and none has a decimal point, as where decimals are written with commas;"
+                " write at least one number with a point, as in 1.0"
             )
 
 

@@ -44,8 +44,8 @@ _LEVEL = re.compile(
     re.IGNORECASE,
 )
 
-#: The last word of a name, by which loggers call a statistic of each interval.
-_STATISTIC = re.compile(r"[\s_](avg|max|min|std)$", re.IGNORECASE)
+#: The last word of a name, by which loggers call a statistic of each interval; and the mark of a column that is one for certain.
+_STATISTIC, _MARKED = re.compile(r"[\s_](avg|max|min|std)$", re.IGNORECASE), re.compile(r" statistic (\S+)$")
 
 
 def name_and_unit(text: str) -> tuple[str, str]:
@@ -230,7 +230,25 @@ def level_word(text: str) -> str:
     return match[0].strip("/ ") if match else ""
 
 
-def statistic_word(name: str) -> str:
-    """The word at the end of a header that says that each row is a statistic of an interval, such as ``Avg``; "" for none."""
+def ending_statistic(name: str) -> str:
+    """The statistic of an interval that the last word of a header may stand for, such as ``Max``; "" for none."""
     match = _STATISTIC.search(name_and_unit(name)[0][-_LONGEST_HEAD:])
     return match[1] if match else ""
+
+
+def marked_statistic(name: str, statistic: str) -> str:
+    """The header `name` of a column that holds a statistic of intervals for certain, such as ``Tot``, with that word behind it."""
+    return f"{name} statistic {statistic}"
+
+
+def statistic_word(name: str, names: Sequence[str]) -> str:
+    """The word by which a header says that each row is a statistic of an interval, such as ``Avg``; "" for none.
+
+    ``Max``, ``Min`` and ``Std`` at the end count only if a second header of the file, of all its `names`, ends with such a
+    word: a single ``Pos max`` is a sensor.
+    """
+    marked = _MARKED.search(name[-_LONGEST_HEAD:])
+    if marked:
+        return marked[1]
+    word = ending_statistic(name)
+    return word if word.lower() == "avg" or sum(map(bool, map(ending_statistic, names))) > 1 else ""

@@ -19,6 +19,7 @@ from structid.core.units import Unit, parse_time_unit, parse_unit
 from structid.records.formats.bare import channel_units, even_ramp, require_same_rotation
 from structid.records.formats.gaps import Lines, source_with_note, whole
 from structid.records.formats.headers import (
+    is_read_by,
     level_word,
     name_and_unit,
     other_unit_in_name,
@@ -212,7 +213,7 @@ def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRe
     if by_user:
         _require_no_times(part)
     channels = _given_channels(part, options) if by_user else _own_channels(part, dofs)
-    quantities, factors = _units_of(part, channels, options)
+    quantities, factors = _units_of(part, channels, options, source.names)
     chosen_here = replace(options, channels=()) if by_user else options
     lines = None if source.lines is None else Lines(source.lines[1], part.numbers)
     samples = whole(
@@ -240,8 +241,14 @@ def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRe
 
 
 def _require_no_times(part: NamedChannels) -> None:
-    """Raise `InputError` if a channel, but not every one, rises in even steps, as times and counts do."""
+    """Raise `InputError` if a channel, but not every one, rises in even steps, as times and counts do.
+
+    One whose header states a unit of motion or force is a load or a sensor that was moved evenly.
+    """
     ramp = even_ramp(part.values)
+    stated = [is_read_by(text, parse_unit) for text in part.told_units]
+    if ramp is not None and any(stated):
+        ramp = even_ramp(np.where(stated, 0.0, part.values))
     if ramp is not None:
         j, step = ramp
         raise InputError(
@@ -281,8 +288,12 @@ def _given_channels(part: NamedChannels, options: ReadOptions) -> tuple[Dof, ...
     return channels
 
 
-def _units_of(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptions) -> tuple[tuple, FloatArray]:
+def _units_of(
+    part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptions, names: Sequence[str]
+) -> tuple[tuple, FloatArray]:
     """Quantities of the channels and their factors to SI, (n_channels,), from the file or from `units` and `quantities`.
+
+    `names` are those of all channels of the file.
 
     Raises `FileError` if a unit is missing, unknown or does not fit the channel, `InputError` if file and options differ.
     """
@@ -290,7 +301,7 @@ def _units_of(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptio
     by_file: list[Unit | None] = []
     for j, text in enumerate(unit_texts):
         try:
-            _require_samples(part, j)
+            _require_samples(part, j, names)
             unit = _unit(text, bool(options.units))
             if unit is not None:
                 require_same_rotation(part.path, str(channels[j]), channels[j].is_rotation, unit.rotation)
@@ -318,9 +329,12 @@ def _units_of(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptio
     return quantities, factors
 
 
-def _require_samples(part: NamedChannels, j: int) -> None:
-    """Raise `InputError` if name or unit of channel `j` say that it holds levels, statistics or densities."""
-    word = level_word(f"{part.names[j]} {part.units[j]}") or statistic_word(part.names[j])
+def _require_samples(part: NamedChannels, j: int, names: Sequence[str]) -> None:
+    """Raise `InputError` if name or unit of channel `j` say that it holds levels, statistics or densities.
+
+    `names` are those of all channels of the file, chosen or not.
+    """
+    word = level_word(f"{part.names[j]} {part.units[j]}") or statistic_word(part.names[j], names)
     if word:
         raise InputError(
             f"{word!r} stands for a level, a statistic or a density, and a record holds samples; export these, or give the column"

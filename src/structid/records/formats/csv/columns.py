@@ -62,6 +62,9 @@ _PAIR = re.compile(
 )
 #: Part by which two clocks in one table may differ: times of writing and of sampling differ by less.
 _SAME_CLOCK = 0.02
+#: Part of a step by which the starts of two clocks of one name may differ.
+_SAME_START = 0.1
+_NO_LETTERS = re.compile(r"[\W\d_]+")
 #: A day in s, and the latest time that is believed: a clock that counts from 1970 in ms is 1.8e12.
 _DAY, _LATEST = 86400.0, 1e11
 #: What may stand before a pair of degrees of freedom: the estimator of an FRF.
@@ -185,26 +188,48 @@ def _is_chosen(table: Table, j: int, options: ReadOptions) -> bool:
 
 
 def _require_one_clock(table: Table, axis: int, options: ReadOptions) -> None:
-    """Raise `InputError` if a further column headed as time runs faster or slower than the column `axis`, as in pairs of times and
+    """Raise `InputError` if a further column headed as time is another clock than the column `axis`, as in pairs of times and
     samples of several channels.
+
+    Another clock runs faster or slower over the rows that hold both times, or has the same name and starts at another time. A
+    column that does not rise is no clock.
     """
-    spans = {}
+    times = {}
     for j, name in enumerate(table.names):
         column = table.values[:, j]
-        if name_and_unit(name)[0].lower() in ("x", "t") or not is_time(name) or not np.isfinite(column[[0, -1]]).all():
+        written = column[np.isfinite(column)]
+        if name_and_unit(name)[0].lower() in ("x", "t") or not is_time(name) or written.size < 2:
             continue
         try:
-            spans[j] = scale_of_times("", name, table.units[j], column, options) * float(column[-1] - column[0])
+            times[j] = scale_of_times("", name, table.units[j], written, options) * column
         except InputError:
             continue  # a unit of something else, or none that is known
-    for j, span in spans.items():
-        if axis in spans and abs(span - spans[axis]) > _SAME_CLOCK * abs(spans[axis]):
-            raise InputError(
-                f"{table.path}: line {table.header_line}: columns {axis + 1} and {j + 1} hold times that differ:"
-                f" {spans[axis]:.6g} s and {span:.6g} s in all; say by {option_words(time_column=None)} which of them counts, and"
-                " choose its channels by `columns`",
-                "time_column",
-            )
+    for j, later in times.items():
+        if axis not in times or j == axis:
+            continue
+        both = np.isfinite(times[axis]) & np.isfinite(later)
+        first, second = times[axis][both], later[both]
+        if len(first) < 2 or second[-1] <= second[0]:
+            continue
+        spans = float(first[-1] - first[0]), float(second[-1] - second[0])
+        behind = float(np.median(second - first))
+        words = f"{spans[0]:.6g} s and {spans[1]:.6g} s in all"
+        if abs(spans[1] - spans[0]) <= _SAME_CLOCK * abs(spans[0]):
+            step = spans[0] / (len(first) - 1)
+            if not _are_namesakes(table.names[axis], table.names[j]) or abs(behind) <= _SAME_START * step:
+                continue
+            words = f"the second is {abs(behind):.6g} s {'ahead' if behind > 0 else 'behind'}"
+        raise InputError(
+            f"{table.path}: line {table.header_line}: columns {axis + 1} and {j + 1} hold times that differ: {words}; say by"
+            f" {option_words(time_column=None)} which of them counts, and choose its channels by `columns`",
+            "time_column",
+        )
+
+
+def _are_namesakes(first: str, second: str) -> bool:
+    """True if two headers are alike but for numbers and marks, as ``Time (s)`` and ``Time (s).1``."""
+    bare = [" ".join(_NO_LETTERS.split(name.lower())).strip() for name in (first, second)]
+    return bare[0] == bare[1]
 
 
 class _Clock(NamedTuple):

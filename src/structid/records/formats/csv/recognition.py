@@ -15,7 +15,7 @@ from structid.core.display import plural
 from structid.core.errors import FileError, InputError
 from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_time_unit, parse_unit
 from structid.records.formats.csv.layout import SEPARATORS, CsvLayout
-from structid.records.formats.headers import bare_unit, frequency_factor
+from structid.records.formats.headers import bare_unit, ending_statistic, frequency_factor, marked_statistic
 from structid.records.formats.options import layout_words
 
 #: Headers of times, in small letters, as structid writes them and the like.
@@ -34,8 +34,9 @@ _COMPLEX = re.compile(
 _POINT, _COMMA = re.compile(r"\.\d"), re.compile(r",\d")
 #: First line of a table of Campbell loggers; names, units and statistics of its columns follow in three lines.
 _TOA5 = re.compile(r'\s*"?TOA5"?\s*[,;\t]')
-#: Sign of a comment before the names of columns, as arrays are saved with.
-_COMMENT_SIGN = re.compile(r'^\s*[#%]+\s*(?=[\w"])')
+#: Sign of a comment before the names of columns or their units, as arrays are saved with; and one before a later cell.
+_COMMENT_SIGN, _LATER_SIGN = re.compile(r'^\s*[#%]+\s*(?=[\w"])'), re.compile(r'[,;\s]\s*"?[#%]')
+_BETWEEN_CELLS = re.compile(r"[,;\s]+")
 #: With thousands apart.
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:[' ]\d{3})+[.,]\d+)")
 #: What may be a whole number with its thousands apart, or one with three decimals.
@@ -203,7 +204,7 @@ def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
     is_toa5 = end > 4 and layout.skip_rows == 0 and layout.header_rows is None and _TOA5.match(lines[0]) is not None
     skip = 1 if is_toa5 else layout.skip_rows
     lines = lines[skip:end]
-    lines[0] = _COMMENT_SIGN.sub("", lines[0])
+    lines[:2] = [_without_comment_sign(line) for line in lines[:2]]
     separator = _guess_separator(lines) if layout.separator == "auto" else SEPARATORS[layout.separator]
     cells = _split_cells(path, lines, separator)
     n_header = 3 if is_toa5 else _count_header_rows(path, cells, layout)
@@ -222,16 +223,23 @@ def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
     return Grid(header, rows, skip + 1, first, comma, words)
 
 
+def _without_comment_sign(line: str) -> str:
+    """The line without a sign of a comment before it, unless numbers follow, or later cells begin with such a sign too."""
+    bare = _COMMENT_SIGN.sub("", line)
+    is_kept = _LATER_SIGN.search(bare.strip()) is not None or all(map(is_number, _BETWEEN_CELLS.split(bare.strip())))
+    return line if is_kept else bare
+
+
 def _named_with_statistics(header: Sequence[list[str]]) -> list[list[str]]:
     """Names and units of a TOA5 table, from its three lines of names, units and statistics (``Smp``, ``Avg``, ``Max`` ...).
 
-    What is no sample gets its statistic behind the name.
+    What is no sample, by its statistic or else by its name, is marked as a statistic.
     """
     names, units, statistics = header
-    named = [
-        name if statistic.strip().lower() in ("", "smp") else f"{name} {statistic.strip()}"
-        for name, statistic in zip_longest(names, statistics[: len(names)], fillvalue="")
-    ]
+    named = []
+    for name, statistic in zip_longest(names, statistics[: len(names)], fillvalue=""):
+        word = statistic.strip() if statistic.strip().lower() not in ("", "smp") else ending_statistic(name)
+        named.append(marked_statistic(name, word) if word else name)
     return [named, units]
 
 

@@ -30,8 +30,8 @@ from structid.records.formats.options import layout_words
 _FEW = 20
 
 
-#: Decimals of the last number of a line, after a point, or after a comma where other marks separate the cells.
-_DECIMALS = re.compile(r"(?:\.|[;\t ][^,]*,)(\d+(?:[eE][+-]?\d+)?)[\s;,]*$")
+#: Decimals of the last number of a line: after a point, or after the comma of a cell that is one number between semicolons or tabs.
+_DECIMALS = re.compile(r"(?:\.|[;\t] *[+-]?\d*,)(\d+(?:[eE][+-]?\d+)?)[\s;,]*$")
 
 
 class Table(NamedTuple):
