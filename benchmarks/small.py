@@ -64,7 +64,7 @@ SMALL: dict[str, str] = {
     "accuracy/left_out_sensors.py": "--sensors 401X+ --draws 50",
     "accuracy/predictions.py": "--repeats 1 --only chain",
     "accuracy/virtual_sensing.py": "--repeats 1 --samples 300",
-    "accuracy/bridge_traffic.py": "--repeats 1 --seconds 4 --forces five",
+    "accuracy/bridge_traffic.py": "--repeats 1 --seconds 2 --forces seven",
     "accuracy/sensing_verdict.py": "--right 1 --wrong 1 --samples 200",
     "accuracy/short_records.py": "--repeats 1",
     "accuracy/sierra_blocks.py": "--corners 1",

@@ -2,7 +2,7 @@
 
 A girder over three spans carries lorries that come at random: axles that move, each with a static load and a dynamic part between
 2 and 12 Hz. Six accelerometers with 1 % noise are read. The forces are unknown; the smoother is told that they act at every node
-of the deck, or at five, and must find their correlation time and size. The truth has its own matrices, drawn within the
+of the deck, or at five or seven, and must find their correlation time and size. The truth has its own matrices, drawn within the
 uncertainty of the model, eight steps a sample and a filter against aliasing. Beside it stands open modal expansion: least squares
 of the lowest modes at every sample, with the number of modes that is best in hindsight.
 
@@ -35,6 +35,7 @@ STIFFNESS, MASS, LOSS = 4e10, 9e3, 0.03
 SENSORS = ("3Y", "7Y", "12Y", "17Y", "22Y", "26Y")
 FORCES = {
     "five": ("4Y", "12Y", "15Y", "18Y", "25Y"),
+    "seven": ("2Y", "5Y", "12Y", "15Y", "18Y", "22Y", "25Y"),
     "everywhere": tuple(f"{i}Y" for i in range(30) if i not in np.cumsum([0, *SPANS])),
 }
 #: Relative deviations: of the bending stiffness of each span, and of the loss factor.

@@ -254,3 +254,8 @@ def test_modes_of_a_large_model_half_of_which_has_no_mass_are_condensed():
     spring[-1, -1] = 1 / every + 1.0  # the last mass stands one spring from the wall
     assert len(found.frequency) == 20
     assert (2 * np.pi * found.frequency) ** 2 == pytest.approx(linalg.eigvalsh(spring), rel=1e-9)
+
+
+def test_a_model_without_any_mass_has_no_modes():
+    with pytest.raises(SingularModelError, match="no motion of the model has a mass"):
+        modes(sparse.csc_array((2, 2)), sparse.csc_array(np.array([[2.0, -1.0], [-1.0, 1.0]])))

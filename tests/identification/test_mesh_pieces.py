@@ -87,7 +87,7 @@ def test_the_mesh_is_cut_until_it_moves_no_value_by_a_fifth_of_its_deviation(tmp
     assert (np.abs(whole.estimate.values - [BENDING, HOLD]) > 3 * whole.estimate.std_noise).any()
     assert whole.mesh == ""
     assert whole.warnings[0].startswith("the mesh moves ")
-    assert 'so do not rely on its interval: write `subdivide = "auto"`, or ' in whole.warnings[0]
+    assert 'so do not rely on these intervals: write `subdivide = "auto"`, or ' in whole.warnings[0]
     assert not MeshPieces(4, 0.19, "a").warning
 
 

@@ -55,6 +55,19 @@ def test_a_record_of_many_modes_is_given_more_states():
     assert modal_identification(RECORD, "ssi_cov", ModalOptions(n_pieces=0)).orders[-1] == 60
 
 
+def test_modes_that_crowd_out_one_another_are_given_more_states():
+    """Of 32 modes 15 are stable in models of 60 states: those found alone do not tell that states are few."""
+    rng = np.random.default_rng(5)
+    frequency, shapes = np.linspace(2.0, 22.0, 32), rng.standard_normal((32, 20))
+    steps = np.exp(2 * np.pi * frequency / 50.0 * (-0.002 + 1j))
+    motion = np.array([lfilter([1.0], [1.0, -z], rng.standard_normal(21000))[1000:].real for z in steps]).T @ shapes
+    motion += 0.02 * motion.std(axis=0) * rng.standard_normal(motion.shape)
+    record = TimeRecord(50.0, motion, [f"{i + 1}Z" for i in range(20)], ("velocity",) * 20)
+    result = modal_identification(record, "ssi_cov", ModalOptions(n_pieces=0))
+    assert result.orders == tuple(range(4, 241, 4))
+    np.testing.assert_allclose(result.modes.frequency, frequency, rtol=0.005)
+
+
 def test_a_short_record_of_many_modes_keeps_the_states_that_it_has_room_for():
     """Of 160 samples 119 instants remain beside the delays: too few for 120 states, enough for 60."""
     rng = np.random.default_rng(0)

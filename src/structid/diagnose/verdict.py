@@ -422,7 +422,7 @@ def clock_or_stiffness(identification: Identification) -> str:
     Frequencies that are all read c times too high give c^2 times all stiffnesses over masses, and nothing else. The clause is
     there for modes and accelerations of models without a fixed stiffness, where the ratios of at least two stiffnesses to their
     starts agree with one common ratio (chi-square, 5 %) that differs from 1 by more than their uncertainty and 1 %. Axial
-    forces count as stiffnesses.
+    forces count as stiffnesses. A matrix-free search has no covariance matrix to test this with.
     """
     estimate, problems = identification.estimate, identification.problems
     index = np.flatnonzero(np.isin(estimate.kinds, _STIFFENING))
@@ -430,7 +430,7 @@ def clock_or_stiffness(identification: Identification) -> str:
     if not may_be_clock or len(index) < 2 or any(_fixes_stiffness(problem) for problem in problems):
         return ""
     values, begun = estimate.values[index], estimate.initial[index]
-    if not (values * begun > 0).all():
+    if not (estimate.uncertainty.has_matrix and (values * begun > 0).all()):
         return ""
     covariance = estimate.covariance[np.ix_(index, index)] / np.outer(values, values)
     if not np.isfinite(covariance).all():

@@ -127,6 +127,10 @@ def _small_modes(
     They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency; `n_modes` None gives all modes.
     """
     eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
+    if not len(eigenvalues):
+        raise SingularModelError(
+            "no motion of the model has a mass, so that it has no modes: masses have run away to 0"
+        )
     error = _DENSE_ROUNDINGS * np.finfo(np.float64).eps * float(eigenvalues[-1])
     eigenvalues, shapes = eigenvalues[:n_modes], shapes[:, :n_modes]
     omega = np.sqrt(np.maximum(eigenvalues, 0.0))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
+from structid.core.display import join_words
 from structid.core.errors import InputError, SingularModelError
 from structid.forward import RecordProblem
 from structid.identification.identified import Identification
@@ -39,20 +40,18 @@ class MeshPieces:
     ----------
     count : int
     moved : float
-        Largest shift of a value by the mesh, in its standard deviations from noise and tolerances; NaN where not known.
-    name : str
-        The value that moves so far.
+        Largest shift of a determined value by the mesh, in its standard deviations from noise and tolerances; NaN where
+        not known.
+    shifts : str
+        The values that move by more than `MOVED`, the farthest first, each with its shift; "" for none.
     obstacle : str
         Why no more pieces were tried, or none; "" where these are enough.
-    excess : float
-        Increase of chi-square by pieces half as long, all parameters following linearly; NaN where not known.
     """
 
     count: int
     moved: float = float("nan")
-    name: str = ""
+    shifts: str = ""
     obstacle: str = ""
-    excess: float = float("nan")
 
     @property
     def is_enough(self) -> bool:
@@ -61,19 +60,17 @@ class MeshPieces:
 
     @property
     def needed(self) -> int:
-        """Estimated number of pieces of an element that makes the shift by the mesh as small as `_AIMED`; more than `count`."""
-        return max(int(np.ceil(self.count * (self.moved / _AIMED) ** (1 / _ORDER))), self.count + 1)
+        """Estimated number of pieces of an element at which the mesh moves values by `_AIMED`, at most `_MOST_PIECES`."""
+        aimed = int(np.ceil(self.count * (self.moved / _AIMED) ** (1 / _ORDER)))
+        return min(max(aimed, self.count + 1), _MOST_PIECES)
 
     @property
     def warning(self) -> str:
         """A sentence where the mesh is known to move a value beyond `MOVED`, in a study that says how many pieces; else ""."""
         if not self.moved >= MOVED:
             return ""
-        interval = "which its interval does not include" if self.moved < 1 else "so do not rely on its interval"
-        return (
-            f"{MESH_MOVES} {self.name} by {self.moved:.2g} standard deviations, {interval}:"
-            f" write {SUBDIVIDE_AUTO}, or {self.needed} for {self.count}"
-        )
+        interval = "which intervals do not include" if self.moved < 1 else "so do not rely on these intervals"
+        return f"{MESH_MOVES} {self.shifts}, {interval}: write {SUBDIVIDE_AUTO}, or {self.needed} for {self.count}"
 
     @property
     def words(self) -> str:
@@ -81,11 +78,7 @@ class MeshPieces:
         cut = f"beams are cut into {self.count} pieces" if self.count > 1 else "beams are not cut"
         if self.is_enough:
             return f"{cut}: the mesh moves no value by more than {self.moved:.2g} of its deviation"
-        moves = (
-            f"the mesh moves {self.name} by {self.moved:.2g} standard deviations, and "
-            if np.isfinite(self.moved)
-            else ""
-        )
+        moves = f"{MESH_MOVES} {self.shifts}, and " if self.shifts else ""
         return f"{cut}: {moves}{self.obstacle}"
 
 
@@ -125,17 +118,19 @@ def judge_pieces(
     change = np.zeros(len(at.residual))
     change[: finer.n_data] = moved_rows - at.residual[: finer.n_data]  # priors know no mesh
     step = _shift(at.jacobian, change)
-    predicted: FloatArray = at.residual + change + at.jacobian @ np.nan_to_num(step)
     size = problem.slope(theta) / np.where((deviation := _deviation(identification)) > 0, deviation, np.inf)
     if _largest(step * size) >= MOVED:
-        step, predicted = _followed_shift(finer, columns, theta, at, size) or (step, np.full(len(predicted), np.nan))
+        followed = _followed_shift(finer, columns, theta, at, size)
+        step = step if followed is None else followed
+    if not np.isfinite(step * size).any():
+        return MeshPieces(count, obstacle="no value is determined that the mesh might move")
     deviations = np.nan_to_num(np.abs(step * size))
-    worst = int(np.argmax(deviations))
-    moved, name = float(deviations[worst]), problem.names[worst]
+    moved = float(deviations.max())
+    far = [i for i in np.argsort(-deviations, kind="stable") if deviations[i] >= MOVED]
+    shifts = [f"{problem.names[i]} by {deviations[i]:.2g}" for i in far]
     is_finest = moved >= MOVED and count >= _MOST_PIECES
     obstacle = "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
-    excess = float(predicted @ predicted - at.residual @ at.residual)
-    return MeshPieces(count, moved, name, obstacle, excess)
+    return MeshPieces(count, moved, f"{join_words(shifts, 4)} standard deviations" if far else "", obstacle)
 
 
 def _finer_problem(
@@ -187,8 +182,8 @@ def _shift(jacobian: FloatArray, change: FloatArray) -> FloatArray:
 
 def _followed_shift(
     finer: Problem, columns: IntArray, theta: FloatArray, at: Linearization, size: FloatArray
-) -> tuple[FloatArray, FloatArray] | None:
-    """Shift (n_params,) of the minimum to that of the `finer` problem by Gauss-Newton steps, and the residual predicted there.
+) -> FloatArray | None:
+    """Shift (n_params,) of the minimum to that of the `finer` problem by Gauss-Newton steps.
 
     None if a step does not lower its sum of squares, or the steps do not end. `at` is the linearization of the coarser problem
     at its minimum `theta`, whose rows of priors are kept; `columns` are the positions in `theta` of the parameters of `finer`,
@@ -211,7 +206,7 @@ def _followed_shift(
         lowest, step = misfit, _shift(jacobian, residual)
         total = total + step
         if _largest(step * size) <= _FOLLOWED * _largest(total * size):
-            return total, residual + jacobian @ np.nan_to_num(step)
+            return total
     return None
 
 

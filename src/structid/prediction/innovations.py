@@ -80,13 +80,14 @@ class InnovationVerdict:
 
 
 def judge_innovations(
-    record: Innovations, replicates: Sequence[Innovations], has_stated_noise: bool
+    record: Innovations, replicates: Sequence[Innovations], has_stated_noise: bool, is_distributed: bool = False
 ) -> InnovationVerdict:
     """Verdict on the innovations of a record, compared with those of `replicates`, records simulated by plausible models.
 
     There are two replicates or more, of as many samples and of the same directions. Open directions without a force of their own
     contradict the model only if they are too large or clearly correlated in time; where the record does not state the noise of
-    its sensors (`has_stated_noise` false), only clear correlation does: the rest may be noise. Mehra and Peschon (1971),
+    its sensors (`has_stated_noise` false), only clear correlation does: the rest may be noise. Nothing contradicts it where more
+    independent unknown forces act than sensors measure (`is_distributed`). Mehra and Peschon (1971),
     Automatica 7, 637-640 (innovations as a test); Rubin (1984), Annals of Statistics 12, 1151-1172 (replicates within the
     uncertainty).
     """
@@ -99,6 +100,13 @@ def judge_innovations(
     clear = _correlated(*columns(~forced), _CLEARLY_FORETOLD)
     unforced = _larger(*columns(~forced)) or _correlated(*columns(~forced & ~open_alone)) or clear
     of_forces = _larger(*columns(forced)) or _correlated(*columns(forced)) or _correlated(*columns(open_alone))
+    if is_distributed and (unforced or of_forces):
+        return InnovationVerdict(
+            False,
+            f"the model is wrong, or the unknown forces have another spectrum than the one that is taken here:"
+            f" {unforced or of_forces}; more unknown forces than sensors cannot tell which, and bands may miss the truth; compare"
+            " with a sensor that is left out",
+        )
     if unforced and not clear and not has_stated_noise:
         return InnovationVerdict(
             False,

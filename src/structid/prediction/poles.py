@@ -109,6 +109,8 @@ def reduction_basis(
 ) -> FloatArray:
     """Mass-orthonormal motions that span the responses of a structure between two frequencies, (n_dofs, n_vectors).
 
+    There are none without loads and sensors where no mode lies below twice `highest`.
+
     They are the modes up to twice `highest` for each of the property `values`, and the undamped responses at `lowest` and
     `highest` to every load and at every sensor, which carry the flexibility of the modes that are left out.
 
@@ -158,6 +160,8 @@ def _independent(columns: FloatArray, mass: sparse.csc_array) -> FloatArray:
 
     Motions without mass are left out too.
     """
+    if not columns.size:
+        return columns
     energy = np.sqrt(np.maximum(np.einsum("ij,ij->j", columns, mass @ columns), 0.0))
     moving = energy > 0
     scaled = columns[:, moving] / energy[moving]

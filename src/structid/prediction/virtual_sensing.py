@@ -15,6 +15,7 @@ from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoAnswerError
 from structid.dynamics.exact_discretization import stepped
+from structid.fem import Structure
 from structid.identification.identified import Identification
 from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.innovations import Innovations, InnovationVerdict, judge_innovations
@@ -42,12 +43,16 @@ LARGEST_CHECK = 2.0
 _REPLICATES = 20
 #: By how much rounding may let an error of a state seem to grow from reading to reading; more is a filter that has lost its digits.
 _UNSTABLE = 1e-9
+#: Times that a matrix is squared to see that its powers fade.
+_SQUARINGS = 12
 #: Largest doublings of the number of samples after which the covariance must have settled, and by what part it may still grow.
 _DOUBLINGS, _CONVERGED = 40, 1e-12
 #: Part of the variance far from the ends, below which what is missing at the end of the record no longer counts.
 _SETTLED = 1e-4
 #: Samples that are worked on together.
 _BLOCK = 256
+#: Part of the sum of squares of what forces move, below which a combination of them moves nothing.
+_DEPENDENT = 1e-10
 #: Size of known forces, and of motion without unknown ones, before a record over that in it.
 _BEFORE = 10.0
 #: Size of modal speeds, in sqrt(kg) m/s, where no unknown force gives one.
@@ -271,13 +276,20 @@ def sense(
         return Sides(sparse.csc_array(sparse.hstack([sensors, read.rows(values)])), loads)
 
     rate = record.sampling_rate
-    is_distributed = len(forces) > len(channels.sensors)
+    is_distributed = _n_independent(structure, forces) > len(channels.sensors)
     nothing = sparse.csc_array((structure.n_dofs, 0))
     carried = Sides(nothing, nothing) if is_distributed else sides_at(model.values)
     basis = reduction_basis(structure, [model.values], carried, rate / len(record.values), rate / 2)
+    if not basis.shape[1]:
+        raise NoAnswerError(
+            f"all modes lie above {rate:g} Hz, the sampling rate, where more unknown forces than sensors cannot be determined; name"
+            f" at most {len(channels.sensors)} of them, or use a record of more samples per second"
+        )
     stated_time = 1.0 if unknown is None else unknown.correlation_time
     driving = band_limited_loads(channels.known) if is_filtered else channels.known
-    smoother = _Smoother(channels, driving, len(forces), stated_time or 1 / rate, is_filtered, rate, read)
+    smoother = _Smoother(
+        channels, driving, len(forces), stated_time or 1 / rate, is_filtered, rate, read, is_distributed
+    )
     reduced = reduce_structure(structure, model.values, basis, sides_at(model.values))
     if reduced.is_rigid.any() and 0 not in channels.derivatives:
         raise NoAnswerError(
@@ -299,11 +311,13 @@ def sense(
     sensed_forces = nominal.mean[:, -len(forces) :]
     steeper = chosen.with_likeliest_order(reduced) if is_doubted else None
     retried = steeper and _if_steady(steeper, reduced, others, seed)
-    # a steeper spectrum neither hides a wrong model nor makes a right one wrong
-    if steeper and retried and retried[2].is_contradicted == verdict.is_contradicted:
-        chosen, (nominal, deviation, verdict) = steeper, retried
+    if steeper and retried:
+        # a steeper spectrum neither hides a wrong model nor makes a right one wrong
+        both = _joined_verdict(verdict, retried[2], steeper.smoother.order)
+        chosen, (nominal, deviation, _), verdict = steeper, retried, both
     # with as many forces as sensors a frequency would explain the resonance of a wrong model
-    if is_doubted and len(channels.sensors) > len(forces):
+    n_combined = _combined_forces(reduced.inputs[:, len(channels.loads) :])[0].shape[1]
+    if is_doubted and not is_distributed and len(channels.sensors) > n_combined:
         likelier = chosen.with_likeliest_frequency(reduced, sensed_forces)
         retried = likelier and _if_steady(likelier, reduced, others, seed)
         if likelier and retried and not retried[2].words:
@@ -358,7 +372,8 @@ def _within_uncertainty(
             replicates.append(smoother.with_replicate(of_other, rng))
     replicates += [smoother.with_replicate(fit, rng) for _ in range(_REPLICATES - len(replicates))]
     usual = [smoother.innovations(item.filtered(fit.steady)) for item in replicates]
-    verdict = judge_innovations(smoother.innovations(fit), usual, smoother.channels.has_stated_noise)
+    has_stated_noise = smoother.channels.has_stated_noise
+    verdict = judge_innovations(smoother.innovations(fit), usual, has_stated_noise, smoother.is_distributed)
     return nominal, np.sqrt(nominal.variance + spread), verdict
 
 
@@ -370,6 +385,24 @@ def _if_steady(
         return _within_uncertainty(chosen, reduced, others, seed)
     except NoAnswerError:
         return None
+
+
+def _joined_verdict(first: InnovationVerdict, steeper: InnovationVerdict, order: int) -> InnovationVerdict:
+    """Verdict under forces of a likelier, steeper spectrum of `order`, with what the verdict of order 1 says where they differ.
+
+    Only what contradicts the model under both spectra contradicts it; else the contradiction of one is told as a doubt.
+    """
+    if first.is_contradicted == steeper.is_contradicted:
+        return steeper
+    falling = f"unknown forces whose spectrum falls with f^-{2 * order}, as the record makes likelier than f^-2,"
+    if first.is_contradicted:
+        also = f"; also under the steeper one {steeper.words}" if steeper.words else ""
+        return InnovationVerdict(
+            False, f"{falling} explain the record; under those that fall with f^-2 {first.words}{also}"
+        )
+    return InnovationVerdict(
+        False, f"{falling} leave a doubt that those that fall with f^-2 do not: under them {steeper.words}"
+    )
 
 
 _DOUBTED = (
@@ -384,6 +417,15 @@ def _distributed_words(n_forces: int, n_sensors: int) -> str:
         f"{n_forces} unknown forces act and {n_sensors} sensors measure: the record tells what they do to the motion, hardly each"
         " of them; a wrong model and forces of another spectrum look the same"
     )
+
+
+def _n_independent(structure: Structure, forces: Sequence[Dof]) -> int:
+    """Number of the unknown forces that move a structure independently of each other; those of one rigid part may not."""
+    if not forces:
+        return 0
+    columns = structure.selection(forces)
+    products = (columns.T @ columns).toarray()
+    return int(np.linalg.matrix_rank(products, tol=_DEPENDENT * float(np.trace(products)), hermitian=True))
 
 
 def _unseen_words(forces: Sequence[Dof], covariance: FloatArray, std: float) -> tuple[str, ...]:
@@ -567,6 +609,7 @@ class _StateSpace:
 
     Sensors read reading z + direct f, in standard deviations of their noise; the last rows of `wanted` are the unknown forces.
     `unmoved` is the covariance of what is asked that moves no mode, so that no reading tells it: (n_asked, n_asked).
+    `n_combined` is the number of unknown forces that move the modes independently.
     """
 
     transition: FloatArray
@@ -577,6 +620,7 @@ class _StateSpace:
     wanted: FloatArray
     wanted_direct: FloatArray
     unmoved: FloatArray
+    n_combined: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -744,6 +788,8 @@ class _Smoother:
         Samples per second.
     read : OutputMap
         What is asked for, behind used and left-out sensors among the outputs.
+    is_distributed : bool
+        Whether more unknown forces act than sensors are used.
     frequency : float
         Hz, about which the spectrum of the unknown forces lies; 0 where it falls from 0 Hz on.
     order : int
@@ -757,6 +803,7 @@ class _Smoother:
     is_filtered: bool
     rate: float
     read: OutputMap
+    is_distributed: bool
     frequency: float = 0.0
     order: int = 1
 
@@ -834,9 +881,10 @@ class _Smoother:
         """Forces of an estimated correlation time and standard deviation.
 
         From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is
-        at most 2 below the greatest: accelerations hardly tell slow forces from none. The size falls with the time to the
-        power `order` - 1/2, so that the spectral density at high frequencies stays; a stated `std`, N, is kept, None is
-        estimated. For the trust see `with_likeliest_std`. The search goes through all times first, unless that of this
+        at most 2 below the greatest: accelerations hardly tell slow forces from none. It is bisected, as if the record got less
+        and less likely with shorter times; where it does not, a still shorter time may serve as well. The size falls with the
+        time to the power `order` - 1/2, so that the spectral density at high frequencies stays; a stated `std`, N, is kept, None
+        is estimated. For the trust see `with_likeliest_std`. The search goes through all times first, unless that of this
         smoother `is_near`.
         """
         shortest, longest = np.log(_SHORTEST / self.rate), np.log(len(self.channels.measured) / self.rate / 4)
@@ -889,7 +937,7 @@ class _Smoother:
 
         longest_step = min(_STEPS, max(int(np.ceil((shortest - log_time) / np.log(_SHORTER))) - 1, 0))
         likely, unlikely_from = 0, longest_step + 1
-        while unlikely_from - likely > 1:  # the record gets less likely with each step
+        while unlikely_from - likely > 1:
             step = (likely + unlikely_from) // 2
             smoother, smaller = shortened(step)
             if smoother.log_likelihood(reduced, smaller) >= most - _LESS_LIKELY:
@@ -927,7 +975,7 @@ class _Smoother:
         keep = np.eye(len(predicted)) - gain @ system.reading
         step = system.transition @ keep
         sizes, directions = np.linalg.eigh(innovation)
-        if not (sizes[0] > 0 and np.abs(np.linalg.eigvals(step)).max() < 1 + _UNSTABLE):
+        if not (sizes[0] > 0 and _fades(step)):
             raise NoAnswerError(
                 "the forces move the sensors by so much more than the noise that is stated that the filter loses its digits; state"
                 " the noise that the sensors really have"
@@ -982,7 +1030,7 @@ class _Smoother:
         steady, n = fit.steady, len(fit.steady.sizes)
         return Innovations(
             (fit.read - fit.before() @ steady.system.reading.T) @ steady.whiten,
-            np.arange(n) >= n - self.n_forces,
+            np.arange(n) >= n - steady.system.n_combined,
             steady.sizes > 1 + _OPEN**2,
         )
 
@@ -1074,6 +1122,7 @@ class _Smoother:
             wanted,
             wanted_direct,
             unmoved,
+            n_forces,
         )
 
 
@@ -1081,12 +1130,15 @@ def _combined_forces(inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Fewest independent forces of one spectrum that do to the modes what `inputs` (n_modes, n_forces) of that spectrum do.
 
     Returns the modal forces of each combination, (n_modes, n_combined), and the part of each in the forces,
-    (n_forces, n_combined). Combinations of more forces than modes that move no mode are left out.
+    (n_forces, n_combined). Combinations that move no mode are left out.
     """
-    if inputs.shape[1] <= inputs.shape[0]:
+    if not inputs.size:
         return inputs, np.eye(inputs.shape[1])
     modal, sizes, parts = np.linalg.svd(inputs, full_matrices=False)
-    return modal * sizes, parts.T
+    n_combined = max(int((sizes > np.sqrt(_DEPENDENT) * sizes[0]).sum()), 1)
+    if n_combined == inputs.shape[1]:
+        return inputs, np.eye(n_combined)
+    return modal[:, :n_combined] * sizes[:n_combined], parts[:n_combined].T
 
 
 def _decades_above(reduced: ReducedMatrices) -> float:
@@ -1114,6 +1166,22 @@ def _predicted_covariance(system: _StateSpace) -> FloatArray:
         if np.abs(grown).max() <= _CONVERGED * np.abs(covariance).max():
             return covariance
     raise NoAnswerError("these sensors do not tell the motion: none of them sees one of the modes; measure more places")
+
+
+def _fades(step: FloatArray) -> bool:
+    """True if the powers of a matrix (n, n) fade, or grow by no more than rounding makes them.
+
+    A power of norm below 1 proves it, and a few products are cheaper than the eigenvalues.
+    """
+    power = step
+    for _ in range(_SQUARINGS):
+        size = float(np.linalg.norm(power))
+        if size < 1:
+            return True
+        if not size < 1 / np.finfo(float).eps:
+            break
+        power = power @ power
+    return bool(np.abs(np.linalg.eigvals(step)).max() < 1 + _UNSTABLE)
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -14,7 +15,7 @@ from structid.modal.correlations import ScaledMotion, displacement_rows, outputs
 from structid.modal.method import LeftOut, ModalIdentification, ModalOptions, by_rising_frequency
 from structid.modal.modal_record import ModalChanges, ModalRecord, unit_largest
 from structid.modal.poles.poles import Poles, frequency_damping_slope, modal_phase_collinearity
-from structid.modal.poles.stabilization import LIKELY, Cluster, clusters, likely_modes
+from structid.modal.poles.stabilization import LIKELY, UNLIKELY, Cluster, clusters, likely_modes
 from structid.modal.subspace.close_modes import NOT_TOLD_APART, close_mode_notes, repeated_modes
 from structid.modal.subspace.decay_fit import (
     decay_fit,
@@ -45,6 +46,7 @@ _REFINED = ("pencil",)
 MAX_ORDER = 60
 BLOCK_ROWS = 30
 _STATES_A_MODE = 4  # of the greatest order; with fewer, orders are doubled
+_MOST_STATES, _MOST_ORDERS = 240, 60  # to which orders are doubled, and how many: distances of all poles take memory
 _CERTAIN = 0.005  # of a frequency: standard deviation below which a mode of a free decay is kept, however weak
 _SAME = 0.01  # of a frequency: distance below which a pole with damping takes the place of one without
 _LOST = 0.1  # of the noise left: amplitude of a free decay below which it tells nothing more
@@ -75,6 +77,7 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
     """
     rows = _block_rows(data, options.block_rows)
     greatest, n_instants = MAX_ORDER, sum(len(y) - 2 * rows - 1 for y in data.series)
+    most = min(n_instants, _MOST_STATES)
     while True:
         wanted = _orders(data, rows, options.orders, greatest)
         subspace = SUBSPACE_METHODS[method](data, rows, max(wanted), n_pieces=max(options.n_pieces, 1))
@@ -82,10 +85,15 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
         sweep = poles_of_orders(subspace, wanted)
         selection = picked_poles(sweep, data.scale, options)
         greatest *= 2
-        is_limited = options.orders is not None or wanted[-1] < greatest // 2 or greatest > n_instants
+        is_limited = options.orders is not None or wanted[-1] < greatest // 2 or greatest > most
         if is_limited or not _is_crowded(selection, greatest // 2):
             break
     picked, found, notes, others = selection.places, selection.clusters, selection.notes, selection.others
+    if options.orders is None and wanted[-1] == _MOST_STATES and _is_crowded(selection, _MOST_STATES):
+        notes.append(
+            f"models of {_MOST_STATES} states have fewer than {_STATES_A_MODE} for each mode, so that modes may be merged or"
+            " missing: identify bands of frequencies one by one (filtered and resampled), or give `orders`"
+        )
     if not picked:
         raise NoModesError(
             "`records` show no mode that is stable over `orders` and meets `criteria`; widen the criteria, raise "
@@ -347,19 +355,21 @@ def _block_rows(data: ScaledMotion, given: int | None) -> int:
 def _is_crowded(selection: PickedPoles, greatest: int) -> bool:
     """True if models of `greatest` states have fewer than four for each mode, so that modes may be merged or missing.
 
-    Clusters that were not taken count as modes too if their probability is `_RATHER` or more.
+    Clusters that were not taken count as modes too unless they are unlikely: where states are few, modes are stable over a few
+    orders only.
     """
-    likely = sum(cluster.probability >= _RATHER for cluster in selection.others)
-    return _STATES_A_MODE * (len(selection.clusters) + likely) > greatest
+    perhaps = sum(cluster.probability >= UNLIKELY for cluster in selection.others)
+    return _STATES_A_MODE * (len(selection.clusters) + perhaps) > greatest
 
 
 def _orders(data: ScaledMotion, rows: int, given: Sequence[int] | None, greatest: int = MAX_ORDER) -> list[int]:
-    """Model orders to try, increasing: those `given`, or all even ones to `greatest`; `InputError` if they exceed the matrix.
+    """Model orders to try, increasing: those `given`, or else `_MOST_ORDERS` even ones at most, in even steps to `greatest`.
 
-    `rows` is the number of block rows, which leaves room for (rows - 1) * n_channels states.
+    `InputError` if they exceed the matrix. `rows` is the number of block rows, with room for (rows - 1) * n_channels states.
     """
     room = (rows - 1) * data.n_channels
-    orders = list(range(2, min(greatest, room) + 1, 2)) if given is None else sorted({int(n) for n in given})
+    step = max(2, 2 * math.ceil(greatest / (2 * _MOST_ORDERS)))
+    orders = list(range(step, min(greatest, room) + 1, step)) if given is None else sorted({int(n) for n in given})
     if not orders or orders[0] < 1 or orders[-1] > room:
         raise InputError(
             f"`orders` must lie from 1 to {room} for {data.n_channels} channels and {rows} block rows, got "

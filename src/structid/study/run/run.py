@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.core.errors import NoAnswerError, SingularModelError
+from structid.core.errors import InputError, NoAnswerError, SingularModelError
 from structid.diagnose.checks.mesh import mesh_warnings
-from structid.diagnose.verdict import leaves_noise_alone
 from structid.forward.modal import compares_modes
 from structid.identification.identify import identify_together
 from structid.identification.joint_problem import indices_of
@@ -29,10 +28,6 @@ class SearchFailedError(NoAnswerError):
 
 #: How often beams are cut anew after a fit, and degrees of freedom up to which the mesh is judged where the study states it.
 _MOST_CUTS, _MOST_JUDGED = 3, 300
-#: Increase of chi-square by finer elements that decides against them where these elements leave noise alone (odds of e^10),
-#: and the reason that is told.
-_DECISIVE = 20.0
-_SIMULATED = "finer elements do not explain the record, which these do; it seems to be simulated with them"
 
 
 def run_study(study: Study, progress: StageProgress | None = None, work: TaskExecutor = SERIAL) -> StudyResult:
@@ -91,19 +86,21 @@ def refine_mesh(
     """The study and its result with beams cut into more pieces, until finer pieces hardly change the values.
 
     Where the study fixes the number of pieces it stays, and a warning is added if the mesh changes a value.
-    A warning also says if the number of attempts runs out first. A record that these elements explain, and finer ones do
-    not, was simulated with these: they are not cut further.
+    A warning also says if the number of attempts runs out first, or if finer pieces cannot be identified.
     """
     if ready.mesh is None:
         return ready, result if ready.study.solved is not None else _with_mesh_warning(ready, result)
     options, tried = ready.study.options, 0
     mesh = judge_pieces(ready.setups, result.identification, options, ready.mesh.count)
-    if mesh.excess > _DECISIVE and leaves_noise_alone(result.identification):
-        mesh = replace(mesh, obstacle=_SIMULATED)
     while not mesh.is_enough and not mesh.obstacle and tried < _MOST_CUTS:
-        study, setups = with_pieces(ready.study, ready.setups, mesh.needed)
-        ready = compare_with_models(study, setups, MeshPieces(mesh.needed))
-        result = run_prepared(ready, progress, work)
+        try:
+            study, setups = with_pieces(ready.study, ready.setups, mesh.needed)
+            finer = compare_with_models(study, setups, MeshPieces(mesh.needed))
+            result = run_prepared(finer, progress, work)
+        except (InputError, NoAnswerError, SingularModelError) as error:
+            mesh = replace(mesh, obstacle=f"{mesh.needed} pieces cannot be identified ({error})")
+            break
+        ready = finer
         mesh, tried = judge_pieces(ready.setups, result.identification, options, mesh.needed), tried + 1
     if not mesh.is_enough and not mesh.obstacle:
         mesh = replace(mesh, obstacle="no more pieces are tried")

@@ -102,18 +102,15 @@ def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPi
 
 
 def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces | None]:
-    """The study, its set-ups with their records read, and the number of pieces of its beams.
+    """The study, its set-ups with their records read, and the number of pieces of its beams; None where the study states it.
 
-    The number is None where the study states it or nothing can be cut. With `subdivide = "auto"` beams are cut so that all modes in
-    the band are right to a tenth of their half-bandwidths; where the study says nothing they begin as drawn. A fit then
-    shows whether these pieces are enough.
+    Where the study leaves the number open, beams are cut so that all modes in the band are right to a tenth of their
+    half-bandwidths; a fit then shows whether these pieces are enough.
     """
     cache = ResponseCache()
     setups = tuple(load_setup(source, cache) for source in study.setups)
     if not study.leaves_pieces_open:
         return study, setups, None
-    if "subdivide" not in study.root.inner("structure").table:
-        return study, setups, MeshPieces(1)
     judged = [checked_mesh(setup, setup.prepared(study.options).problem) for setup in setups]
     mesh = MeshPieces(max((one.needed for one in judged if isinstance(one, MeshErrors)), default=1) or 1)
     return *with_pieces(study, setups, mesh.count), mesh
@@ -122,6 +119,8 @@ def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces |
 def with_pieces(study: Study, setups: tuple[AnySetup, ...], count: int) -> tuple[Study, tuple[AnySetup, ...]]:
     """The study with its beams cut into `count` pieces each, and its set-ups, whose records are not read again."""
     cut, cache = cut_study(study, count), ResponseCache()
+    sources = zip(cut.setups, study.setups, strict=True)
+    cut = replace(cut, setups=tuple(replace(new, parameters=old.parameters) for new, old in sources))
     return cut, tuple(load_setup(source, cache, setup) for source, setup in zip(cut.setups, setups, strict=True))
 
 

@@ -76,10 +76,8 @@ class Study(Shown):
 
     @property
     def leaves_pieces_open(self) -> bool:
-        """True if the mesh error decides the pieces of beams: `subdivide` is "auto", or absent where beams can be cut."""
-        stated = self.root.inner("structure").table.get("subdivide")
-        can_be_cut = self.solved is None and any(source.structure.divisible for source in self.setups)
-        return stated == AUTO or (stated is None and can_be_cut)
+        """True if the error of the mesh decides into how many pieces beams are cut: `subdivide = "auto"`."""
+        return self.root.inner("structure").table.get("subdivide") == AUTO
 
     @property
     def path(self) -> Path:

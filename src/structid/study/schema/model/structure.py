@@ -106,8 +106,8 @@ def structure_table() -> Table:
         "subdivide": Key(
             _PIECES,
             "Equal pieces of which each beam is made, one element still, and each bar that these leave held sideways; auto"
-            " cuts until the mesh moves no value by more than a fifth of its deviation; in a plan 1 by default",
-            default=AUTO,
+            " cuts until the mesh moves no value by more than a fifth of its deviation",
+            default=1,
         ),
         "sliding": Key(NODES, "Nodes whose place along their bars and beams is a property, `position` of `node 3`"),
         "damping_ratio": Key(
@@ -309,7 +309,7 @@ def _make_structure(
     try:
         drives, sliding = [base for _, base in bases], flat(options.get("sliding", []))
         inner = [component for _, component in components]
-        pieces, ratio = options.get("subdivide", AUTO), options.get("damping_ratio")
+        pieces, ratio = options.get("subdivide", 1), options.get("damping_ratio")
         pieces = 1 if pieces == AUTO else pieces  # until the records are read
         return Structure(
             nodes,
