@@ -51,7 +51,7 @@ def test_the_shaken_building_gives_every_storey(tmp_path):
 
 
 def test_the_total_mass_of_weighed_floors_is_known_as_well_as_they_are():
-    """The floors, which differ, err by 1 % each, as one scale or each alone: T^2 (I + (1 - 1/n) 11'); at the start and at the end."""
+    """Floors that differ err by 1 % each, as one scale or each alone: T^2 (I + (1 - 1/n) 11'); at the start and at the end."""
     study = load_study(EXAMPLE / "study.toml")
     expected = 0.01 * np.sqrt(820.0**2 + 820.0**2 + 640.0**2 + (1 - 1 / 3) * 2280.0**2)
     assert check_study(study).total_mass_std == pytest.approx(expected, rel=1e-9)
