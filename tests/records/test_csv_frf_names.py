@@ -67,6 +67,15 @@ def test_parts_that_contradict_the_headers_are_refused(tmp_path, order):
         read_record(path, options)
 
 
+def test_headers_that_name_other_degrees_of_freedom_than_stated_are_refused(tmp_path):
+    path = table(tmp_path / "lab.csv", heads("{s}X/{load}X (g/N) {part}", ORDERS["sensors first"]))
+    options = ReadOptions(
+        outputs=("1X", "2X", "5X"), inputs=("1X", "2X"), unit="g/N", csv=CsvLayout(parts=("re", "im"))
+    )
+    with pytest.raises((FileError, InputError), match="the header contradicts `parts`, `outputs` and `inputs`"):
+        read_record(path, options)
+
+
 def test_parts_that_agree_with_the_headers_are_read(tmp_path):
     path = table(tmp_path / "lab.csv", heads("A{s}/H{load} (g/N) {part}", ORDERS["sensors first"]))
     options = ReadOptions(

@@ -115,7 +115,7 @@ def diagnose_identification(
         sensitivities = diagnose.fixed_value_sensitivities(model, identification)
         if not explain and (explain is False or not is_clear(sensitivities)):
             return diagnose.diagnose_sound(
-                model, identification, sensitivities, work, find_disagreements, is_asked=explain is None
+                model, identification, sensitivities, work, find_disagreements, may_test_changes=explain is None
             )
     if not explain and (any(one.warning for one in identification.truncations) or is_untested(identification)):
         return DiagnosedIdentification(

@@ -92,13 +92,13 @@ def diagnose_sound(
     sensitivities: tuple[FixedValueSensitivity, ...],
     work: TaskExecutor,
     find_disagreements: SplitCheck,
-    is_asked: bool,
+    may_test_changes: bool,
 ) -> DiagnosedIdentification:
     """The diagnosis of a sound answer; fixed values or one change are fitted where the record asks for them.
 
     `sensitivities` are those of the answer to fixed values, `work` runs the fits, `find_disagreements` returns parts of the
-    data whose fits disagree. At most three doubted fixed values are freed; small changes are tested only with `is_asked`, and
-    only where no fixed value is doubted.
+    data whose fits disagree. At most three doubted fixed values are freed; small changes are tested only with
+    `may_test_changes` (False where the user asked for no search, or for all of it), and only where no fixed value is doubted.
     """
     doubts = doubted(sensitivities)[:MOST_FREED]
     if doubts:
@@ -111,7 +111,7 @@ def diagnose_sound(
         return _diagnose_explained(
             model, identification, explanation, sensitivities, find_disagreements, is_search=False
         )
-    if is_asked and _can_be_asked(model, identification):
+    if may_test_changes and _can_be_asked(model, identification):
         try:
             explanation = requested_changes(_answer_as_model(model, identification), work)
         except (StructidError, np.linalg.LinAlgError) as error:

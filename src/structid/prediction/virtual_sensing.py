@@ -164,7 +164,7 @@ class SensedMotion(Shown):
         return not self.contradiction and all(z < LARGEST_CHECK for _, z in self.checks)
 
     def overview(self) -> Overview:
-        """A table with the size and the standard deviation of each output and force, and checks of left-out sensors."""
+        """A table with the RMS over the record of each output and force and of its deviation, and checks of left-out sensors."""
         rows = [
             (
                 name,

@@ -47,7 +47,8 @@ def printed(table: Table) -> rich.table.Table:
 def provenance_table(provenance: Mapping[str, object] | None) -> Table:
     """Table of provenance: a row for each version, input file and setting, one for all settings that were not given.
 
-    Without provenance it has no rows.
+    `provenance` maps headings to a value, or to a mapping of names to values in which None stands for a setting that was not
+    given. Without provenance the table has no rows.
     """
     rows: list[tuple[str, str]] = []
     for name, value in (provenance or {}).items():

@@ -155,7 +155,9 @@ def compare(
 
 
 def _least_cost(state: State) -> float:
-    """Sum of squares at the answer of a state that was run, priors included, with fixed values free within their tolerances.
+    """Least sum of squares of a state that was run, priors included: after a refit of all unknowns together with fixed values.
+
+    Without tolerances of fixed values it is that at the answer.
 
     Raises
     ------

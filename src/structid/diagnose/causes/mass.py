@@ -47,7 +47,8 @@ class Mass(Candidate):
     def _at_nodes(cls, receptances: Receptances, record: int | None = None, name: str = "") -> Iterator[Candidate]:
         """Candidate masses at chosen nodes that translate, one for each node.
 
-        `record` and `name` are the position and name of the only record that has them; by default all have them.
+        `record` and `name` are the position and name of the only record that has them; by default all have them. `receptances`
+        are those of that record, or of the first of all.
         """
         nodes: dict[int, list[Directions]] = {}
         for dof, direction in chosen_dofs(receptances):

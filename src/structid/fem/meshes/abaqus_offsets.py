@@ -120,7 +120,7 @@ class SectionOffsets:
         return offsets
 
     def _beam_offsets(self, scope: PartData, block: KeywordBlock, index: int, rows: IntArray) -> CellOffsets:
-        """Offsets in m of beams of CalculiX whose line lies some widths along the local directions 1 and 2 off their axis.
+        """Arms, m, from the nodes to the axis of beams of CalculiX whose nodes lie widths along local directions 1 and 2 off it.
 
         `index` is that of the cell block, `rows` are its cells in the section; `scope` is the part that has the section, `block`
         the keyword. Raises `ValueError` if the section has no widths, or local direction 1 is along a beam.

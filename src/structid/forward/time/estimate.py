@@ -164,7 +164,8 @@ def fixed_rows(
 ) -> FixedRows | None:
     """Fixed values of linear equations of motion, as relative errors, at the parameters `values`; None if all are exact.
 
-    Values that enter matrices non-linearly, such as a thickness, count as exact.
+    The gain that all channels of the record share comes last, where it has a tolerance. Values that enter matrices
+    non-linearly, such as a thickness, count as exact.
 
     Parameters
     ----------

@@ -43,7 +43,8 @@ Reading = Callable[[Motion, np.random.Generator], Motion]
 def multiplied(exact: Motion, rng: np.random.Generator) -> Motion:
     """Noisy motion in reading A: each sample of acceleration and force is multiplied by 1 + 0.02 n; displacements are exact.
 
-    n is standard normal from `rng`; all degrees of freedom share one factor of the force at an instant.
+    Velocities are left out (None). n is standard normal from `rng`; all degrees of freedom share one factor of the force at
+    an instant.
     """
     a, f = _acceleration(exact), exact.force
     noisy = a * (1 + NOISE * rng.standard_normal(a.shape))

@@ -530,9 +530,10 @@ def _output_first(heads: list[_ColumnHeader], options: ReadOptions) -> list[_Col
 
 
 def _require_headers_agree(table: Table, assumed: Sequence[_ColumnHeader]) -> None:
-    """Raise an error if a header states another part, sensor or load than the position of its column implies.
+    """Raise `FileError` if a header states another part, sensor or load than the position of its column implies.
 
-    `assumed` are the heads by position, one for each column after the frequencies.
+    `assumed` are the heads by position, one for each column after the frequencies. A header that names no degree of freedom
+    may stand for any, but for one alone.
     """
     meant: dict[tuple[str, str], str] = {}
     for j, head in enumerate(assumed, start=1):
@@ -548,14 +549,22 @@ def _require_headers_agree(table: Table, assumed: Sequence[_ColumnHeader]) -> No
                 ("input", match["input"], head.input),
             ]
         )
-        own = next((role for role, word, name in told if meant.setdefault((role, word), name) != name), "")
-        if head.part not in said or own:
+        is_other = any(
+            _is_other_dof(word, name) or meant.setdefault((role, word), name) != name for role, word, name in told
+        )
+        if head.part not in said or is_other:
             raise _column(
                 table,
                 j,
                 text=f"the header contradicts `parts`, `outputs` and `inputs`, by which it is {head.part} of"
                 f" {head.output}/{head.input}; leave `parts` out where headers say what columns are, or correct its order",
             )
+
+
+def _is_other_dof(header: str, name: str) -> bool:
+    """True if both texts name degrees of freedom, and not the same one but for its sense."""
+    stated, meant = as_dof(header), as_dof(name)
+    return stated is not None and meant is not None and (stated.node, stated.direction) != (meant.node, meant.direction)
 
 
 def _names_by_user(table: Table, option: str, names: list[str], by_user: tuple[str, ...]) -> dict[str, str]:
