@@ -132,7 +132,8 @@ def _sets_by_variance_proportions(condition: FloatArray, proportions: FloatArray
 
     `condition` (n,) are the condition indices of the singular directions, `proportions` (n, n_params) their shares in each
     variance. Directions with a condition index above `STRONG_CONDITION` count, and parameters with more than half of their
-    variance in these together. A direction joins those of them with more than a tenth of its largest share; sets that overlap are merged.
+    variance in these together. A direction joins those of them with more than a tenth of its largest share; sets that
+    overlap are merged.
     """
     strong = proportions[condition > STRONG_CONDITION]
     involved = np.flatnonzero(strong.sum(axis=0) > STRONG_PROPORTION)
