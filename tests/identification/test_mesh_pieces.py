@@ -1,6 +1,7 @@
 """`subdivide = "auto"`: beams are cut until the mesh moves no value by much of its deviation, and what is left is said."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,11 +9,13 @@ from typer.testing import CliRunner
 
 import structid as sid
 from structid.cli import app as cli
+from structid.compare.correlation.correlating import correlate
 from structid.identification.mesh_pieces import MeshPieces, judge_pieces
 from structid.identification.options import IdentifyOptions
 from structid.records.formats import write_record
 from structid.study.results.stored_model import stored_model, stored_study
 from structid.study.run.run import run_study
+from structid.study.run.start import load_setups, with_pieces
 from structid.study.schema.study import load_study
 from structid.unknowns.tolerances import EXACT
 
@@ -120,10 +123,30 @@ def test_the_console_and_the_results_say_what_was_chosen(tmp_path, record):
     result = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
     assert "the mesh moves no value by more than 0." in result["assumption"]
     source = stored_study(tmp_path / "out")
+    correlated = correlate(load_study(study), at=tmp_path / "out")
+    assert correlated.study.structure.subdivide == source.structure.subdivide > 1
+    np.testing.assert_allclose(correlated.responses[0].frac, 1.0, atol=0.01)
     predicted = sid.predict(stored_model(tmp_path / "out", source), sid.NaturalModes(3), n_draws=50)
     np.testing.assert_allclose(
         predicted.values[:, 0], [mode["frequency_hz"] for mode in result["modes"][:3]], rtol=1e-9
     )
+
+
+def test_pieces_change_no_start_and_no_prior_that_a_study_was_given(tmp_path, record):
+    """As by a comparison, whose later state begins with the baseline's answer as prior."""
+    study, setups, _ = load_setups(load_study(written(tmp_path, record)))
+    (source,) = study.setups
+    begun = sid.parameters(
+        source.structure,
+        [
+            sid.Unknown("bending_stiffness", "beam", start=555.0, prior=sid.Prior(555.0, 5.0)),
+            sid.Unknown("stiffness", "clamp"),
+        ],
+    )
+    cut, _ = with_pieces(replace(study, setups=(replace(source, parameters=begun),)), setups, 5)
+    assert cut.structure.subdivide == 5
+    np.testing.assert_array_equal(cut.parameters.start, begun.start)
+    assert cut.parameters.has_priors
 
 
 def test_a_comparison_tells_of_both_states_what_the_mesh_moves(tmp_path, record):

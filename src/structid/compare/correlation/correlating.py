@@ -19,10 +19,10 @@ from structid.core.provenance import Provenance
 from structid.identification.fits.record_fit import FittedUnknowns
 from structid.identification.setups.setup import AnySetup, titles
 from structid.modal import ModalRecord
-from structid.study.results.hdf5 import stored_values
+from structid.study.results.hdf5 import stored_pieces, stored_values
 from structid.study.results.result import provenance
 from structid.study.run.check import ChannelCheck, channel_checks
-from structid.study.run.start import load_setups, placed_mechanism
+from structid.study.run.start import load_setups, placed_mechanism, with_pieces
 from structid.study.schema.records.modes import ModesSource
 from structid.study.schema.study import Study
 
@@ -78,7 +78,9 @@ def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None
         If the model has a mechanism.
     """
     stored = {} if at is None else stored_values(at)
-    study, setups, _ = load_setups(study)
+    study, setups, mesh = load_setups(study)
+    if at is not None and mesh is not None:
+        study, setups = with_pieces(study, setups, stored_pieces(at))
     names = titles(setups) if len(setups) > 1 else [""] * len(setups)
     modal: list[ModesCorrelation] = []
     responses: list[ResponsesCorrelation] = []

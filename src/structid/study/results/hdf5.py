@@ -206,3 +206,22 @@ def stored_values(folder: Path) -> dict[str, float]:
     if values.shape != (len(words),) or not np.isfinite(values).all():
         raise FileError(f"{path}: its parameters cannot be used; write it again with `structid identify`")
     return dict(zip(words, values.tolist(), strict=True))
+
+
+def stored_pieces(folder: Path) -> int:
+    """Number of pieces into which each beam was cut at the identification, from the file estimate.h5 of a results folder.
+
+    Raises
+    ------
+    FileError
+        If there is no estimate.h5, or it does not say the number.
+    """
+    path = folder / "estimate.h5"
+    if not path.is_file():
+        raise FileError(f"{folder}: holds no estimate.h5; give a results folder of `structid identify`")
+    from structid.files.hdf5 import hdf5_fields  # writing needs no reader
+
+    count = hdf5_fields(path, ("subdivide",)).get("subdivide")
+    if count is None:
+        raise FileError(f"{folder}: does not say into how many pieces its beams were cut; identify again")
+    return int(np.asarray(count).ravel()[0])

@@ -19,7 +19,7 @@ from structid.prediction.identified_model import IdentifiedModel, identified_mod
 from structid.prediction.model_error import ModelError
 from structid.records import FrfRecord
 from structid.study.results.folder import STUDY_PATH
-from structid.study.results.hdf5 import ESTIMATE_FORMAT
+from structid.study.results.hdf5 import ESTIMATE_FORMAT, stored_pieces
 from structid.study.results.result import UPDATED
 from structid.study.schema.study import Study, cut_study, load_study
 
@@ -64,12 +64,7 @@ def stored_study(folder: Path, study: Path | None = None) -> Study:
             f"{path}: its model comes from a solver, and a results folder does not hold the one at the answer; its deck with the"
             f" identified numbers is in {folder / UPDATED}, and predictions are made in Python from the identification itself"
         )
-    if not found.leaves_pieces_open:
-        return found
-    count = _read_group(folder / "estimate.h5", "", ("subdivide",)).get("subdivide")
-    if count is None:
-        raise FileError(f"{folder}: does not say into how many pieces its beams were cut; {_AGAIN}")
-    return cut_study(found, int(np.asarray(count)[0]))
+    return cut_study(found, stored_pieces(folder)) if found.leaves_pieces_open else found
 
 
 def stored_doubt(folder: Path) -> str:
