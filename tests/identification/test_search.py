@@ -5,7 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from structid import ChannelUnknown, FrfProblem, channel_errors, parameters, with_declared_noise
+from structid import (
+    ChannelUnknown,
+    FrfProblem,
+    IdentifyOptions,
+    InputError,
+    channel_errors,
+    parameters,
+    with_declared_noise,
+)
 from structid.fem import PointMass, Spring, Structure
 from structid.identification.joint_problem import joint_problem
 from structid.identification.search import PolarityTrials
@@ -78,3 +86,11 @@ def test_without_polarities_there_is_one_search():
     _, found = fit_all((alone,), fake_search(lambda s: 9.0, tried))
     assert tried == [()]
     assert found[0] is alone
+
+
+@pytest.mark.parametrize(
+    "bands", [{"band": (10.0, 2.0)}, {"evaluation_band": (9.0, 1.0)}, {"exclude": [(1.0, 2.0), (5.0, 4.0)]}]
+)
+def test_bands_that_go_down_are_refused_with_their_name(bands):
+    with pytest.raises(InputError, match=rf"`{next(iter(bands))}` must go from a lower to a higher frequency"):
+        IdentifyOptions(**bands)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from structid.core.constraints import Count, Limits, NotNegative, Positive
+from structid.core.errors import InputError
 from structid.forward.frf.continuation import START_ERROR
 from structid.inversion import LevenbergMarquardt, Method
 from structid.inversion.intervals.intervals import IntervalKind
@@ -98,3 +99,13 @@ class IdentifyOptions:
     direction: Literal["X", "Y", "Z"] | None = None
     n_modes: Count = 12
     tolerances: Tolerances = field(default_factory=Tolerances)
+
+    def __post_init__(self) -> None:
+        """Raise `InputError` if a band goes from a higher to a lower frequency."""
+        bands = {"band": [self.band], "evaluation_band": [self.evaluation_band], "exclude": self.exclude}
+        for name, pairs in bands.items():
+            for pair in pairs:
+                if pair is not None and pair[0] > pair[1]:
+                    raise InputError(
+                        f"`{name}` must go from a lower to a higher frequency, Hz, got {tuple(pair)}", name
+                    )
