@@ -631,7 +631,8 @@ def _judged(
         return Judgement("wrong_model", words.rstrip(), (misfit, estimate.message, *pushed))
     if estimate.status is Status.NOT_IDENTIFIABLE and not off:
         return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message, *pushed))
-    if fits_noise(identification) and estimate.status is Status.CONVERGED:
+    is_like_noise = fits_noise(identification) or estimate.goodness.misfit**2 < NOISE_TOLERANCE
+    if pushed and is_like_noise and estimate.status is Status.CONVERGED:
         words = (
             f"Wrong model: the record contradicts a bound: {pushed[0]}. The other values depend on it: do not use them."
         )
