@@ -54,7 +54,7 @@ def hdf5_attributes(path: Path) -> dict[str, np.ndarray | tuple[str, ...]]:
 
 
 def hdf5_fields(path: Path, names: Iterable[str]) -> dict[str, Field]:
-    """Values of the datasets called `names`, by name: an array, a text, or a tuple of texts.
+    """Values of those datasets called `names` that the file has, by name: an array, a text, or a tuple of texts.
 
     Raises
     ------

@@ -111,12 +111,12 @@ def hdf5_attributes(path: str) -> dict[str, StoredEntry]:
 
 
 def hdf5_fields(path: str, names: list[str]) -> dict[str, StoredEntry]:
-    """The datasets called `names` of the HDF5 file at `path`, by name: arrays of numbers, a text, or lists of texts."""
+    """Those datasets called `names` that the HDF5 file at `path` has, by name: arrays of numbers, a text, or lists of texts."""
     import h5py
 
     with h5py.File(path, "r") as file:
         _require_own_links(file)
-        return {name: _read_field(file[name]) for name in names}
+        return {name: _read_field(file[name]) for name in names if name in file}
 
 
 def hdf5_part(path: str, name: str, begin: int, stop: int, axis: int) -> np.ndarray:

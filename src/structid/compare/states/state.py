@@ -16,7 +16,7 @@ from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError
 from structid.diagnose.verdict import NOT_TRIED, Judgement, Verdict, judged
 from structid.fem import Structure
-from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
+from structid.files.hdf5 import hdf5_fields, texts_of
 from structid.identification.mesh_pieces import MESH_WARNINGS
 from structid.inversion import Estimate, Status
 from structid.inversion.comparison.comparison import Identified
@@ -188,23 +188,22 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
         If arrays differ in their number of parameters.
     """
     names, matrix = ("names", "kinds", "units"), f"covariance_{basis}"
-    record = "frf/" if "frf/outputs" in hdf5_datasets(path) else "modal_record_1/"
-    channel_fields = ("outputs", "inputs") if record == "frf/" else ("channels",)
-    wanted = [record + name for name in channel_fields] + [f"parameters/{name}" for name in (*names, "values", matrix)]
+    of_channels = ("frf/outputs", "frf/inputs", "modal_record_1/channels")
     fixed_keys = [f"parameters/{name}" for name in ("fixed_names", "fixed_tolerances", "fixed_changes")]
-    has_fixed = fixed_keys[0] in hdf5_datasets(path)
-    fields = hdf5_fields(path, wanted + (fixed_keys if has_fixed else []))
+    of_parameters = [f"parameters/{name}" for name in (*names, "values", matrix)]
+    fields = hdf5_fields(path, (*of_channels, *of_parameters, *fixed_keys))
     texts = {name: texts_of(fields[f"parameters/{name}"]) for name in names}
     values = np.asarray(fields["parameters/values"], dtype=float)
     covariance = np.asarray(fields[f"parameters/{matrix}"], dtype=float)
-    channels = {"outputs": texts_of(fields[record + channel_fields[0]]), "inputs": ()}
-    if record == "frf/":
-        channels["inputs"] = texts_of(fields["frf/inputs"])
+    if "frf/outputs" in fields:
+        channels = {"outputs": texts_of(fields["frf/outputs"]), "inputs": texts_of(fields["frf/inputs"])}
+    else:
+        channels = {"outputs": texts_of(fields["modal_record_1/channels"]), "inputs": ()}
     n = len(values)
     if covariance.shape != (n, n) or any(len(words) != n for words in texts.values()):
         raise ValueError("parameters of different numbers")
     fixed, of_data = None, locked(covariance)
-    if has_fixed:
+    if fixed_keys[0] in fields:
         tolerances, changes = (np.asarray(fields[key], dtype=float) for key in fixed_keys[1:])
         if changes.shape != (n, len(tolerances) + 1):
             raise ValueError("changes by fixed values of other numbers")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from structid.core.errors import FileError
 from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.identification.fits.record_fit import RecordFit
@@ -18,12 +20,8 @@ from structid.study.results.result import StudyResult
 if TYPE_CHECKING:
     import h5py
 
+    from structid.files.hdf5 import Field
     from structid.identification.fits.modal_fit import ModalFit
-
-
-from pathlib import Path
-
-from structid.core.errors import FileError
 
 #: What a file of this version says of itself.
 ESTIMATE_FORMAT = "structid estimate 1"
@@ -192,12 +190,9 @@ def stored_values(folder: Path) -> dict[str, float]:
     FileError
         If there is no estimate.h5, or structid did not write it.
     """
-    path = folder / "estimate.h5"
-    if not path.is_file():
-        raise FileError(f"{folder}: holds no estimate.h5; give a results folder of `structid identify`")
-    from structid.files.hdf5 import hdf5_fields, texts_of  # writing needs no reader
+    path, fields = _stored_fields(folder, ("parameters/names", "parameters/values"))
+    from structid.files.hdf5 import texts_of  # writing needs no reader
 
-    fields = hdf5_fields(path, ("parameters/names", "parameters/values"))
     try:
         names, values = fields["parameters/names"], np.asarray(fields["parameters/values"], dtype=float)
     except (KeyError, ValueError) as error:
@@ -216,12 +211,17 @@ def stored_pieces(folder: Path) -> int:
     FileError
         If there is no estimate.h5, or it does not say the number.
     """
+    count = _stored_fields(folder, ("subdivide",))[1].get("subdivide")
+    if count is None:
+        raise FileError(f"{folder}: does not say into how many pieces its beams were cut; identify again")
+    return int(np.asarray(count).ravel()[0])
+
+
+def _stored_fields(folder: Path, names: Sequence[str]) -> tuple[Path, dict[str, Field]]:
+    """Path of the file estimate.h5 of a results folder, and those of its datasets `names` that it has."""
     path = folder / "estimate.h5"
     if not path.is_file():
         raise FileError(f"{folder}: holds no estimate.h5; give a results folder of `structid identify`")
     from structid.files.hdf5 import hdf5_fields  # writing needs no reader
 
-    count = hdf5_fields(path, ("subdivide",)).get("subdivide")
-    if count is None:
-        raise FileError(f"{folder}: does not say into how many pieces its beams were cut; identify again")
-    return int(np.asarray(count).ravel()[0])
+    return path, hdf5_fields(path, names)

@@ -14,7 +14,7 @@ from structid.core.dof import parse_dofs
 from structid.core.errors import FileError, InputError, NoAnswerError
 from structid.core.units import FrfKind
 from structid.files import require_readable
-from structid.files.hdf5 import Field, hdf5_attributes, hdf5_datasets, hdf5_fields, texts_of
+from structid.files.hdf5 import Field, hdf5_attributes, hdf5_fields, texts_of
 from structid.prediction.identified_model import IdentifiedModel, identified_model
 from structid.prediction.model_error import ModelError
 from structid.records import FrfRecord
@@ -203,9 +203,7 @@ def _read_group(path: Path, group: str, names: tuple[str, ...]) -> dict[str, Fie
     The group "" is the whole file.
     """
     places = {f"{group}/{name}".removeprefix("/"): name for name in names}
-    present = set(hdf5_datasets(require_readable(path)))
-    found = hdf5_fields(path, [path_in_file for path_in_file in places if path_in_file in present])
-    return {places[path_in_file]: field for path_in_file, field in found.items()}
+    return {places[path_in_file]: field for path_in_file, field in hdf5_fields(require_readable(path), places).items()}
 
 
 def stored_band(folder: Path) -> tuple[float, float] | None:

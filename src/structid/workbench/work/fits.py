@@ -9,7 +9,7 @@ import numpy as np
 from structid.core.dof import parse_dof
 from structid.core.errors import FileError
 from structid.core.json_types import StoredEntry
-from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
+from structid.files.hdf5 import hdf5_fields, texts_of
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
@@ -38,12 +38,10 @@ def fitted_responses(folder: Path) -> dict[str, StoredEntry]:
     path = folder / "estimate.h5"
     if not path.is_file():
         return {"channels": []}
-    names = [f"frf/{name}" for name in _FIELDS]
-    present = hdf5_datasets(path)
-    if "frf/frequency" not in present:
+    found = hdf5_fields(path, [f"frf/{name}" for name in _FIELDS])
+    if "frf/frequency" not in found:
         return {"channels": []}
     try:
-        found = hdf5_fields(path, names if present.keys() >= set(names) else ())
         outputs, inputs = (texts_of(found[f"frf/{name}"]) for name in ("outputs", "inputs"))
         frequency, kind = np.asarray(found["frf/frequency"], dtype=float), texts_of(found["frf/kind"])[0]
         shape = (len(frequency), len(outputs) * len(inputs))

@@ -15,7 +15,7 @@ from structid.core.errors import InputError
 from structid.core.json_types import StoredEntry
 from structid.fem import Base
 from structid.fem.elements.element import dof_of_code
-from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
+from structid.files.hdf5 import hdf5_fields, texts_of
 from structid.prediction.changes import AddMass, AddSupport, AddTunedMassDamper, Change, Remove, Scale
 from structid.prediction.linear_response import is_support, movable_supports
 from structid.prediction.options import ExportOptions, PredictOptions
@@ -53,8 +53,7 @@ def use_facts(folder: Path) -> dict[str, StoredEntry]:
     """
     study = stored_study(folder)
     model, structure = stored_model(folder, study), study.structure
-    present = set(hdf5_datasets(folder / "estimate.h5"))
-    fields = hdf5_fields(folder / "estimate.h5", [f"frf/{name}" for name in _MEASURED if f"frf/{name}" in present])
+    fields = hdf5_fields(folder / "estimate.h5", [f"frf/{name}" for name in _MEASURED])
     outputs, inputs, kind = (texts_of(fields[f"frf/{name}"]) if f"frf/{name}" in fields else () for name in _MEASURED)
     moving = [code for code in structure.numbering.moving.tolist() if code // 6 in structure.nodes]
     return {
