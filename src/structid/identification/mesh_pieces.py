@@ -16,13 +16,15 @@ from structid.identification.joint_problem import harmonize_shared_parameters, i
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup, titles
 from structid.inversion import Problem
-from structid.inversion.covariance import inverse_information
+from structid.inversion.covariance import shift_of_minimum
 from structid.inversion.linearization import Linearization
 
 #: Part of its standard deviation that the mesh may move a value by, and that a finer mesh is chosen for.
 MOVED, _AIMED = 0.2, 0.1
-#: Power of a piece's length that errors of beams go with, most pieces, and degrees of freedom of the finest model that is solved.
-_ORDER, _MOST_PIECES, _MOST_DOFS = 4, 32, 3000
+#: Power of a piece's length that errors of beams go with; those of bars go with its square and are judged again.
+_ORDER = 4
+#: Most pieces that are tried, and degrees of freedom of the finest model that is solved.
+_MOST_PIECES, _MOST_DOFS = 32, 3000
 #: Steps by which a shift is followed where the first says that it matters, and part of it that the last of them may add.
 _MOST_STEPS, _FOLLOWED = 4, 0.2
 #: How the warnings of an identification on its mesh begin: of values that it moves, of modes, of pieces that were not enough.
@@ -62,7 +64,7 @@ class MeshPieces:
     def needed(self) -> int:
         """Estimated number of pieces of an element at which the mesh moves values by `_AIMED`, at most `_MOST_PIECES`."""
         aimed = int(np.ceil(self.count * (self.moved / _AIMED) ** (1 / _ORDER)))
-        return min(max(aimed, self.count + 1), _MOST_PIECES)
+        return max(min(aimed, _MOST_PIECES), self.count + 1)
 
     @property
     def warning(self) -> str:
@@ -87,44 +89,47 @@ def judge_pieces(
 ) -> MeshPieces:
     """Shifts of the identified values by the mesh, for beams cut into `count` pieces.
 
-    With b the change of the residual by pieces half as long, values move by (J'J)^-1 J'b. Where that matters, the minimum is
-    followed with the finer pieces: precise data of light damping move by many widths of a resonance what the first step takes
-    for straight. If they cannot be computed, `obstacle` says why.
+    With b the change of the residual by pieces half as long, values move by -(J'J)^-1 J'b. Where that matters, the minimum is
+    followed with the finer pieces, as far as that succeeds: with precise data and light damping resonances move by many of
+    their widths, where the residual is not linear. If shifts cannot be computed, `obstacle` says why.
 
     Parameters
     ----------
     setups : sequence of RecordSetup
         Set-ups as they were identified.
     identification : Identification
+        Its values and deviations.
     options : IdentifyOptions
+        Those by which histories fitted by output error are prepared again.
     count : int
+        Pieces of each beam at present.
     """
     if not any(setup.structure.divisible for setup in setups):
         return MeshPieces(count, obstacle="no beam can be cut, and no bar that pieces would leave held sideways")
     problem, theta = identification.target, identification.estimate.theta
     if problem is None or not identification.estimate.uncertainty.has_matrix:
         return MeshPieces(count, obstacle="this search has no residual to judge the mesh by; give a number of pieces")
-    if max(_finer(setup, count) for setup in setups) > _MOST_DOFS:
+    if max(_dofs_of_halves(setup, count) for setup in setups) > _MOST_DOFS:
         return MeshPieces(
             count, obstacle=f"with pieces half as long the model has more than {_MOST_DOFS} degrees of freedom"
         )
     try:
         finer = _finer_problem(setups, identification.problems, options, 2 * count)
         columns = indices_of(identification.estimate.names, finer.names)
-        moved_rows = finer.residual(theta[columns])[: finer.n_data]
+        finer_rows = finer.residual(theta[columns])[: finer.n_data]
     except (InputError, SingularModelError, np.linalg.LinAlgError) as error:
         return MeshPieces(count, obstacle=f"with pieces half as long the model cannot be evaluated ({error})")
     at = problem.linearize(theta)
-    change = np.zeros(len(at.residual))
-    change[: finer.n_data] = moved_rows - at.residual[: finer.n_data]  # priors know no mesh
-    step = _shift(at.jacobian, change)
-    size = problem.slope(theta) / np.where((deviation := _deviation(identification)) > 0, deviation, np.inf)
-    if _largest(step * size) >= MOVED:
-        followed = _followed_shift(finer, columns, theta, at, size)
+    step = shift_of_minimum(at.jacobian, finer_rows - at.residual[: finer.n_data])  # priors know no mesh
+    deviation = _deviation(identification)
+    per_deviation = problem.slope(theta) / np.where(deviation > 0, deviation, np.nan)
+    if _largest(step * per_deviation) >= MOVED:
+        followed = _followed_shift(finer, columns, theta, at, per_deviation)
         step = step if followed is None else followed
-    if not np.isfinite(step * size).any():
+    deviations = np.abs(step * per_deviation)
+    if not np.isfinite(deviations).any():
         return MeshPieces(count, obstacle="no value is determined that the mesh might move")
-    deviations = np.nan_to_num(np.abs(step * size))
+    deviations = np.nan_to_num(deviations)
     moved = float(deviations.max())
     far = [i for i in np.argsort(-deviations, kind="stable") if deviations[i] >= MOVED]
     shifts = [f"{problem.names[i]} by {deviations[i]:.2g}" for i in far]
@@ -155,7 +160,7 @@ def _finer_problem(
     return joint_problem(harmonize_shared_parameters(finer, titles(setups)))
 
 
-def _finer(setup: AnySetup, count: int) -> int:
+def _dofs_of_halves(setup: AnySetup, count: int) -> int:
     """Approximate number of degrees of freedom if `setup` has pieces half as long, from `count` pieces at present."""
     lines = sum(len(element.nodes) for element in setup.structure.divisible)
     return setup.structure.n_dofs + lines * count * len(setup.structure.active or ())
@@ -168,44 +173,32 @@ def _deviation(identification: Identification) -> FloatArray:
     return np.sqrt(variance if fixed is None else variance + fixed.std**2)
 
 
-def _shift(jacobian: FloatArray, change: FloatArray) -> FloatArray:
-    """First-order shift (n_params,) of the minimum by a `change` (n_rows,) of the residual; NaN for parameters not determined.
-
-    `jacobian` (n_rows, n_params) is that of the residual.
-    """
-    bread = inverse_information(jacobian)
-    seen = np.isfinite(np.diag(bread))
-    shift = np.full(len(bread), np.nan)
-    shift[seen] = -bread[np.ix_(seen, seen)] @ (jacobian[:, seen].T @ change)
-    return shift
-
-
 def _followed_shift(
-    finer: Problem, columns: IntArray, theta: FloatArray, at: Linearization, size: FloatArray
+    finer: Problem, columns: IntArray, theta: FloatArray, at: Linearization, per_deviation: FloatArray
 ) -> FloatArray | None:
     """Shift (n_params,) of the minimum to that of the `finer` problem by Gauss-Newton steps.
 
-    None if a step does not lower its sum of squares, or the steps do not end. `at` is the linearization of the coarser problem
-    at its minimum `theta`, whose rows of priors are kept; `columns` are the positions in `theta` of the parameters of `finer`,
-    and `size` turns a shift into deviations.
+    None if a step does not lower its sum of squares, the model cannot be evaluated, or the steps do not end. `at` is the
+    linearization of the coarser problem at its minimum `theta`, whose rows of priors are kept; `columns` are the positions in
+    `theta` of the parameters of `finer`, and `per_deviation` times a shift is a number of deviations.
     """
     total, lowest = np.zeros(len(theta)), np.inf
     for _ in range(_MOST_STEPS):
         begun = np.nan_to_num(total)
         try:
-            moved = finer.linearize((theta + begun)[columns])
-        except (SingularModelError, np.linalg.LinAlgError):
+            at_finer = finer.linearize((theta + begun)[columns])
+        except (InputError, SingularModelError, np.linalg.LinAlgError):
             return None
         jacobian, residual = at.jacobian.copy(), at.residual + at.jacobian @ begun
         jacobian[: finer.n_data] = 0.0
-        jacobian[: finer.n_data, columns] = moved.jacobian[: finer.n_data]
-        residual[: finer.n_data] = moved.residual[: finer.n_data]
+        jacobian[: finer.n_data, columns] = at_finer.jacobian[: finer.n_data]
+        residual[: finer.n_data] = at_finer.residual[: finer.n_data]
         misfit = float(residual @ residual)
         if not misfit < lowest:
             return None
-        lowest, step = misfit, _shift(jacobian, residual)
+        lowest, step = misfit, shift_of_minimum(jacobian, residual)
         total = total + step
-        if _largest(step * size) <= _FOLLOWED * _largest(total * size):
+        if _largest(step * per_deviation) <= _FOLLOWED * _largest(total * per_deviation):
             return total
     return None
 

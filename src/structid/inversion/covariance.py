@@ -38,6 +38,19 @@ def inverse_information(jacobian: FloatArray) -> FloatArray:
     return covariance
 
 
+def shift_of_minimum(jacobian: FloatArray, changes: FloatArray) -> FloatArray:
+    """First-order shift -(J'J)^-1 J'c of a minimum by a change c of the residual; NaN for parameters not determined.
+
+    `jacobian` (n_rows, n_params) is that of the residual there. `changes` holds the first rows of c, (n,) or (n, n_changes),
+    and all others are 0. The result is (n_params,) or (n_params, n_changes).
+    """
+    inverse = inverse_information(jacobian)
+    determined = np.isfinite(np.diag(inverse))
+    shift = np.full((len(inverse), *changes.shape[1:]), np.nan)
+    shift[determined] = -inverse[np.ix_(determined, determined)] @ (jacobian[: len(changes), determined].T @ changes)
+    return shift
+
+
 def noise_covariance(problem: Problem, theta: FloatArray, linearization: Linearization) -> FloatArray:
     """Covariance of the free variables from noise alone, (n_params, n_params); NaN for parameters not determined.
 

@@ -10,14 +10,14 @@ from scipy import special
 
 from structid.core.arrays import FloatArray
 from structid.core.display import join_words
-from structid.inversion.covariance import chi_square_law, inverse_information, row_law
+from structid.inversion.covariance import chi_square_law, row_law, shift_of_minimum
 from structid.inversion.diagnostics.residual_tests import misses_noise
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
 
 #: What the names of fixed values begin with where they are unknowns beside those that are sought.
 FIXED = "fixed "
-#: What the last column of `FixedValueInfluence.changes` is owed to.
+#: Name of the last column of `FixedValueInfluence.changes`.
 SECOND_ORDER = "second order"
 #: Fixed values that words name one by one.
 _MOST_NAMED = 3
@@ -34,7 +34,7 @@ _CALLED = {
 
 @dataclass(frozen=True, eq=False)
 class FixedValueInfluence:
-    """Change of an estimate with the values that its model fixes, to first order.
+    """Change of an estimate with the values that its model fixes, to first order, and what a refit adds.
 
     Attributes
     ----------
@@ -43,15 +43,16 @@ class FixedValueInfluence:
     tolerance : (n_fixed,) float array
         Standard deviation of each, in parts of its value.
     slope : (n_params, n_fixed) float array
-        Change of each parameter, physical units, per relative change of each fixed value: K = -(J'J + P)^-1 J'J_h.
+        Change of each parameter, physical units, per relative change of each fixed value: K = -D (J'J + P)^-1 J'J_h
+        with the derivatives J and J_h of the whitened data by free variables and fixed values, the priors' information P, and
+        the derivatives D of the physical values by the free variables.
     asked : (n_fixed,) float array
         Where each would be, in tolerances, with all of them free within their tolerances; zeros where noise explains the residual.
     theta : (n_params,) float array
         Free variables of the parameters there; those of the answer where noise explains the residual.
     second_order : (n_params,) float array
-        Change of the parameters that `slope` leaves out where the fixed values move as far as the data ask, physical units: large
-        where they move resonances by as much as these are wide. Where the data ask for more than tolerances make likely, as
-        other errors of the model do, it is that of a move in the same proportions as long as tolerances make it.
+        Change of the parameters by `slope` less that of a refit, where the fixed values move as far as the data ask and
+        `likely_move` allows, physical units: large where they move resonances by as much as these are wide.
     explained : float
         Part of the misfit beyond noise that the fixed values explain where they are as `asked`, 0 to 1.
 
@@ -102,7 +103,7 @@ class FixedValueInfluence:
 
     @property
     def covariance(self) -> FloatArray:
-        """K S K' of the parameters, physical units, (n_params, n_params)."""
+        """Covariance of the parameters by the errors of fixed values and the second order, physical units, (n_params, n_params)."""
         return self.changes @ self.changes.T
 
     @property
@@ -288,9 +289,9 @@ class FixedColumns:
         return self if self.within is not None or self.refit is None else replace(self, within=self.refit())
 
     def only(self, kept: Sequence[int]) -> FixedColumns:
-        """A copy with the fixed values at indices `kept` alone; the others count as exact.
+        """A copy with the fixed values at indices `kept` alone, and no way to refit; the others count as exact.
 
-        Where any is left out, no fit of the parameters is known that follows the others alone, and the influence is linear.
+        Where any is left out, no fit of the parameters is known that follows the kept ones alone, and the influence is linear.
         """
         index, within = list(kept), self.within
         if within is not None:
@@ -317,12 +318,7 @@ class FixedColumns:
         slope : (n_params,) float array
             Derivative of each physical parameter with respect to its free variable.
         """
-        bread = inverse_information(linearization.jacobian)
-        seen = np.isfinite(np.diag(bread))
-        changes = np.full((len(slope), len(self.names)), np.nan)
-        score = linearization.jacobian[: len(self.columns), seen].T @ self.columns
-        changes[seen] = -bread[np.ix_(seen, seen)] @ score
-        return self.influence_by(theta, changes, slope)
+        return self.influence_by(theta, shift_of_minimum(linearization.jacobian, self.columns), slope)
 
     def influence_by(self, theta: FloatArray, changes: FloatArray, slope: FloatArray) -> FixedValueInfluence:
         """Influence of the fixed values on the parameters, from known derivatives of the free variables.
