@@ -49,6 +49,7 @@ from structid.identification.warning_words import ran_away_words
 from structid.inversion import Status
 from structid.inversion.fixed_values import limit_of
 from structid.inversion.search.work import SERIAL, TaskExecutor
+from structid.records import FrfRecord, TimeRecord
 
 if TYPE_CHECKING:
     from structid.identification.fits.modal_fit import ModalFit
@@ -460,13 +461,12 @@ def takes_clock_for_stiffness(problem: RecordProblem) -> bool:
     That holds for modes, and for accelerations per force or per motion of supports: A(s) of masses M and stiffnesses K is
     that of M and c^2 K at c s. Dashpots differ by c alone, which lightly damped records do not tell.
     """
-    if compares_modes(problem):
-        return True
-    record = problem.facts.record
-    kind, quantities = getattr(record, "kind", ""), getattr(record, "quantities", ())
-    if quantities:
-        return set(quantities) <= {"acceleration", "force"}
-    return kind in ("accelerance", "transmissibility")
+    match problem.facts.record:
+        case TimeRecord() as record:
+            return set(record.quantities) <= {"acceleration", "force"}
+        case FrfRecord() as record:
+            return record.kind in ("accelerance", "transmissibility")
+    return compares_modes(problem)
 
 
 #: Kinds of properties that frequencies read too high by one factor move by one factor.

@@ -22,9 +22,9 @@ from structid.modal import ModalRecord
 from structid.study.results.hdf5 import stored_pieces, stored_values
 from structid.study.results.result import provenance
 from structid.study.run.check import ChannelCheck, channel_checks
-from structid.study.run.start import load_setups, placed_mechanism, with_pieces
+from structid.study.run.start import load_setups, placed_mechanism
 from structid.study.schema.records.modes import ModesSource
-from structid.study.schema.study import Study
+from structid.study.schema.study import Study, cut_study
 
 Correlation: TypeAlias = ModesCorrelation | ResponsesCorrelation
 
@@ -78,9 +78,9 @@ def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None
         If the model has a mechanism.
     """
     stored = {} if at is None else stored_values(at)
-    study, setups, mesh = load_setups(study)
-    if at is not None and mesh is not None:
-        study, setups = with_pieces(study, setups, stored_pieces(at))
+    if at is not None and study.leaves_pieces_open:
+        study = cut_study(study, stored_pieces(at))
+    study, setups, _ = load_setups(study)
     names = titles(setups) if len(setups) > 1 else [""] * len(setups)
     modal: list[ModesCorrelation] = []
     responses: list[ResponsesCorrelation] = []

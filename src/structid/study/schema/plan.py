@@ -25,7 +25,7 @@ from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
 from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
-from structid.study.schema.model.structure import AUTO, read_structure, read_tolerances
+from structid.study.schema.model.structure import leaves_pieces_open, read_structure, read_tolerances
 from structid.study.schema.records.record import NoiseSource, load_record, read_source
 from structid.study.schema.records.sensors import channel_names, is_load, used_names
 from structid.study.schema.root import InputFiles, read_root, record_sections, title_of
@@ -109,7 +109,7 @@ def load_plan(path: str | Path, work: TaskExecutor = SERIAL, **changes: Any) -> 
     root, files = read_root(path, work=work)
     recorded = next(iter(record_sections(root)), None)
     section = root.inner("structure")
-    if section.table.get("subdivide") == AUTO:
+    if leaves_pieces_open(section):
         raise section.error(
             "must be a number in a plan, as no record says how fine the mesh has to be; `structid check` of a study proposes one",
             "subdivide",

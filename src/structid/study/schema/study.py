@@ -13,7 +13,7 @@ from structid.fem import MeasuredComponent, Structure
 from structid.identification.options import IdentifyOptions
 from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.study.schema.method import read_method
-from structid.study.schema.model.structure import AUTO, read_tolerances
+from structid.study.schema.model.structure import leaves_pieces_open, read_tolerances
 from structid.study.schema.records.record import RecordSource
 from structid.study.schema.records.setups import SetupSource, read_setups
 from structid.study.schema.root import InputFiles, read_root, root_of, title_of
@@ -77,7 +77,7 @@ class Study(Shown):
     @property
     def leaves_pieces_open(self) -> bool:
         """True if the error of the mesh decides into how many pieces beams are cut: `subdivide = "auto"`."""
-        return self.root.inner("structure").table.get("subdivide") == AUTO
+        return leaves_pieces_open(self.root.inner("structure"))
 
     @property
     def path(self) -> Path:

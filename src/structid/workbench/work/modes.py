@@ -29,7 +29,7 @@ from structid.similarity.shapes import most_real
 from structid.study.results.folder import staged_folder
 from structid.study.results.hdf5 import stored_pieces, stored_values
 from structid.study.results.modes import write_merged, write_modes_results
-from structid.study.schema.model.structure import AUTO
+from structid.study.schema.model.structure import leaves_pieces_open
 from structid.study.schema.records.sensors import channel_names, used_names
 from structid.study.schema.unknowns import read_parameters
 from structid.workbench.folder import holds_modes
@@ -191,7 +191,7 @@ def beside(model: ReadModel, measured: ModalRecord, results: Path | None) -> dic
         If a channel is not part of the structure, or `results` holds no value of the study's parameters.
     """
     structure = model.structure
-    if results is not None and model.root.inner("structure").table.get("subdivide") == AUTO:
+    if results is not None and leaves_pieces_open(model.root.inner("structure")):
         structure = replace(structure, subdivide=stored_pieces(results))
     unknown = read_parameters(model.root, structure)
     known = {} if results is None else stored_values(results)

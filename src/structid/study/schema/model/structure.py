@@ -95,6 +95,11 @@ _SUPPORT = Key(deferred(lambda: model.SUPPORT), "Nodes that are held at zero", l
 _NODES = Key(_POSITIONS, "One line a node: its label, and one to three coordinates in m")
 
 
+def leaves_pieces_open(section: Section) -> bool:
+    """True if ``[structure]`` leaves it to the error of the mesh into how many pieces beams are cut."""
+    return section.table.get("subdivide") == AUTO
+
+
 def structure_table() -> Table:
     """All keys of ``[structure]``."""
     own = {
