@@ -88,8 +88,9 @@ def test_data_that_a_change_leaves_out_do_not_say_how_far_a_refit_within_toleran
         is_large=False,
         target=SimpleNamespace(names=("p",), n_data=20),
         fixed_values=SimpleNamespace(refit=refit, problem=None),
-        coarse_target=SimpleNamespace(n_data=10),
-        coarse_fixed_values=SimpleNamespace(refit=refit, problem=None),
+        coarse=SimpleNamespace(
+            target=SimpleNamespace(n_data=10), fixed_values=SimpleNamespace(refit=refit, problem=None)
+        ),
     )
     fitted = refits.fitted_at(model, np.zeros(1), 100.0, left_out=60.0)
     assert fitted.tolerance_test.chi_square == 65.0

@@ -121,19 +121,11 @@ class ModifiedModel:
         return fixed_values(freed_problems(self.setups, self.problems, self.model.options.tolerances))
 
     @cached_property
-    def coarse_problems(self) -> tuple[RecordProblem, ...]:
-        """The problems on 300 lines of each record that has 450 or more; as they are for other records and data."""
-        return tuple(_on_fewer_lines(problem) for problem in self.problems)
-
-    @cached_property
-    def coarse_target(self) -> Problem:
-        """The joint problem of `coarse_problems`."""
-        return joint_problem(self.coarse_problems)
-
-    @cached_property
-    def coarse_fixed_values(self) -> FixedValues | None:
-        """`fixed_values` on the lines of `coarse_problems`."""
-        return fixed_values(freed_problems(self.setups, self.coarse_problems, self.model.options.tolerances))
+    def coarse(self) -> ModifiedModel:
+        """The model with 300 lines of each record that has 450 or more; the model itself where none has."""
+        fewer = tuple(_on_fewer_lines(problem) for problem in self.problems)
+        is_thinned = any(few is not problem for few, problem in zip(fewer, self.problems, strict=True))
+        return replace(self, problems=fewer) if is_thinned else self
 
     def changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
         """The model with one more change: a candidate with its strength; of small models the last ones are cached.
@@ -336,8 +328,8 @@ class ModifiedModel:
         return self._best_fit(self.target, FINAL, starts)
 
     def fitted_on_fewer_lines(self, starts: Sequence[FloatArray]) -> Minimum:
-        """The minimum as of `fitted`, but on the lines of `coarse_problems`: where a full fit may start."""
-        return self._best_fit(self.coarse_target, _COARSE, starts)
+        """The minimum as of `fitted`, but on the lines of `coarse`: where a full fit may start."""
+        return self._best_fit(self.coarse.target, _COARSE, starts)
 
     def _best_fit(self, problem: Problem, method: LevenbergMarquardt, starts: Sequence[FloatArray]) -> Minimum:
         """The best minimum of a problem from several starts; see `fitted`."""

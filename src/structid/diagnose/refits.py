@@ -163,8 +163,8 @@ def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, lef
     if modified.is_large or fixed_values is None or not is_beyond_noise(fitted):
         return fitted
     start, names, kept = None, modified.target.names, chi_square - left_out
-    coarse, part = modified.coarse_fixed_values, modified.coarse_target.n_data / modified.target.n_data
-    if coarse is not None and part < 1:
+    if modified.coarse is not modified and (coarse := modified.coarse.fixed_values) is not None:
+        part = modified.coarse.target.n_data / modified.target.n_data
         start = coarse.refit(names, theta, part * kept, count_effort(coarse.problem)).theta
     within = fixed_values.refit(names, theta, kept, count_effort(fixed_values.problem), start)
     test = ToleranceTest(within.chi_square + left_out, within.misfits(MISFIT), within.theta)

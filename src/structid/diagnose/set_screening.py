@@ -23,7 +23,7 @@ from structid.inversion.search.work import TaskContext, TaskExecutor
 
 
 class LinearizedFit(NamedTuple):
-    """A fit with its residual on `coarse_problems`, and the ways in which fixed values change that within their tolerances.
+    """A fit with its residual on the lines of `coarse`, and the ways in which fixed values change that within their tolerances.
 
     Attributes
     ----------
@@ -86,10 +86,10 @@ def misfit_after_step(augmented: FloatArray, n_params: int, n_directions: int) -
 
 def linearize_fit(fitted: FittedModel) -> LinearizedFit:
     """A fit on fewer lines, linearized once for all changes that are compared with it; in large models fixed values are exact."""
-    modified, target = fitted.modified, fitted.modified.coarse_target
+    modified, target = fitted.modified, fitted.modified.coarse.target
     METER.add(iteration_effort(target))
     at = target.linearize(fitted.theta)
-    fixed_values = None if modified.is_large else modified.coarse_fixed_values
+    fixed_values = None if modified.is_large else modified.coarse.fixed_values
     names, columns, tolerance = fixed_columns(fixed_values, target.names, fitted.theta, len(at.residual))
     directions = tolerance_directions(at.jacobian, columns * tolerance)
     triangle = triangle_of(np.column_stack([at.jacobian, directions, columns, at.residual]))
@@ -102,7 +102,7 @@ def screen_sets(
     """Changes of sets, records and mesh that lower the misfit by one linear step, unsorted; and how many were looked at.
 
     Each has its best strength. The drop must be 2 % at least, except for mesh, shear, window and clock, which need none. Of each
-    family the four that leave least go on, and every clock. Misfits are estimated on `coarse_problems`. `name` is that of the
+    family the four that leave least go on, and every clock. Misfits are estimated on the lines of `coarse`. `name` is that of the
     stage in progress messages.
     """
     several = set_candidates(base.modified.model, base.modified.problems)
@@ -110,7 +110,7 @@ def screen_sets(
     linearized = linearize_fit(base)
     left = iter(screen_changes(linearized, sized, work, name, budget))
     unchanged, screened, n_seen = linearized.misfit, list[Screened](), 0
-    scale = base.modified.target.n_data / base.modified.coarse_target.n_data
+    scale = base.modified.target.n_data / base.modified.coarse.target.n_data
     for candidate in several:
         least, strength = min((next(left), float(strength)) for strength in candidate.strengths)
         n_seen += int(np.isfinite(least))
@@ -156,8 +156,8 @@ def _screen_change(linearized: LinearizedFit, change: CandidateOfStrength, tools
     base = linearized.fitted
     try:
         modified = base.modified.changed(*change)
-        target, theta = modified.coarse_target, modified.theta_of(base.values)
-        n_data, is_comparable = target.n_data, target.n_data == base.modified.coarse_target.n_data
+        target, theta = modified.coarse.target, modified.theta_of(base.values)
+        n_data, is_comparable = target.n_data, target.n_data == base.modified.coarse.target.n_data
         if is_comparable and target.names == base.modified.target.names:
             difference = np.linalg.norm(target.residual(theta)[:n_data] - linearized.residual[:n_data])
             if 2 * difference < LEAST_DROP * np.sqrt(linearized.misfit):
