@@ -13,6 +13,8 @@ from structid.core.errors import InputError
 
 Quantity = Literal["displacement", "velocity", "acceleration", "force", "support_acceleration"]
 FrfKind = Literal["receptance", "mobility", "accelerance", "transmissibility"]
+#: Kinds of FRFs whose sensors are accelerometers.
+ACCELERATION_KINDS: tuple[FrfKind, ...] = ("accelerance", "transmissibility")
 
 #: Standard acceleration of free fall in m/s^2.
 STANDARD_GRAVITY = 9.80665

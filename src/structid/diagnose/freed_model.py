@@ -13,7 +13,7 @@ from structid.diagnose.causes.places import MOST_DOFS
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, influences
 from structid.diagnose.modified_model import prepared_problems, started_at, weighed_like
 from structid.diagnose.tested_model import ModelDraft, TestedModel
-from structid.diagnose.verdict import fits_noise, takes_clock_for_stiffness
+from structid.diagnose.verdict import fits_noise
 from structid.forward.scatter import scatter_problems
 from structid.identification.identified import Identification
 from structid.identification.joint_problem import joint_problem
@@ -72,7 +72,9 @@ def fixed_value_sensitivities(model: TestedModel, identification: Identification
     is_stiffness = np.array([kinds[name] == "stiffness" for name in (*free, *names)])
     is_held = np.arange(len(columns)) >= len(free)
     sought, held = is_stiffness & ~is_held, is_stiffness & is_held
-    if not (sought.any() and held.any() and all(takes_clock_for_stiffness(one) for one in identification.problems)):
+    if not (
+        sought.any() and held.any() and all(one.facts.takes_clock_for_stiffness for one in identification.problems)
+    ):
         return several
     together = np.column_stack([rows[:, ~is_held], rows[:, held].sum(axis=1)])
     return _marked(

@@ -49,7 +49,6 @@ from structid.identification.warning_words import ran_away_words
 from structid.inversion import Status
 from structid.inversion.fixed_values import limit_of
 from structid.inversion.search.work import SERIAL, TaskExecutor
-from structid.records import FrfRecord, TimeRecord
 
 if TYPE_CHECKING:
     from structid.identification.fits.modal_fit import ModalFit
@@ -427,14 +426,13 @@ def clock_or_stiffness(identification: Identification) -> str:
     """
     estimate, problems = identification.estimate, identification.problems
     index = np.flatnonzero(np.isin(estimate.kinds, _STIFFENING))
-    may_be_clock = all(takes_clock_for_stiffness(problem) for problem in problems)
-    if not may_be_clock or len(index) < 2 or any(_fixes_stiffness(problem) for problem in problems):
+    if len(index) < 2 or not all(problem.facts.takes_clock_for_stiffness for problem in problems):
         return ""
     values, begun = estimate.values[index], estimate.initial[index]
     if not (estimate.uncertainty.has_matrix and (values * begun > 0).all()):
         return ""
     covariance = estimate.covariance[np.ix_(index, index)] / np.outer(values, values)
-    if not np.isfinite(covariance).all():
+    if not np.isfinite(covariance).all() or any(_fixes_stiffness(problem) for problem in problems):
         return ""
     moved = np.log(values / begun)
     try:
@@ -455,20 +453,6 @@ def clock_or_stiffness(identification: Identification) -> str:
     )
 
 
-def takes_clock_for_stiffness(problem: RecordProblem) -> bool:
-    """True where frequencies that all read c times too high are what c^2 times all stiffnesses give.
-
-    That holds for modes, and for accelerations per force or per motion of supports: A(s) of masses M and stiffnesses K is
-    that of M and c^2 K at c s. Dashpots differ by c alone, which lightly damped records do not tell.
-    """
-    match problem.facts.record:
-        case TimeRecord() as record:
-            return set(record.quantities) <= {"acceleration", "force"}
-        case FrfRecord() as record:
-            return record.kind in ("accelerance", "transmissibility")
-    return compares_modes(problem)
-
-
 #: Kinds of properties that frequencies read too high by one factor move by one factor.
 _STIFFENING = ("stiffness", "axial_force")
 
@@ -476,7 +460,7 @@ _STIFFENING = ("stiffness", "axial_force")
 def _fixes_stiffness(problem: RecordProblem) -> bool:
     """True if a stiffness or an axial force that no parameter changes is a part of the stiffness matrix of a problem."""
     unknown, structure = problem.parameters, problem.structure
-    is_fixed = (np.diff(unknown.design.tocsr().indptr) == 0) & (unknown.offset != 0)
+    is_fixed = unknown.is_fixed
     factors = np.ones(len(is_fixed))
     for item in structure.properties:
         if item.term.kind in _STIFFENING:

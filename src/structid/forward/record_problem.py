@@ -91,6 +91,10 @@ class RecordFacts:
         The noise that the residual is whitened by, by where it comes from.
     measures_force : bool
         Whether the record fixes the size of masses and stiffnesses, which is free without a measured force.
+    takes_clock_for_stiffness : bool
+        Whether frequencies that all read c times too high are what c^2 times all stiffnesses give. That holds for modes, and for
+        accelerations per force or per motion of supports: A(s) of masses M and stiffnesses K is that of M and c^2 K at c s.
+        Dashpots differ by c alone, which lightly damped records do not tell.
     leaves_damping_out : bool
         Whether damping was measured and does not count.
     n_channels : int
@@ -103,6 +107,7 @@ class RecordFacts:
     window_bandwidth: FloatArray
     noise: str = "the stated noise"
     measures_force: bool = True
+    takes_clock_for_stiffness: bool = False
     leaves_damping_out: bool = False
     n_channels: int = 1
     record: object = None

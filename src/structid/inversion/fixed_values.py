@@ -204,11 +204,8 @@ class FitWithinTolerances:
         Logarithm of each fixed value over what the model has, in tolerances.
     parameters : (n_params,) float array
         Free variables of the parameters alone.
-    likely : (n_fixed,) float array
-        `asked`, shortened by `likely_move` where `FixedValues.followed` was called.
     followed : (n_params,) float array or None
-        Free variables of the parameters that fit best where the fixed values are at `likely`; `parameters` if that is `asked`,
-        None where they are not known.
+        Free variables of the parameters that fit best where the fixed values are at `likely`; None where they are not known.
     explained : float
         Part of the misfit beyond noise that this fit removes, 0 to 1; 0 where `FixedValues.followed` was not called.
     """
@@ -218,9 +215,13 @@ class FitWithinTolerances:
     at: Linearization | OperatorLinearization
     asked: FloatArray
     parameters: FloatArray
-    likely: FloatArray
-    followed: FloatArray | None
+    followed: FloatArray | None = None
     explained: float = 0.0
+
+    @property
+    def likely(self) -> FloatArray:
+        """`asked`, shortened by `likely_move`, (n_fixed,)."""
+        return likely_move(self.asked)
 
     @property
     def chi_square(self) -> float:
@@ -296,7 +297,7 @@ class FixedColumns:
         index, within = list(kept), self.within
         if within is not None:
             followed = within.followed if len(index) == len(self.names) else None
-            within = replace(within, asked=within.asked[index], likely=within.likely[index], followed=followed)
+            within = replace(within, asked=within.asked[index], followed=followed)
         return replace(
             self,
             names=tuple(self.names[i] for i in index),

@@ -107,6 +107,11 @@ class Parameters(Shown, NamedUnknowns):
         return Overview(words, ("parameter", "start", "prior", "unit", "elements"), rows)
 
     @property
+    def is_fixed(self) -> np.ndarray:
+        """True for each property value that no parameter changes and that is not 0, (n_values,) bool."""
+        return (np.diff(self.design.tocsr().indptr) == 0) & (self.offset != 0)
+
+    @property
     def has_priors(self) -> bool:
         """True if anything is known of the parameters beside their ranges."""
         return bool(self.priors.stated.any() or self.couplings)

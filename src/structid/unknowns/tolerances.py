@@ -105,7 +105,7 @@ def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tole
         Tolerances of element sets that state none.
     """
     stated = {element.name: element.tolerance for element in structure.elements}
-    is_fixed = (np.diff(unknown.design.tocsr().indptr) == 0) & (unknown.offset != 0)
+    is_fixed = unknown.is_fixed
     found = []
     for item in structure.properties:
         indices = item.values.start + np.flatnonzero(is_fixed[item.values])

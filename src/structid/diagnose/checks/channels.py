@@ -15,7 +15,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import Dof
-from structid.core.units import MISTAKEN_FORCES, STANDARD_GRAVITY, mistaken_motions, mistaken_unit
+from structid.core.units import ACCELERATION_KINDS, MISTAKEN_FORCES, STANDARD_GRAVITY, mistaken_motions, mistaken_unit
 from structid.diagnose.checks.aligned_responses import AlignedFrf, accord, median
 from structid.records import FrfRecord
 
@@ -36,9 +36,6 @@ _CLEAR = 3.0
 _SUPPORT_REMEDY, _LOAD_REMEDY = "check the sensitivity and unit of its sensor", "check the load cell's sensitivity"
 #: What reciprocity may miss by, and standard errors of that.
 _RECIPROCAL, _ERRORS = 0.05, 6.0
-
-#: Kinds of FRFs whose sensors are accelerometers.
-_ACCELERATIONS = ("accelerance", "transmissibility")
 
 
 class ChannelWarnings(NamedTuple):
@@ -182,7 +179,7 @@ def _sensors(comparison: AlignedFrf, level: FloatArray, agreement: FloatArray) -
                 f" {remedy}"
             )
         elif fault == "level":
-            table = mistaken_motions(sensor.is_rotation, record.kind in _ACCELERATIONS)
+            table = mistaken_motions(sensor.is_rotation, record.kind in ACCELERATION_KINDS)
             unit = mistaken_unit(size, table, _NEAR)
             times = f"{np.exp(size):.2g}" if size > 0 else f"1/{np.exp(-size):.2g}"
             yield f"sensor {sensor} reads {times} times the level of the others beside the model: " + (

@@ -11,6 +11,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, stack_real
 from structid.core.errors import InputError
+from structid.core.units import ACCELERATION_KINDS
 from structid.fem import Friction, Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.component_errors import ComponentNoise, ErrorsOfEntry, errors_of_entries
@@ -165,6 +166,7 @@ class FrfProblem(RecordProblem):
             window_bandwidth=record.laplace.real / np.pi,
             noise=noise,
             measures_force=not record.is_per_motion,
+            takes_clock_for_stiffness=record.kind in ACCELERATION_KINDS,
             n_channels=int(np.prod(record.values.shape[1:])),
             record=record,
         )

@@ -124,6 +124,7 @@ class ModalProblem(RecordProblem):
             super().facts,
             noise="the deviations of the modes",
             measures_force=False,
+            takes_clock_for_stiffness=True,
             leaves_damping_out=not self.settings.use_damping
             and bool((np.nan_to_num(self.record.damping_ratio) > 0).any()),
             record=self.record,

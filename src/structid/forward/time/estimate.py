@@ -152,7 +152,7 @@ class FixedRows:
         if solution is None:
             return None
         asked, values = solution[n:], solution[:n]
-        return FitWithinTolerances(together, solution, together.linearize(solution), asked, values, asked, values)
+        return FitWithinTolerances(together, solution, together.linearize(solution), asked, values)
 
 
 def fixed_rows(

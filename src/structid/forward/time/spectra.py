@@ -147,6 +147,8 @@ class SpectraProblem(RecordProblem):
             super().facts,
             line_spacing=np.full(len(self.frequency), 1 / self.spectra.duration),
             measures_force=not self.spectra.driven.any(),
+            takes_clock_for_stiffness=self.record is not None
+            and set(self.record.quantities) <= {"acceleration", "force"},
             n_channels=len(self.spectra.outputs),
             record=self.record,
         )

@@ -11,7 +11,7 @@ import numpy as np
 from structid import inversion
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import StructidError
-from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns, explained_part, likely_move
+from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns, explained_part
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
 from structid.inversion.problems.wrapped import FixedVariables
@@ -81,36 +81,36 @@ class FixedValues:
         and the refit ends there if it stays above. `start` is the end of a refit to a part of the data, free variables of all
         unknowns with fixed values among them: from there only a few steps are taken, if it fits all data better than `theta`.
         """
-        if start is not None and self._cost(start) < self._cost(self._all_free_variables(names, theta)):
+        begun, far = self._all_free_variables(names, theta), _FAR * self.problem.n_data
+        if start is not None and self._cost(start) < self._cost(begun):
             minimum = minimize(self.problem, _LAST_REFIT, start, progress)
             return self._fit(minimum.theta, minimum.linearization, names)
-        start, far = self._all_free_variables(names, theta), _FAR * self.problem.n_data
         if not self.is_matrix_free and chi_square > far:
-            minimum = minimize(self.problem, _FAR_REFIT, start, progress)
+            minimum = minimize(self.problem, _FAR_REFIT, begun, progress)
             if minimum.costs[-1] > far:
                 return self._fit(minimum.theta, minimum.linearization, names)
-            start = minimum.theta
-        minimum = minimize(self.problem, self._method, start, progress)
+            begun = minimum.theta
+        minimum = minimize(self.problem, self._method, begun, progress)
         return self._fit(minimum.theta, minimum.linearization, names)
 
     def followed(self, within: FitWithinTolerances, names: tuple[str, ...], theta: FloatArray) -> FitWithinTolerances:
-        """Copy of `within` with `likely`, `followed` and `explained`, which compare it with an answer.
+        """Copy of `within` with `followed` and `explained`, which compare it with an answer.
 
         That is at the free variables `theta` (n_params,) of the parameters `names`. Where the search for `followed` cannot be
         made, that is on the straight line from the answer to the fit.
         """
         data = self.problem.residual(self._all_free_variables(names, theta))[: self.problem.n_data]
         explained = explained_part(float(data @ data), within.chi_square, within.expected_chi_square)
-        within, likely = replace(within, explained=explained), likely_move(within.asked)
+        likely = within.likely
         if np.array_equal(likely, within.asked):
-            return within
+            return replace(within, followed=within.parameters, explained=explained)
         rest = FixedVariables(self.problem, self._index(self.names), likely * self.std)
         order = np.array([names.index(name) for name in rest.names], dtype=int)
         part = float(np.linalg.norm(likely) / np.linalg.norm(within.asked))
         followed = theta + part * (within.parameters - theta)
         with suppress(StructidError, np.linalg.LinAlgError):  # the answer itself needs no such fit
             followed[order] = minimize(rest, self._method, theta[order]).theta
-        return replace(within, likely=likely, followed=followed)
+        return replace(within, followed=followed, explained=explained)
 
     def fit_at(self, theta: FloatArray, names: tuple[str, ...]) -> FitWithinTolerances:
         """Fit within tolerances at the free variables `theta` of all unknowns, without a search.
@@ -149,7 +149,7 @@ class FixedValues:
     ) -> FitWithinTolerances:
         asked = theta[self._index(self.names)] / self.std
         parameters = theta[self._index(names)]
-        return FitWithinTolerances(self.problem, theta, linearization, asked, parameters, asked, parameters)
+        return FitWithinTolerances(self.problem, theta, linearization, asked, parameters)
 
     @property
     def _method(self) -> Method:
