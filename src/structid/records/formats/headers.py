@@ -251,4 +251,6 @@ def statistic_word(name: str, names: Sequence[str]) -> str:
     if marked:
         return marked[1]
     word = ending_statistic(name)
+    if not word:
+        return ""
     return word if word.lower() == "avg" or sum(map(bool, map(ending_statistic, names))) > 1 else ""

@@ -194,14 +194,19 @@ def _require_one_clock(table: Table, axis: int, options: ReadOptions) -> None:
     Another clock runs faster or slower over the rows that hold both times, or has the same name and starts at another time. A
     column that does not rise is no clock.
     """
+    clocks = [
+        j for j, name in enumerate(table.names) if name_and_unit(name)[0].lower() not in ("x", "t") and is_time(name)
+    ]
+    if axis not in clocks or len(clocks) < 2:
+        return
     times = {}
-    for j, name in enumerate(table.names):
+    for j in clocks:
         column = table.values[:, j]
         written = column[np.isfinite(column)]
-        if name_and_unit(name)[0].lower() in ("x", "t") or not is_time(name) or written.size < 2:
+        if written.size < 2:
             continue
         try:
-            times[j] = scale_of_times("", name, table.units[j], written, options) * column
+            times[j] = scale_of_times("", table.names[j], table.units[j], written, options) * column
         except InputError:
             continue  # a unit of something else, or none that is known
     for j, later in times.items():
@@ -564,7 +569,7 @@ def _require_headers_agree(table: Table, assumed: Sequence[_ColumnHeader]) -> No
 def _is_other_dof(header: str, name: str) -> bool:
     """True if both texts name degrees of freedom, and not the same one but for its sense."""
     stated, meant = as_dof(header), as_dof(name)
-    return stated is not None and meant is not None and (stated.node, stated.direction) != (meant.node, meant.direction)
+    return stated is not None and meant is not None and stated.unsigned != meant.unsigned
 
 
 def _names_by_user(table: Table, option: str, names: list[str], by_user: tuple[str, ...]) -> dict[str, str]:

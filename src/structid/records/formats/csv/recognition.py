@@ -342,11 +342,15 @@ def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout
     )
 
 
+def counts_up(texts: Sequence[str]) -> bool:
+    """True if the texts are the whole numbers from 0 or 1 on, as indices are."""
+    return any(list(texts) == [str(first + i) for i in range(len(texts))] for first in (0, 1))
+
+
 def _require_samples_first(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> None:
     """Raise `FileError` if the first line counts its columns, as names of data frames do, above numbers with decimals."""
     line = [cell.strip() for cell in cells[0]]
-    counts = any(line == [str(j) for j in range(first, first + len(line))] for first in (0, 1))
-    if counts and len(line) > 1 and any(re.search(r"[.,]\d", cell) for row in cells[1:3] for cell in row):
+    if counts_up(line) and len(line) > 1 and any(re.search(r"[.,]\d", cell) for row in cells[1:3] for cell in row):
         shown = ", ".join(line[:4]) + (", ..." if len(line) > 4 else "")
         raise FileError(
             f"{path}: line {layout.skip_rows + 1} counts {shown}, as numbers of columns do, and may hold samples too: give"

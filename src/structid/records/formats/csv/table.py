@@ -20,6 +20,7 @@ from structid.records.formats.csv.recognition import (
     Rows,
     as_date,
     complex_parts,
+    counts_up,
     is_axis,
     is_number,
     recognise_layout,
@@ -235,8 +236,7 @@ def _column_names(path: Path, grid: Grid) -> tuple[str, ...]:
 
 def _counts_rows(grid: Grid) -> bool:
     """True if the first column counts the rows from 0 or 1, as the index of a data frame does."""
-    counted = [row[0].strip().strip('"') for row in grid.rows[: min(len(grid.rows), _FEW)] if row]
-    return any(counted == [str(first + i) for i in range(len(counted))] for first in (0, 1))
+    return counts_up([row[0].strip().strip('"') for row in grid.rows[:_FEW] if row])
 
 
 def _strip_empty_end(row: Sequence[str]) -> list[str]:
