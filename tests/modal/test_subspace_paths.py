@@ -41,14 +41,21 @@ def test_leading_singular_vectors_are_those_of_the_complete_decomposition(method
         np.testing.assert_allclose(a, b, rtol=1e-9)
 
 
+def ambient_record(frequency, damping_ratio, n_points, n_times, noise):
+    """Velocities at 50 Hz of modes of random shapes under white noise; noise of the sensors is a part of each channel."""
+    rng = np.random.default_rng(5)
+    shapes = rng.standard_normal((len(frequency), n_points))
+    steps = np.exp(2 * np.pi * frequency / 50.0 * (-damping_ratio + 1j))
+    forces = (rng.standard_normal(n_times + 1000) for _ in steps)
+    motion = np.array([lfilter([1.0], [1.0, -z], f)[1000:].real for z, f in zip(steps, forces, strict=True)]).T @ shapes
+    motion += noise * motion.std(axis=0) * rng.standard_normal(motion.shape)
+    return TimeRecord(50.0, motion, [f"{i + 1}Z" for i in range(n_points)], ("velocity",) * n_points)
+
+
 def test_a_record_of_many_modes_is_given_more_states():
     """Twenty modes at eight points: 60 states leave too few beside noise, which merges modes and bends their damping."""
-    rng = np.random.default_rng(5)
-    frequency, shapes = np.linspace(2.0, 21.0, 20), rng.standard_normal((20, 8))
-    steps = np.exp(2 * np.pi * frequency / 50.0 * (-0.004 + 1j))
-    motion = np.array([lfilter([1.0], [1.0, -z], rng.standard_normal(9000))[1000:].real for z in steps]).T @ shapes
-    motion += 0.05 * motion.std(axis=0) * rng.standard_normal(motion.shape)
-    record = TimeRecord(50.0, motion, [f"{i + 1}Z" for i in range(8)], ("velocity",) * 8)
+    frequency = np.linspace(2.0, 21.0, 20)
+    record = ambient_record(frequency, 0.004, 8, 8000, 0.05)
     result = modal_identification(record, "ssi_cov", ModalOptions(n_pieces=0))
     assert result.orders == tuple(range(2, 121, 2))
     assert np.abs(result.modes.frequency[:, None] / frequency - 1).min(axis=0).max() < 0.005
@@ -57,12 +64,8 @@ def test_a_record_of_many_modes_is_given_more_states():
 
 def test_modes_that_crowd_out_one_another_are_given_more_states():
     """Of 32 modes 15 are stable in models of 60 states: those found alone do not tell that states are few."""
-    rng = np.random.default_rng(5)
-    frequency, shapes = np.linspace(2.0, 22.0, 32), rng.standard_normal((32, 20))
-    steps = np.exp(2 * np.pi * frequency / 50.0 * (-0.002 + 1j))
-    motion = np.array([lfilter([1.0], [1.0, -z], rng.standard_normal(21000))[1000:].real for z in steps]).T @ shapes
-    motion += 0.02 * motion.std(axis=0) * rng.standard_normal(motion.shape)
-    record = TimeRecord(50.0, motion, [f"{i + 1}Z" for i in range(20)], ("velocity",) * 20)
+    frequency = np.linspace(2.0, 22.0, 32)
+    record = ambient_record(frequency, 0.002, 20, 20000, 0.02)
     result = modal_identification(record, "ssi_cov", ModalOptions(n_pieces=0))
     assert result.orders == tuple(range(4, 241, 4))
     np.testing.assert_allclose(result.modes.frequency, frequency, rtol=0.005)

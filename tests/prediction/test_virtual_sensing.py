@@ -26,6 +26,15 @@ def make_model(std=0.0, free=False, foot=2e3):
     return identified_model(structure, parameters, parameters.start, np.array([[(900.0 * std) ** 2]]))
 
 
+def make_linked_model():
+    """The model of `make_model` with a third point that rigidly follows the second mass."""
+    structure = sid.Structure(
+        {1: 0.0, 2: 1.0, 3: 1.0}, make_model().structure.elements, active=["X"], ties=[sid.RigidLink("link", 2, [3])]
+    )
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "k")])
+    return identified_model(structure, parameters, parameters.start, np.zeros((1, 1)))
+
+
 def system():
     """Continuous matrices of the two masses with the force at mass 2 as a fifth state."""
     k, c, m = np.array([[2900.0, -900], [-900, 900]]), np.array([[10.0, -4], [-4, 4]]), np.diag([2.0, 1.0])
@@ -98,11 +107,7 @@ def test_more_forces_than_modes_are_those_of_a_batch_estimate():
     wide[2, 4], wide[3, 5:] = 1 / 2.0, 1.0
     noise[4:, 4:] = 2 * FORCE**2 / CORRELATION * np.eye(3)
     stationary, step = linalg.solve_continuous_lyapunov(wide, -noise), linalg.expm(wide / RATE)
-    structure = sid.Structure(
-        {1: 0.0, 2: 1.0, 3: 1.0}, make_model().structure.elements, active=["X"], ties=[sid.RigidLink("link", 2, [3])]
-    )
-    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "k")])
-    model = identified_model(structure, parameters, parameters.start, np.zeros((1, 1)))
+    model = make_linked_model()
     states, _, _, rng = simulate(n, 3)
     y = measured(states, rng, std)
     record = sid.TimeRecord(RATE, y, ["1X"], ["acceleration"], variance=np.array([std**2]))
@@ -284,11 +289,7 @@ def test_more_forces_than_sensors_above_all_modes_have_no_answer():
 
 def test_forces_at_one_rigid_part_count_as_one_in_the_verdict():
     """Three sensors, three forces, two of them on one rigid part, and a sensor that reads 30 % low."""
-    structure = sid.Structure(
-        {1: 0.0, 2: 1.0, 3: 1.0}, make_model().structure.elements, active=["X"], ties=[sid.RigidLink("link", 2, [3])]
-    )
-    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "k")])
-    model = identified_model(structure, parameters, parameters.start, np.zeros((1, 1)))
+    model = make_linked_model()
     states, _, _, rng = simulate(300, 3)
     acceleration = (states @ system()[0][2:4].T)[:, [0, 1, 1]]
     noisy = acceleration * [1.0, 1.0, 0.7] + 0.3 * rng.standard_normal((300, 3))

@@ -111,7 +111,7 @@ def hdf5_attributes(path: str) -> dict[str, StoredEntry]:
 
 
 def hdf5_fields(path: str, names: list[str]) -> dict[str, StoredEntry]:
-    """Those datasets called `names` that the HDF5 file at `path` has, by name: arrays of numbers, a text, or lists of texts."""
+    """Datasets called `names` that the HDF5 file at `path` has, by name: arrays of numbers, a text, or lists of texts."""
     import h5py
 
     with h5py.File(path, "r") as file:

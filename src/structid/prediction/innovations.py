@@ -80,7 +80,7 @@ class InnovationVerdict:
 
 
 def judge_innovations(
-    record: Innovations, replicates: Sequence[Innovations], has_stated_noise: bool, is_distributed: bool = False
+    record: Innovations, replicates: Sequence[Innovations], has_stated_noise: bool, is_distributed: bool
 ) -> InnovationVerdict:
     """Verdict on the innovations of a record, compared with those of `replicates`, records simulated by plausible models.
 

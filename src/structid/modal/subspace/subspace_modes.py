@@ -84,12 +84,12 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
         wanted = [n for n in wanted if n <= subspace.max_order] if options.orders is None else wanted
         sweep = poles_of_orders(subspace, wanted)
         selection = picked_poles(sweep, data.scale, options)
-        greatest *= 2
-        is_limited = options.orders is not None or wanted[-1] < greatest // 2 or greatest > most
-        if is_limited or not _is_crowded(selection, greatest // 2):
+        is_crowded = options.orders is None and wanted[-1] == greatest and _is_crowded(selection, greatest)
+        if not is_crowded or 2 * greatest > most:
             break
+        greatest *= 2
     picked, found, notes, others = selection.places, selection.clusters, selection.notes, selection.others
-    if options.orders is None and wanted[-1] == _MOST_STATES and _is_crowded(selection, _MOST_STATES):
+    if is_crowded and greatest == _MOST_STATES:
         notes.append(
             f"models of {_MOST_STATES} states have fewer than {_STATES_A_MODE} for each mode, so that modes may be merged or"
             " missing: identify bands of frequencies one by one (filtered and resampled), or give `orders`"
@@ -362,7 +362,7 @@ def _is_crowded(selection: PickedPoles, greatest: int) -> bool:
     return _STATES_A_MODE * (len(selection.clusters) + perhaps) > greatest
 
 
-def _orders(data: ScaledMotion, rows: int, given: Sequence[int] | None, greatest: int = MAX_ORDER) -> list[int]:
+def _orders(data: ScaledMotion, rows: int, given: Sequence[int] | None, greatest: int) -> list[int]:
     """Model orders to try, increasing: those `given`, or else `_MOST_ORDERS` even ones at most, in even steps to `greatest`.
 
     `InputError` if they exceed the matrix. `rows` is the number of block rows, with room for (rows - 1) * n_channels states.

@@ -14,7 +14,7 @@ from structid.core.arrays import IntArray
 from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.json_types import StoredEntry
 from structid.diagnose.checks.loose_parts import PlacedFinding, structure_findings
-from structid.fem import Dashpot, Friction, Joint, PointMass, RotaryInertia, Solid, Spring, Structure
+from structid.fem import Dashpot, Friction, Joint, PointMass, RotaryInertia, Spring, Structure
 from structid.fem.elements import ElementSet
 from structid.fem.measuring_points import AimedSensor, MeshPoint
 from structid.fem.meshes import read_mesh
@@ -200,7 +200,7 @@ def _faces(element: ElementSet, rows: Any) -> tuple[str, str, str]:
     """
     corners, owners = [], []
     counts = (element.nodes >= 0).sum(axis=1)
-    solid = isinstance(element, Solid)
+    solid = element.symbol == "solid"
     for count in np.unique(counts):
         which = np.flatnonzero(counts == count)
         cells = element.nodes[which]
