@@ -74,7 +74,7 @@ def written(folder: Path) -> Path:
 
 
 def main() -> None:
-    from structid.compare.correlation.correlating import correlate
+    from structid.compare.correlation import correlate
     from structid.report.correlation import correlation_page
     from structid.study.schema.study import load_study
 

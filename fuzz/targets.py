@@ -11,7 +11,7 @@ from typer.main import get_command
 
 from structid.cli.app import app
 from structid.cli.base import DONE, EXIT_CODES, UNUSABLE_INPUT
-from structid.compare.states.state import stored_state
+from structid.compare.states import stored_state
 from structid.core.errors import InputError
 from structid.fem.importers import dofs_of, read_matrices, read_numbering
 from structid.fem.meshes import read_mesh, require_sound

@@ -27,7 +27,6 @@ INNER = (
     "structid.inversion",
     "structid.study.schema.model",
     "structid.study.schema.records",
-    "structid.study.run.solver",
 )
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
 
@@ -110,8 +109,7 @@ def test_the_help_of_a_command_needs_nothing_of_its_work():
     assert parts <= {
         "structid._version", "structid.lazy", "structid.core", "structid.core.constraints", "structid.core.errors",
         "structid.cli", "structid.cli.app", "structid.cli.base", "structid.cli.commands", "structid.cli.flags",
-        "structid.compare", "structid.compare.correlation", "structid.compare.correlation.options",
-        "structid.compare.states", "structid.compare.states.options",
+        "structid.compare", "structid.compare.options",
         "structid.prediction", "structid.prediction.options",
     }  # fmt: skip
 
@@ -134,7 +132,7 @@ def test_check_and_identify_draw_nothing_and_open_no_format_but_their_own(tmp_pa
     assert {"structid.study.run.run", "structid.forward.frf.problem", "structid.external"} <= loaded
     assert drawing.isdisjoint(loaded)
     unused = {
-        "structid.external.runs", "structid.study.run.solver.rounds", "structid.forward.time.identify_time",
+        "structid.external.runs", "structid.study.run.solver", "structid.forward.time.identify_time",
         "structid.modal.formats.files", "structid.fem.meshes.nastran", "structid.fem.importers.dmig",
         "structid.records.formats.uff.uff", "structid.records.formats.mat",
         "structid.records.formats.loggers", "structid.fem.elements.shell", "structid.fem.meshes.mesh",

@@ -10,8 +10,8 @@ import numpy as np
 import structid as sid
 from structid.core.arrays import FloatArray
 from structid.core.dof import parse_dofs
-from structid.reproduce.chapter_3.data import ACTUAL
-from structid.reproduce.chapter_4.cantilever import CASE_1
+from structid.reproduce.chapter_3 import ACTUAL
+from structid.reproduce.chapter_4 import CASE_1
 
 NOISE = 0.01
 FINE = np.arange(1, 85001) * 1e-3

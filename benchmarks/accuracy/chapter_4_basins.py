@@ -24,7 +24,7 @@ import numpy as np
 import structid as sid
 from structid.identification.options import IdentifyOptions
 from structid.inversion import LevenbergMarquardt, minimize
-from structid.reproduce.chapter_4.cantilever import (
+from structid.reproduce.chapter_4 import (
     CASE_2,
     DEFLECTIONS,
     GRID,

@@ -27,7 +27,7 @@ from scipy.integrate import cumulative_trapezoid
 import structid as sid
 from structid.forward import Motion, Oscillation, TimeOptions, identify_motion, output_error_problem
 from structid.forward.time.identify_time import identify_time
-from structid.reproduce.chapter_3.data import ACTUAL, beam, driven
+from structid.reproduce.chapter_3 import ACTUAL, beam, driven
 
 LOAD = "7Y"
 NOISE = 0.02

@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 import structid as sid
-from structid.compare.correlation.correlating import correlate
+from structid.compare.correlation import correlate
 
 STUDY = Path(__file__).parents[2] / "examples" / "garteur_aeroplane" / "study.toml"
 NAMES = {

@@ -20,7 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from structid.modal import identify_modes
-from structid.reproduce.chapter_5.simple_beam import beam_omega
+from structid.reproduce.chapter_5 import beam_omega
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "modal"))
 from modal_cases import ambient_chain, beam_decay, chain_modes, decay, nearest

@@ -32,17 +32,18 @@ import structid as sid
 from structid.cli.app import app
 from structid.core.dof import parse_dofs
 from structid.planning.plan import Plan, PlannedTest, PlanOptions, plan
-from structid.reproduce.chapter_4.cantilever import (
+from structid.reproduce.chapter_4 import (
     CASE_2,
     GRID,
     N_ELEMENTS,
     TIP,
     Case,
+    Noise,
     Reading,
     cantilever,
     in_rad_per_s,
+    noisy_record,
 )
-from structid.reproduce.chapter_4.noise import Noise, noisy_record
 from structid.study.schema.plan import load_plan
 
 NOISE = 1e-4

@@ -1,9 +1,9 @@
 """The public names, each with its place; `structid.lazy` reads them from here."""
 
 from structid._version import __version__ as __version__
-from structid.compare.correlation.expansion import expand as expand
-from structid.compare.correlation.modes import correlated_modes as correlated_modes
-from structid.compare.correlation.responses import correlated_responses as correlated_responses
+from structid.compare.expansion import expand as expand
+from structid.compare.mode_correlation import correlated_modes as correlated_modes
+from structid.compare.response_correlation import correlated_responses as correlated_responses
 from structid.core.dof import Dof as Dof
 from structid.core.dof import parse_dof as parse_dof
 from structid.core.errors import FileError as FileError

@@ -13,11 +13,11 @@ import pytest
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
+from structid.cli.commands.doctor import installation
 from structid.cli.progress import RunProgress, clock
 from structid.core.errors import InputError
 from structid.records import FrfRecord
 from structid.study.run import resources as resources_module
-from structid.study.run.doctor import installation
 from structid.study.run.resources import available_bytes, expected, gigabytes, measured_needs, require_room, sizes
 from structid.study.run.run import run_study
 from structid.study.run.start import study_problems
@@ -43,8 +43,7 @@ def test_doctor_names_versions_factorizers_threads_and_memory():
 
 def test_doctor_says_what_is_not_installed_and_what_it_is_for(monkeypatch):
     # the command first: its first import would take the other one's replacement for good
-    monkeypatch.setattr("structid.cli.doctor_summary.OPTIONAL", {"no-such-package": "nothing (extra `none`)"})
-    monkeypatch.setattr("structid.study.run.doctor.OPTIONAL", {"no-such-package": "nothing (extra `none`)"})
+    monkeypatch.setattr("structid.cli.commands.doctor.OPTIONAL", {"no-such-package": "nothing (extra `none`)"})
     assert "not installed: no-such-package: nothing (extra `none`)" in RUN.invoke(cli.app, ["doctor"]).stdout
 
 

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from structid.cli import app as cli
 from structid.core.errors import FileError
-from structid.external.shapes import read_shapes
+from structid.external.outputs import read_shapes
 from structid.fem.importers import read_matrix
 from structid.forward.frf.response import response
 from structid.records import FrfRecord

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from structid.study.run.solver.stages import deck_std
+from structid.study.run.solver import deck_std
 
 
 def fit(covariance, design):

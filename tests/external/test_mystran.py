@@ -15,7 +15,7 @@ from structid.cli import app as cli
 from structid.core.dof import parse_dof
 from structid.dynamics.normal_modes import modes
 from structid.external.deck import number_text
-from structid.external.shapes import read_shapes
+from structid.external.outputs import read_shapes
 from structid.fem import SpaceBeam, Structure
 from structid.modal import ModalRecord
 from structid.modal.formats.files import write_modes
@@ -86,7 +86,7 @@ def test_matrices_and_modes_of_a_beam_give_the_moduli_of_the_solver_itself(tmp_p
     path = study(truth, "matrices")
     assert RUN.invoke(cli.app, ["check", str(path)]).exit_code in (0, 1, 2)
     from structid.study.schema.model.structure import read_structure
-    from structid.study.schema.root import read_root
+    from structid.study.schema.section import read_root
 
     root, files = read_root(path)
     structure = read_structure(root.inner("structure"), files)
@@ -109,7 +109,7 @@ def test_matrices_and_modes_of_a_beam_give_the_moduli_of_the_solver_itself(tmp_p
 def test_the_matrices_are_those_of_structids_own_beams(tmp_path):
     (tmp_path / "measured.csv").write_text("frequency_hz,2Y\n1.0,1.0\n")
     from structid.study.schema.model.structure import read_structure
-    from structid.study.schema.root import read_root
+    from structid.study.schema.section import read_root
 
     root, files = read_root(study(tmp_path, "matrices"))
     structure = read_structure(root.inner("structure"), files)

@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg
 
 from structid.core.errors import InputError
-from structid.external.shapes import RunModes
+from structid.external.outputs import RunModes
 from structid.external.steps import Pair
 from structid.external.tangent import Tangent, tangent
 

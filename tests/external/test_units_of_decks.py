@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid.external.differences import _shapes_in_si
-from structid.external.shapes import RunModes
+from structid.external.outputs import RunModes
 from structid.external.solved import Units
 
 

@@ -34,8 +34,7 @@ from structid.fem import ELEMENT_TYPES
 from structid.fem.elements import ElementSet
 from structid.fem.elements.element import declarations
 from structid.study.schema.model.structure import element_table, read_structure
-from structid.study.schema.root import InputFiles
-from structid.study.schema.section import Section, StudyText
+from structid.study.schema.section import InputFiles, Section, StudyText
 
 RNG = np.random.default_rng(20261121)
 LINE = {1: 0.0, 2: 0.7, 3: 2.0}

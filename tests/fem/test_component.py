@@ -32,7 +32,7 @@ from structid.fem.measuring_points import AimedSensor
 from structid.forward import FrfProblem
 from structid.forward.frf.response import response
 from structid.identification.fits.truncation import frf_truncation, modes_truncation
-from structid.planning.options import resolve_options
+from structid.planning.plan import resolve_options
 from structid.unknowns import penalty
 
 LAWS = ("mass", "damping", "stiffness", "structural_damping")

@@ -22,7 +22,7 @@ from structid import (
 )
 from structid.dynamics.normal_modes import modes
 from structid.forward.motion.motion import recorded_motion
-from structid.planning.options import resolve_options
+from structid.planning.plan import resolve_options
 
 N, EI = 20, 7.0
 NODES = {i: i / N for i in range(N + 1)}

@@ -8,7 +8,7 @@ import pytest
 import structid as sid
 from structid.forward import frequency_continuation
 from structid.identification.options import IdentifyOptions
-from structid.reproduce.chapter_4.cantilever import (
+from structid.reproduce.chapter_4 import (
     CASE_2,
     DEFLECTIONS,
     GRID,

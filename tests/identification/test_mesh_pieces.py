@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import structid as sid
 from structid.cli import app as cli
-from structid.compare.correlation.correlating import correlate
+from structid.compare.correlation import correlate
 from structid.identification.mesh_pieces import MeshPieces, judge_pieces
 from structid.identification.options import IdentifyOptions
 from structid.records.formats import write_record

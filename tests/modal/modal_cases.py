@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 from structid.core.dof import Dof
 from structid.dynamics.transient import free_decay
 from structid.records import TimeRecord
-from structid.reproduce.chapter_5.simple_beam import SENSORS, beam_omega, beam_shapes
+from structid.reproduce.chapter_5 import SENSORS, beam_omega, beam_shapes
 
 QUANTITIES = ("displacement", "velocity", "acceleration")
 

@@ -9,7 +9,7 @@ from structid import TimeRecord
 from structid.modal import ModalOptions, modal_identification
 from structid.modal.correlations import outputs
 from structid.modal.subspace.decay_fit import _normal, _project_records, decay_fit, decay_shapes
-from structid.reproduce.chapter_5.simple_beam import beam_omega
+from structid.reproduce.chapter_5 import beam_omega
 
 POLES = np.array([-0.05 + 2j, -0.1 + 3.1j])
 SHAPES = np.array([[1.0, 1.0], [0.6 + 0.1j, -0.8], [0.2, 0.4 - 0.1j]])

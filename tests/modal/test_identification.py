@@ -8,7 +8,7 @@ from modal_cases import ambient_chain, beam_decay, chain_modes, decay, nearest
 
 from structid import InputError, TimeRecord
 from structid.modal import HardCriteria, identify_modes, modal_identification
-from structid.reproduce.chapter_5.simple_beam import SENSORS, beam_omega, beam_shapes
+from structid.reproduce.chapter_5 import SENSORS, beam_omega, beam_shapes
 from structid.similarity import mac
 
 PALISADEN = Path(__file__).parents[3] / "shared" / "data" / "palisaden_building"

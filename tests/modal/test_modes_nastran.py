@@ -5,7 +5,7 @@ import pytest
 
 from structid import InputError
 from structid.core.errors import FileError
-from structid.external.shapes import read_shapes
+from structid.external.outputs import read_shapes
 from structid.modal.formats.files import read_modes, write_modes
 from structid.modal.formats.nastran import read_modes_nastran
 from structid.modal.formats.options import ModeFileOptions

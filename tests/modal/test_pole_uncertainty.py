@@ -20,7 +20,7 @@ from structid.modal.subspace.pole_uncertainty import (
     pole_deviations,
 )
 from structid.records import TimeRecord
-from structid.reproduce.chapter_5.simple_beam import beam_omega
+from structid.reproduce.chapter_5 import beam_omega
 
 
 @pytest.mark.parametrize("method", [pencil, ssi_cov, ssi_data])

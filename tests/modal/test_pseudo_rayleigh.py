@@ -11,7 +11,7 @@ from structid.fem import Membrane
 from structid.modal import ModalRecord, stationary_values
 from structid.modal.rayleigh.free_motion import sample_weights
 from structid.modal.rayleigh.pseudo_rayleigh import _omega, _real_where_close, pseudo_rayleigh
-from structid.reproduce.chapter_5.simple_beam import free_record
+from structid.reproduce.chapter_5 import free_record
 from structid.similarity import mac, subspace_angles
 
 OMEGA = np.array([2.0, 3.1, 4.5, 7.0])

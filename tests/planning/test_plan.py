@@ -18,8 +18,7 @@ from structid.core.errors import SingularModelError
 from structid.forward.frf.response import response
 from structid.planning.plan import PlanOptions, plan
 from structid.records.formats import read_record, write_record
-from structid.reproduce.chapter_4.cantilever import CASE_2, GRID, TIP, Reading, cantilever, in_rad_per_s
-from structid.reproduce.chapter_4.noise import Noise, noisy_record
+from structid.reproduce.chapter_4 import CASE_2, GRID, TIP, Noise, Reading, cantilever, in_rad_per_s, noisy_record
 from structid.study.schema.plan import load_plan, planned
 from structid.unknowns.priors import priors_of
 from structid.unknowns.tolerances import EXACT, Tolerances

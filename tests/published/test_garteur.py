@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import structid as sid
 from structid.cli.app import app
-from structid.compare.correlation.correlating import correlate
+from structid.compare.correlation import correlate
 
 STUDY = Path(__file__).parents[2] / "examples" / "garteur_aeroplane" / "study.toml"
 SIGNS = {33.12: -1.0, 33.53: 1.0}  # of the right tip's pitch against the left one's

@@ -9,19 +9,27 @@ import numpy as np
 import pytest
 
 from structid.forward.motion.fit import motion_fit
-from structid.reproduce.chapter_3.chapter import figure_3_2, items, natural_frequencies, table_3_1, table_3_4
-from structid.reproduce.chapter_3.data import (
+from structid.reproduce.chapter_3 import (
     ACTUAL,
     ESTIMATED,
     FREQUENCIES,
+    READINGS,
     RMS_ERROR,
     beam,
     driven,
+    figure_3_2,
+    items,
+    natural_frequencies,
+    predicted_bias,
+    repeats,
+    rigid_body_fractions,
     sampling_times,
+    sum_of_two_rms,
+    table_3_1,
+    table_3_4,
     unknown_values,
 )
-from structid.reproduce.chapter_3.noise import READINGS, predicted_bias, repeats, rigid_body_fractions, sum_of_two_rms
-from structid.reproduce.item import Verdict
+from structid.reproduce.reproduction import Verdict
 
 
 @pytest.mark.parametrize("n_samples", [2, 4, 8, 64, 256])

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from structid.modal.rayleigh.pseudo_rayleigh import pseudo_rayleigh
-from structid.reproduce.chapter_5.chapter import items
-from structid.reproduce.chapter_5.simple_beam import beam_record, folded_omega
-from structid.reproduce.chapter_5.square_membrane import membrane_eigenvalues, membrane_record
-from structid.reproduce.item import ReproducedItem, Verdict
+from structid.reproduce.chapter_5 import beam_record, folded_omega, items, membrane_eigenvalues, membrane_record
+from structid.reproduce.reproduction import ReproducedItem, Verdict
 from structid.similarity import mac
 
 BEAM = [0.09834, 0.39433, 0.88821, 1.57910, 2.46734, 3.55311, 6.68212, 8.49410, 10.19992, 11.46529]

@@ -23,9 +23,9 @@ from page_parts import as_array, pieces, read_figures
 from written_reports import Report
 
 from modes_cases import ambient
-from structid.compare.correlation.correlating import correlate
-from structid.compare.states.comparing import compare
-from structid.compare.states.options import CompareOptions
+from structid.compare.correlation import correlate
+from structid.compare.options import CompareOptions
+from structid.compare.states import compare
 from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import Geometry, write_record
 from structid.report.comparison import comparison_page
@@ -37,7 +37,7 @@ from structid.report.page import Page
 from structid.report.planning import plan_page
 from structid.report.rendering import browser, plot, png
 from structid.report.reproduce import reproduction_page
-from structid.reproduce.item import Curve, Panel, ReproducedItem, Verdict
+from structid.reproduce.reproduction import Curve, Panel, ReproducedItem, Verdict
 from structid.study.run.run import run_study
 from structid.study.schema.plan import load_plan, planned
 from structid.study.schema.study import load_study

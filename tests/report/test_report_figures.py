@@ -16,8 +16,7 @@ import structid as si
 from structid.identification.identified import Identification
 from structid.report import write_report
 from structid.report.drawing.changes import Change, look, shading, shadings
-from structid.report.drawing.drawing import structure_picture
-from structid.report.drawing.labels import Label, place
+from structid.report.drawing.drawing import Label, place, structure_picture
 from structid.report.drawing.palette import DIVERGING, steps
 from structid.report.figures.modes import mode_rows
 from structid.report.figures.parameters import correlation_figure, parameters_figure

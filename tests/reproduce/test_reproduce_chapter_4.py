@@ -5,37 +5,36 @@ import pytest
 
 from structid import FrfProblem, GaussNewton
 from structid.inversion import minimize
-from structid.reproduce.chapter_4.cantilever import (
+from structid.reproduce.chapter_4 import (
     ALL_AT_ALL,
     ALL_AT_HALF,
     CASE_1,
     CASE_2,
     GRID,
+    STUDIES_1,
+    STUDIES_2,
     TIP,
     TIP_IN_HZ,
     TIP_NODE,
     TIP_PRINTED,
+    Noise,
     Reading,
     cantilever,
     classical_errors,
     classical_values,
+    cramer_rao,
+    errors_of,
     exact_record,
     in_rad_per_s,
+    items,
+    noisy_errors,
+    noisy_record,
+    quantiles,
     relative_jacobian,
     rms,
     unknowns,
 )
-from structid.reproduce.chapter_4.chapter import errors_of, items
-from structid.reproduce.chapter_4.noise import (
-    STUDIES_1,
-    STUDIES_2,
-    Noise,
-    cramer_rao,
-    noisy_errors,
-    noisy_record,
-    quantiles,
-)
-from structid.reproduce.item import ReproducedItem, Verdict
+from structid.reproduce.reproduction import ReproducedItem, Verdict
 
 N_SEEDS = 4
 

@@ -13,12 +13,11 @@ from typer.testing import CliRunner
 from structid.cli import app as cli
 from structid.core.errors import FileError, InputError
 from structid.core.quantities import DASH, MINUS, TIMES
-from structid.report.figures.reproduction import panels_figure
 from structid.report.rendering.plot import Area
 from structid.report.rendering.plot import Curve as Drawn
-from structid.report.reproduce import table_text, write_reproduction
-from structid.reproduce import run
-from structid.reproduce.item import Curve, Panel, ReproducedItem, Table, Verdict
+from structid.report.reproduce import panels_figure, table_text, write_reproduction
+from structid.reproduce import reproduction
+from structid.reproduce.reproduction import Curve, Panel, ReproducedItem, Table, Verdict
 
 VERDICTS = {
     "agrees to the printed digits",
@@ -188,7 +187,7 @@ def fake_chapters(monkeypatch):
     table, figure, claim = small_items()
 
     def module(chapter):
-        if chapter not in run.CHAPTERS:
+        if chapter not in reproduction.CHAPTERS:
             return original(chapter)
 
         def items(progress=None):
@@ -198,18 +197,18 @@ def fake_chapters(monkeypatch):
 
         return SimpleNamespace(items=items)
 
-    original = run._module
-    monkeypatch.setattr(run, "_module", module)
+    original = reproduction._module
+    monkeypatch.setattr(reproduction, "_module", module)
 
 
 def test_chapters_run_in_order_with_their_progress(fake_chapters):
     seen = []
-    found = run.reproduce((5, 3, 3), lambda name, part: seen.append((name, part)))
+    found = reproduction.reproduce((5, 3, 3), lambda name, part: seen.append((name, part)))
     assert [item.name for item in found] == ["Table 9.1", "Claim: all"]
     assert seen == [("half", 0.25), ("half", 0.75)]
-    assert len(run.reproduce()) == 3
+    assert len(reproduction.reproduce()) == 3
     with pytest.raises(InputError, match="at least one of 3, 4, 5"):
-        run.reproduce(())
+        reproduction.reproduce(())
 
 
 def invoke(*arguments):
@@ -252,7 +251,7 @@ def test_an_interruption_exits_130_and_leaves_nothing(fake_chapters, tmp_path, m
     def interrupted(*_arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("structid.reproduce.run.reproduce", interrupted)
+    monkeypatch.setattr("structid.reproduce.reproduction.reproduce", interrupted)
     done = invoke()
     assert done.exit_code == 130
     assert "interrupted; nothing was written" in done.stderr
@@ -266,5 +265,5 @@ def test_help_has_examples():
 
 
 def test_every_chapter_has_its_module():
-    for chapter in run.CHAPTERS:
-        assert callable(run._module(chapter).items)
+    for chapter in reproduction.CHAPTERS:
+        assert callable(reproduction._module(chapter).items)

@@ -22,7 +22,7 @@ import structid as sid
 from structid.records import TimeRecord
 from structid.records.formats import write_record
 from structid.study.schema.model.structure import read_structure
-from structid.study.schema.root import read_root
+from structid.study.schema.section import read_root
 from structid.study.schema.unknowns import read_parameters
 
 ROOT = Path(__file__).parent.parent.parent

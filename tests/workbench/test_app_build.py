@@ -10,8 +10,8 @@ from app_cases import require_workbench, served
 from browser_cases import accessible, eventually, frames, shown, step, write_by_hand
 
 from structid.study.schema.model.structure import read_structure
-from structid.study.schema.root import read_root
-from structid.workbench.work.kinds import element_kinds
+from structid.study.schema.section import read_root
+from structid.workbench.work.model import element_kinds
 
 require_workbench()
 # the driver leaves sockets to the garbage collector

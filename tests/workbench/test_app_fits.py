@@ -9,8 +9,8 @@ import numpy as np
 from structid.study.results.folder import write_results
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
+from structid.workbench.work.answer import fitted_responses
 from structid.workbench.work.called import called
-from structid.workbench.work.fits import fitted_responses
 from study_cases import write_chain
 
 

@@ -25,8 +25,8 @@ require_workbench()
 from fuzz.seeds import write_chain  # noqa: E402
 
 from structid.workbench import runner, server, user_state  # noqa: E402
-from structid.workbench.deadlines import HEADER_SECONDS  # noqa: E402
 from structid.workbench.handlers import Watcher  # noqa: E402
+from structid.workbench.security import HEADER_SECONDS  # noqa: E402
 
 SOLVER = """\
 title = "a stranger's"

@@ -11,7 +11,7 @@ import pytest
 from app_cases import ROOT
 
 from structid.study.schema.model.structure import read_structure
-from structid.study.schema.root import read_root
+from structid.study.schema.section import read_root
 from structid.study.templates import TEMPLATES, template_with, write_study
 from structid.workbench.work.model import read_model
 from structid.workbench.work.scene import placed_channels, scene

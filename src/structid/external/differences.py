@@ -11,9 +11,8 @@ from scipy.linalg import eigh
 from structid.core.arrays import FloatArray
 from structid.core.units import LENGTHS
 from structid.external.expansion import Point, expand_about_centre
-from structid.external.outputs import ModesOut
+from structid.external.outputs import ModesOut, RunModes, require_same_dofs
 from structid.external.runs import Solver, needed_runs, point_words, run_words
-from structid.external.shapes import RunModes, require_same_dofs
 from structid.external.solved import SolvedModel, SolverCheck, Units, model_parameters
 from structid.external.steps import StepRules, take_differences
 from structid.external.tangent import tangent

@@ -16,9 +16,8 @@ from structid.core.errors import FileError
 from structid.core.units import FORCES, LENGTHS, FrfKind
 from structid.external.deck import FREQUENCIES
 from structid.external.expansion import Point
-from structid.external.outputs import OneFile, existing_file
+from structid.external.outputs import OneFile, existing_file, require_last_line
 from structid.external.runs import Solver, needed_runs, run_words
-from structid.external.shapes import require_last_line
 from structid.external.solved import SolvedModel, SolverCheck, Units, model_parameters
 from structid.external.steps import StepRules, take_differences
 from structid.fem.elements.solver_model import FrfRuns, SolverFrfs

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from structid.core.arrays import IntArray
-from structid.core.dof import Dof
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError, InputError
 from structid.external.deck import MatrixFile
-from structid.external.shapes import RunModes, read_shapes
 from structid.fem.importers import ImportedMatrix, dof_table, read_matrix, read_numbering
+from structid.files import damage_told, require_readable
+from structid.modal.formats.calculix import frd_modes
+from structid.modal.formats.files import read_modes
+from structid.modal.formats.nastran import nastran_modes
+from structid.modal.formats.options import F06_SUFFIXES, FRD_SUFFIXES, PUNCH_SUFFIXES
+from structid.modal.formats.printed import PrintedMode, require_same_points
 
 #: Files that others are read with, by suffix.
 _BESIDE = {".sti": (".dof",), ".mas": (".dof",)}
@@ -117,3 +123,120 @@ def existing_file(folder: Path, name: str) -> Path:
         names = sorted(one.name for one in folder.iterdir() if one.is_file() and one.stat().st_size)
         raise InputError(f"it wrote no {name}, only {', '.join(names[:12])}")
     return path
+
+
+#: Suffixes that are read here; others are files of modes as `read_modes` knows them.
+FRD, NASTRAN = FRD_SUFFIXES, (*F06_SUFFIXES, *PUNCH_SUFFIXES)
+#: Six and seven digits.
+_ROUNDING = {".frd": 5e-6, **dict.fromkeys(NASTRAN, 5e-7)}
+_RUN_AGAIN = "let the solver print frequencies and displacements of all modes"
+
+
+@dataclass(frozen=True, eq=False)
+class RunModes:
+    """Modes of a run.
+
+    Attributes
+    ----------
+    frequency : (n_modes,) float array
+        Hz, ascending.
+    dofs : (n_dofs, 2) int array
+        Node and component (1 to 6) of each row.
+    values : (n_dofs, n_modes) float array
+        In the length unit of the solver.
+    has_mass : bool
+        Whether modal masses are 1 in the units of the solver; otherwise the scale of each shape is free.
+    rounding : float
+        Of printed shapes, as a part of their size.
+    """
+
+    frequency: FloatArray
+    dofs: IntArray
+    values: FloatArray
+    has_mass: bool
+    rounding: float = 1e-9
+
+
+def read_shapes(path: Path) -> RunModes:
+    """Frequencies in Hz, ascending, and real mode shapes in the file at `path` that a solver wrote, by node and component.
+
+    Parameters
+    ----------
+    path : Path
+        CalculiX ``.frd`` in text, Nastran or MYSTRAN ``.f06`` or ``.pch``, or any file that
+        `structid.modal.formats.files.read_modes` reads.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, cut short, or holds no modes or complex ones.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in (*FRD, *NASTRAN):
+        return _shapes_of_modes_file(path)
+    require_readable(path)
+    with damage_told(path, "a file of modes", _RUN_AGAIN):
+        printed = (frd_modes(path, path.read_text(encoding="latin-1")) if suffix in FRD else nastran_modes(path)).modes
+    if not printed:
+        raise FileError(f"{path}: holds no modes; {_RUN_AGAIN}")
+    if any(np.iscomplexobj(mode.values) for mode in printed):
+        raise FileError(f"{path}: holds complex modes; let the solver print real ones (SOL 103)")
+    require_same_points(path, printed)
+    values = np.stack([_mass_normalized(mode) for mode in printed], axis=2)
+    width = 6 if np.isfinite(values[:, 3:]).all() else 3
+    nodes = printed[0].nodes
+    dofs = np.stack([np.repeat(nodes, width), np.tile(np.arange(1, width + 1), len(nodes))], axis=1)
+    frequency = [mode.frequency for mode in printed]
+    return _sorted_shapes(path, frequency, dofs, values[:, :width].reshape(-1, len(printed)), True, suffix)
+
+
+def _mass_normalized(mode: PrintedMode) -> FloatArray:
+    """Motions of a mode scaled to a modal mass of 1, (n_points, 6); unchanged if the file prints no modal mass."""
+    return np.real(mode.values) / (np.sqrt(mode.generalized_mass) if mode.generalized_mass > 0 else 1.0)
+
+
+def require_last_line(path: Path) -> None:
+    """Raise a `FileError` where a table ends within a line, as where the run that writes it was cut short."""
+    if path.suffix.lower() == ".csv" and not path.read_bytes().endswith((b"\n", b"\r")):
+        raise FileError(f"{path}: ends within a line; the file is cut short: end each line, the last one too")
+
+
+def _shapes_of_modes_file(path: Path) -> RunModes:
+    """Frequencies and shapes from a modes file of any format that structid reads; of complex shapes the real parts."""
+    record = read_modes(path)
+    require_last_line(path)
+    signs = np.array([dof.sign for dof in record.channels])
+    dofs = np.array([(dof.node, DIRECTIONS.index(dof.direction) + 1) for dof in record.channels], dtype=np.int64)
+    values = np.real(np.asarray(record.mode_shapes)) * signs[:, None]
+    return _sorted_shapes(path, record.frequency, dofs, values, record.scaling == "mass", "")
+
+
+def _sorted_shapes(
+    path: Path, frequency: Sequence[float] | FloatArray, dofs: IntArray, values: FloatArray, has_mass: bool, suffix: str
+) -> RunModes:
+    """Modes sorted by frequency (Hz), after checks; `dofs` (n_dofs, 2) are node and component, `values` (n_dofs, n_modes).
+
+    `has_mass` says that the shapes have unit modal mass; `suffix` is the file's suffix, which decides the rounding of its
+    numbers ("" by default). `FileError` if a number is not finite or a shape is zero.
+    """
+    frequencies = np.asarray(frequency, dtype=np.float64)
+    if len(frequencies) != values.shape[1]:
+        raise FileError(f"{path}: holds {len(frequencies)} frequencies and {values.shape[1]} shapes; {_RUN_AGAIN}")
+    if not (np.isfinite(frequencies).all() and np.isfinite(values).all()):
+        raise FileError(f"{path}: holds frequencies or shapes that are not finite; check the model, and {_RUN_AGAIN}")
+    empty = np.flatnonzero(~values.any(axis=0))
+    if len(empty):
+        raise FileError(
+            f"{path}: nothing moves in mode {empty[0] + 1}; the solver found no such mode: look into its log, ask for fewer modes"
+        )
+    order = np.argsort(frequencies, kind="stable")
+    return RunModes(frequencies[order], dofs, values[:, order], has_mass, _ROUNDING.get(suffix, RunModes.rounding))
+
+
+def require_same_dofs(first: RunModes, other: RunModes, words: str) -> None:
+    """Raise `InputError` if the shapes of two runs have different nodes or components; `words` describe the run of `other`."""
+    if not np.array_equal(first.dofs, other.dofs):
+        raise InputError(
+            f"the shapes of the run at {words} have {len(other.dofs)} degrees of freedom, those of the nominal run"
+            f" {len(first.dofs)}, or others; keep the mesh, and mark numbers that do not renumber it"
+        )

@@ -16,7 +16,7 @@ from scipy.linalg import qr
 from structid.core.arrays import FloatArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
-from structid.external.shapes import RunModes
+from structid.external.outputs import RunModes
 from structid.external.steps import Pair
 from structid.fem.elements.element import dof_code
 from structid.fem.elements.solver_model import Powers

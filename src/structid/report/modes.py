@@ -26,8 +26,8 @@ from structid.report.figures.survey import (
     mpc,
     spectra_figure,
     stabilization_figure,
+    tracks_figure,
 )
-from structid.report.figures.tracks import tracks_figure
 from structid.report.page import Page
 from structid.report.tables import Table, printed, provenance_table
 from structid.similarity import mac

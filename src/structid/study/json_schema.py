@@ -13,7 +13,7 @@ from structid.study.schema.model.matrices import MATRICES
 from structid.study.schema.model.structure import changes_table, structure_table
 from structid.study.schema.plan import PLAN
 from structid.study.schema.records.record import record_table
-from structid.study.schema.root import SECTIONS
+from structid.study.schema.section import SECTIONS
 from structid.study.schema.tables import Table
 from structid.study.schema.unknowns import PRIOR, REGULARIZATION, UNKNOWN
 

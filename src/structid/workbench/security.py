@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from ipaddress import ip_address
 from typing import Any
 
-from structid.workbench.deadlines import BODY_SECONDS
+import h11
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]
@@ -207,3 +208,47 @@ async def _answer(send: Send, status: int, words: str) -> None:
     headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})
+
+
+#: Seconds for the headers of a request, and for the next part of its body.
+HEADER_SECONDS, BODY_SECONDS = 10.0, 30.0
+
+
+class DeadlineProtocol(H11Protocol):
+    """HTTP/1.1 as uvicorn speaks it, which waits only so long for the rest of a request's headers."""
+
+    _waiting: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: Any) -> None:
+        """A connection, whose first request is awaited."""
+        super().connection_made(transport)
+        self._await_headers()
+
+    def data_received(self, data: bytes) -> None:
+        """Handle the bytes `data`; the time limit for headers starts with each request, and is not extended by each byte."""
+        super().data_received(data)
+        if self.conn.their_state is not h11.IDLE:
+            self._stop_waiting()
+        elif self._waiting is None:
+            self._await_headers()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The end of a connection."""
+        self._stop_waiting()
+        super().connection_lost(exc)
+
+    def _await_headers(self) -> None:
+        self._stop_waiting()
+        self._waiting = self.loop.call_later(HEADER_SECONDS, self._close_where_waiting)
+
+    def _stop_waiting(self) -> None:
+        if self._waiting is not None:
+            self._waiting.cancel()
+            self._waiting = None
+
+    def _close_where_waiting(self) -> None:
+        """Close the connection when the time limit for headers has passed, unless a response is still being sent."""
+        self._waiting = None
+        is_answering = self.cycle is not None and not self.cycle.response_complete
+        if not (is_answering or self.transport.is_closing()):
+            self.transport.close()

@@ -18,7 +18,7 @@ from structid.cli.base import (
     results_folder,
     say,
 )
-from structid.compare.states.options import CompareOptions
+from structid.compare.options import CompareOptions
 
 
 def compare(
@@ -42,8 +42,8 @@ def compare(
     """
     from structid.cli.progress import run_progress  # the help needs none of these
     from structid.cli.tables import show
-    from structid.compare.states.comparing import COMPARE_PAGE, comparison_summary
-    from structid.compare.states.comparing import compare as compare_states
+    from structid.compare.states import COMPARE_PAGE, comparison_summary
+    from structid.compare.states import compare as compare_states
     from structid.core.json_types import json_text
     from structid.report.comparison import comparison_page, comparison_text
     from structid.study.results.folder import staged_folder

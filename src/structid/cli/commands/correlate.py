@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, beside_call, check_png, fail, results_folder, say
-from structid.compare.correlation.options import CorrelateOptions
+from structid.compare.options import CorrelateOptions
 
 
 def correlate(
@@ -34,8 +34,8 @@ def correlate(
       structid correlate wing.toml --expansion dynamic --model-error 0.01
     """
     from structid.cli.tables import show  # the help needs none of these
-    from structid.compare.correlation.correlating import correlate as correlated
-    from structid.compare.correlation.correlating import correlation_summary, expanded_record
+    from structid.compare.correlation import correlate as correlated
+    from structid.compare.correlation import correlation_summary, expanded_record
     from structid.core.json_types import json_text
     from structid.modal.formats.files import write_modes
     from structid.report.correlation import CORRELATION_PAGE, correlation_page, correlation_text

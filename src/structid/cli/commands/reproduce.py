@@ -13,7 +13,7 @@ from structid.cli.base import Png, say
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from structid.reproduce.item import ReproducedItem
+    from structid.reproduce.reproduction import ReproducedItem
 
 
 def reproduce(
@@ -33,11 +33,11 @@ def reproduce(
     from structid.cli.progress import run_progress  # the help needs none of these
     from structid.cli.tables import show
     from structid.report.reproduce import write_reproduction
-    from structid.reproduce import run
+    from structid.reproduce import reproduction
 
     with run_progress(0) as progress:
-        chapters = run.CHAPTERS if chapter is None else (chapter,)
-        items = run.reproduce(chapters, lambda name, done: progress.tasks(name, round(100 * done), 100))
+        chapters = reproduction.CHAPTERS if chapter is None else (chapter,)
+        items = reproduction.reproduce(chapters, lambda name, done: progress.tasks(name, round(100 * done), 100))
     page = write_reproduction(items, out, png)
     show(_summary(items))
     say(page)

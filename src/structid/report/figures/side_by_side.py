@@ -21,7 +21,7 @@ from structid.report.drawing.faces import cell_edges, is_cells
 from structid.report.rendering import plot
 
 if TYPE_CHECKING:
-    from structid.compare.correlation.modes import ModesCorrelation
+    from structid.compare.mode_correlation import ModesCorrelation
 
 #: Largest displacement, and gap between the two, in parts of the diagonal.
 _AMPLITUDE, _GAP = 0.1, 0.3

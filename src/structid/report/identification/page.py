@@ -25,7 +25,7 @@ from structid.report.figures.responses import (
 from structid.report.figures.side_by_side import model_shapes_figure
 from structid.report.figures.structure import structure_figure
 from structid.report.identification import tables
-from structid.report.identification.modal_tables import modal_cards, modal_facts, modal_table, ratio_table
+from structid.report.identification.tables import modal_cards, modal_facts, modal_table, ratio_table
 from structid.report.page import Page
 from structid.report.rendering import plot
 from structid.report.tables import Table, provenance_table

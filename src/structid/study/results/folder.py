@@ -24,10 +24,16 @@ from structid.identification.identified import Identification
 from structid.identification.regularizing import AppliedRegularization
 from structid.inversion import Estimate
 from structid.inversion.diagnostics.bounds import AtBound
-from structid.study.results.changes import PARAMETERS, changes_summary, changes_table, search_summary
 from structid.study.results.hdf5 import hdf5_bytes
 from structid.study.results.result import StudyResult
-from structid.study.results.view import ParameterResult, ResultsView
+from structid.study.results.view import (
+    PARAMETERS,
+    ParameterResult,
+    ResultsView,
+    changes_summary,
+    changes_table,
+    search_summary,
+)
 
 if TYPE_CHECKING:
     from structid.identification.fits.modal_fit import ModalFit

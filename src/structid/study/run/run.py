@@ -15,7 +15,6 @@ from structid.identification.mesh_pieces import SUBDIVIDE_AUTO, MeshPieces, judg
 from structid.identification.search import chosen_method
 from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.study.results.result import StudyResult, provenance
-from structid.study.run import solver
 from structid.study.run.resources import require_room
 from structid.study.run.start import PreparedStudy, compare_with_models, prepare_study, with_pieces
 from structid.study.run.workers import threads_for
@@ -64,7 +63,11 @@ def relinearized_study(
 ) -> PreparedStudy:
     """The study with records and models prepared for the search; the model of a solver is linearized about the answer."""
     ready = prepare_study(study)
-    return ready if study.solved is None else solver.relinearize_solver(ready, progress, work)
+    if study.solved is None:
+        return ready
+    from structid.study.run.solver import relinearize_solver  # for solvers alone
+
+    return relinearize_solver(ready, progress, work)
 
 
 def confirm_result(
@@ -76,7 +79,9 @@ def confirm_result(
     """
     ready, result = refine_mesh(ready, result, progress, work)
     if ready.study.solved is not None:
-        result = solver.with_solver(solver.with_nominal_start(result), work)
+        from structid.study.run.solver import with_nominal_start, with_solver  # for solvers alone
+
+        result = with_solver(with_nominal_start(result), work)
     return ready, result
 
 

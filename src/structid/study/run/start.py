@@ -22,9 +22,8 @@ from structid.identification.mesh_pieces import SUBDIVIDE_AUTO, MeshPieces
 from structid.identification.setups.setup import AnySetup, Prepared, prefixes, prepared_warnings, titles
 from structid.records import FrfRecord, TimeRecord
 from structid.study.schema.records.record import faults, load_histories, load_record, read_files
-from structid.study.schema.records.setups import SetupSource
 from structid.study.schema.section import Section
-from structid.study.schema.study import Study, cut_study
+from structid.study.schema.study import SetupSource, Study, cut_study
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,7 @@ from structid.identification.fits.model_modes import structure_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import used_lines
 from structid.inversion.search.work import SERIAL, TaskExecutor
-from structid.planning.options import resolve_options
-from structid.planning.plan import plan
+from structid.planning.plan import plan, resolve_options
 from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
 from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
@@ -28,8 +27,7 @@ from structid.study.schema.method import read_method
 from structid.study.schema.model.structure import leaves_pieces_open, read_structure, read_tolerances
 from structid.study.schema.records.record import NoiseSource, load_record, read_source
 from structid.study.schema.records.sensors import channel_names, is_load, used_names
-from structid.study.schema.root import InputFiles, read_root, record_sections, title_of
-from structid.study.schema.section import Section
+from structid.study.schema.section import InputFiles, Section, read_root, record_sections, title_of
 from structid.study.schema.tables import Given, Key, table_of
 from structid.study.schema.unknowns import read_parameters
 from structid.unknowns import Parameters

@@ -103,7 +103,7 @@ def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any])
 
 
 def _kinds(_: OpenFolder) -> StoredEntry:
-    from structid.workbench.work.kinds import element_kinds
+    from structid.workbench.work.model import element_kinds
 
     return element_kinds()
 
@@ -203,7 +203,7 @@ def _model_magnitudes(opened: OpenFolder, study: str, number: int = 0) -> Stored
     """
     from structid.study.run.start import prepare_study
     from structid.study.schema.study import load_study
-    from structid.workbench.work.fits import initial_responses
+    from structid.workbench.work.answer import initial_responses
 
     ready = prepare_study(load_study(opened.inside(study), work=LOOKING))
     return initial_responses(ready.setups[number], ready.problems[number], ready.study.options)
@@ -307,7 +307,7 @@ def _modes_beside_model(
 
 
 def _fits(opened: OpenFolder, results: str) -> StoredEntry:
-    from structid.workbench.work.fits import fitted_responses
+    from structid.workbench.work.answer import fitted_responses
 
     return fitted_responses(opened.inside(results))
 
@@ -348,7 +348,7 @@ def _exports(opened: OpenFolder, results: str, kind: str, suffix: str, options: 
 def _solver(opened: OpenFolder, study: str) -> StoredEntry:
     """Solver command that a study runs, as a mapping with the study's ``folder``; {} if the study runs no solver."""
     from structid.study.schema.model.solver import solver_command
-    from structid.study.schema.root import read_root
+    from structid.study.schema.section import read_root
 
     command = solver_command(*read_root(opened.inside(study), work=LOOKING))
     return {} if command is None else {**command._asdict(), "folder": opened.name(opened.inside(study).parent)}
@@ -357,7 +357,7 @@ def _solver(opened: OpenFolder, study: str) -> StoredEntry:
 def _line(opened: OpenFolder, study: str) -> StoredEntry:
     """Try to read a study or plan without running it: {} if that succeeds, else an `InputError` with file and line."""
     from structid.study.schema.plan import load_plan
-    from structid.study.schema.root import read_root
+    from structid.study.schema.section import read_root
     from structid.study.schema.study import load_study
 
     path = opened.inside(study)

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from structid.core.constraints import parameter_descriptions
 from structid.core.errors import InputError
+from structid.core.json_types import StoredEntry
 from structid.external.runs import Solver
-from structid.fem import Structure
+from structid.fem import ELEMENT_TYPES, Structure
+from structid.fem.elements.element import declarations
 from structid.inversion.search.work import SerialExecutor, StageProgress, Task
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.records.record import RecordSource, read_source
 from structid.study.schema.records.sensors import channel_names
-from structid.study.schema.root import read_root, record_sections
-from structid.study.schema.section import Section
+from structid.study.schema.section import Section, read_root, record_sections
 
 
 @dataclass(frozen=True)
@@ -127,3 +130,24 @@ class Looking(SerialExecutor):
 
 
 LOOKING = Looking()
+
+EDITED = ("beam", "bar", "space_beam", "point_mass", "spring")
+
+
+def element_kinds() -> dict[str, StoredEntry]:
+    """Keys of each element type that the page can edit, by type: name, unit, description and whether required."""
+    kinds: dict[str, StoredEntry] = {}
+    for name in EDITED:
+        kind = ELEMENT_TYPES[name]
+        declared, words = declarations(kind), parameter_descriptions(kind)
+        kinds[name] = [
+            {
+                "name": item.name,
+                "unit": declared[item.name].unit,
+                "words": words.get(item.name, ""),
+                "required": item.default is dataclasses.MISSING,
+            }
+            for item in dataclasses.fields(kind)
+            if item.init
+        ]
+    return kinds

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.compare.correlation.correlating import values_at
-from structid.compare.correlation.modes import correlated_modes
+from structid.compare.correlation import values_at
+from structid.compare.mode_correlation import correlated_modes
 from structid.core.display import file_names
 from structid.core.dof import parse_dofs, renamed
 from structid.core.errors import InputError

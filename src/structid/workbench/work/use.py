@@ -23,8 +23,7 @@ from structid.prediction.predict import Prediction
 from structid.prediction.quantities import Frf
 from structid.prediction.recovery import linear_element_outputs
 from structid.study.results.stored_model import stored_model, stored_study
-from structid.study.run.exports.offers import Offer, list_offers
-from structid.study.run.exports.write import ExportFiles, write_exports
+from structid.study.run.exports.files import ExportFiles, Offer, list_offers, write_exports
 from structid.study.run.predicting import parts_of, predict_stored, prediction_summary
 from structid.workbench.work.scene import packed
 

@@ -31,8 +31,7 @@ from structid.study.schema.kinds import (
     list_of,
     several,
 )
-from structid.study.schema.root import InputFiles
-from structid.study.schema.section import Section
+from structid.study.schema.section import InputFiles, Section
 from structid.study.schema.tables import Key, Table, kind_of_argument, table_of
 
 if TYPE_CHECKING:

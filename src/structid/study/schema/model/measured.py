@@ -16,8 +16,7 @@ from structid.records import FrfRecord
 from structid.records.formats import ReadOptions
 from structid.study.schema.kinds import TEXTS, as_list
 from structid.study.schema.records.record import load_record, read_source, record_table
-from structid.study.schema.root import InputFiles
-from structid.study.schema.section import Section
+from structid.study.schema.section import InputFiles, Section
 from structid.study.schema.tables import Key, Table
 
 _RECORD = record_table(Table())

@@ -22,8 +22,7 @@ from structid.fem.meshes import (
 )
 from structid.fem.supports import MiddleNode, RigidLink, Tie
 from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, as_list, choice, either, flat
-from structid.study.schema.root import InputFiles
-from structid.study.schema.section import Section
+from structid.study.schema.section import InputFiles, Section
 from structid.study.schema.tables import Table, table_of
 
 _AXES = ("x", "y", "z")

@@ -39,8 +39,7 @@ from structid.study.schema.kinds import (
 )
 from structid.study.schema.method import read_method
 from structid.study.schema.records.record import load_record, read_source
-from structid.study.schema.root import InputFiles, record_sections
-from structid.study.schema.section import Section
+from structid.study.schema.section import InputFiles, Section, record_sections
 from structid.study.schema.tables import Given, Key, Table, table_of
 
 _MATRICES = ("stiffness", "mass", "damping")

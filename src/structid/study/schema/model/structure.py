@@ -43,8 +43,7 @@ from structid.study.schema.kinds import (
     or_none,
 )
 from structid.study.schema.records.sensors import read_sensors
-from structid.study.schema.root import InputFiles
-from structid.study.schema.section import Section
+from structid.study.schema.section import InputFiles, Section
 from structid.study.schema.tables import Given, Key, Table, deferred, kind_of_argument, own_table, table_of
 from structid.unknowns.tolerances import EXACT, Tolerances
 

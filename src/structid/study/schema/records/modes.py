@@ -19,8 +19,7 @@ from structid.modal.formats.options import ModeFileOptions
 from structid.modal.modal_record import independent_errors, largest_entries
 from structid.study.schema.kinds import COUNT, Kind, as_list, list_of
 from structid.study.schema.records.sensors import used_names
-from structid.study.schema.root import InputFiles
-from structid.study.schema.section import Section
+from structid.study.schema.section import InputFiles, Section
 from structid.study.schema.tables import Key, Table, table_of
 
 _NUMBERS = Kind("numbers of modes, counted from 1, as in [1, 2, 4]", list_of(COUNT.schema), made=tuple)

@@ -19,8 +19,7 @@ from structid.records.record import LOADS, Quantity, as_recorded
 from structid.study.schema import records as record_kinds
 from structid.study.schema.kinds import CHANNEL_NAMES, PART, TEXT, TEXTS, as_list, choice
 from structid.study.schema.records.sensors import SENSORS, used_names
-from structid.study.schema.root import InputFiles
-from structid.study.schema.section import Section
+from structid.study.schema.section import InputFiles, Section
 from structid.study.schema.tables import Key, Table, deferred, kind_of_argument, table_of
 from structid.study.schema.unknowns import CHANNEL_ERROR
 from structid.unknowns.tolerances import Tolerances

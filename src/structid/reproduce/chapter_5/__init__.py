@@ -1,1 +1,0 @@
-"""Chapter 5: modal identification by the pseudo-Rayleigh quotient."""
