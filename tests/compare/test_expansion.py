@@ -12,7 +12,7 @@ from structid.compare.expansion import constrained_shapes, expand, reduced_mass,
 from structid.core.dof import parse_dofs
 from structid.dynamics.normal_modes import modes
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 
 
 def beam(n=12, fixed=("1 X Y RZ",)):

@@ -19,7 +19,8 @@ from structid.records.formats import read_record, write_record
 from structid.records.on_disk import open_record
 from structid.study.run import motion
 from structid.study.run.motion import MotionTaskData, reduced_alone, reduced_on, stretches, unusable
-from structid.study.run.workers import InProcess, Processes, start_workers
+from structid.study.run.start_workers import start_workers
+from structid.study.run.workers import InProcess, Processes
 from structid.study.schema.study import load_study
 
 ANSWER = 6 * 5 * 5 * 8  # bytes of the triangles: four columns and a right-hand side a degree of freedom

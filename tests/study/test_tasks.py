@@ -31,7 +31,8 @@ from structid.study.run.long_run import LongRun, SpreadLines, spread
 from structid.study.run.piped import ProcessLostError
 from structid.study.run.run import run_study
 from structid.study.run.start import prepare_study
-from structid.study.run.workers import InProcess, Processes, WorkersLostError, in_batches, start_workers
+from structid.study.run.start_workers import start_workers
+from structid.study.run.workers import InProcess, Processes, WorkersLostError, in_batches
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, write_chain
 

@@ -9,6 +9,9 @@ from typing import Literal, TypeAlias
 from structid.core.constraints import NotNegative, part_of_one, require_declared, split_commas
 from structid.core.errors import InputError
 
+Reduction: TypeAlias = Literal["guyan", "serep"]
+Method: TypeAlias = Literal["serep", "dynamic"]
+
 
 @dataclass(frozen=True)
 class CompareOptions:
@@ -53,10 +56,6 @@ def least_part(value: float | str) -> float:
     if not 0 <= part < 1:
         raise InputError(f"`least` must be at least 0 and below 1, got {value!r}; 0.01 and 1% are one per cent")
     return part
-
-
-Reduction: TypeAlias = Literal["guyan", "serep"]
-Method: TypeAlias = Literal["serep", "dynamic"]
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Outputs of a solver in the folder of a run, and checks that they are complete."""
+"""Outputs of a solver in the folder of a run: checks that they are complete, and the modes that it prints."""
 
 from __future__ import annotations
 
@@ -23,6 +23,13 @@ from structid.modal.formats.printed import PrintedMode, require_same_points
 
 #: Files that others are read with, by suffix.
 _BESIDE = {".sti": (".dof",), ".mas": (".dof",)}
+
+
+#: Suffixes that are read here; others are files of modes as `read_modes` knows them.
+FRD, NASTRAN = FRD_SUFFIXES, (*F06_SUFFIXES, *PUNCH_SUFFIXES)
+#: Six and seven digits.
+_ROUNDING = {".frd": 5e-6, **dict.fromkeys(NASTRAN, 5e-7)}
+_RUN_AGAIN = "let the solver print frequencies and displacements of all modes"
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,13 +130,6 @@ def existing_file(folder: Path, name: str) -> Path:
         names = sorted(one.name for one in folder.iterdir() if one.is_file() and one.stat().st_size)
         raise InputError(f"it wrote no {name}, only {', '.join(names[:12])}")
     return path
-
-
-#: Suffixes that are read here; others are files of modes as `read_modes` knows them.
-FRD, NASTRAN = FRD_SUFFIXES, (*F06_SUFFIXES, *PUNCH_SUFFIXES)
-#: Six and seven digits.
-_ROUNDING = {".frd": 5e-6, **dict.fromkeys(NASTRAN, 5e-7)}
-_RUN_AGAIN = "let the solver print frequencies and displacements of all modes"
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,6 +48,9 @@ _LARGEST_BYTES = 1_500_000_000
 _ROUNDING = 1e-9
 
 
+_DEFAULT_SENSORS = 4
+
+
 def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances | None = None) -> Plan:
     """Choose the most informative sensors, loads and lines of a test, with the predicted accuracy of each parameter.
 
@@ -536,9 +539,6 @@ def _noise_deviation(candidates: Candidates, values: ComplexArray) -> FloatArray
     noise = np.hypot(candidates.relative_noise * size, candidates.absolute_noise)
     is_rounding = size < rounding
     return np.where(is_rounding, np.maximum(noise, size.max(axis=(1, 2), keepdims=True)), noise) / np.sqrt(2)
-
-
-_DEFAULT_SENSORS = 4
 
 
 def resolve_options(structure: Structure, unknown: Parameters, options: PlanOptions) -> PlanOptions:

@@ -1,4 +1,4 @@
-"""A comparison in words and tables, as the terminal shows it, and its page."""
+"""The comparison of two states: its words and tables, as the terminal shows them, its page and its figures."""
 
 from __future__ import annotations
 

@@ -34,6 +34,13 @@ _MOST_NAMED = 8
 Figures = dict[str, plot.Figure]
 
 
+#: What the models of a figure are called, one, or two with their colours.
+ALONE, BEFORE_AND_AFTER = ("model",), ("initial", "identified")
+_COLOURS = {"model": palette.FITTED, "initial": palette.INITIAL, "identified": palette.FITTED}
+#: FDAC maps at most, of the first loads.
+_MOST_MAPS = 2
+
+
 def modes_table(part: ModesCorrelation) -> Table:
     """Table with a row for each measured mode: its paired model mode, frequency difference, MAC and remark.
 
@@ -303,13 +310,6 @@ def correlation_page(correlation: StudyCorrelation) -> Page:
         "provenance": provenance_table(asdict(correlation.provenance)),
     }
     return Page(CORRELATION_PAGE, "correlation.html.j2", figures, words)
-
-
-#: What the models of a figure are called, one, or two with their colours.
-ALONE, BEFORE_AND_AFTER = ("model",), ("initial", "identified")
-_COLOURS = {"model": palette.FITTED, "initial": palette.INITIAL, "identified": palette.FITTED}
-#: FDAC maps at most, of the first loads.
-_MOST_MAPS = 2
 
 
 def mac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plot.Figure:

@@ -36,6 +36,12 @@ _HEADER = (
 )
 
 
+_SYMBOLS = ("square", "circle", "diamond", "triangle-up")
+_COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)
+#: Beyond this relative standard deviation a mark stands at the edge of the drawing.
+_OFF_SCALE = 1e3
+
+
 def plan_text(plan: Plan, title: str, notes: tuple[str, ...]) -> list[RenderableType]:
     """Terminal text of a test plan: options, compared tests, next sensor, sufficient tests, parameters, collinear groups.
 
@@ -200,12 +206,6 @@ def plan_page(plan: Plan, title: str = "", notes: tuple[str, ...] = ()) -> Page:
         "parameters": parameter_table(plan),
     }
     return Page(PLAN_PAGE, "plan.html.j2", plan_figures(plan), words)
-
-
-_SYMBOLS = ("square", "circle", "diamond", "triangle-up")
-_COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)
-#: Beyond this relative standard deviation a mark stands at the edge of the drawing.
-_OFF_SCALE = 1e3
 
 
 def plan_figures(plan: Plan) -> dict[str, plot.Figure]:

@@ -31,6 +31,12 @@ _JSON_DIGITS = 10
 _MORE_DECIMALS = 2
 
 
+_SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "x", "star")
+_DASHES: tuple[Literal["solid", "dash", "dot"], ...] = ("solid", "dash", "dot")
+#: Curves with more points than this have no markers.
+_MOST_MARKED = 40
+
+
 def write_reproduction(items: Sequence[ReproducedItem], folder: Path, png: bool = False) -> Path:
     """Write ``reproduction.html`` and ``reproduction.json`` into `folder`, and return the path of the page.
 
@@ -230,12 +236,6 @@ def _difference_text(value: float) -> str:
         return "0"
     sign = "+" if value > 0 else MINUS
     return sign + number(abs(value), 2)
-
-
-_SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "x", "star")
-_DASHES: tuple[Literal["solid", "dash", "dot"], ...] = ("solid", "dash", "dot")
-#: Curves with more points than this have no markers.
-_MOST_MARKED = 40
 
 
 def panels_figure(panels: tuple[Panel, ...]) -> plot.Figure:

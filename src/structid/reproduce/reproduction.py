@@ -18,6 +18,10 @@ from structid.core.errors import InputError
 CHAPTERS = (3, 4, 5)
 
 
+#: Called with the name of the item in work and the part of the chapter that is done, 0 to 1.
+Progress = Callable[[str, float], None]
+
+
 def reproduce(chapters: Iterable[int] = CHAPTERS, progress: Progress | None = None) -> tuple[ReproducedItem, ...]:
     """Tables and figures of `chapters`, in the order of the dissertation.
 
@@ -167,8 +171,6 @@ def unprinted(rows: tuple[str, ...], columns: tuple[str, ...], computed: FloatAr
     return Table(rows, columns, np.full(np.shape(computed), np.nan), computed)
 
 
-#: Called with the name of the item in work and the part of the chapter that is done, 0 to 1.
-Progress = Callable[[str, float], None]
 #: The part of a chapter that is done before a step, its name, and what makes its items, told how to report its own part.
 Step = tuple[float, str, Callable[[Callable[[float], None]], Sequence[ReproducedItem]]]
 

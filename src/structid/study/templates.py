@@ -32,6 +32,20 @@ NO_RECORD = """
 """
 
 
+_SUPPORTS = {
+    "clamped": ("clamped at its left end", ('"1Y"', '"1RZ"')),
+    "simple": ("on supports at both ends", ()),
+    "free": ("free", ()),
+}
+_EDGES = ("one", "all", "none")
+#: Length over radius of gyration of a member whose section is not asked for.
+_SLENDERNESS = 80.0
+_FLAT = 1e-9
+#: Directions that a support holds, by the table of the elements.
+_HELD = {"plate": ["Z", "RX", "RY"], "shell": ["X", "Y", "Z", "RX", "RY", "RZ"], "solid": ["X", "Y", "Z"]}
+_FREE = "none"
+
+
 class Template(ABC):
     """Template of a study for one kind of structure; a subclass is a frozen dataclass whose fields are its questions."""
 
@@ -151,16 +165,6 @@ def unknown(property: str, elements: str, each: bool = False) -> str:
     return f'\n[[unknown]]\nproperty = "{property}"\nelements = {json.dumps(elements, ensure_ascii=False)}\n' + (
         "each = true\n" if each else ""
     )
-
-
-_SUPPORTS = {
-    "clamped": ("clamped at its left end", ('"1Y"', '"1RZ"')),
-    "simple": ("on supports at both ends", ()),
-    "free": ("free", ()),
-}
-_EDGES = ("one", "all", "none")
-#: Length over radius of gyration of a member whose section is not asked for.
-_SLENDERNESS = 80.0
 
 
 def _pairs(first: int, count: int) -> str:
@@ -413,12 +417,6 @@ mass = "{self.mass}"
 stiffness = "{self.stiffness}"
 loss_factor = 0.01
 {unknown("mass", "model")}{unknown("stiffness", "model")}{unknown("loss_factor", "model")}{NO_RECORD}"""
-
-
-_FLAT = 1e-9
-#: Directions that a support holds, by the table of the elements.
-_HELD = {"plate": ["Z", "RX", "RY"], "shell": ["X", "Y", "Z", "RX", "RY", "RZ"], "solid": ["X", "Y", "Z"]}
-_FREE = "none"
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,11 @@ _PREVIEW_LINES, _PREVIEW_LETTERS, _PREVIEW_BYTES = 12, 400, 20_000
 _arriving: set[Path] = set()
 
 
+_tasks: set[asyncio.Task[Any]] = set()
+#: Tables that the page does not look at are left out where the text is longer.
+_LONG = 3_000_000
+
+
 @dataclass(frozen=True)
 class Workbench:
     """All that the handlers share about a folder.
@@ -311,9 +316,6 @@ async def _histories(bench: Workbench, request: Request) -> Response:
         part = {"record": body["record"], "options": body["options"]}
         _later(bench.workers("overview", part))
     return _answered(answer)
-
-
-_tasks: set[asyncio.Task[Any]] = set()
 
 
 def _later(work: Any) -> None:
@@ -613,9 +615,6 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("GET", "/api/download", _download),
     ("GET", "/api/export", _export),
 )
-
-#: Tables that the page does not look at are left out where the text is longer.
-_LONG = 3_000_000
 
 
 def study_answer(text: str, digest: str) -> dict[str, Any]:

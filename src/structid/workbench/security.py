@@ -42,6 +42,10 @@ _ALWAYS = {
 _WITHOUT_TOKEN = "The address lacks the token: open the whole address that `structid app` printed in the terminal."
 
 
+#: Seconds for the headers of a request, and for the next part of its body.
+HEADER_SECONDS, BODY_SECONDS = 10.0, 30.0
+
+
 @dataclass(frozen=True)
 class Access:
     """Port and token that requests to a folder must have.
@@ -208,10 +212,6 @@ async def _answer(send: Send, status: int, words: str) -> None:
     headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})
-
-
-#: Seconds for the headers of a request, and for the next part of its body.
-HEADER_SECONDS, BODY_SECONDS = 10.0, 30.0
 
 
 class DeadlineProtocol(H11Protocol):

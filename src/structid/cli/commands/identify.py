@@ -123,7 +123,8 @@ def identify(
     from structid.study.run.diagnosis import diagnose_study
     from structid.study.run.long_run import LongRun
     from structid.study.run.run import confirm_result, relinearized_study, run_prepared
-    from structid.study.run.workers import WorkersLostError, start_workers
+    from structid.study.run.start_workers import start_workers
+    from structid.study.run.workers import WorkersLostError
     from structid.study.schema.study import load_study
 
     check_png(report, png)

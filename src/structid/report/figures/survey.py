@@ -36,6 +36,9 @@ _SINGULAR = (
 _MOST_LINES = 2400
 
 
+_COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)
+
+
 def pole_kinds(result: ModesResult) -> list[np.ndarray]:
     """Kind of each pole, one integer array for each model order of the sweep.
 
@@ -260,9 +263,6 @@ def _circle(title: str, shape: ComplexArray, names: list[str]) -> plot.Panel:
         plot.Texts(round_, np.roll(round_, 1), ("0°", "90°", "180°", "270°"), palette.MUTED, 10.0),
     )
     return plot.Panel(reach, (plot.Strip(reach, traces),), title, title, equal=True, bare=True)
-
-
-_COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)
 
 
 def tracks_figure(tracks: ModeTracks) -> plot.Figure:

@@ -62,6 +62,13 @@ _INTERVALS = {
 _MOST_SETS = 12
 
 
+_MODAL_FORMS = {
+    "output": "frequencies and shapes of paired modes over their standard deviations",
+    "dynamic": "smallest force that makes a measured shape a motion of the model (unmeasured places eliminated)",
+}
+_MAC = "frequencies over their standard deviations, and 1 - MAC of each shape over the square of `shape_error`"
+
+
 def value_table(view: ResultsView) -> Table:
     """Table of every parameter with standard deviation, 95 % interval, initial value and state; doubtful ones are marked."""
     header = ("Parameter", "Identified ± std", "95\u00a0% interval", "Initial", "State")
@@ -361,14 +368,6 @@ def _range(values: FloatArray) -> str:
 def _type_words(element: ElementSet) -> str:
     name = type(element).__name__
     return "".join(f" {c.lower()}" if c.isupper() else c for c in name).strip()
-
-
-_MODAL_FORMS = {
-    "output": "frequencies and shapes of paired modes over their standard deviations",
-    "dynamic": "smallest force that makes a measured shape a motion of the model (unmeasured places eliminated)",
-}
-
-_MAC = "frequencies over their standard deviations, and 1 - MAC of each shape over the square of `shape_error`"
 
 
 def modal_table(fit: ModalFit) -> Table:

@@ -59,6 +59,11 @@ _DOUBTFUL = "ot rely on"
 _OF_THE_MODEL = ("mesh", "shear", "damping_law", "varies", "untied")
 
 
+PARAMETERS = "parameters.csv"
+#: How many of the largest changes estimate.json names.
+_MOST_CHANGES = 50
+
+
 @dataclass(frozen=True)
 class ParameterResult:
     """One parameter as readers see it.
@@ -488,11 +493,6 @@ def _fit_rows(fits: Sequence[RecordFit]) -> list[tuple[str, str]]:
             )
         )
     return rows
-
-
-PARAMETERS = "parameters.csv"
-#: How many of the largest changes estimate.json names.
-_MOST_CHANGES = 50
 
 
 def search_summary(estimate: Estimate) -> dict[str, StoredEntry]:

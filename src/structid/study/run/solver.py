@@ -53,6 +53,21 @@ _OF_STD, _OF_VALUE = 1e-2, 1e-6
 _OPEN = 50.0
 
 
+#: Most that a parameter moves in a round, as a part of its value.
+_FARTHEST = 0.5
+#: Widths of the averages, in parts of the frequency.
+LEVELS = (0.35, 0.14, 0.06, 0.025)
+#: Steps of differences meanwhile, rounds at one level, and part of it by which a parameter may still move where the next follows.
+_STEP_OF_LEVEL, _ROUNDS_OF_LEVEL, _SETTLED = 0.25, 6, 0.5
+#: The model is near where the logarithms of computed over measured magnitudes are below this at so many of the lines
+#: whose noise is below a part of them.
+_NEAR, _OF_LINES, _CLEAR = 0.7, 0.98, 0.3
+_START_ERROR, _LINE_ERROR = 0.5, 0.1
+#: Lines of an average, and its width in spacings of the measured ones.
+_USABLE_LINES, _WIDE = 8, 3.0
+_HALVINGS, _TINY = 4, 1e-12
+
+
 def relinearize_solver(
     ready: PreparedStudy, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
 ) -> PreparedStudy:
@@ -195,10 +210,6 @@ def with_solver(result: StudyResult, work: TaskExecutor = SERIAL) -> StudyResult
     return replace(result, solver=answer)
 
 
-#: Most that a parameter moves in a round, as a part of its value.
-_FARTHEST = 0.5
-
-
 def deck_values(
     solved: SolvedModel, problem: RecordProblem, names: Sequence[str], values: FloatArray
 ) -> dict[str, float]:
@@ -279,19 +290,6 @@ def relinearize_study(
     pairs = zip(study.setups, edited.setups, strict=True)
     setups = (replace(after, parameters=begun_at(before.parameters, identified)) for before, after in pairs)
     return replace(edited, setups=tuple(setups))
-
-
-#: Widths of the averages, in parts of the frequency.
-LEVELS = (0.35, 0.14, 0.06, 0.025)
-#: Steps of differences meanwhile, rounds at one level, and part of it by which a parameter may still move where the next follows.
-_STEP_OF_LEVEL, _ROUNDS_OF_LEVEL, _SETTLED = 0.25, 6, 0.5
-#: The model is near where the logarithms of computed over measured magnitudes are below this at so many of the lines
-#: whose noise is below a part of them.
-_NEAR, _OF_LINES, _CLEAR = 0.7, 0.98, 0.3
-_START_ERROR, _LINE_ERROR = 0.5, 0.1
-#: Lines of an average, and its width in spacings of the measured ones.
-_USABLE_LINES, _WIDE = 8, 3.0
-_HALVINGS, _TINY = 4, 1e-12
 
 
 def led_near(ready: PreparedStudy, work: TaskExecutor) -> PreparedStudy:

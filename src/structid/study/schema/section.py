@@ -28,6 +28,22 @@ T = TypeVar("T")
 _LABEL = re.compile(r"\d{1,9}")
 
 
+#: Bytes of a study file at most: one with a node a line and a million nodes has 30 MB.
+MOST_STUDY_BYTES = 100_000_000
+#: Its keys; those of the sections stand where each is read.
+SECTIONS = Table(
+    {
+        "title": Key(TEXT, "The file's name by default"),
+        "structure": Key(Table(), "Nodes, elements, supports and ties", required=True),
+        "unknown": Key(Table(), "What is to be identified", listed=True),
+        "record": Key(Table(), "What was measured; several, as [[record]], are fitted together"),
+        "method": Key(Table(), "How it is identified"),
+        "regularization": Key(Table(), "What holds parameters that the data do not determine", listed=True),
+        "plan": Key(Table(), "What a test that is still to come may use"),
+    }
+)
+
+
 @dataclass(frozen=True, eq=False)
 class StudyText:
     """The study file as read.
@@ -201,22 +217,6 @@ def _nearest(name: str, value: JsonValue, keys: Mapping[str, Key]) -> list[str]:
 def _shown(value: JsonValue) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-#: Bytes of a study file at most: one with a node a line and a million nodes has 30 MB.
-MOST_STUDY_BYTES = 100_000_000
-#: Its keys; those of the sections stand where each is read.
-SECTIONS = Table(
-    {
-        "title": Key(TEXT, "The file's name by default"),
-        "structure": Key(Table(), "Nodes, elements, supports and ties", required=True),
-        "unknown": Key(Table(), "What is to be identified", listed=True),
-        "record": Key(Table(), "What was measured; several, as [[record]], are fitted together"),
-        "method": Key(Table(), "How it is identified"),
-        "regularization": Key(Table(), "What holds parameters that the data do not determine", listed=True),
-        "plan": Key(Table(), "What a test that is still to come may use"),
-    }
-)
 
 
 @dataclass(frozen=True, eq=False)

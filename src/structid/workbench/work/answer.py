@@ -1,4 +1,4 @@
-"""An identified structure as the page draws it: its changes by element, and the shapes of its modes."""
+"""An identified structure as the page draws it: its changes by element, the shapes of its modes, and its responses."""
 
 from __future__ import annotations
 
@@ -28,6 +28,13 @@ from structid.workbench.work.scene import packed, structure_scene
 _MODES, _MOST_DOFS = 12, 30_000
 #: Colours of the legend, and changes of an element set that are told in words.
 _LEGEND_COLOURS, _MOST_WORDS = 9, 20
+
+
+#: Lines of one channel that are sent of a model at most.
+_MOST_LINES = 4000
+_FIELDS = ("frequency", "measured", "predicted", "predicted_initial", "outputs", "inputs", "kind")
+#: Values of all channels together that are sent at most.
+_MOST_VALUES = 400_000
 
 
 def identified_scene(folder: Path) -> dict[str, StoredEntry]:
@@ -113,13 +120,6 @@ def _largest_first(changes: Iterable[Change]) -> list[str]:
     words = sorted(size, key=lambda text: (-size[text], text))
     more = len(words) - _MOST_WORDS
     return words if more <= 0 else [*words[:_MOST_WORDS], f"and {more} more"]
-
-
-#: Lines of one channel that are sent of a model at most.
-_MOST_LINES = 4000
-_FIELDS = ("frequency", "measured", "predicted", "predicted_initial", "outputs", "inputs", "kind")
-#: Values of all channels together that are sent at most.
-_MOST_VALUES = 400_000
 
 
 def fitted_responses(folder: Path) -> dict[str, StoredEntry]:

@@ -1,4 +1,4 @@
-"""A study's structure and record as the page asks for them: of one record of several, before anything is computed."""
+"""A study's structure and record as the page asks for them, of one record of several, and the element types that it edits."""
 
 from __future__ import annotations
 
@@ -19,6 +19,9 @@ from structid.study.schema.model.structure import read_structure
 from structid.study.schema.records.record import RecordSource, read_source
 from structid.study.schema.records.sensors import channel_names
 from structid.study.schema.section import Section, read_root, record_sections
+
+#: Element types whose properties the page can edit.
+EDITED = ("beam", "bar", "space_beam", "point_mass", "spring")
 
 
 @dataclass(frozen=True)
@@ -130,8 +133,6 @@ class Looking(SerialExecutor):
 
 
 LOOKING = Looking()
-
-EDITED = ("beam", "bar", "space_beam", "point_mass", "spring")
 
 
 def element_kinds() -> dict[str, StoredEntry]:
