@@ -28,8 +28,8 @@ from structid.study.results.folder import write_results
 from structid.study.run.run import run_study
 from study_cases import write_chain
 
-SIERRA = Path(__file__).parents[4] / "shared" / "data" / "sierra_block_ac_KM"
-FRAMES = Path(__file__).parents[4] / "shared" / "data" / "smu_shear_frames" / "four_story_lab_frame.npz"
+SIERRA = Path(__file__).parents[3] / "shared" / "data" / "sierra_block_ac_KM"
+FRAMES = Path(__file__).parents[3] / "shared" / "data" / "smu_shear_frames" / "four_story_lab_frame.npz"
 
 
 def dense_mac(x, y):
