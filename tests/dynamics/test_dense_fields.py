@@ -5,7 +5,7 @@ import pytest
 from scipy import linalg
 
 from structid.core.errors import SingularModelError
-from structid.dynamics import dense_fields, modal_fields
+from structid.dynamics import dense_fields
 from structid.dynamics.dense_fields import DenseFields, solve_small_systems
 
 LINES = np.linspace(0.02, 0.9, 400)
@@ -178,7 +178,7 @@ def test_a_line_that_cannot_be_factorized_is_named(n_lines):
     matrices, laplace = np.array([1.0, 0.0, 4.0, 0.0]).reshape(4, 1, 1), 1j * np.linspace(1.0, 3.0, n_lines + 1)
     with pytest.raises(SingularModelError, match=r"singular at 0\.\d+ to 0\.\d+ Hz"):
         fields(matrices, laplace, np.ones((1, 1)))
-    assert modal_fields.modal_fields(matrices, np.ones((1, 1)), laplace) is None
+    assert dense_fields.modal_fields(matrices, np.ones((1, 1)), laplace) is None
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])

@@ -13,12 +13,11 @@ from structid.dynamics.factorization import (
     SingularMatrixError,
     factorizer,
     installed_factorizers,
-    pardiso,
     usable_threads,
 )
 from structid.dynamics.receptance import DynamicStiffness
 
-needs_mkl = pytest.mark.skipif(bool(pardiso.mkl_problem()), reason=f"no MKL here: {pardiso.mkl_problem()}")
+needs_mkl = pytest.mark.skipif(bool(factorization.mkl_problem()), reason=f"no MKL here: {factorization.mkl_problem()}")
 MARKS = {"pardiso": needs_mkl, "superlu": ()}
 AVAILABLE = [pytest.param(name, marks=MARKS[name]) for name in FACTORIZERS]
 HELD = [pytest.param(name, marks=MARKS[name]) for name in ("pardiso",)]
@@ -160,7 +159,7 @@ def test_choice_by_name_by_variable_and_by_what_is_installed(monkeypatch):
 
 def test_missing_library_is_named_with_the_way_to_install_it(monkeypatch):
     monkeypatch.delenv(factorization.VARIABLE, raising=False)
-    monkeypatch.setattr(pardiso, "_load_library", lambda: "the library was not found")
+    monkeypatch.setattr(factorization, "_load_library", lambda: "the library was not found")
     assert installed_factorizers() == ("superlu",)
     assert factorizer().name == "superlu"
     with pytest.raises(

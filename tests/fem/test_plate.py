@@ -7,7 +7,7 @@ from cells_cases import box
 from structid import InputError, PointMass, Structure, Unknown, parameters
 from structid.dynamics.normal_modes import modes
 from structid.fem import Membrane, Plane, Plate
-from structid.fem.elements.cells.kirchhoff import _square_functions, _triangle_functions
+from structid.fem.elements.plate import _square_functions, _triangle_functions
 from structid.forward.sensitive import weight_slope
 
 E, RHO, NU, T = 70e9, 2700.0, 0.3, 0.005

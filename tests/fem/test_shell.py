@@ -8,8 +8,8 @@ from scipy.sparse.linalg import spsolve
 from structid import FrfRecord, InputError, Structure, Unknown, parameters
 from structid.dynamics.normal_modes import modes
 from structid.fem import Shell
-from structid.fem.elements.cells.drilling_membrane import drilling_stiffness
-from structid.fem.elements.cells.elastic import plane_elasticity
+from structid.fem.elements.elastic import plane_elasticity
+from structid.fem.elements.shell import drilling_stiffness
 from structid.forward.frf.response import response
 from structid.forward.sensitive import weight_slope
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from structid.core.errors import FileError
-from structid.files.uff.blocks import UffDataset
+from structid.files.uff.datasets import UffDataset
 from structid.files.uff.elements import _BESIDE, _CELLS, read_elements
 
 

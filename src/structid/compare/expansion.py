@@ -136,7 +136,7 @@ def expand(
     Parameters
     ----------
     measured : (n_channels, n_modes) float array
-        Real shapes psi, see `structid.similarity.shapes.most_real`; NaN where an entry is unknown: each shape is expanded from
+        Real shapes psi, see `structid.similarity.most_real`; NaN where an entry is unknown: each shape is expanded from
         the sensors at which it is known.
     frequency : (n_modes,) float array
         Measured natural frequencies, Hz.

@@ -20,8 +20,16 @@ from structid.fem import Structure
 from structid.forward import ModalSettings
 from structid.modal import ModalRecord
 from structid.modal.modal_record import largest_entries
-from structid.similarity import Pairing, comac, ecomac, most_real, orthogonality, pair_modes, subspace_angles
-from structid.similarity.pairing import assign_pairs
+from structid.similarity import (
+    Pairing,
+    assign_pairs,
+    comac,
+    ecomac,
+    most_real,
+    orthogonality,
+    pair_modes,
+    subspace_angles,
+)
 
 #: Degrees of freedom beyond which all modes are not sought, and beyond which no mass is reduced statically.
 _DENSE_UP_TO, _STATIC_UP_TO = 600, 30_000

@@ -32,7 +32,7 @@ from structid.identification.setups.modal import ModalSetup, chosen_modes
 from structid.identification.setups.time import TimeSetup
 from structid.modal import ModalRecord
 from structid.records import FrfRecord, TimeRecord
-from structid.records.corrections import segment_duration
+from structid.records.record import segment_duration
 from structid.unknowns import Unknown
 
 _DIGITS = 6

@@ -14,7 +14,7 @@ from structid.forward import ChannelUnknown
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
 from structid.records import FrfRecord, TimeRecord
-from structid.records.corrections import rename_channels
+from structid.records.record import rename_channels
 from structid.unknowns import Unknown
 from structid.unknowns.parameters import redeclared
 

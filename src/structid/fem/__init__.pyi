@@ -1,21 +1,21 @@
 """The public names, each with its place; `structid.lazy` reads them from here."""
 
 from structid.fem.component import Component as Component
-from structid.fem.elements.bar import Bar as Bar
+from structid.fem.elements.beam import Bar as Bar
 from structid.fem.elements.beam import Beam as Beam
 from structid.fem.elements.connector import Dashpot as Dashpot
+from structid.fem.elements.connector import Friction as Friction
+from structid.fem.elements.connector import Joint as Joint
 from structid.fem.elements.connector import Spring as Spring
-from structid.fem.elements.friction import Friction as Friction
+from structid.fem.elements.elastic import Plane as Plane
+from structid.fem.elements.elastic import Solid as Solid
 from structid.fem.elements.inertia import PointMass as PointMass
 from structid.fem.elements.inertia import RotaryInertia as RotaryInertia
-from structid.fem.elements.joint import Joint as Joint
 from structid.fem.elements.matrix_group import MatrixGroup as MatrixGroup
 from structid.fem.elements.membrane import Membrane as Membrane
-from structid.fem.elements.plane import Plane as Plane
 from structid.fem.elements.plate import Plate as Plate
 from structid.fem.elements.registry import ELEMENT_TYPES as ELEMENT_TYPES
 from structid.fem.elements.shell import Shell as Shell
-from structid.fem.elements.solid import Solid as Solid
 from structid.fem.elements.space_beam import SpaceBeam as SpaceBeam
 from structid.fem.matrices.blocks import Blocks as Blocks
 from structid.fem.matrices.blocks import ElementMatrices as ElementMatrices

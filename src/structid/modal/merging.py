@@ -19,8 +19,7 @@ from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.modal.modal_record import ModalRecord, by_frequency, largest_entries, unscaled_shape_std
-from structid.similarity import mac
-from structid.similarity.pairing import assign_pairs, pairing_worth
+from structid.similarity import assign_pairs, mac, pairing_worth
 
 _DOUBT = 0.01
 _LEAST_WORTH = 0.5  # of a pair of modes

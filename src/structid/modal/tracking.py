@@ -14,7 +14,7 @@ from structid.core.errors import InputError
 from structid.modal.merging import common_sensors, pair_worth, rows_and_signs
 from structid.modal.modal_record import ModalRecord
 from structid.modal.shape_uncertainty import mac_with_std
-from structid.similarity.pairing import assign_pairs
+from structid.similarity import assign_pairs
 
 _LEAST_WORTH = 0.5  # of a mode beside the last one of its track
 _LEAST_RECORDS = 2  # in which a mode must be seen, to be a track

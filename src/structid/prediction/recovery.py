@@ -17,7 +17,7 @@ from structid.core.dof import Dof, parse_dof
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.fem.elements import ElementSet
-from structid.fem.elements.cells.elastic import plane_elasticity
+from structid.fem.elements.elastic import plane_elasticity
 from structid.fem.elements.element import node_codes
 from structid.fem.elements.plate import ThinSet
 from structid.fem.matrices.blocks import Blocks

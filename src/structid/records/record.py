@@ -1,21 +1,20 @@
-"""Records: frequency response functions and time histories, in SI units, with their noise."""
+"""Records: frequency response functions and time histories in SI units, their noise, and repeats joined to one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from structid.core.arrays import AnyArray, ComplexArray, FloatArray, locked, require_finite, require_shape
 from structid.core.display import Overview, Shown, data_array, format_number, join_words, plural
-from structid.core.dof import Dof, parse_dofs
+from structid.core.dof import Dof, parse_dofs, renamed
 from structid.core.errors import InputError, NoLinesError
 from structid.core.units import FrfKind, Quantity
-from structid.records.repeats import require_shared
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,6 +46,9 @@ QUANTITY_UNITS: dict[str, tuple[str, str]] = {
 }
 #: What acts on a structure; the other quantities are its motions.
 LOADS: tuple[Quantity, ...] = ("force", "support_acceleration")
+R = TypeVar("R", bound="FrfRecord | TimeRecord")
+#: Largest difference of line spacings that rounding explains, as a part of their mean.
+_EVEN = 0.02
 
 
 def _require_distinct(name: str, dofs: tuple[Dof, ...]) -> None:
@@ -344,6 +346,8 @@ def _select_lines(
 
 #: By how much a coherence may lie below 1 that a file of six digits holds as 1.
 _ROUNDED = 5e-6
+
+
 #: Degrees of freedom from where on a variance from repeats is taken as known.
 _FREEDOM = 20
 
@@ -586,3 +590,71 @@ def as_recorded(wanted: Sequence[Dof], record: FrfRecord) -> tuple[Dof, ...]:
     """
     own = {dof.unsigned: dof for dof in record.outputs}
     return tuple(own.get(dof.unsigned, dof) for dof in wanted)
+
+
+def require_shared(name: str, values: Sequence[Sequence[Hashable]], sources: Sequence[str]) -> None:
+    """Raise `InputError` if a repeat differs from the first in `values`, also in their order.
+
+    Parameters
+    ----------
+    name : str
+        Description of the values, for the message.
+    values : sequence of sequences
+        Values of each repeat.
+    sources : sequence of str
+        Name of each repeat, for the message; "" if not known.
+
+    Raises
+    ------
+    InputError
+        If a repeat differs; the message says which values only one of both has.
+    """
+    for i, own in enumerate(values):
+        if list(own) == list(values[0]):
+            continue
+        both = set(values[0]) & set(own)
+        more, other = ([one for one in given if one not in both] for given in (values[0], own))
+        pair = [f"repeat {j + 1}" + (f" ({sources[j]})" if sources[j] else "") for j in (0, i)]
+        if other and not more:
+            pair, more, other = pair[::-1], other, more
+        words = f"{_listed(more)}, where {pair[1]} has {_listed(other) or 'none'}" if more else "another order"
+        raise InputError(
+            f"repeated records must share {name}: {pair[0]} has {words}; leave out what differs, or give each as a record of"
+            " its own"
+        )
+
+
+def _listed(items: Sequence[Hashable]) -> str:
+    return join_words([f"{one:.12g}" if isinstance(one, float) else one for one in items])
+
+
+def rename_channels(record: R, names: Mapping[str, str]) -> R:
+    """The record with its channels renamed by `names`, as in `structid.core.dof.renamed`; values and order stay.
+
+    Outputs and inputs of FRFs, and motions and loads of time histories, are renamed separately. An empty mapping returns
+    `record` itself.
+    """
+    if not names:
+        return record
+    if isinstance(record, FrfRecord):
+        outputs, inputs = renamed(record.outputs, record.inputs, names)
+        return replace(record, outputs=outputs, inputs=inputs)
+    is_load = [quantity in LOADS for quantity in record.quantities]
+    pairs = list(zip(record.channels, is_load, strict=True))
+    sensors, loads = renamed([dof for dof, load in pairs if not load], [dof for dof, load in pairs if load], names)
+    left, right = iter(sensors), iter(loads)
+    return replace(record, channels=tuple(next(right if load else left) for load in is_load))
+
+
+def segment_duration(record: FrfRecord) -> float:
+    """Duration in s of the averaged segments behind an FRF record: 1 over the spacing of its lines.
+
+    Raises
+    ------
+    InputError
+        If the lines are not evenly spaced, or there is only one.
+    """
+    gaps = np.diff(record.frequency)
+    if not len(gaps) or np.ptp(gaps) > _EVEN * gaps.mean():
+        raise InputError("the lines are not evenly spaced, so that they do not tell how long the segments were")
+    return float(1 / gaps.mean())

@@ -18,7 +18,7 @@ from structid.identification.fits.model_modes import structure_modes
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.mesh_pieces import MESH_ERROR
 from structid.identification.setups.setup import AnySetup
-from structid.similarity.pairing import assign_pairs
+from structid.similarity import assign_pairs
 
 #: Degrees of freedom of the finest model that is solved, and modes that are looked at.
 _MOST_DOFS, _MOST_MODES = 20_000, 40

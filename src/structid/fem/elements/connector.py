@@ -1,22 +1,26 @@
-"""Springs and dashpots between two degrees of freedom, or from one to the ground."""
+"""Connections of two degrees of freedom, or of one to the ground: springs, dashpots, joints and dry friction."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray, locked
-from structid.core.dof import Dof, parse_dofs
+from structid.core.constraints import Number
+from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.fem.elements.element import (
     LOSS_FACTOR,
+    At,
     Declared,
     Dofs,
     ElementMatrixTerm,
     ElementSet,
+    End,
     Ends,
     Matrices,
     NodeCoordinates,
     Nodes,
+    OtherEnd,
     OtherEnds,
     Values,
     declarations,
@@ -106,3 +110,94 @@ class Dashpot(Connector):
     symbol = "dashpot"
 
     viscous_damping: Values = declared("Damping", "viscous_damping", "N s/m", about_axes="N m s/rad", kw_only=True)
+
+
+@element
+class Friction(Connector):
+    """Dry (Coulomb) friction between one degree of freedom and another or the ground, by harmonic linearization.
+
+    A friction force of constant amplitude, in phase with the sliding velocity, has the dynamic stiffness
+    i r / \\|x\\|, where r is the amplitude of its first harmonic per unit of drive amplitude and \\|x\\| the sliding
+    amplitude per unit drive: the model's own, by harmonic balance. It holds while the drive amplitude is the same at
+    all frequencies and one load acts at a time. Where r exceeds the force that reaches the contact, it sticks.
+
+    References
+    ----------
+    Den Hartog (1931), Trans. ASME 53, APM-53-9; Magnus, Popp, Sextro (2016), Schwingungen, section 3.2.
+    """
+
+    symbol = "friction"
+
+    first: End = declared("Where the friction acts")
+    second: OtherEnd = declared("The other end; the ground where left out", default=None)
+    friction_force: Values = declared(
+        "First harmonic of the force per unit of drive: 4/pi times the sliding force over the amplitude of the load",
+        "friction",
+        "N/N",
+        kw_only=True,
+    )
+    measured_by: Ends = declared(
+        "Sensors whose mean along their axes is the sliding motion. Searches from poor starts take the amplitude from them,"
+        " which keeps the model linear; the last stage takes the model's own",
+        stored=dofs_stored,
+        default=(),
+        kw_only=True,
+    )
+    smoothing: Number = declared(
+        "Neighbouring lines over which a measured amplitude is averaged (geometric mean); 1 for none",
+        stored=lambda name, given: max(1, int(given)),
+        default=1,
+        kw_only=True,
+    )
+
+    def sliding(self, receptance: np.ndarray) -> FloatArray:
+        """Smoothed sliding amplitude, (n_frequencies,), from measured receptances of the `measured_by` sensors.
+
+        It is the size of their mean, averaged geometrically over `smoothing` lines, per unit of load.
+
+        Parameters
+        ----------
+        receptance : (n_frequencies, n_sensors) complex array
+            Signs of the sensors already removed.
+        """
+        size = np.log(np.maximum(np.abs(receptance.mean(axis=1)), np.finfo(float).tiny))
+        window = np.ones(min(self.smoothing, len(size)))
+        total = np.convolve(size, window, mode="same")
+        return np.exp(total / np.convolve(np.ones(len(size)), window, mode="same"))
+
+
+@element
+class Joint(ElementSet):
+    """A flexible joint: the end of one bar or beam gives way against its node in one direction, held by a spring.
+
+    In all other directions the end stays with the node. An end may have several joints, each in another direction. Where
+    supports hold the node, the joint is that of a yielding support.
+    """
+
+    follows = True
+    symbol = "ring"
+
+    nodes: Nodes = declared("The node", init=False)
+    element: str = declared("The element, counted from 1, such as ``girder:1``")
+    at: At = declared("Which of its nodes, and the global direction that gives way, such as ``4RZ``")
+    stiffness: Values = declared("Stiffness", "stiffness", "N/m", about_axes="N m/rad")
+    loss_factor: Values = declared(*LOSS_FACTOR, default=0.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "at", parse_dof(self.at).unsigned)
+        object.__setattr__(self, "nodes", locked(np.array([[self.at.node]]), np.int64))
+        super().__post_init__()
+
+    @property
+    def loosened(self) -> tuple[str, Dof]:
+        """The element and the degree of freedom."""
+        return self.element, self.at
+
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
+        """The spring between the node and the end, which the structure numbers; see `ElementSet.loosened`."""
+        codes = np.array([[dof_code(self.at.node, self.at.direction), -1]])
+        return {"stiffness": (ElementMatrixTerm(codes, np.array([[[1.0, -1.0], [-1.0, 1.0]]])),)}
+
+    def unit(self, what: Declared) -> str:
+        """The unit that fits the direction."""
+        return what.about_axes or what.unit if self.at.is_rotation else what.unit

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.fem.elements.cells.cells import CellSet, cell_positions, cell_table
-from structid.fem.elements.cells.isoparametric import CELLS, gradients
+from structid.fem.elements.cells import CellSet, cell_positions, cell_table
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     PER_VELOCITY,
@@ -19,6 +18,7 @@ from structid.fem.elements.element import (
     element,
     node_codes,
 )
+from structid.fem.elements.isoparametric import CELLS, gradients
 
 _CELLS = {3: "triangle"}
 

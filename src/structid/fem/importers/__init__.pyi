@@ -15,6 +15,7 @@ from structid.fem.importers.imported import of_elements as of_elements
 from structid.fem.importers.imported import on_dofs as on_dofs
 from structid.fem.importers.imported import tables_of as tables_of
 from structid.fem.importers.matrix_files import FORMATS as FORMATS
+from structid.fem.importers.matrix_files import Op4Options as Op4Options
 from structid.fem.importers.matrix_files import read_matrices as read_matrices
 from structid.fem.importers.matrix_files import read_matrix as read_matrix
 from structid.fem.importers.matrix_files import write_abaqus as write_abaqus
@@ -24,4 +25,3 @@ from structid.fem.importers.matrix_files import write_matrix as write_matrix
 from structid.fem.importers.matrix_files import write_op4 as write_op4
 from structid.fem.importers.numbering import read_numbering as read_numbering
 from structid.fem.importers.numbering import write_numbering as write_numbering
-from structid.fem.importers.op4.strings import Op4Options as Op4Options

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
-from structid.core.errors import FileError
+from structid.core.errors import FileError, InputError
 from structid.fem.importers.imported import ImportedMatrix
-from structid.fem.importers.op4.strings import Op4Options
 from structid.files import atomic_write, damage_told, require_readable
 from structid.lazy import FormatModule
 
@@ -17,15 +17,52 @@ if TYPE_CHECKING:
     from structid.fem.importers.abaqus import Form
     from structid.fem.importers.dmig import Field
 
-OP4 = FormatModule("structid.fem.importers.op4.op4", (".op4", ".ou1"))  # the second is MYSTRAN's
+OP4 = FormatModule("structid.fem.importers.op4", (".op4", ".ou1"))  # the second is MYSTRAN's
 DMIG = FormatModule("structid.fem.importers.dmig", (".pch", ".pun", ".dmig", ".bdf", ".nas", ".bulk", ".blk", ".dat"))
 ABAQUS = FormatModule("structid.fem.importers.abaqus", (".mtx",))
 ANSYS = FormatModule("structid.fem.importers.ansys", (".full", ".emat"))
 ARRAYS = FormatModule("structid.fem.importers.arrays", (".npz", ".npy", ".mtx", ".mat"))
 HARWELL_BOEING = FormatModule("structid.fem.importers.harwell_boeing", (".hb", ".rb", ".rua", ".rsa", ".matrix"))
 CALCULIX = FormatModule("structid.fem.importers.calculix", (".sti", ".mas"))
+Layout = Literal["bigmat", "sparse", "dense"]
 #: Each module has read(path). A .mtx file is MatrixMarket where its first line says so, else Abaqus.
 FORMATS: tuple[FormatModule, ...] = (OP4, DMIG, ABAQUS, ANSYS, ARRAYS, HARWELL_BOEING, CALCULIX)
+
+
+@dataclass(frozen=True)
+class Op4Options:
+    """Format of an OUTPUT4 file.
+
+    Attributes
+    ----------
+    binary : bool
+        Binary (default) or ASCII.
+    layout : {"bigmat", "sparse", "dense"}
+        Strings with 32-bit rows (any size), strings with 16-bit rows (up to 65535 rows), or whole columns from the
+        first to the last entry that is not zero.
+    byte_order : {"little", "big"}
+        Of binary files.
+    words : {32, 64}
+        Bits of an integer in binary files.
+    single : bool
+        Single precision: seven digits.
+    """
+
+    binary: bool = True
+    layout: Layout = "bigmat"
+    byte_order: Literal["little", "big"] = "little"
+    words: Literal[32, 64] = 32
+    single: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the layout, the byte order and the word size."""
+        if self.layout not in ("bigmat", "sparse", "dense"):
+            raise InputError(f"`layout` must be 'bigmat', 'sparse' or 'dense', got {self.layout!r}")
+        if self.byte_order not in ("little", "big") or self.words not in (32, 64):
+            raise InputError(
+                "`byte_order` must be 'little' or 'big' and `words` 32 or 64, got "
+                f"{self.byte_order!r} and {self.words!r}"
+            )
 
 
 def _format_of(path: Path) -> FormatModule:

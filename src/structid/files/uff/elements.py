@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from structid.core.errors import FileError
-from structid.files.uff.blocks import UffDataset
-from structid.files.uff.fields import integers
+from structid.files.uff.datasets import UffDataset, integers
 
 #: Order in which the nodes of the cells stand in a file, as places among those of VTK; mid-side nodes stand between corners.
 _ORDERS = {

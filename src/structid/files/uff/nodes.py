@@ -19,9 +19,15 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.errors import FileError
-from structid.files.uff.blocks import UffDataset, read_blocks
-from structid.files.uff.fields import integers, read_reals, real_number, reals
-from structid.files.uff.units import read_unit_factors
+from structid.files.uff.datasets import (
+    UffDataset,
+    integers,
+    read_blocks,
+    read_reals,
+    read_unit_factors,
+    real_number,
+    reals,
+)
 
 Point = tuple[float, float, float]
 

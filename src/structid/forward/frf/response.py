@@ -13,8 +13,8 @@ from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, NumberArray
 from structid.core.errors import InputError
+from structid.dynamics.dense_fields import worthwhile
 from structid.dynamics.factorization import VARIABLE
-from structid.dynamics.modal_fields import worthwhile
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.fem import Base, Structure
 from structid.fem.elements.solver_model import SolverFrfs

@@ -17,7 +17,7 @@ from structid.forward.modal.output import GroupData, by_mode
 from structid.modal import ModalRecord
 from structid.modal.modal_record import largest_entries, unscaled_shape_std
 from structid.modal.subspace.close_modes import NOT_TOLD_APART, neighbour_std
-from structid.similarity.shapes import most_real, real_turn
+from structid.similarity import most_real, real_turn
 
 ModalForm = Literal["output", "dynamic"]
 ShapeForm = Literal["entries", "mac"]

@@ -11,7 +11,7 @@ from structid.core.errors import InputError
 from structid.forward.modal.measured import MeasuredModes
 from structid.forward.modal.model import ModalModel
 from structid.forward.modal.output import GroupData, GroupFit, ModelState, by_mode, group_changes, group_fit
-from structid.similarity.pairing import assign_pairs, likenesses, pairing_worth
+from structid.similarity import assign_pairs, likenesses, pairing_worth
 
 #: Of the largest motion of the sensors in any mode, what the sensors see of a mode that counts in the order.
 _SEEN = 0.01

@@ -16,8 +16,7 @@ from structid.forward.modal.problem import shape_residual
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.fits.record_fit import FittedUnknowns
 from structid.modal import ModalRecord
-from structid.similarity import subspace_angles
-from structid.similarity.pairing import likenesses
+from structid.similarity import likenesses, subspace_angles
 
 #: Standard deviations by which a frequency is far off, and shape values for each frequency from where on these outvote it.
 _FAR_OFF, _OUTVOTED = 5.0, 3

@@ -11,7 +11,7 @@ import numpy as np
 
 from structid.core.arrays import NumberArray
 from structid.core.errors import FileError
-from structid.files.uff.fields import real_number
+from structid.files.uff.datasets import real_number
 from structid.modal.formats.printed import (
     RUN_AGAIN,
     ModeFileOptions,

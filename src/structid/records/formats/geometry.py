@@ -8,11 +8,9 @@ from pathlib import Path
 
 from structid.core.errors import FileError, InputError
 from structid.files import damage_told, require_readable
-from structid.files.uff.blocks import UffDataset, read_blocks
+from structid.files.uff.datasets import UffDataset, integers, read_blocks, read_unit_factors
 from structid.files.uff.elements import read_elements
-from structid.files.uff.fields import integers
 from structid.files.uff.nodes import Point, read_nodes
-from structid.files.uff.units import read_unit_factors
 
 _REMEDY = "write node,x,y,z rows, and rows as line,1,2,3"
 

@@ -1,32 +1,34 @@
-"""Time records made ready for identification, with every step in words and numbers."""
+"""Time records made ready for identification, with every step in words and numbers.
+
+Filters are linear-phase FIR filters without delay: against aliasing before decimation, and for bands. A FIR filter multiplies a
+free decay z^t by its response at z, as long as all its taps lie on the decay: frequency and damping stay exactly what they
+were. Only the samples within half a filter of either end, and of any impact within the record, mix what was before and after.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Literal
 
 import numpy as np
 
+from structid.core.arrays import FloatArray
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.records.quality.findings import Finding, channel_name
-from structid.records.quality.linear_phase import (
-    PASS,
-    Fir,
-    band_filter,
-    decimate,
-    decimation_filter,
-    filter_without_delay,
-    rate_ratio,
-)
 from structid.records.quality.sample_faults import fill_missing, spikes
 from structid.records.quality.signal_checks import lost_samples, signal_checks
 from structid.records.record import TimeRecord
 from structid.records.transforms.tones import Tone, remove_tones
 
-Repair = Literal["report", "replace", "none"]
+_Repair = Literal["report", "replace", "none"]
 _LEAST = 16  # samples that must be left
+#: Part of the new Nyquist frequency that passes a decimation unchanged.
+_PASS = 0.8
+_DECIMATION_DB, _BAND_DB = 84.0, 66.0  # Kaiser: a few dB over the 80 and 60 promised, which it meets nearly only
+_LARGEST_FACTOR = 1000
 
 
 @dataclass(frozen=True)
@@ -66,8 +68,8 @@ class Preparation:
     sampling_rate: float | None = None
     interval: tuple[float | None, float | None] | None = None
     channels: Sequence[str | Dof] | None = None
-    outliers: Repair = "report"
-    dropouts: Repair = "report"
+    outliers: _Repair = "report"
+    dropouts: _Repair = "report"
     longest_gap: int = 10
     edges: Literal["drop", "keep"] = "drop"
     remove_tones: Sequence[float] | Literal["auto"] | None = None
@@ -148,7 +150,7 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
     -----
     Filters are linear-phase FIR filters applied without delay (Kaiser window). The anti-alias filter is flat within
     0.001 dB to 0.8 of the new Nyquist frequency and down by 80 dB from it on. With ``edges="drop"`` the poles of a free
-    decay are exactly those of the record, also its damping; see `structid.records.quality.linear_phase`. A subspace method
+    decay are exactly those of the record, also its damping; see `structid.records.quality.preparation`. A subspace method
     sees only what lies in the band.
 
     References
@@ -171,7 +173,7 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
     off = {"spikes": wanted.outliers, "drop_out": wanted.dropouts, "late_start": wanted.dropouts}
     found = [finding for finding in found if off.get(finding.kind) != "none"]
     replaced = wanted.dropouts == "replace", wanted.outliers == "replace"
-    result, repairs = repair_samples(result, *replaced, longest_gap=wanted.longest_gap)
+    result, repairs = _repair_samples(result, *replaced, longest_gap=wanted.longest_gap)
     steps += repairs
     result = _remove_trend(result, wanted.detrend, steps)
     result = _decimate(result, wanted, steps)
@@ -191,10 +193,10 @@ def _require_rate(record: TimeRecord, wanted: Preparation) -> None:
             f"{record.sampling_rate:g} Hz, got {high:g} Hz; measure with more than {2.5 * high:g} Hz, or lower the band"
         )
     rate = wanted.sampling_rate
-    if rate is not None and rate < record.sampling_rate and high > PASS * rate / 2 * (1 + 1e-9):
+    if rate is not None and rate < record.sampling_rate and high > _PASS * rate / 2 * (1 + 1e-9):
         raise InputError(
-            f"`sampling_rate` must be at least {2 * high / PASS:g} Hz for a band up to {high:g} Hz, got {rate:g} Hz, which "
-            f"passes up to {PASS * rate / 2:g} Hz; raise it, or lower the band"
+            f"`sampling_rate` must be at least {2 * high / _PASS:g} Hz for a band up to {high:g} Hz, got {rate:g} Hz, which "
+            f"passes up to {_PASS * rate / 2:g} Hz; raise it, or lower the band"
         )
 
 
@@ -245,7 +247,7 @@ def _cut_interval(record: TimeRecord, wanted: Preparation, steps: list[str]) -> 
     return replace(record, values=record.values[keep], start=float(first))
 
 
-def repair_samples(
+def _repair_samples(
     record: TimeRecord, dropouts: bool, outliers: bool, longest_gap: int = 10
 ) -> tuple[TimeRecord, list[str]]:
     """The record with faulty samples replaced by cubic interpolation, and sentences on what was replaced.
@@ -320,7 +322,7 @@ def _decimate(record: TimeRecord, wanted: Preparation, steps: list[str]) -> Time
     values, dropped = decimate(record.values, ratio, fir, wanted.edges == "keep")
     factor = f"{ratio.denominator}" + (f"/{ratio.numerator}" if ratio.numerator > 1 else "")
     steps.append(
-        f"decimated by {factor} to {new_rate:g} Hz (FIR of {len(fir.taps)} taps, flat to {PASS * new_rate / 2:g} Hz, -3 dB at "
+        f"decimated by {factor} to {new_rate:g} Hz (FIR of {len(fir.taps)} taps, flat to {_PASS * new_rate / 2:g} Hz, -3 dB at "
         f"{fir.crossing(0.9 * new_rate / 2):.3g} Hz, -80 dB from {new_rate / 2:g} Hz on); {_edge_words(fir, wanted)}"
     )
     gain = fir.noise_gain * ratio.numerator
@@ -362,7 +364,7 @@ def _filter_band(record: TimeRecord, wanted: Preparation, steps: list[str], find
     low, high = wanted.band[0] or 0.0, wanted.band[1] or record.sampling_rate / 2
     fir = band_filter(low, high, record.sampling_rate)
     _require_longer(record, fir)
-    values, dropped = filter_without_delay(record.values, fir, wanted.edges == "keep")
+    values, dropped = _filter_without_delay(record.values, fir, wanted.edges == "keep")
     ends = [f"{f:g}" for f in wanted.band if f is not None]
     what = "band-pass" if len(ends) == 2 else "high-pass" if wanted.band[0] is not None else "low-pass"
     cut = [
@@ -389,7 +391,7 @@ def _filter_band(record: TimeRecord, wanted: Preparation, steps: list[str], find
     return replace(record, values=values, start=record.start + dropped / record.sampling_rate, variance=variance)
 
 
-def _require_longer(record: TimeRecord, fir: Fir) -> None:
+def _require_longer(record: TimeRecord, fir: _Fir) -> None:
     """Raise `InputError` if the record is too short for a filter, so that too few samples would be left."""
     duration, span = (len(record.values) - 1) / record.sampling_rate, 2 * fir.half / fir.rate
     if duration - span < _LEAST / record.sampling_rate:
@@ -399,8 +401,134 @@ def _require_longer(record: TimeRecord, fir: Fir) -> None:
         )
 
 
-def _edge_words(fir: Fir, wanted: Preparation) -> str:
+def _edge_words(fir: _Fir, wanted: Preparation) -> str:
     half = fir.half / fir.rate
     return (
         f"{half:.3g} s {'kept at either end, with edge effects' if wanted.edges == 'keep' else 'dropped at either end'}"
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fir:
+    """A filter of odd length, symmetric, at `rate` samples per second.
+
+    Attributes
+    ----------
+    taps : (n_taps,) float array
+    rate : float
+        Hz.
+    """
+
+    taps: FloatArray
+    rate: float
+
+    @property
+    def half(self) -> int:
+        return len(self.taps) // 2
+
+    @property
+    def noise_gain(self) -> float:
+        """Variance of white noise after the filter over that before."""
+        return float(np.sum(self.taps**2))
+
+    def crossing(self, near: float) -> float:
+        """Frequency in Hz nearest to `near` at which the gain of the filter is -3 dB; `near` itself if there is none."""
+        from scipy.signal import freqz
+
+        n_lines = 1 << int(np.ceil(np.log2(64 * len(self.taps))))
+        lines, response = freqz(self.taps, worN=n_lines, fs=self.rate)
+        level = 20 * np.log10(np.maximum(np.abs(response), 1e-12)) + 3.0
+        crossings = np.flatnonzero(level[1:] * level[:-1] <= 0)
+        if not len(crossings):
+            return float(near)
+        k = crossings[np.abs(lines[crossings] - near).argmin()]
+        return float(lines[k] - level[k] * (lines[k + 1] - lines[k]) / (level[k + 1] - level[k]))
+
+
+def _low_pass(passed: float, stopped: float, rate: float, decibel: float) -> FloatArray:
+    """Taps (n_taps,) of a Kaiser-windowed low-pass FIR filter, an odd number of them.
+
+    It leaves frequencies up to `passed` Hz as they are and reduces them by `decibel` from `stopped` Hz on; `rate` is the sampling
+    rate in Hz.
+    """
+    from scipy.signal import firwin, kaiserord
+
+    n_taps, beta = kaiserord(decibel, (stopped - passed) / (rate / 2))
+    return np.asarray(firwin(n_taps | 1, (passed + stopped) / 2, window=("kaiser", beta), fs=rate))
+
+
+def rate_ratio(rate: float, wanted: float) -> Fraction:
+    """Ratio of sampling rates `wanted` / `rate`, both in Hz, as a fraction of whole numbers.
+
+    Raises
+    ------
+    InputError
+        If `wanted` is above `rate`, or the ratio needs numbers above 1000.
+    """
+    if not 0 < wanted <= rate * (1 + 1e-9):
+        raise InputError(
+            f"`sampling_rate` must be above 0 and at most {rate:g} Hz, the record's own, got {wanted:g} Hz; samples in "
+            "between carry nothing new, leave it out"
+        )
+    ratio = Fraction(wanted / rate).limit_denominator(_LARGEST_FACTOR)
+    if ratio == 0 or abs(float(ratio) * rate / wanted - 1) > 1e-9:
+        near = max(float(ratio) * rate, rate / _LARGEST_FACTOR)
+        raise InputError(
+            f"`sampling_rate` must be a ratio of whole numbers up to {_LARGEST_FACTOR} to the record's {rate:g} Hz, got "
+            f"{wanted:g} Hz; take {near:.9g} Hz"
+        )
+    return ratio
+
+
+def decimation_filter(rate: float, ratio: Fraction) -> _Fir:
+    """Anti-alias filter for a change of sampling rate by `ratio` (new over old), at `rate` times the numerator, in Hz.
+
+    The gain is 1 within 0.001 dB up to `_PASS` of the new Nyquist frequency, and -80 dB from that frequency on.
+    """
+    nyquist = rate * float(ratio) / 2
+    fine = rate * ratio.numerator
+    return _Fir(_low_pass(_PASS * nyquist, nyquist, fine, _DECIMATION_DB), fine)
+
+
+def decimate(values: FloatArray, ratio: Fraction, fir: _Fir, keep_edges: bool) -> tuple[FloatArray, int]:
+    """`values` (n_times, n_channels) resampled by `ratio` (new rate over old), and the number of new samples dropped first.
+
+    `fir` is the anti-alias filter. Samples at the ends, where the filter does not see the record on both sides, are dropped
+    unless `keep_edges`.
+    """
+    from scipy.signal import resample_poly
+
+    up, down = ratio.numerator, ratio.denominator
+    new = np.asarray(resample_poly(values, up, down, axis=0, window=fir.taps))
+    if keep_edges:
+        return new, 0
+    first = -(-fir.half // down)
+    stop = ((len(values) - 1) * up - fir.half) // down + 1
+    return new[first : max(stop, first)], first
+
+
+def band_filter(low: float, high: float, rate: float) -> _Fir:
+    """FIR filter that passes `low` to `high` Hz within 0.01 dB; `low` 0 and `high` at half the `rate` leave that end open.
+
+    The gain is -60 dB below half of `low`, and above 1.25 `high` or the middle between `high` and half the `rate`, whichever
+    is lower. `rate` is the sampling rate in Hz.
+    """
+    taps: FloatArray = np.ones(1)
+    if high < rate / 2:
+        taps = _low_pass(high, high + min(0.25 * high, 0.5 * (rate / 2 - high)), rate, _BAND_DB)
+    if low > 0:
+        below = -_low_pass(0.5 * low, low, rate, _BAND_DB)
+        below[len(below) // 2] += 1.0
+        taps = np.convolve(taps, below)
+    return _Fir(taps, rate)
+
+
+def _filter_without_delay(values: FloatArray, fir: _Fir, keep_edges: bool) -> tuple[FloatArray, int]:
+    """`values` (n_times, n_channels) filtered without delay, and the number of samples dropped at the start.
+
+    Samples at both ends, where the filter does not lie on the record, are dropped unless `keep_edges`.
+    """
+    from scipy.signal import oaconvolve
+
+    mode, dropped = ("same", 0) if keep_edges else ("valid", fir.half)
+    return np.asarray(oaconvolve(values, fir.taps[:, None], mode=mode, axes=0)), dropped

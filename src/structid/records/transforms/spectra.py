@@ -10,8 +10,7 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
-from structid.records.record import DERIVATIVES, FrfKind, FrfRecord, Quantity, TimeRecord
-from structid.records.repeats import require_shared
+from structid.records.record import DERIVATIVES, FrfKind, FrfRecord, Quantity, TimeRecord, require_shared
 
 Estimator = Literal["H1", "H2", "Hv"]
 Detrend = Literal["constant", "linear", "none"]

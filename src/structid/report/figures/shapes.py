@@ -16,7 +16,7 @@ from structid.modal.survey.survey import ModesResult
 from structid.records import Geometry
 from structid.report.drawing import palette
 from structid.report.rendering import plot
-from structid.similarity.shapes import real_turn
+from structid.similarity import real_turn
 
 #: Largest displacement drawn, as a part of the diagonal of the geometry.
 _AMPLITUDE = 0.12

@@ -13,8 +13,7 @@ from structid.modal.tracking import ModeTracks
 from structid.records import FrfRecord
 from structid.report.drawing import palette, symbols
 from structid.report.rendering import plot
-from structid.similarity import mac
-from structid.similarity.shapes import real_turn
+from structid.similarity import mac, real_turn
 
 if TYPE_CHECKING:
     from structid.modal.survey.survey import ModesResult

@@ -24,8 +24,7 @@ from structid.modal.survey.survey import MODES_PAGE, ModesResult, modes_of_file
 from structid.records import ReadOptions
 from structid.report.figures.survey import pole_kinds
 from structid.report.modes import modes_page
-from structid.similarity import mac
-from structid.similarity.shapes import most_real
+from structid.similarity import mac, most_real
 from structid.study.results.folder import staged_folder
 from structid.study.results.hdf5 import stored_pieces, stored_values
 from structid.study.results.modes import write_merged, write_modes_results

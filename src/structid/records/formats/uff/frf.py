@@ -14,15 +14,14 @@ from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import Dof, as_dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
 from structid.core.units import parse_frf_unit
+from structid.files.uff.datasets import UnitFactors
 from structid.files.uff.nodes import UniversalNodes
-from structid.files.uff.units import UnitFactors
 from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import states_unit
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import positions, select_channels
-from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
-from structid.records.formats.uff.functions import Characteristics, Dataset58
+from structid.records.formats.uff.functions import Characteristics, Dataset58, one_axis_unit
 from structid.records.formats.uff.scales import SI_UNITS, UNKNOWN, channel_scale, dof_of, whole_unit
 from structid.records.record import FrfKind, FrfRecord, TimeRecord
 from structid.records.transforms.spectra import KINDS

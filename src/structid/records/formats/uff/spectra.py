@@ -1,4 +1,7 @@
-"""Auto- and cross-spectra of a universal file (function types 2, 3 and 9), assembled to one spectral matrix."""
+"""Spectra and correlation functions of a universal file, assembled to one matrix.
+
+Function types 2, 3 and 9 are auto- and cross-spectra, 7 and 8 auto- and cross-correlations.
+"""
 
 from __future__ import annotations
 
@@ -10,23 +13,27 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from structid.core.arrays import ComplexArray, NumberArray
+from structid.core.arrays import ComplexArray, FloatArray, NumberArray
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
 from structid.core.units import Quantity, parse_unit
-from structid.files.uff.blocks import UffDataset, read_blocks
+from structid.files.uff.datasets import UffDataset, UnitFactors, read_blocks, read_unit_factors
 from structid.files.uff.nodes import read_nodes
-from structid.files.uff.units import UnitFactors, read_unit_factors
+from structid.records.correlation import FORWARD, CorrelationRecord, lag_halves, step_of
 from structid.records.formats.bare import channel_units
 from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import is_read_by
 from structid.records.formats.named_channels import choose_columns
 from structid.records.formats.options import ReadOptions, option_words
-from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
 from structid.records.formats.uff.frf import AVERAGES
-from structid.records.formats.uff.functions import Dataset58, read_function, require_one_component
-from structid.records.formats.uff.qualifiers import qualifier_words
+from structid.records.formats.uff.functions import (
+    Dataset58,
+    one_axis_unit,
+    qualifier_words,
+    read_function,
+    require_one_component,
+)
 from structid.records.formats.uff.scales import QUANTITIES, UNKNOWN, channel_scale, dof_of
 from structid.records.spectrum import SpectrumRecord
 
@@ -45,6 +52,8 @@ _SPLIT_SQUARE = re.compile(r"([a-z]+)(?:\^|\*\*)?2/(s|sec)(?:\^|\*\*)?4$", re.IG
 #: Relative size of imaginary parts and negative values of autospectra that are rounding.
 _ROUNDED = 1e-4
 _USED = ("kind", "channels", "columns", "units", "axis_unit", "axes", "averages")
+#: Function types: auto-correlation, cross-correlation.
+_CORRELATIONS = (7, 8)
 
 
 def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
@@ -60,10 +69,10 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
     InputError
         If an option does not apply, or names a channel that the file lacks.
     """
-    pairs = read_pairs(path, options, SPECTRA, "spectra of motion (function types 2, 3 and 9)")
+    pairs = _read_pairs(path, options, SPECTRA, "spectra of motion (function types 2, 3 and 9)")
     blocks, by_pair, factors, windows = pairs
     to_hertz, axis_words = one_axis_unit(path, list(by_pair.values()), "frequencies", options)
-    channels, references = complete_references(path, by_pair, by_pair, "cross-spectra")
+    channels, references = _complete_references(path, by_pair, by_pair, "cross-spectra")
     functions = list(by_pair.values())
     frequency = functions[0].axis * to_hertz
     for function in functions:
@@ -75,8 +84,8 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
                 f"{path}: function {function.ordinal} has other frequencies than the first; export all with one setting"
             )
     is_density = _densities(path, functions)
-    quantities, values = scaled_matrix(path, by_pair, channels, references, factors, options, _spectrum_values)
-    channels, references, values, turned = along_global_axes(
+    quantities, values = _scaled_matrix(path, by_pair, channels, references, factors, options, _spectrum_values)
+    channels, references, values, turned = _along_global_axes(
         path, blocks, channels, references, quantities, values, options
     )
     scale = "power spectral densities" if is_density else "squares of amplitudes a line"
@@ -85,11 +94,11 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
         " one-sided or two-sided, which the file does not say and which changes no mode"
     )
     note = "; ".join(filter(None, (words, axis_words, turned, windows)))
-    averages = options.averages if options.averages is not None else stated_averages(functions)
+    averages = options.averages if options.averages is not None else _stated_averages(functions)
     return SpectrumRecord(frequency, values, channels, references, quantities, averages, source_with_note(path, note))
 
 
-class Pairs(NamedTuple):
+class _Pairs(NamedTuple):
     """Datasets of a file, its functions by response and reference, its units where the options say none, words on windows."""
 
     blocks: list[UffDataset]
@@ -98,7 +107,7 @@ class Pairs(NamedTuple):
     windows: str
 
 
-def read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: str) -> Pairs:
+def _read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: str) -> _Pairs:
     """Functions of types `kinds` in the universal file at `path` by (response, reference), between the channels of `options`.
 
     Returns the file's blocks, the functions, the factors of dataset 164 (None if `options.units` is set) and a note on windows.
@@ -144,10 +153,10 @@ def read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: st
             )
         by_pair[pair] = function
     windows = qualifier_words(path, blocks, {function.ordinal for function in by_pair.values()})
-    return Pairs(blocks, by_pair, None if options.units else read_unit_factors(path, blocks), windows)
+    return _Pairs(blocks, by_pair, None if options.units else read_unit_factors(path, blocks), windows)
 
 
-def along_global_axes(
+def _along_global_axes(
     path: Path,
     blocks: list[UffDataset],
     channels: tuple[Dof, ...],
@@ -177,7 +186,7 @@ def _response_and_reference(path: Path, function: Dataset58) -> tuple[Dof, Dof]:
     return response, dof_of(path, function.reference, "reference", function.ordinal)
 
 
-def complete_references(
+def _complete_references(
     path: Path, by_pair: Iterable[tuple[Dof, Dof]], mirrored: Container[tuple[Dof, Dof]], nouns: str
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
     """All channels, and those among them that have a function with every channel, both in order of first occurrence.
@@ -212,13 +221,13 @@ def complete_references(
 
 def _densities(path: Path, functions: Sequence[Dataset58]) -> bool:
     """True if all functions are densities (per Hz) by type or label, False if none is; `FileError` if some are."""
-    found = {function.kind == 9 or is_per_hertz(function) for function in functions}
+    found = {function.kind == 9 or _is_per_hertz(function) for function in functions}
     if len(found) > 1:
         raise FileError(f"{path}: some spectra are densities and some are not; export all with one setting")
     return found.pop()
 
 
-def is_per_hertz(function: Dataset58) -> bool:
+def _is_per_hertz(function: Dataset58) -> bool:
     """True if the label or the denominator of a function says that its values are densities."""
     below = function.denominator
     return (
@@ -228,7 +237,7 @@ def is_per_hertz(function: Dataset58) -> bool:
     )
 
 
-def scaled_matrix(
+def _scaled_matrix(
     path: Path,
     by_pair: dict[tuple[Dof, Dof], Dataset58],
     channels: tuple[Dof, ...],
@@ -328,7 +337,80 @@ def _sides(path: Path, function: Dataset58) -> tuple[str, str]:
     )
 
 
-def stated_averages(functions: Sequence[Dataset58]) -> int | None:
+def _stated_averages(functions: Sequence[Dataset58]) -> int | None:
     """Number of averages that the titles of all spectra agree on, or None."""
     counts = {int(match["count"]) if (match := AVERAGES.search(f.titles)) else None for f in functions}
     return counts.pop() if len(counts) == 1 else None
+
+
+def read_correlations(path: Path, options: ReadOptions) -> CorrelationRecord:
+    """The correlation functions in the universal file at `path`, between all channels and the references common to them.
+
+    A cross-correlation is the mean product of its response at t + lag and its reference at t. Negative lags, stored before
+    lag 0 or behind the positive ones as a Fourier transform leaves them, serve for the reversed pair. The unit of a label is a
+    square (``(m/s^2)^2``) or a product (``g*m/s``).
+
+    Raises
+    ------
+    FileError
+        If there are none, lag 0 is not among them, lags are uneven or differ, an autocorrelation is not symmetric, pairs are
+        doubled or missing, or units are not stated or not squares.
+    InputError
+        If an option does not apply, or names a channel that the file lacks.
+    """
+    words = "correlation functions of motion (function types 7 and 8)"
+    blocks, by_pair, factors, windows = _read_pairs(path, options, _CORRELATIONS, words)
+    functions = list(by_pair.values())
+    to_seconds, axis_words = one_axis_unit(path, functions, "times", options)
+    density = next((function for function in functions if _is_per_hertz(function)), None)
+    if density is not None:
+        raise FileError(
+            f"{path}: function {density.ordinal}, a correlation function, is per Hz by its label {density.ordinate.label!r}; export"
+            " it again, as a spectrum or as a correlation function"
+        )
+    step = _one_step(path, functions, to_seconds)
+    halves = lag_halves(
+        path,
+        functions[0].axis * to_seconds,
+        {pair: _real_values(path, function) for pair, function in by_pair.items()},
+    )
+    mirrored = by_pair if halves.backward else ()
+    channels, references = _complete_references(path, by_pair, mirrored, "cross-correlations")
+
+    def values_of(path: Path, function: Dataset58, pair: tuple[Dof, Dof], is_reverse: bool) -> FloatArray:
+        return halves.backward[pair] if is_reverse else halves.forward[pair]
+
+    quantities, values = _scaled_matrix(path, by_pair, channels, references, factors, options, values_of)
+    channels, references, values, turned = _along_global_axes(
+        path, blocks, channels, references, quantities, values, options
+    )
+    count = f"{len(functions)} correlation functions between {len(channels)} channels and {len(references)} references"
+    note = "; ".join(filter(None, (f"{count}, {FORWARD}", halves.words, axis_words, turned, windows)))
+    averages = options.averages if options.averages is not None else _stated_averages(functions)
+    return CorrelationRecord(
+        1 / step, np.real(values), channels, references, quantities, averages, source_with_note(path, note)
+    )
+
+
+def _one_step(path: Path, functions: list[Dataset58], to_seconds: float) -> float:
+    """Step of the lags in s, which must be the same in all functions; `FileError` if lags differ.
+
+    `to_seconds` is the factor from the functions' abscissa to s.
+    """
+    first = functions[0].axis * to_seconds
+    step = step_of(path, first)
+    for function in functions:
+        axis = function.axis * to_seconds
+        if axis.shape != first.shape or np.abs(axis - first).max() > 0.01 * step:
+            raise FileError(
+                f"{path}: function {function.ordinal} has other lags than the first; export all with one setting"
+            )
+    return step
+
+
+def _real_values(path: Path, function: Dataset58) -> FloatArray:
+    if np.iscomplexobj(function.values) and np.any(function.values.imag):
+        raise FileError(
+            f"{path}: function {function.ordinal}, a correlation function, has complex values; export real ones"
+        )
+    return np.asarray(np.real(function.values), float)

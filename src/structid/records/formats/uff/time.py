@@ -12,17 +12,16 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
 from structid.core.units import parse_unit
+from structid.files.uff.datasets import UnitFactors
 from structid.files.uff.nodes import UniversalNodes
-from structid.files.uff.units import UnitFactors
 from structid.records.formats.bare import channel_units
 from structid.records.formats.clocks import SURE, even_rate, resample, resampling_remedy
 from structid.records.formats.gaps import source_with_note, whole
 from structid.records.formats.headers import states_unit
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import positions
-from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
-from structid.records.formats.uff.functions import Dataset58
+from structid.records.formats.uff.functions import Dataset58, one_axis_unit
 from structid.records.formats.uff.scales import SI_UNITS, channel_scale, dof_of
 from structid.records.record import Quantity, TimeRecord
 

@@ -13,16 +13,14 @@ from pathlib import Path
 from structid.core.dof import DIRECTIONS
 from structid.core.errors import FileError, InputError, StoredSpectraError, about
 from structid.files import atomic_write
-from structid.files.uff.blocks import UffDataset, read_blocks
+from structid.files.uff.datasets import UffDataset, read_blocks, read_unit_factors
 from structid.files.uff.nodes import UniversalNodes, read_nodes
-from structid.files.uff.units import read_unit_factors
 from structid.records.formats.geometry import Geometry
 from structid.records.formats.named_channels import choose_columns
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import refuse_options
 from structid.records.formats.uff.frf import read_frfs
-from structid.records.formats.uff.functions import Dataset58, read_function, require_one_component
-from structid.records.formats.uff.qualifiers import qualifier_words
+from structid.records.formats.uff.functions import Dataset58, qualifier_words, read_function, require_one_component
 from structid.records.formats.uff.time import read_times
 from structid.records.formats.uff.write import file_bytes, require_same
 from structid.records.record import FrfRecord, TimeRecord

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import base64
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -13,7 +15,6 @@ from structid.core.errors import FileError
 from structid.fem import Structure
 from structid.fem.elements import ElementSet, MatrixGroup
 from structid.files import atomic_write, csv_text
-from structid.files.vtu import vtu_text
 from structid.prediction.element_values import ElementValues, element_values
 from structid.prediction.identified_model import IdentifiedModel
 from structid.study.results.stored_model import ParameterSpread
@@ -24,6 +25,8 @@ MESH_SUFFIXES = (".vtu", ".csv")
 _POINT, _POINTS, _LINE = 1, 2, 3
 _AREAS = {3: 5, 4: 9, 6: 22, 8: 23, 9: 28}
 _SOLIDS = {4: 10, 5: 14, 6: 13, 8: 12, 10: 24, 15: 26, 20: 25, 27: 29}
+#: Names of number types by kind and size.
+_TYPES = {"f8": "Float64", "i8": "Int64", "u1": "UInt8"}
 
 
 def export_mesh(model: IdentifiedModel, spread: ParameterSpread, n_modes: int, path: Path) -> list[str]:
@@ -104,7 +107,7 @@ def _grid_text(model: IdentifiedModel, properties: Sequence[ElementValues], n_mo
             labels = [node for node in nodes if node >= 0]
             cells.append(np.array([row_of[label] for label in labels], dtype=np.int64))
             cell_types.append(_cell_type(element, len(labels)))
-    return vtu_text(points, cells, cell_types, point_data, _cell_data(structure, properties))
+    return _vtu_text(points, cells, cell_types, point_data, _cell_data(structure, properties))
 
 
 def _cell_type(element: ElementSet, n_nodes: int) -> int:
@@ -150,3 +153,67 @@ def _cell_data(structure: Structure, properties: Sequence[ElementValues]) -> dic
             for key, column in columns.items():
                 data.setdefault(key, np.full(sum(counts), np.nan))[cells] = column
     return data
+
+
+def _vtu_text(
+    points: FloatArray,
+    cells: Sequence[IntArray],
+    cell_types: Sequence[int],
+    point_data: Mapping[str, AnyArray],
+    cell_data: Mapping[str, AnyArray],
+) -> str:
+    """Text of a VTK file of an unstructured grid.
+
+    Parameters
+    ----------
+    points : (n_points, 3) float array
+        m.
+    cells : sequence of (n_nodes,) int arrays
+        Rows of `points`, in the order of VTK.
+    cell_types : sequence of int
+        Number of each cell's type in VTK: 1 a point, 3 a line, 5 a triangle, 12 a hexahedron ...
+    point_data : mapping of str to (n_points,) or (n_points, 3) array
+        Floats or whole numbers.
+    cell_data : mapping of str to (n_cells,) array
+        Floats or whole numbers, NaN where a cell has no such value.
+    """
+    connectivity = np.concatenate(cells) if cells else np.zeros(0)
+    offsets = np.cumsum([len(cell) for cell in cells])
+    return "\n".join(
+        [
+            '<?xml version="1.0"?>',
+            '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
+            f'<UnstructuredGrid><Piece NumberOfPoints="{len(points)}" NumberOfCells="{len(cells)}">',
+            *_section("PointData", point_data),
+            *_section("CellData", cell_data),
+            *_section("Points", {"Points": np.asarray(points, dtype=np.float64)}),
+            *_section(
+                "Cells",
+                {
+                    "connectivity": connectivity.astype(np.int64),
+                    "offsets": offsets.astype(np.int64),
+                    "types": np.asarray(cell_types, dtype=np.uint8),
+                },
+            ),
+            "</Piece></UnstructuredGrid>",
+            "</VTKFile>",
+            "",
+        ]
+    )
+
+
+def _section(name: str, arrays: Mapping[str, AnyArray]) -> list[str]:
+    """Lines of one section of the file."""
+    return [f"<{name}>", *(_array_line(key, values) for key, values in arrays.items()), f"</{name}>"]
+
+
+def _array_line(name: str, values: AnyArray) -> str:
+    """The DataArray element called `name`: number of bytes, then the little-endian values of the array, in base 64.
+
+    `values` is (n,) or (n, n_components), of a type in `_TYPES`.
+    """
+    array = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
+    kind = _TYPES[f"{array.dtype.kind}{array.dtype.itemsize}"]
+    components = f' NumberOfComponents="{array.shape[1]}"' if array.ndim > 1 else ""
+    content = base64.b64encode(np.uint64(array.nbytes).tobytes() + array.tobytes()).decode("ascii")
+    return f'<DataArray type="{kind}" Name={quoteattr(name)}{components} format="binary">{content}</DataArray>'

@@ -12,10 +12,9 @@ from structid.core.constraints import Count, NotNegative, Positive
 from structid.core.dof import Dof, parse_dofs
 from structid.identification import setups
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
-from structid.records.corrections import rename_channels, segment_duration
 from structid.records.formats import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.quality.findings import CHANNEL_FAULTS, Finding
-from structid.records.record import LOADS, Quantity, as_recorded
+from structid.records.record import LOADS, Quantity, as_recorded, rename_channels, segment_duration
 from structid.study.schema import records as record_kinds
 from structid.study.schema.kinds import CHANNEL_NAMES, PART, TEXT, TEXTS, as_list, choice
 from structid.study.schema.records.sensors import SENSORS, used_names

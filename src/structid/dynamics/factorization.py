@@ -1,23 +1,53 @@
-"""PARDISO of the Intel Math Kernel Library through its C interface (libmkl_rt), complex symmetric matrices included."""
+"""Factorizations of sparse symmetric matrices: the libraries that can be used, and the one that is used.
+
+A factorizer looks at a sparsity pattern once (`analyse`); the analysis then factorizes matrix after matrix of that
+pattern, as a sweep over frequencies and the iterations of a search need it. Real entries are factorized in real
+arithmetic, complex ones as complex symmetric (not Hermitian).
+"""
 
 from __future__ import annotations
 
 import ctypes
 import ctypes.util
+import os
 import sys
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import SuperLU, splu
 
 from structid.core.arrays import FloatArray, IntArray, NumberArray
-from structid.dynamics.factorization.base import SingularMatrixError, usable_threads
+from structid.core.errors import InputError
 
+__all__ = [
+    "FACTORIZERS",
+    "THREADS_VARIABLE",
+    "VARIABLE",
+    "Analysis",
+    "Factor",
+    "Factorizer",
+    "SingularMatrixError",
+    "factorizer",
+    "installed_factorizers",
+    "usable_threads",
+]
+#: Names of the factorizers; the first that is installed is used.
+FACTORIZERS = ("pardiso", "superlu")
+#: Environment variable that names another one than the first that is installed.
+VARIABLE = "STRUCTID_FACTORIZER"
+#: Environment variable that caps the threads of a factorizer that has any.
+THREADS_VARIABLE = "STRUCTID_THREADS"
+#: Diagonal pivots are kept unless they are smaller than this part of the largest entry of their column.
+_PIVOT = 0.01
 _REAL, _COMPLEX = -2, 6
 #: Option and its value by which right-hand sides have few entries, all of them eliminated last.
 _SPARSE, _ORDERED = 30, 2
@@ -27,6 +57,194 @@ _ANALYSE, _FACTORIZE, _SOLVE, _RELEASE = 11, 22, 33, -1
 #: Where pivots had to be changed, a solution whose residual is larger than this part of the right-hand side is none.
 _RESIDUAL = 1e-6
 _ERRORS = {-1: "inconsistent input", -2: "not enough memory", -3: "reordering failed", -4: "zero pivot"}
+
+
+def factorizer(name: str | None = None) -> Factorizer:
+    """The factorizer called `name`, or the one that is used by default.
+
+    Parameters
+    ----------
+    name : {"pardiso", "superlu"}, optional
+        By default the environment variable STRUCTID_FACTORIZER, or the first of `FACTORIZERS` that is installed.
+
+    Raises
+    ------
+    InputError
+        If there is no factorizer of that name, or its library is not installed; it says how to install it.
+    """
+    wanted = name if name is not None else os.environ.get(VARIABLE) or installed_factorizers()[0]
+    source = "`factorizer`" if name is not None else f"environment variable {VARIABLE}"
+    if wanted not in FACTORIZERS:
+        raise InputError(f"{source} must be one of {', '.join(FACTORIZERS)}, got {wanted!r}")
+    if wanted == "superlu":
+        return SuperLu()
+    if problem := mkl_problem():
+        raise InputError(
+            f"{source} must name an installed library, got {wanted!r}: {problem}; install it with"
+            " `pip install structid[pardiso]`, or choose 'superlu'"
+        )
+    return Pardiso()
+
+
+def installed_factorizers() -> tuple[str, ...]:
+    """Names of the factorizers that are installed here, the default first."""
+    return FACTORIZERS if not mkl_problem() else ("superlu",)
+
+
+class SingularMatrixError(ArithmeticError):
+    """A matrix has no usable factorization."""
+
+
+class Factor(Protocol):
+    """A factorized matrix."""
+
+    def solve(self, right: NumberArray) -> NumberArray:
+        """X with A X = `right` (n, n_right), all columns in one pass; real where matrix and right-hand sides are."""
+        ...
+
+
+class Analysis(Protocol):
+    """A sparsity pattern that a factorizer has looked at."""
+
+    def factor(self, entries: NumberArray) -> Factor:
+        """The factorization of the matrix with these `entries` (n_entries,), in the order of the pattern.
+
+        It holds until the next one of the same analysis.
+
+        Raises
+        ------
+        SingularMatrixError
+        """
+        ...
+
+
+class Factorizer(Protocol):
+    """A library that factorizes."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def words(self) -> str:
+        """Name and version of the library for reports."""
+        ...
+
+    def analyse(self, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None = None) -> Analysis:
+        """The analysis of a symmetric pattern in compressed columns, both triangles, rows sorted, diagonal included.
+
+        `loaded` (n,) may say where most right-hand sides will have their few entries: a library may save work there.
+        """
+        ...
+
+
+def usable_threads(n: int) -> int:
+    """Number of threads for a factorization of `n` unknowns: STRUCTID_THREADS if set, else 1 below 20,000, else all processors.
+
+    Raises
+    ------
+    InputError
+        If the environment variable STRUCTID_THREADS is no positive whole number.
+    """
+    text = os.environ.get(THREADS_VARIABLE)
+    if text is not None:
+        if not text.isdigit() or int(text) < 1:
+            raise InputError(f"environment variable {THREADS_VARIABLE} must be a positive whole number, got {text!r}")
+        return int(text)
+    if n < 20_000:
+        return 1
+    allowed = getattr(os, "sched_getaffinity", None)
+    return len(allowed(0)) if allowed is not None else os.cpu_count() or 1
+
+
+@dataclass(frozen=True)
+class SuperLu:
+    """Minimum degree ordering of A' + A and diagonal pivots: for symmetric matrices faster than SciPy's defaults."""
+
+    name: str = "superlu"
+
+    @property
+    def words(self) -> str:
+        return f"SuperLU (SciPy {scipy.__version__})"
+
+    def analyse(self, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None = None) -> SuperLuAnalysis:
+        """The analysis of a symmetric pattern in compressed columns; `loaded` makes no difference."""
+        return SuperLuAnalysis(np.asarray(indices), np.asarray(indptr))
+
+
+@dataclass(frozen=True, eq=False)
+class SuperLuAnalysis:
+    """A pattern, its rows and columns put in the order of least fill, which is found once."""
+
+    indices: IntArray
+    indptr: IntArray
+
+    @cached_property
+    def _ordering(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+        """Fill-reducing order of the unknowns, source of each reordered entry, and the reordered pattern (indices, indptr).
+
+        `right[order]` is in the new order; `entries[source]` are those of the new pattern in compressed columns.
+        """
+        n = len(self.indptr) - 1
+        columns = np.repeat(np.arange(n), np.diff(self.indptr))
+        dominant = np.where(self.indices == columns, 2.0 * np.diff(self.indptr)[columns], -1.0)
+        trial = splu(
+            sparse.csc_matrix((dominant, self.indices, self.indptr), (n, n)),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        new_position = np.asarray(trial.perm_c)
+        keys = new_position[columns].astype(np.int64) * n + new_position[self.indices]
+        entry = np.argsort(keys, kind="stable")
+        indptr = np.concatenate([[0], np.cumsum(np.bincount(new_position[columns], minlength=n))])
+        return np.argsort(new_position), entry, (keys[entry] % n).astype(np.int32), indptr.astype(np.int32)
+
+    def factor(self, entries: NumberArray) -> SuperLuFactor:
+        """Factorization of the matrix with `entries` (n_entries,), in the order of the pattern.
+
+        Raises
+        ------
+        SingularMatrixError
+            If an entry is not finite or the matrix is singular.
+        """
+        order, entry, indices, indptr = self._ordering
+        n = len(indptr) - 1
+        if not np.isfinite(entries).all():
+            raise SingularMatrixError("the matrix has entries that are not finite")
+        try:
+            factor = splu(
+                sparse.csc_matrix((entries[entry], indices, indptr), (n, n)),
+                permc_spec="NATURAL",
+                diag_pivot_thresh=_PIVOT,
+                options={"SymmetricMode": True, "Equil": True},
+            )
+        except RuntimeError as error:
+            raise SingularMatrixError(str(error)) from error
+        return SuperLuFactor(factor, order, bool(np.iscomplexobj(entries)))
+
+
+@dataclass(frozen=True, eq=False)
+class SuperLuFactor:
+    """L and U of a reordered matrix."""
+
+    factor: SuperLU
+    order: IntArray
+    is_complex: bool
+
+    def solve(self, right: NumberArray) -> NumberArray:
+        """Solution X, (n, n_right), of A X = `right` (n, n_right), real or complex."""
+        reordered = right[self.order]
+        if self.is_complex:
+            unordered = self.factor.solve(np.asarray(reordered, dtype=np.complex128))
+        elif np.iscomplexobj(reordered):
+            unordered = self.factor.solve(np.ascontiguousarray(reordered.real)) + 1j * self.factor.solve(
+                np.ascontiguousarray(reordered.imag)
+            )
+        else:
+            unordered = self.factor.solve(np.asarray(reordered, dtype=np.float64))
+        solution = np.empty_like(unordered, order="C")
+        solution[self.order] = unordered
+        return solution
 
 
 @cache

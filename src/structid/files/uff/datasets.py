@@ -1,12 +1,24 @@
-"""Datasets of a universal file: separated, and checked to be complete."""
+"""Datasets of a universal file: separated and checked to be complete, their numbers in columns, and its units (164).
+
+References
+----------
+Structural Dynamics Research Laboratory, University of Cincinnati: Universal file formats, dataset 164.
+"""
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
+
+from structid.core.arrays import FloatArray
 from structid.core.errors import FileError
+from structid.core.units import FORCES, LENGTHS
 from structid.files import require_readable
 
 _TAG = re.compile(rb"[ ]{4}-1[ \t]*(\r\n|\n|\r|\Z)")
@@ -15,6 +27,19 @@ _BLANK = b" \t\r\n\x1a\0"
 HEADER_LINES = 12
 #: Bytes of a number, and numbers a value, by the ordinate data type of dataset 58.
 ORDINATES = {2: (4, 1), 4: (8, 1), 5: (4, 2), 6: (8, 2)}
+_NUMBER = re.compile(
+    rb"[ \t\r\n]*([+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d{1,3}|[+-]\d{3}(?![\d.]))?|[+-]?(?:nan|inf)(?:inity)?)",
+    re.IGNORECASE,
+)
+_PLAIN = re.compile(rb"[0-9+\-.eE \t\r\n]*")
+_SHORT_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")
+_POUNDAL = 0.3048 * 0.45359237
+#: Length in m and force in N of each units code of dataset 164; 9 is for other ones.
+_CODES = {
+    1: (1.0, 1.0), 2: (LENGTHS["ft"], FORCES["lbf"]), 3: (1.0, FORCES["kgf"]), 4: (LENGTHS["ft"], _POUNDAL),
+    5: (1e-3, 1e-3), 6: (1e-2, 1e-2), 7: (LENGTHS["in"], FORCES["lbf"]), 8: (1e-3, FORCES["kgf"]), 10: (1e-3, 1.0),
+}  # fmt: skip
+_SAME = 1e-4
 
 
 @dataclass(frozen=True)
@@ -171,3 +196,125 @@ def _is_closed(data: bytes, end: int) -> bool:
     while end < len(data) and data[end] in b"\r\n":
         end += 1
     return end < len(data) and _TAG.match(data, end) is not None
+
+
+def real_number(text: str) -> float:
+    """The number in `text`, one field of a Fortran file: ``1.5E+01``, ``1.5D+01`` or ``1.5-100``.
+
+    Raises
+    ------
+    ValueError
+        If the field is blank or holds something else.
+    """
+    plain = text.strip().replace("D", "E").replace("d", "e")
+    if "e" not in plain.lower():
+        plain = _SHORT_EXPONENT.sub(r"E\1", plain)
+    return float(plain)
+
+
+def _split_fields(line: str, widths: Sequence[int]) -> list[str]:
+    """The fields of a line as texts: its words if there are as many as `widths`, else its columns of these widths.
+
+    Words come first because some writers make a column wider than the format has it, so that the others do not line up.
+    """
+    words = line.split()
+    if len(words) == len(widths):
+        return words
+    fields, at = [], 0
+    for width in widths:
+        fields.append(line[at : at + width].strip())
+        at += width
+    return fields
+
+
+def integers(line: str, widths: Sequence[int]) -> list[int]:
+    """The whole numbers of a line, see `_split_fields`; a blank field is 0.
+
+    Raises
+    ------
+    ValueError
+        If a field holds something else.
+    """
+    return [int(field) if field else 0 for field in _split_fields(line, widths)]
+
+
+def reals(line: str, widths: Sequence[int]) -> list[float]:
+    """The numbers of a line, see `_split_fields`.
+
+    Raises
+    ------
+    ValueError
+        If a field is blank or holds something else.
+    """
+    return [real_number(field) for field in _split_fields(line, widths)]
+
+
+def read_reals(text: bytes) -> FloatArray:
+    """All numbers in `text`, (n,), also if Fortran left no blank between them or no letter before the exponent.
+
+    Raises
+    ------
+    ValueError
+        If something else stands among them; with the text.
+    """
+    if _PLAIN.fullmatch(text):
+        try:
+            return np.array(text.split(), dtype=np.float64)
+        except ValueError:
+            pass  # numbers without a blank between them, separated below
+    numbers, at = [], 0
+    end = len(text.rstrip())
+    while at < end:
+        match = _NUMBER.match(text, at)
+        if match is None:
+            raise ValueError(f"{text[at : at + 20].decode('ascii', errors='replace').strip()!r} is no number")
+        numbers.append(real_number(match[1].decode("ascii")))
+        at = match.end()
+    return np.array(numbers, dtype=np.float64)
+
+
+class UnitFactors(NamedTuple):
+    """Units of a universal file: its numbers are divided by these to become m and N."""
+
+    length: float
+    force: float
+
+
+def read_unit_factors(path: Path, blocks: Sequence[UffDataset]) -> UnitFactors | None:
+    """The unit factors that dataset 164 states, by which numbers are divided to become m and N; None without dataset 164.
+
+    `blocks` are the datasets of the file at `path`.
+
+    Raises
+    ------
+    FileError
+        If a factor is not positive, contradicts the units code beside it, or two datasets 164 differ.
+    """
+    stated = {_read_dataset_164(path, block) for block in blocks if block.number == 164}
+    if len(stated) > 1:
+        raise FileError(
+            f"{path}: has several datasets 164 with different units; export the parts to files of their own"
+        )
+    return stated.pop() if stated else None
+
+
+def _read_dataset_164(path: Path, block: UffDataset) -> UnitFactors:
+    """The unit factors of one dataset 164; `FileError` if they are damaged or contradict their units code."""
+    where = f"{path}: dataset {block.ordinal} (164)"
+    lines = block.content.splitlines()
+    try:
+        code = int(lines[0][:10])
+        numbers = read_reals(b"\n".join(lines[1:]))
+        length, force = float(numbers[0]), float(numbers[1])
+    except (ValueError, IndexError) as error:
+        raise FileError(f"{where} is damaged ({error}); export it again") from error
+    if not all(math.isfinite(factor) and factor > 0 for factor in (length, force)):
+        raise FileError(f"{where} has unit factors {(length, force)}; they must be positive")
+    if code in _CODES:
+        unit = _CODES[code]
+        if abs(length * unit[0] - 1) > _SAME or abs(force * unit[1] - 1) > _SAME:
+            raise FileError(
+                f"{where} has units code {code}, which stands for factors {1 / unit[0]:g} of length and {1 / unit[1]:g} of"
+                f" force, but states {length:g} and {force:g}; correct one of them (code 9 is for other units)"
+            )
+    return UnitFactors(length, force)

@@ -1,14 +1,125 @@
-"""Stiffness and mass of isoparametric elastic cells of unit modulus and density, all cells of a type at once."""
+"""Elastic cells: plates in plane stress or plane strain, and solids.
+
+Stiffness and mass are isoparametric, for unit modulus and density, all cells of a type at once.
+"""
 
 from __future__ import annotations
+
+from functools import partial
+from typing import Literal
 
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.fem.elements.cells.isoparametric import CELLS, CellShape, gradients
+from structid.fem.elements.cells import (
+    DENSITY,
+    POISSON,
+    YOUNGS_MODULUS,
+    CellSet,
+    Formulation,
+    Poisson,
+    cell_positions,
+    cell_table,
+)
+from structid.fem.elements.element import (
+    LOSS_FACTOR,
+    PER_STRAIN_RATE,
+    PER_VELOCITY,
+    TRANSLATIONS,
+    Matrices,
+    NodeCoordinates,
+    Nodes,
+    Values,
+    declared,
+    element,
+)
+from structid.fem.elements.isoparametric import CELLS, PLANE_CELLS, SOLID_CELLS, CellShape, gradients
 
 #: Cells that take incompatible bending modes.
-BENDING_CELLS = ("quad", "hexahedron")
+_BENDING_CELLS = ("quad", "hexahedron")
+
+
+@element
+class Plane(CellSet):
+    """Plane stress or plane strain in the x-y plane; moves along X and Y.
+
+    References
+    ----------
+    Taylor, Beresford and Wilson (1976), Int. J. Numer. Meth. Eng. 10, 1211-1219 (incompatible modes).
+    """
+
+    cells = PLANE_CELLS
+    symbol = "flat"
+    moves = ("X", "Y")
+
+    nodes: Nodes = declared(
+        "Node labels: 3 or 6 (triangles), 4, 8 or 9 (quadrilaterals) an element, in either sense, mid-side nodes after the"
+        " corners; rows of a set with several cell types end in -1. Positions are 2-D, or 3-D with equal z in an element",
+        stored=cell_table(PLANE_CELLS),
+    )
+    youngs_modulus: Values = declared(*YOUNGS_MODULUS)
+    density: Values = declared(*DENSITY)
+    thickness: Values = declared("Mass and stiffness go with its first power", "thickness", "m", positive=True)
+    poisson: Poisson = declared(POISSON)
+    state: Literal["stress", "strain"] = declared(
+        "Plane stress (thin plates) or plane strain (long prisms)", default="stress"
+    )
+    loss_factor: Values = declared(*LOSS_FACTOR, default=0.0)
+    mass_damping: Values = declared(*PER_VELOCITY, "N s/m^4", "density", default=0.0)
+    stiffness_damping: Values = declared(*PER_STRAIN_RATE, "Pa s", "youngs_modulus", default=0.0)
+    formulation: Formulation = declared("Of four-node quadrilaterals; see `elastic_stiffness`", default="incompatible")
+
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
+        """Element matrices of density (mass) and Young's modulus (stiffness), by property.
+
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
+        """
+        corners = cell_positions(self.name, self.nodes, positions, 2)
+        elasticity = plane_elasticity(self.poisson, self.state == "strain")
+        stiffness = partial(elastic_stiffness, elasticity=elasticity, formulation=self.formulation)
+        return {
+            "density": (self.matrix_term(corners, unit_mass, power=1),),
+            "youngs_modulus": (self.matrix_term(corners, stiffness, power=1),),
+        }
+
+
+@element
+class Solid(CellSet):
+    """Isotropic elastic solids; move along X, Y and Z.
+
+    Notes
+    -----
+    Four-node tetrahedra and plain hexahedra are far too stiff in bending; take ten nodes or incompatible modes.
+    """
+
+    cells = SOLID_CELLS
+    symbol = "solid"
+    moves = TRANSLATIONS
+
+    nodes: Nodes = declared(
+        "Node labels, numbered as in VTK: 4 or 10 (tetrahedra), 5 (pyramids), 6 or 15 (wedges), 8, 20 or 27 (hexahedra) an"
+        " element; rows of a set with several cell types end in -1. Positions are 3-D",
+        stored=cell_table(SOLID_CELLS),
+    )
+    youngs_modulus: Values = declared(*YOUNGS_MODULUS)
+    density: Values = declared(*DENSITY)
+    poisson: Poisson = declared(POISSON)
+    loss_factor: Values = declared(*LOSS_FACTOR, default=0.0)
+    mass_damping: Values = declared(*PER_VELOCITY, "N s/m^4", "density", default=0.0)
+    stiffness_damping: Values = declared(*PER_STRAIN_RATE, "Pa s", "youngs_modulus", default=0.0)
+    formulation: Formulation = declared("Of eight-node hexahedra; see `elastic_stiffness`", default="incompatible")
+
+    def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
+        """Element matrices of density (mass) and Young's modulus (stiffness), by property.
+
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
+        """
+        corners = cell_positions(self.name, self.nodes, positions, 3)
+        stiffness = partial(elastic_stiffness, elasticity=_solid_elasticity(self.poisson), formulation=self.formulation)
+        return {
+            "density": (self.matrix_term(corners, unit_mass),),
+            "youngs_modulus": (self.matrix_term(corners, stiffness),),
+        }
 
 
 def plane_elasticity(poisson: float, strain: bool) -> FloatArray:
@@ -17,12 +128,12 @@ def plane_elasticity(poisson: float, strain: bool) -> FloatArray:
     Plane strain if `strain`, else plane stress; `poisson` is Poisson's ratio.
     """
     if strain:
-        return solid_elasticity(poisson)[np.ix_([0, 1, 3], [0, 1, 3])]
+        return _solid_elasticity(poisson)[np.ix_([0, 1, 3], [0, 1, 3])]
     elasticity = np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]])
     return elasticity / (1 - poisson**2)
 
 
-def solid_elasticity(poisson: float) -> FloatArray:
+def _solid_elasticity(poisson: float) -> FloatArray:
     """Stress-strain matrix (xx, yy, zz, engineering xy, yz, zx) for unit Young's modulus, (6, 6).
 
     `poisson` is Poisson's ratio.
@@ -34,7 +145,7 @@ def solid_elasticity(poisson: float) -> FloatArray:
     return elasticity / ((1 + poisson) * (1 - 2 * poisson))
 
 
-def strain_rows(slopes: FloatArray) -> FloatArray:
+def _strain_rows(slopes: FloatArray) -> FloatArray:
     """Strain-displacement matrices (..., n_strains, d n_nodes) from gradients `slopes` (..., d, n_nodes), d = 2 or 3.
 
     Strains are xx, yy, engineering xy, or xx, yy, zz, engineering xy, yz, zx; displacements go node by node.
@@ -73,12 +184,12 @@ def elastic_stiffness(
     shape = CELLS[cell]
     slopes, determinant = gradients(name, nodes, positions, shape, shape.points)
     measure = shape.weights[:, None] * determinant
-    rows = strain_rows(slopes)
+    rows = _strain_rows(slopes)
     if formulation == "mean_dilatation":
         rows = _with_mean_dilatation(rows, measure, positions.shape[2])
     stiffness = _products(rows, elasticity, rows, measure)
-    if formulation == "incompatible" and cell in BENDING_CELLS:
-        bending = strain_rows(_bending_slopes(shape, positions, determinant))
+    if formulation == "incompatible" and cell in _BENDING_CELLS:
+        bending = _strain_rows(_bending_slopes(shape, positions, determinant))
         coupling = _products(bending, elasticity, rows, measure)
         own = _products(bending, elasticity, bending, measure)
         stiffness = stiffness - np.swapaxes(coupling, 1, 2) @ np.linalg.solve(own, coupling)

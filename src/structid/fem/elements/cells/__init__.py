@@ -1,1 +1,0 @@
-"""Cells of meshes: interpolation, quadrature and matrices that several element types share."""

@@ -1,1 +1,0 @@
-"""Nastran OUTPUT4 files."""
