@@ -37,8 +37,8 @@ class Mutant:
 
     @property
     def package(self) -> str:
-        """First folder of the file."""
-        return self.file.split("/", 1)[0]
+        """First folder of the file, or the module at the top that it is."""
+        return self.file.split("/", 1)[0].removesuffix(".py")
 
     @property
     def targets(self) -> tuple[str, ...]:
