@@ -96,35 +96,37 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
     """
     options = resolve_options(structure, unknown, options)
     require_sound_model(structure, unknown.values(unknown.start), float(min(options.frequency)))
-    ground = _prepare_selection(structure, unknown, options, tolerances or Tolerances())
-    sensors, loads = _best_sensors_and_loads(ground)
-    chosen = _at_all_lines(ground, "chosen", sensors, loads)
+    selection = _prepare_selection(structure, unknown, options, tolerances or Tolerances())
+    sensors, loads = _best_sensors_and_loads(selection)
+    chosen = _at_all_lines(selection, "chosen", sensors, loads)
     installed = None
     if options.installed_sensors:
         there = positions(options.installed_loads, options.loads) or loads
-        installed = _at_all_lines(ground, "installed", positions(options.installed_sensors, options.sensors), there)
-    everything = _at_all_lines(ground, "all candidates", range(len(options.sensors)), range(len(options.loads)))
+        installed = _at_all_lines(selection, "installed", positions(options.installed_sensors, options.sensors), there)
+    everything = _at_all_lines(selection, "all candidates", range(len(options.sensors)), range(len(options.loads)))
     needs_lines = options.n_frequencies is not None or options.target is not None
-    lines, by_line = line_roots(ground.candidates, sensors, loads) if needs_lines else (None, None)
-    ground = replace(ground, by_line=by_line)
-    best, spread = _best_lines(ground, chosen, lines, options.n_frequencies)
+    lines, by_line = line_roots(selection.candidates, sensors, loads) if needs_lines else (None, None)
+    selection = replace(selection, by_line=by_line)
+    best, spread = _best_lines(selection, chosen, lines, options.n_frequencies)
     return Plan(
         structure=structure,
         parameters=unknown,
         options=options,
         installed=installed,
         chosen=chosen,
-        kammer=_at_all_lines(ground, "effective independence", _kammer_sensors(ground, len(sensors)), loads)
+        kammer=_at_all_lines(selection, "effective independence", _kammer_sensors(selection, len(sensors)), loads)
         if structure.has_modes
         else None,
         everything=everything,
         frequencies=best,
         spread=spread,
-        next_sensors=_next_sensors(ground, installed or chosen),
-        enough=None if lines is None or options.target is None else _smallest_sufficient(ground, chosen, loads, lines),
-        identifiability=identifiability(ground.rows(sensors, loads), unknown.start, unknown.names),
+        next_sensors=_next_sensors(selection, installed or chosen),
+        enough=None
+        if lines is None or options.target is None
+        else _smallest_sufficient(selection, chosen, loads, lines),
+        identifiability=identifiability(selection.rows(sensors, loads), unknown.start, unknown.names),
         assumption=tolerance_words(
-            ground.candidates.held_names, ground.candidates.held_kinds, ground.candidates.tolerance.tolist()
+            selection.candidates.held_names, selection.candidates.held_kinds, selection.candidates.tolerance.tolist()
         ),
     )
 
@@ -214,49 +216,51 @@ def _prepare_selection(
     return _TestSelection(candidates, options, pairs, prior, wanted_parameters(unknown, options.of_interest), cross)
 
 
-def _best_sensors_and_loads(ground: _TestSelection) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _best_sensors_and_loads(selection: _TestSelection) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Indices of the sensors and of the loads of the most informative test, in this order, among the candidates.
 
     The search starts from several choices of loads.
     """
-    options, known = ground.options, ground.known
-    criterion = (options.criterion, ground.of_interest)
-    by_load = ground.by_load(range(len(options.sensors)))
+    options, known = selection.options, selection.known
+    criterion = (options.criterion, selection.of_interest)
+    by_load = selection.by_load(range(len(options.sensors)))
     count = options.n_loads or 1
     starts = [optimal(by_load, known, count, *criterion)]
     for load in np.argsort(-gains(by_load, known, *criterion), kind="stable")[:_MOST_STARTS].tolist():
         others = greedy(by_load, np.vstack([known, by_load[load]]), min(count, len(by_load)), *criterion)
         starts.append((load, *[i for i in others if i != load][: count - 1]))
-    found = {_exchange_until_stable(ground, start) for start in dict.fromkeys(starts)}
-    return max(sorted(found), key=lambda pair: merit(np.vstack([known, ground.rows(*pair)]), *criterion))
+    found = {_exchange_until_stable(selection, start) for start in dict.fromkeys(starts)}
+    return max(sorted(found), key=lambda pair: merit(np.vstack([known, selection.rows(*pair)]), *criterion))
 
 
-def _exchange_until_stable(ground: _TestSelection, loads: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _exchange_until_stable(
+    selection: _TestSelection, loads: tuple[int, ...]
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Indices of sensors and of loads, improved in turn by exchanges until neither changes.
 
     `loads` are the indices of the loads to begin with. The number of rounds is limited.
     """
-    options, known = ground.options, ground.known
-    criterion = (options.criterion, ground.of_interest)
-    sensors = optimal(ground.by_sensor(loads), known, options.n_sensors or 1, *criterion)
+    options, known = selection.options, selection.known
+    criterion = (options.criterion, selection.of_interest)
+    sensors = optimal(selection.by_sensor(loads), known, options.n_sensors or 1, *criterion)
     for _ in range(_MOST_ROUNDS):
-        better_loads = exchanged(ground.by_load(sensors), known, loads, *criterion)
-        better_sensors = exchanged(ground.by_sensor(better_loads), known, sensors, *criterion)
+        better_loads = exchanged(selection.by_load(sensors), known, loads, *criterion)
+        better_sensors = exchanged(selection.by_sensor(better_loads), known, sensors, *criterion)
         if (better_loads, better_sensors) == (loads, sensors):
             break
         loads, sensors = better_loads, better_sensors
     return sensors, loads
 
 
-def _kammer_sensors(ground: _TestSelection, count: int) -> tuple[int, ...]:
+def _kammer_sensors(selection: _TestSelection, count: int) -> tuple[int, ...]:
     """Indices of `count` sensors chosen by effective independence (Kammer) of the modes in the band.
 
     Without a mode in the band, the lowest modes are taken.
     """
     structure, unknown, frequency = (
-        ground.candidates.structure,
-        ground.candidates.parameters,
-        ground.candidates.frequency,
+        selection.candidates.structure,
+        selection.candidates.parameters,
+        selection.candidates.frequency,
     )
     values, sought = unknown.values(unknown.start), max(_FIRST_MODES, count)
     found = structure_modes(structure, values, min(sought, structure.n_dofs))
@@ -265,33 +269,33 @@ def _kammer_sensors(ground: _TestSelection, count: int) -> tuple[int, ...]:
         found = structure_modes(structure, values, min(sought, structure.n_dofs))
     inside = np.flatnonzero((found.frequency >= frequency[0]) & (found.frequency <= frequency[-1]))
     used = (inside if len(inside) else np.arange(len(found.frequency)))[:count]
-    shapes = structure.selection(ground.candidates.sensors).T @ found.mode_shapes[:, used]
+    shapes = structure.selection(selection.candidates.sensors).T @ found.mode_shapes[:, used]
     return effective_independence(np.asarray(shapes), count)
 
 
 def _at_all_lines(
-    ground: _TestSelection, label: str, sensors: tuple[int, ...] | range, loads: tuple[int, ...] | range
+    selection: _TestSelection, label: str, sensors: tuple[int, ...] | range, loads: tuple[int, ...] | range
 ) -> PlannedTest:
     """The test with the candidates `sensors` and `loads` (indices) at every line, with its predicted deviations.
 
     `label` names the test in tables.
     """
-    options = ground.options
-    cross = ground.cross[np.ix_(list(sensors), list(loads))].sum(axis=(0, 1))
-    std, of_tolerances = ground.deviations(ground.rows(sensors, loads), cross)
+    options = selection.options
+    cross = selection.cross[np.ix_(list(sensors), list(loads))].sum(axis=(0, 1))
+    std, of_tolerances = selection.deviations(selection.rows(sensors, loads), cross)
     return PlannedTest(
         label,
         tuple(options.sensors[s] for s in sensors),
         tuple(options.loads[i] for i in loads),
-        ground.candidates.frequency,
+        selection.candidates.frequency,
         std,
-        ground.of_interest,
+        selection.of_interest,
         of_tolerances,
     )
 
 
 def _at_lines(
-    ground: _TestSelection, test: PlannedTest, label: str, lines: FloatArray, chosen: tuple[int, ...]
+    selection: _TestSelection, test: PlannedTest, label: str, lines: FloatArray, chosen: tuple[int, ...]
 ) -> PlannedTest:
     """The test `test` reduced to some of its lines, with its predicted deviations.
 
@@ -299,14 +303,14 @@ def _at_lines(
     indices of the lines to keep.
     """
     index = sorted(chosen)
-    cross = np.zeros(ground.cross.shape[2:]) if ground.by_line is None else ground.by_line[index].sum(axis=0)
-    std, of_tolerances = ground.deviations(lines[index].reshape(-1, lines.shape[-1]), cross)
-    frequency = ground.candidates.frequency[index]
+    cross = np.zeros(selection.cross.shape[2:]) if selection.by_line is None else selection.by_line[index].sum(axis=0)
+    std, of_tolerances = selection.deviations(lines[index].reshape(-1, lines.shape[-1]), cross)
+    frequency = selection.candidates.frequency[index]
     return replace(test, label=label, frequency=frequency, std=std, of_tolerances=of_tolerances)
 
 
 def _best_lines(
-    ground: _TestSelection, chosen: PlannedTest, lines: FloatArray | None, count: int | None
+    selection: _TestSelection, chosen: PlannedTest, lines: FloatArray | None, count: int | None
 ) -> tuple[PlannedTest | None, PlannedTest | None]:
     """The test `chosen` at its `count` most informative lines, and at `count` evenly spaced lines; both None if not asked for.
 
@@ -314,52 +318,55 @@ def _best_lines(
     """
     if lines is None or count is None:
         return None, None
-    options = ground.options
-    best = optimal(lines, ground.known, count, options.criterion, ground.of_interest)
+    options = selection.options
+    best = optimal(lines, selection.known, count, options.criterion, selection.of_interest)
     even = tuple(evenly_spaced_indices(len(lines), count).tolist())
     return (
-        _at_lines(ground, chosen, f"chosen, best {count} lines", lines, best),
-        _at_lines(ground, chosen, f"chosen, {len(even)} lines spread evenly", lines, even),
+        _at_lines(selection, chosen, f"chosen, best {count} lines", lines, best),
+        _at_lines(selection, chosen, f"chosen, {len(even)} lines spread evenly", lines, even),
     )
 
 
-def _next_sensors(ground: _TestSelection, start: PlannedTest) -> tuple[PlannedTest, ...]:
+def _next_sensors(selection: _TestSelection, start: PlannedTest) -> tuple[PlannedTest, ...]:
     """Tests that add one further candidate sensor to `start`, for those with most information, best first."""
-    options = ground.options
+    options = selection.options
     sensors, loads = positions(start.sensors, options.sensors), positions(start.loads, options.loads)
-    known = np.vstack([ground.known, ground.rows(sensors, loads)])
-    gain = gains(ground.by_sensor(loads), known, options.criterion, ground.of_interest)
+    known = np.vstack([selection.known, selection.rows(sensors, loads)])
+    gain = gains(selection.by_sensor(loads), known, options.criterion, selection.of_interest)
     gain[list(sensors)] = -np.inf
     order = [int(i) for i in np.argsort(-gain, kind="stable") if np.isfinite(gain[i])][:_SHOWN_NEXT]
-    return tuple(_at_all_lines(ground, f"{start.label} + {options.sensors[i]}", (*sensors, i), loads) for i in order)
+    return tuple(_at_all_lines(selection, f"{start.label} + {options.sensors[i]}", (*sensors, i), loads) for i in order)
 
 
 def _smallest_sufficient(
-    ground: _TestSelection, chosen: PlannedTest, loads: tuple[int, ...], lines: FloatArray
+    selection: _TestSelection, chosen: PlannedTest, loads: tuple[int, ...], lines: FloatArray
 ) -> SmallestTest:
     """Fewest sensors, fewest lines and number of averages, each of which alone reaches the target deviation.
 
     Sensors and lines are added greedily; their tests are None if all candidates do not suffice. `loads` are indices, `lines`
     the information roots of `line_roots`.
     """
-    target = float(ground.options.target or 0.0)
+    target = float(selection.options.target or 0.0)
 
     def with_sensors(indices: tuple[int, ...]) -> PlannedTest:
-        return _at_all_lines(ground, f"enough for {target:g}: sensors", indices, loads)
+        return _at_all_lines(selection, f"enough for {target:g}: sensors", indices, loads)
 
     def with_lines(indices: tuple[int, ...]) -> PlannedTest:
-        return _at_lines(ground, chosen, f"enough for {target:g}: lines", lines, indices)
+        return _at_lines(selection, chosen, f"enough for {target:g}: lines", lines, indices)
 
     return SmallestTest(
         target,
-        _fewest_reaching(ground, ground.by_sensor(loads), with_sensors, target),
-        _fewest_reaching(ground, lines, with_lines, target),
+        _fewest_reaching(selection, selection.by_sensor(loads), with_sensors, target),
+        _fewest_reaching(selection, lines, with_lines, target),
         (chosen.worst_std / target) ** 2,
     )
 
 
 def _fewest_reaching(
-    ground: _TestSelection, candidates: FloatArray, make_test: Callable[[tuple[int, ...]], PlannedTest], target: float
+    selection: _TestSelection,
+    candidates: FloatArray,
+    make_test: Callable[[tuple[int, ...]], PlannedTest],
+    target: float,
 ) -> PlannedTest | None:
     """The test with the fewest candidates, added greedily, whose worst deviation is at most `target`.
 
@@ -368,12 +375,12 @@ def _fewest_reaching(
     """
     if make_test(tuple(range(len(candidates)))).worst_std > target:
         return None
-    criterion, wanted = ground.options.criterion, ground.of_interest
+    criterion, wanted = selection.options.criterion, selection.of_interest
 
     def reached(indices: tuple[int, ...]) -> bool:
         return make_test(indices).worst_std <= target
 
-    return make_test(greedy(candidates, ground.known, len(candidates), criterion, wanted, reached))
+    return make_test(greedy(candidates, selection.known, len(candidates), criterion, wanted, reached))
 
 
 @dataclass(frozen=True, eq=False)

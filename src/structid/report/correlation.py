@@ -41,45 +41,45 @@ _COLOURS = {"model": palette.FITTED, "initial": palette.INITIAL, "identified": p
 _MOST_MAPS = 2
 
 
-def modes_table(part: ModesCorrelation) -> Table:
+def modes_table(correlation: ModesCorrelation) -> Table:
     """Table with a row for each measured mode: its paired model mode, frequency difference, MAC and remark.
 
     Rows of unpaired modes are marked "lost".
     """
-    rows, f = [], part.model.frequency
-    for i, own in enumerate(part.measured.frequency.tolist()):
-        k = int(part.pairing.number[i])
+    rows, f = [], correlation.model.frequency
+    for i, own in enumerate(correlation.measured.frequency.tolist()):
+        k = int(correlation.pairing.number[i])
         pair = (NOTHING,) * 4
         if k >= 0:
-            difference = percent(float(part.frequency_difference[i]))
-            pair = (str(k + 1), number(float(f[k]), 5), difference, likeness(float(part.pairing.mac[i, k])))
-        rows.append((str(i + 1), number(own, 5), *pair, part.remark(i)))
+            difference = percent(float(correlation.frequency_difference[i]))
+            pair = (str(k + 1), number(float(f[k]), 5), difference, likeness(float(correlation.pairing.mac[i, k])))
+        rows.append((str(i + 1), number(own, 5), *pair, correlation.remark(i)))
     header = ("Measured mode", "Measured (Hz)", "Mode of the model", "Model (Hz)", "Difference", "MAC", "Remark")
-    marks = tuple("lost" if k < 0 else "" for k in part.pairing.number)
+    marks = tuple("lost" if k < 0 else "" for k in correlation.pairing.number)
     return Table(header, tuple(rows), tuple(range(6)), marks)
 
 
-def surplus_table(part: ModesCorrelation) -> Table | None:
+def surplus_table(correlation: ModesCorrelation) -> Table | None:
     """Table of model modes in the measured range that no measured mode is paired with; None if there are none."""
-    if not part.pairing.surplus:
+    if not correlation.pairing.surplus:
         return None
     rows = []
-    for k in part.pairing.surplus:
-        best = int(np.nan_to_num(part.pairing.mac[:, k]).argmax())
-        like = f"{best + 1}, MAC {part.pairing.mac[best, k]:.2f}"
-        rows.append((str(k + 1), number(float(part.model.frequency[k]), 5), like))
+    for k in correlation.pairing.surplus:
+        best = int(np.nan_to_num(correlation.pairing.mac[:, k]).argmax())
+        like = f"{best + 1}, MAC {correlation.pairing.mac[best, k]:.2f}"
+        rows.append((str(k + 1), number(float(correlation.model.frequency[k]), 5), like))
     return Table(("Mode of the model", "Model (Hz)", "Nearest measured mode"), tuple(rows), (0, 1))
 
 
-def orthogonality_facts(part: ModesCorrelation) -> tuple[tuple[str, str], ...]:
+def orthogonality_facts(correlation: ModesCorrelation) -> tuple[tuple[str, str], ...]:
     """Pairs of a label and a text on self- and cross-orthogonality of shapes with the reduced mass; () if not computed."""
-    own, cross = part.self_orthogonality, part.cross_orthogonality
+    own, cross = correlation.self_orthogonality, correlation.cross_orthogonality
     if own is None or cross is None:
         return ()
-    name = {"guyan": "static (Guyan)", "serep": "by modes (SEREP)"}[part.options.reduction]
-    whole = np.flatnonzero(part.measured.known.all(axis=0))
-    off, paired = np.nan_to_num(own - np.eye(len(own))), np.intersect1d(part.pairing.paired, whole)
-    pairs = [cross[i, part.pairing.number[i]] for i in paired]
+    name = {"guyan": "static (Guyan)", "serep": "by modes (SEREP)"}[correlation.options.reduction]
+    whole = np.flatnonzero(correlation.measured.known.all(axis=0))
+    off, paired = np.nan_to_num(own - np.eye(len(own))), np.intersect1d(correlation.pairing.paired, whole)
+    pairs = [cross[i, correlation.pairing.number[i]] for i in paired]
     left = f"; of the {plural(len(whole), 'shape')} known at every sensor" if len(whole) < len(own) else ""
     found = [("Reduction of the mass", name + left)]
     if len(whole) > 1:
@@ -91,17 +91,17 @@ def orthogonality_facts(part: ModesCorrelation) -> tuple[tuple[str, str], ...]:
     return tuple(found)
 
 
-def expansion_table(part: ModesCorrelation) -> Table | None:
+def expansion_table(correlation: ModesCorrelation) -> Table | None:
     """Table of how well each measured shape was expanded to the model; None if no shapes were expanded."""
-    if part.expanded is None:
+    if correlation.expanded is None:
         return None
     rows = []
-    for i, (residual, median) in enumerate(part.expansion_sizes):
-        basis = part.expanded.basis[i]
+    for i, (residual, median) in enumerate(correlation.expansion_sizes):
+        basis = correlation.expanded.basis[i]
         made = ", ".join(str(k + 1) for k in basis) if len(basis) <= _MOST_NAMED else f"{len(basis)} modes near it"
-        made = made or ("dynamic stiffness" if part.measured.known[:, i].any() else "no shape known")
+        made = made or ("dynamic stiffness" if correlation.measured.known[:, i].any() else "no shape known")
         sizes = percent(residual, 2, signed=False), percent(median, 2, signed=False)
-        rows.append((str(i + 1), number(float(part.measured.frequency[i]), 5), made, *sizes))
+        rows.append((str(i + 1), number(float(correlation.measured.frequency[i]), 5), made, *sizes))
     header = (
         "Measured mode", "Measured (Hz)", "Made of modes", "Residual at the sensors",
         "Median std of the expanded shape",
@@ -109,23 +109,23 @@ def expansion_table(part: ModesCorrelation) -> Table | None:
     return Table(header, tuple(rows), (0, 1, 3, 4))
 
 
-def resonances_table(part: ResponsesCorrelation) -> Table | None:
+def resonances_table(correlation: ResponsesCorrelation) -> Table | None:
     """Table of resonances of a record (Hz) with the closest ones of the model; None if the record shows none."""
-    if not part.resonances:
+    if not correlation.resonances:
         return None
     rows = tuple(
         (number(one.measured, 5), number(one.predicted, 5), percent(one.predicted / one.measured - 1))
-        for one in part.resonances
+        for one in correlation.resonances
     )
     return Table(("Measured (Hz)", "Model (Hz)", "Difference"), rows, (0, 1, 2))
 
 
-def frac_table(part: ResponsesCorrelation) -> Table:
+def frac_table(correlation: ResponsesCorrelation) -> Table:
     """Table of the FRAC of every FRF, with a row for each pair of output and input."""
     rows = tuple(
-        (str(output), str(load), f"{part.frac[o, i]:.3f}")
-        for i, load in enumerate(part.record.inputs)
-        for o, output in enumerate(part.record.outputs)
+        (str(output), str(load), f"{correlation.frac[o, i]:.3f}")
+        for i, load in enumerate(correlation.record.inputs)
+        for o, output in enumerate(correlation.record.outputs)
     )
     return Table(("Output", "Input", "FRAC"), rows, (2,))
 
@@ -136,26 +136,26 @@ def channels_table(correlation: StudyCorrelation) -> Table:
     return Table(("Channel", "Role", "Sees"), rows)
 
 
-def summary_words(part: ModesCorrelation) -> str:
+def summary_words(correlation: ModesCorrelation) -> str:
     """Sentence, without a full stop, that sums up measured and model modes: pairs, largest frequency difference, least MAC."""
-    if not part.n_paired:
-        return f"None of {plural(part.measured.n_modes, 'measured mode')} matches a mode of the model"
-    paired = part.pairing.paired
-    worst = float(np.nanmax(np.abs(part.frequency_difference)))
-    like = part.pairing.mac[paired, part.pairing.number[paired]]
+    if not correlation.n_paired:
+        return f"None of {plural(correlation.measured.n_modes, 'measured mode')} matches a mode of the model"
+    paired = correlation.pairing.paired
+    worst = float(np.nanmax(np.abs(correlation.frequency_difference)))
+    like = correlation.pairing.mac[paired, correlation.pairing.number[paired]]
     least = f", MAC {np.nanmin(like):.3f} or more" if np.isfinite(like).any() else ""
     return (
-        f"{part.n_paired} of {plural(part.measured.n_modes, 'measured mode')} paired: frequencies within"
-        f" {percent(worst, signed=False)}{least}{part.measured.unknown_words}"
+        f"{correlation.n_paired} of {plural(correlation.measured.n_modes, 'measured mode')} paired: frequencies within"
+        f" {percent(worst, signed=False)}{least}{correlation.measured.unknown_words}"
     )
 
 
-def frac_words(part: ResponsesCorrelation) -> str:
+def frac_words(correlation: ResponsesCorrelation) -> str:
     """Sentence, without a full stop, that sums up measured and model responses: range in Hz, median and least FRAC."""
-    values = part.frac[np.isfinite(part.frac)]
+    values = correlation.frac[np.isfinite(correlation.frac)]
     if not values.size:
         return "No function of the model responds where the record does"
-    f = part.record.frequency
+    f = correlation.record.frequency
     return (
         f"FRAC from {f[0]:.5g} to {f[-1]:.5g} Hz: median {np.median(values):.3f} of {plural(values.size, 'function')},"
         f" least {values.min():.3f}"
@@ -189,53 +189,62 @@ def _name_prefix(name: str, words: str) -> str:
     return f"{name}: {words}" if name else words
 
 
-def modes_part(parts: Sequence[ModesCorrelation], key: str) -> tuple[Figures, dict[str, object]]:
+def modes_part(correlations: Sequence[ModesCorrelation], key: str) -> tuple[Figures, dict[str, object]]:
     """Figures by name, and template values by key, on measured modes against one or two models.
 
-    `parts` are the correlations with each model; tables are those of the last. Names of figures begin with `key`.
+    `correlations` are the correlations with each model; tables are those of the last. Names of figures begin with `key`.
     """
-    part, words = parts[-1], ALONE if len(parts) == 1 else BEFORE_AND_AFTER
-    drawn = {
-        f"{key}_mac": mac_figure(parts, words),
-        f"{key}_comac": comac_figure(parts, words) if part.n_paired else None,
-        f"{key}_shapes": side_by_side_figure(part),
+    last, model_names = correlations[-1], ALONE if len(correlations) == 1 else BEFORE_AND_AFTER
+    figures = {
+        f"{key}_mac": mac_figure(correlations, model_names),
+        f"{key}_comac": comac_figure(correlations, model_names) if last.n_paired else None,
+        f"{key}_shapes": side_by_side_figure(last),
     }
-    told = {
+    template_values = {
         "key": key,
         "is_modal": True,
-        "title": part.name,
-        "words": [_count_phrase(word, summary_words(one), len(parts)) for word, one in zip(words, parts, strict=True)],
-        "warnings": part.warnings,
-        "table": modes_table(part),
-        "surplus": surplus_table(part),
-        "facts": orthogonality_facts(part),
-        "expansion": expansion_table(part),
+        "title": last.name,
+        "words": [
+            _count_phrase(model_name, summary_words(correlation), len(correlations))
+            for model_name, correlation in zip(model_names, correlations, strict=True)
+        ],
+        "warnings": last.warnings,
+        "table": modes_table(last),
+        "surplus": surplus_table(last),
+        "facts": orthogonality_facts(last),
+        "expansion": expansion_table(last),
         "resonances": None,
     }
-    return {name: figure for name, figure in drawn.items() if figure is not None}, told
+    return {name: figure for name, figure in figures.items() if figure is not None}, template_values
 
 
-def responses_part(parts: Sequence[ResponsesCorrelation], key: str) -> tuple[Figures, dict[str, object]]:
+def responses_part(correlations: Sequence[ResponsesCorrelation], key: str) -> tuple[Figures, dict[str, object]]:
     """Figures by name, and template values by key, on measured responses against one or two models.
 
-    `parts` are the correlations with each model; the table is that of the last. Names of figures begin with `key`.
+    `correlations` are the correlations with each model; the table is that of the last. Names of figures begin with `key`.
     """
-    part, words = parts[-1], ALONE if len(parts) == 1 else BEFORE_AND_AFTER
-    drawn = {f"{key}_frac": frac_figure(parts, words), f"{key}_fdac": fdac_figure(parts, words)}
-    told = {
+    last, model_names = correlations[-1], ALONE if len(correlations) == 1 else BEFORE_AND_AFTER
+    figures = {
+        f"{key}_frac": frac_figure(correlations, model_names),
+        f"{key}_fdac": fdac_figure(correlations, model_names),
+    }
+    template_values = {
         "key": key,
         "is_modal": False,
-        "title": part.name,
-        "words": [_count_phrase(word, frac_words(one), len(parts)) for word, one in zip(words, parts, strict=True)],
-        "warnings": part.warnings,
-        "resonances": resonances_table(part),
+        "title": last.name,
+        "words": [
+            _count_phrase(model_name, frac_words(correlation), len(correlations))
+            for model_name, correlation in zip(model_names, correlations, strict=True)
+        ],
+        "warnings": last.warnings,
+        "resonances": resonances_table(last),
     }
-    return {name: figure for name, figure in drawn.items() if figure is not None}, told
+    return {name: figure for name, figure in figures.items() if figure is not None}, template_values
 
 
-def _count_phrase(word: str, words: str, count: int) -> str:
-    inside = words if words[:2].isupper() else words[0].lower() + words[1:]
-    return f"{words}." if count == 1 else f"{word.capitalize()} model: {inside}."
+def _count_phrase(model_name: str, sentence: str, n_models: int) -> str:
+    inside = sentence if sentence[:2].isupper() else sentence[0].lower() + sentence[1:]
+    return f"{sentence}." if n_models == 1 else f"{model_name.capitalize()} model: {inside}."
 
 
 def before_and_after(
@@ -312,27 +321,37 @@ def correlation_page(correlation: StudyCorrelation) -> Page:
     return Page(CORRELATION_PAGE, "correlation.html.j2", figures, words)
 
 
-def mac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plot.Figure:
+def mac_figure(correlations: Sequence[ModesCorrelation], model_names: Sequence[str]) -> plot.Figure:
     """Matrix figure of the MAC between measured and model modes, one panel for each model, with pairs framed.
 
-    `parts` holds one correlation for each model, `words` the models' names, `ALONE` or `BEFORE_AND_AFTER`.
+    `correlations` holds one correlation for each model, `model_names` the models' names, `ALONE` or `BEFORE_AND_AFTER`.
     """
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "MAC")
     panels, largest = [], 1
-    for part, word in zip(parts, words, strict=True):
-        shown = part.shown if len(part.shown) else np.arange(part.model.frequency.size)
-        rows = [f"{i + 1}: {f:.4g} Hz" for i, f in enumerate(part.measured.frequency)]
-        columns = [f"{k + 1}: {part.model.frequency[k]:.4g}" for k in shown]
+    for correlation, model_name in zip(correlations, model_names, strict=True):
+        shown = correlation.shown if len(correlation.shown) else np.arange(correlation.model.frequency.size)
+        rows = [f"{i + 1}: {f:.4g} Hz" for i, f in enumerate(correlation.measured.frequency)]
+        columns = [f"{k + 1}: {correlation.model.frequency[k]:.4g}" for k in shown]
         made = plot.matrix_panel(
-            part.pairing.mac[:, shown], rows, "measured mode", scale, columns, f"mode of the {_model(word)}, Hz"
+            correlation.pairing.mac[:, shown],
+            rows,
+            "measured mode",
+            scale,
+            columns,
+            f"mode of the {_model(model_name)}, Hz",
         )
         column = {int(k): j for j, k in enumerate(shown)}
-        cells = [(column[k], i) for i in part.pairing.paired.tolist() for k in part.pairing.partners(i) if k in column]
+        cells = [
+            (column[k], i)
+            for i in correlation.pairing.paired.tolist()
+            for k in correlation.pairing.partners(i)
+            if k in column
+        ]
         frames = _frames(np.array(cells, dtype=float).reshape(-1, 2))
         (strip,) = made.strips
         strips = (replace(strip, traces=(*strip.traces, *frames)),)
         is_large = max(len(rows), len(columns)) > plot.MOST_WRITTEN
-        panels.append(replace(made, strips=strips, title=_title(word, len(parts)), equal=not is_large))
+        panels.append(replace(made, strips=strips, title=_title(model_name, len(correlations)), equal=not is_large))
         largest = max(largest, len(rows), len(columns))
     size = float(np.clip(280 + 26 * largest, 400, 760))
     caption = (
@@ -351,15 +370,23 @@ def _frames(cells: FloatArray) -> list[plot.Curve]:
     return [plot.Curve(path[:, 0], path[:, 1], plot.Pen(palette.VERMILLION, 2.2), label="pair")]
 
 
-def comac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plot.Figure:
+def comac_figure(correlations: Sequence[ModesCorrelation], model_names: Sequence[str]) -> plot.Figure:
     """Bar charts of COMAC and ECOMAC of every sensor, over all mode pairs, with one bar for each model.
 
-    `parts` holds one correlation for each model, `words` the models' names.
+    `correlations` holds one correlation for each model, `model_names` the models' names.
     """
-    names = [str(dof) for dof in parts[-1].measured.channels]
+    names = [str(dof) for dof in correlations[-1].measured.channels]
     panels = (
-        _bars(names, "sensor", plot.Axis("COMAC", "1", (0.0, 1.05)), [part.comac for part in parts], words),
-        _bars(names, "sensor", plot.Axis("ECOMAC", "1"), [part.ecomac for part in parts], words),
+        _bars(
+            names,
+            "sensor",
+            plot.Axis("COMAC", "1", (0.0, 1.05)),
+            [correlation.comac for correlation in correlations],
+            model_names,
+        ),
+        _bars(
+            names, "sensor", plot.Axis("ECOMAC", "1"), [correlation.ecomac for correlation in correlations], model_names
+        ),
     )
     caption = (
         "By sensor, over all pairs. COMAC: 1 where the sensor follows the model in every mode; a sensor that is only turned"
@@ -369,20 +396,20 @@ def comac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plo
     return plot.Figure(panels, (1050.0, 300.0), 1, caption)
 
 
-def frac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> plot.Figure:
+def frac_figure(correlations: Sequence[ResponsesCorrelation], model_names: Sequence[str]) -> plot.Figure:
     """Bar charts of the FRAC of every output, one panel for each load, with one bar for each model.
 
-    `parts` holds one correlation for each model, `words` the models' names.
+    `correlations` holds one correlation for each model, `model_names` the models' names.
     """
-    record = parts[-1].record
+    record = correlations[-1].record
     names = [str(dof) for dof in record.outputs]
     panels = tuple(
         _bars(
             names,
             "output",
             plot.Axis("FRAC", "1", (0.0, 1.05)),
-            [part.frac[:, i] for part in parts],
-            words,
+            [correlation.frac[:, i] for correlation in correlations],
+            model_names,
             f"load {load}" if len(record.inputs) > 1 else "",
         )
         for i, load in enumerate(record.inputs)
@@ -394,26 +421,28 @@ def frac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> 
     return plot.Figure(panels, (1050.0, 300.0), 1, caption)
 
 
-def fdac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> plot.Figure | None:
+def fdac_figure(correlations: Sequence[ResponsesCorrelation], model_names: Sequence[str]) -> plot.Figure | None:
     """Matrix figure of the FDAC for the first two loads and each model; None if it was not computed, as for a single output.
 
-    `parts` holds one correlation for each model, `words` the models' names.
+    `correlations` holds one correlation for each model, `model_names` the models' names.
     """
-    if any(part.fdac is None for part in parts):
+    if any(correlation.fdac is None for correlation in correlations):
         return None
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "FDAC")
     panels = []
-    for i, load in enumerate(parts[-1].record.inputs[:_MOST_MAPS]):
-        for part, word in zip(parts, words, strict=True):
-            f = part.record.frequency[part.map_lines]
+    for i, load in enumerate(correlations[-1].record.inputs[:_MOST_MAPS]):
+        for correlation, model_name in zip(correlations, model_names, strict=True):
+            f = correlation.record.frequency[correlation.map_lines]
             edges = np.concatenate([[f[0]], 0.5 * (f[1:] + f[:-1]), [f[-1]]])
-            values = np.round(part.fdac[i], 3) if part.fdac is not None else np.zeros((len(f), len(f)))
+            values = np.round(correlation.fdac[i], 3) if correlation.fdac is not None else np.zeros((len(f), len(f)))
             cells = plot.HeatMap(edges, edges, values, tuple(f"measured {line:.5g} Hz" for line in f))
             ends = (float(f[0]), float(f[-1]))
-            x = plot.Axis(f"frequency of the {_model(word)}", "Hz", ends, grid=False)
+            x = plot.Axis(f"frequency of the {_model(model_name)}", "Hz", ends, grid=False)
             y = plot.Axis("measured frequency", "Hz", ends, grid=False)
             diagonal = plot.segments(([ends[0]], [ends[1]]), ([ends[0]], [ends[1]]), plot.Pen("white", 1.2, "dash"))
-            title = _title(word, len(parts)) + (f", load {load}" if len(part.record.inputs) > 1 else "")
+            title = _title(model_name, len(correlations)) + (
+                f", load {load}" if len(correlation.record.inputs) > 1 else ""
+            )
             panels.append(replace(plot.panel(x, y, cells, diagonal, scale=scale), equal=True, title=title.lstrip(", ")))
     caption = (
         "Frequency domain assurance criterion: agreement of the operating shapes at every pair of lines. A ridge of ones below"
@@ -428,22 +457,22 @@ def _bars(
     label: str,
     y: plot.Axis,
     values: Sequence[FloatArray],
-    words: Sequence[str],
+    model_names: Sequence[str],
     title: str = "",
 ) -> plot.Panel:
     """Bar chart panel with a group of bars for each of `names`, one bar for each model.
 
-    `values` holds one array (n_names,) for each model, `words` the models' names; `label` is that of the axis. NaN has
+    `values` holds one array (n_names,) for each model, `model_names` the models' names; `label` is that of the axis. NaN has
     no bar. `title` stands above the panel.
     """
     positions, count = np.arange(len(names), dtype=float), len(values)
     width = 0.8 / count
     traces: list[plot.Trace] = []
-    for k, (heights, word) in enumerate(zip(values, words, strict=True)):
+    for k, (heights, model_name) in enumerate(zip(values, model_names, strict=True)):
         known = np.isfinite(heights)
         left = positions[known] - 0.4 + k * width
-        own = word if count > 1 else ""
-        traces.append(plot.boxes((left, left + width), (0.0, heights[known]), _COLOURS[word], own))
+        own = model_name if count > 1 else ""
+        traces.append(plot.boxes((left, left + width), (0.0, heights[known]), _COLOURS[model_name], own))
         texts = tuple(
             f"{name}: {value:.3f}" for name, value in zip(names, heights.tolist(), strict=True) if value == value
         )
@@ -454,9 +483,9 @@ def _bars(
     return plot.panel(x, replace(y, limits=limits), *traces, title=title)
 
 
-def _model(word: str) -> str:
-    return word if word == "model" else f"{word} model"
+def _model(model_name: str) -> str:
+    return model_name if model_name == "model" else f"{model_name} model"
 
 
-def _title(word: str, count: int) -> str:
-    return f"{word} model" if count > 1 else ""
+def _title(model_name: str, count: int) -> str:
+    return f"{model_name} model" if count > 1 else ""

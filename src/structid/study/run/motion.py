@@ -131,8 +131,8 @@ def motion_of_study(path: Path, options: MotionOptions, progress: Progress | Non
         workers = start_workers(options.workers, options.scheduler)
         study_read = time.perf_counter()
         try:
-            whole = MotionTaskData(study.structure, study.parameters, records, options.work, options.chunk)
-            fit = _reduce_records(whole, workers, options.checkpoint, progress)
+            task_data = MotionTaskData(study.structure, study.parameters, records, options.work, options.chunk)
+            fit = _reduce_records(task_data, workers, options.checkpoint, progress)
         finally:
             if workers is not None:
                 workers.close()
@@ -148,18 +148,18 @@ def motion_of_study(path: Path, options: MotionOptions, progress: Progress | Non
 
 
 def _reduce_records(
-    whole: MotionTaskData, workers: Workers | None, checkpoint: Path | None, progress: Progress | None
+    task_data: MotionTaskData, workers: Workers | None, checkpoint: Path | None, progress: Progress | None
 ) -> RecursiveMotionFit:
     """The fit of all records, reduced on `workers` or, if None, in this process.
 
     It continues from the file `checkpoint` if that exists. `progress` takes the samples done and their total.
     """
-    fit = motion_fit(whole.structure, whole.unknown)
+    fit = motion_fit(task_data.structure, task_data.unknown)
     if checkpoint is not None and checkpoint.exists():
         fit = load_motion_fit(checkpoint, fit)
     if workers is None:
-        return reduced_alone(fit, whole, checkpoint, progress)
-    return reduced_on(workers, fit, whole, checkpoint, progress)
+        return reduced_alone(fit, task_data, checkpoint, progress)
+    return reduced_on(workers, fit, task_data, checkpoint, progress)
 
 
 def peak_memory() -> int:
@@ -294,16 +294,16 @@ class ReducedStretch(TypedDict):
     n_samples: int
 
 
-def reduced_stretch(whole: MotionTaskData, item: Stretch, tools: TaskContext) -> ReducedStretch:
+def reduced_stretch(task_data: MotionTaskData, item: Stretch, tools: TaskContext) -> ReducedStretch:
     """Sums of the least-squares problem over one stretch of a record, as a task for workers.
 
     `item` is (record number, first sample, sample after the last). The result has ``triangles`` and ``energy`` of the reduced
     rows, and the counts ``n_rows`` and ``n_samples``.
     """
     number, first, last = item
-    fit = whole.start
-    for chunk in whole.records[number].chunks(first, last, whole.longest):
-        fit = whole.rows[number].reduced(fit, chunk, whole.work)
+    fit = task_data.start
+    for chunk in task_data.records[number].chunks(first, last, task_data.longest):
+        fit = task_data.rows[number].reduced(fit, chunk, task_data.work)
         del chunk  # before the next one is read
     return {
         "triangles": fit.state.triangles,
@@ -316,7 +316,7 @@ def reduced_stretch(whole: MotionTaskData, item: Stretch, tools: TaskContext) ->
 def reduced_on(
     workers: Workers,
     fit: RecursiveMotionFit,
-    whole: MotionTaskData,
+    task_data: MotionTaskData,
     checkpoint: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> RecursiveMotionFit:
@@ -342,16 +342,16 @@ def reduced_on(
     WorkersLostError
         If the workers are gone; the checkpoint holds what was merged.
     """
-    work = whole.work
-    total = sum(record.n_times for record in whole.records)
+    work = task_data.work
+    total = sum(record.n_times for record in task_data.records)
     compiled = work.compiled(total * len(fit.state.columns)) and len(fit.state.columns) == fit.equations.n_dofs
-    whole = replace(whole, work=FoldingKernels("numba" if compiled else "numpy", work.threads))
-    _require_records(workers, whole)
-    items = dict(enumerate(stretches(whole.records, fit.state.triangles.nbytes, fit.n_samples)))
+    task_data = replace(task_data, work=FoldingKernels("numba" if compiled else "numpy", work.threads))
+    _require_records(workers, task_data)
+    items = dict(enumerate(stretches(task_data.records, fit.state.triangles.nbytes, fit.n_samples)))
     early: dict[int, ReducedStretch] = {}
     turn, keeper = 0, FitKeeper(checkpoint)
     try:
-        for number, result in workers.completed(reduced_stretch, whole, items):
+        for number, result in workers.completed(reduced_stretch, task_data, items):
             early[number] = result
             while turn in early:
                 fit, turn = _merge_fits(fit, early.pop(turn)), turn + 1
@@ -364,24 +364,24 @@ def reduced_on(
 
 
 def reduced_alone(
-    fit: RecursiveMotionFit, whole: MotionTaskData, checkpoint: Path | None = None, progress: Progress | None = None
+    fit: RecursiveMotionFit, task_data: MotionTaskData, checkpoint: Path | None = None, progress: Progress | None = None
 ) -> RecursiveMotionFit:
     """The fit `fit` extended by all remaining samples of the records, reduced in this process one chunk after the other.
 
     `checkpoint` is a file that keeps the fit; `progress` is called with the number of samples done and their total.
     """
-    ends = list(accumulate(record.n_times for record in whole.records))
+    ends = list(accumulate(record.n_times for record in task_data.records))
 
     def report(done: int, _: int) -> None:
         """Pass the number of samples done, of all records, to `progress`."""
         if progress is not None:
             progress(done, ends[-1])
 
-    for record, end in zip(whole.records, ends, strict=True):
+    for record, end in zip(task_data.records, ends, strict=True):
         first = max(0, fit.n_samples - (end - record.n_times))
         if first < record.n_times:
-            work, longest = whole.work, whole.longest
-            fit = reduced_by_chunks(fit, whole.structure, record, work, longest, checkpoint, report, first)
+            work, longest = task_data.work, task_data.longest
+            fit = reduced_by_chunks(fit, task_data.structure, record, work, longest, checkpoint, report, first)
     return fit
 
 
@@ -392,10 +392,10 @@ def _merge_fits(fit: RecursiveMotionFit, part: ReducedStretch) -> RecursiveMotio
     return own if fit.n_samples == 0 else fit.merged(own)
 
 
-def _require_records(workers: Workers, whole: MotionTaskData) -> None:
+def _require_records(workers: Workers, task_data: MotionTaskData) -> None:
     """Raise `InputError` if a worker does not see the records, or has another version of numba where numba is used."""
-    wanted = tuple((str(record.path), record.path.stat().st_size) for record in whole.records)
-    for worker, trouble in workers.asked(unusable, (wanted, _numba_version(whole.work.engine))).items():
+    wanted = tuple((str(record.path), record.path.stat().st_size) for record in task_data.records)
+    for worker, trouble in workers.asked(unusable, (wanted, _numba_version(task_data.work.engine))).items():
         if trouble:
             raise InputError(f"{workers.words}: {worker}: {trouble}")
 

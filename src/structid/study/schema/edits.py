@@ -43,16 +43,16 @@ def blocks_of(text: str) -> list[TomlBlock]:
 
     The first block has no header; it holds the keys above all headers.
     """
-    words = words_of(text, " \t#\n")
+    tokens = words_of(text, " \t#\n")
     blocks = [TomlBlock((), 0, 0)]
     counts: dict[KeyPath, int] = {}
-    while words:
-        if words[-1][0] == "[" and _begins_line(text, words[-1][1]):
-            start = words[-1][1]
-            path = header(words, counts, {})
+    while tokens:
+        if tokens[-1][0] == "[" and _begins_line(text, tokens[-1][1]):
+            start = tokens[-1][1]
+            path = header(tokens, counts, {})
             blocks.append(TomlBlock(path, text.rfind("\n", 0, start) + 1, _after_line(text, start)))
         else:
-            _add_key(text, words, blocks[-1])
+            _add_key(text, tokens, blocks[-1])
     return blocks
 
 
@@ -65,30 +65,30 @@ def _after_line(text: str, offset: int) -> int:
     return len(text) if end < 0 else end + 1
 
 
-def _add_key(text: str, words: TomlTokens, block: TomlBlock) -> None:
-    """Move the key and value at the head of `words` into `block`, with their positions in `text`."""
-    parts, start = read_key(words, "=")
-    begin = words[-1][1]
-    end = _value_end(words)
+def _add_key(text: str, tokens: TomlTokens, block: TomlBlock) -> None:
+    """Move the key and value at the head of `tokens` into `block`, with their positions in `text`."""
+    parts, start = read_key(tokens, "=")
+    begin = tokens[-1][1]
+    end = _value_end(tokens)
     line_start = text.rfind("\n", 0, start) + 1
     block.pairs[tuple(parts)] = _Span(line_start, begin, end, _after_line(text, end))
     block.own_end = _after_line(text, end)
 
 
-def _value_end(words: TomlTokens) -> int:
-    """Index in the text after the end of the next value, whose words are removed from `words`."""
-    word, at = words.pop()
-    end = at + len(word)
-    if word in ("[", "{"):
+def _value_end(tokens: TomlTokens) -> int:
+    """Index in the text after the end of the next value, whose words are removed from `tokens`."""
+    token, at = tokens.pop()
+    end = at + len(token)
+    if token in ("[", "{"):
         depth = 1
         while depth:
-            word, at = words.pop()
-            depth += (word in "[{") - (word in "]}")
-            end = at + len(word)
+            token, at = tokens.pop()
+            depth += (token in "[{") - (token in "]}")
+            end = at + len(token)
         return end
-    while words and words[-1][1] == end and words[-1][0] not in "[]{},=":
-        word, at = words.pop()
-        end = at + len(word)
+    while tokens and tokens[-1][1] == end and tokens[-1][0] not in "[]{},=":
+        token, at = tokens.pop()
+        end = at + len(token)
     return end
 
 

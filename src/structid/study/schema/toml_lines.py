@@ -61,16 +61,16 @@ def toml_lines(text: str) -> dict[KeyPath, int]:
     """
     found: dict[KeyPath, int] = {}
     text = text.replace("\r\n", "\n")
-    words = words_of(text, " \t#")
+    tokens = words_of(text, " \t#")
     table: KeyPath = ()
     counts: dict[KeyPath, int] = {}
-    while words:
-        if words[-1][0] == "[":
-            table = header(words, counts, found)
-        elif words[-1][0] == "\n":
-            words.pop()
+    while tokens:
+        if tokens[-1][0] == "[":
+            table = header(tokens, counts, found)
+        elif tokens[-1][0] == "\n":
+            tokens.pop()
         else:
-            _note_key_lines(words, found, table)
+            _note_key_lines(tokens, found, table)
     ends = [end.start() for end in re.finditer("\n", text)]
     return {path: bisect_left(ends, at) + 1 for path, at in found.items()}
 
@@ -84,33 +84,33 @@ def words_of(text: str, passed_over: str) -> TomlTokens:
     return found[::-1]  # the next word is the last
 
 
-def read_key(words: TomlTokens, end: str) -> tuple[list[str], int]:
+def read_key(tokens: TomlTokens, end: str) -> tuple[list[str], int]:
     """The parts of a dotted key up to the token `end`, and the index in the text where the key begins.
 
-    The key and `end` are removed from `words`.
+    The key and `end` are removed from `tokens`.
     """
     parts: list[str] = []
-    line = words[-1][1]
-    while (word := words.pop()[0]) != end:
-        if word[0] in "\"'":
-            parts += tomllib.loads(f"{word} = 0")
-        elif word != ".":
-            parts.append(word)
+    line = tokens[-1][1]
+    while (token := tokens.pop()[0]) != end:
+        if token[0] in "\"'":
+            parts += tomllib.loads(f"{token} = 0")
+        elif token != ".":
+            parts.append(token)
     return parts, line
 
 
-def header(words: TomlTokens, counts: dict[KeyPath, int], lines: dict[KeyPath, int]) -> KeyPath:
-    """The path of the header ``[a.b]`` or ``[[a.b]]`` at the head of `words`, with positions in arrays of tables.
+def header(tokens: TomlTokens, counts: dict[KeyPath, int], lines: dict[KeyPath, int]) -> KeyPath:
+    """The path of the header ``[a.b]`` or ``[[a.b]]`` at the head of `tokens`, with positions in arrays of tables.
 
     `counts` holds the present length of each array and is updated. The index in the text of each part is noted in `lines`.
     """
-    words.pop()
-    is_array = words[-1][0] == "["
+    tokens.pop()
+    is_array = tokens[-1][0] == "["
     if is_array:
-        words.pop()
-    parts, line = read_key(words, "]")
+        tokens.pop()
+    parts, line = read_key(tokens, "]")
     if is_array:
-        words.pop()
+        tokens.pop()
     path: KeyPath = ()
     for i, part in enumerate(parts):
         path = (*path, part)
@@ -123,30 +123,30 @@ def header(words: TomlTokens, counts: dict[KeyPath, int], lines: dict[KeyPath, i
     return path
 
 
-def _note_key_lines(words: TomlTokens, lines: dict[KeyPath, int], path: KeyPath) -> None:
-    """Note where ``key = value`` under `path` begins (index in the text) in `lines`, and remove it from `words`."""
-    parts, line = read_key(words, "=")
+def _note_key_lines(tokens: TomlTokens, lines: dict[KeyPath, int], path: KeyPath) -> None:
+    """Note where ``key = value`` under `path` begins (index in the text) in `lines`, and remove it from `tokens`."""
+    parts, line = read_key(tokens, "=")
     for part in parts:
         path = (*path, part)
         lines.setdefault(path, line)
-    _value(words, lines, path)
+    _value(tokens, lines, path)
 
 
-def _value(words: TomlTokens, lines: dict[KeyPath, int], path: KeyPath) -> None:
-    """Note where each entry of the value under `path` begins (index in the text) in `lines`, and remove it from `words`."""
-    first, position = words.pop()[0], 0
+def _value(tokens: TomlTokens, lines: dict[KeyPath, int], path: KeyPath) -> None:
+    """Note where each entry of the value under `path` begins (index in the text) in `lines`, and remove it from `tokens`."""
+    first, position = tokens.pop()[0], 0
     if first not in ("[", "{"):
-        while words and words[-1][0] not in "]},\n":
-            words.pop()
+        while tokens and tokens[-1][0] not in "]},\n":
+            tokens.pop()
         return
-    while words[-1][0] not in "]}":
-        word, line = words[-1]
-        if word in "\n,":
-            words.pop()
+    while tokens[-1][0] not in "]}":
+        token, line = tokens[-1]
+        if token in "\n,":
+            tokens.pop()
         elif first == "{":
-            _note_key_lines(words, lines, path)
+            _note_key_lines(tokens, lines, path)
         else:
             lines[(*path, position)] = line
-            _value(words, lines, (*path, position))
+            _value(tokens, lines, (*path, position))
             position += 1
-    words.pop()
+    tokens.pop()
