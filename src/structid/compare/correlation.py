@@ -160,50 +160,50 @@ def correlation_summary(correlation: StudyCorrelation) -> dict[str, StoredEntry]
     }
 
 
-def _modes_summary(part: ModesCorrelation) -> dict[str, StoredEntry]:
+def _modes_summary(correlation: ModesCorrelation) -> dict[str, StoredEntry]:
     """Content of correlation.json for one record of modes; modes count from 1, and a mode without a pair has None.
 
     Keys: ``name``, ``source``, ``modes``, ``missing``, ``surplus_model_modes``, ``model_frequency_hz``, ``mac``,
     ``channels``, ``reduction``, ``self_orthogonality``, ``cross_orthogonality`` and ``expansion`` (None without one).
     """
-    pairing, expanded = part.pairing, part.expanded
+    pairing, expanded = correlation.pairing, correlation.expanded
     number = pairing.number
     rows = [
         {
             "measured": i + 1,
-            "frequency_hz": part.measured.frequency[i],
+            "frequency_hz": correlation.measured.frequency[i],
             "model_mode": int(number[i]) + 1 if number[i] >= 0 else None,
-            "model_frequency_hz": part.model.frequency[number[i]] if number[i] >= 0 else None,
-            "relative_difference": part.frequency_difference[i],
+            "model_frequency_hz": correlation.model.frequency[number[i]] if number[i] >= 0 else None,
+            "relative_difference": correlation.frequency_difference[i],
             "mac": pairing.mac[i, number[i]] if number[i] >= 0 else None,
             "likeness": pairing.likeness[i] if number[i] >= 0 else None,
             "model_modes_together": [k + 1 for k in pairing.partners(i)],
             "ambiguous_with": [k + 1 for k in pairing.ambiguous.get(i, ())],
-            "remark": part.remark(i),
+            "remark": correlation.remark(i),
         }
-        for i in range(part.measured.n_modes)
+        for i in range(correlation.measured.n_modes)
     ]
     channels = [
-        {"channel": str(dof), "comac": part.comac[c], "ecomac": part.ecomac[c]}
-        for c, dof in enumerate(part.measured.channels)
+        {"channel": str(dof), "comac": correlation.comac[c], "ecomac": correlation.ecomac[c]}
+        for c, dof in enumerate(correlation.measured.channels)
     ]
     return {
-        "name": part.name,
-        "source": part.measured.source,
+        "name": correlation.name,
+        "source": correlation.measured.source,
         "modes": rows,
         "missing": [int(i) + 1 for i in pairing.missing],
         "surplus_model_modes": [k + 1 for k in pairing.surplus],
-        "model_frequency_hz": part.model.frequency,
+        "model_frequency_hz": correlation.model.frequency,
         "mac": pairing.mac,
         "channels": channels,
-        "reduction": part.options.reduction,
-        "self_orthogonality": part.self_orthogonality,
-        "cross_orthogonality": part.cross_orthogonality,
+        "reduction": correlation.options.reduction,
+        "self_orthogonality": correlation.self_orthogonality,
+        "cross_orthogonality": correlation.cross_orthogonality,
         "expansion": None
         if expanded is None
         else {
-            "method": part.options.expansion,
-            "model_error": part.options.model_error,
+            "method": correlation.options.expansion,
+            "model_error": correlation.options.model_error,
             "modes": [
                 {
                     "measured": i + 1,
@@ -211,46 +211,46 @@ def _modes_summary(part: ModesCorrelation) -> dict[str, StoredEntry]:
                     "relative_residual": residual,
                     "median_std": median,
                 }
-                for i, (residual, median) in enumerate(part.expansion_sizes)
+                for i, (residual, median) in enumerate(correlation.expansion_sizes)
             ],
         },
     }
 
 
-def _responses_summary(part: ResponsesCorrelation) -> dict[str, StoredEntry]:
+def _responses_summary(correlation: ResponsesCorrelation) -> dict[str, StoredEntry]:
     """Content of correlation.json for one record of FRFs.
 
     Keys: ``name``, ``source``, ``kind``, ``band_hz``, ``frac``, ``fdac_hz``, ``fdac`` and ``resonances``.
     """
-    record = part.record
+    record = correlation.record
     pairs = [
-        {"output": str(output), "input": str(load), "frac": part.frac[o, i]}
+        {"output": str(output), "input": str(load), "frac": correlation.frac[o, i]}
         for o, output in enumerate(record.outputs)
         for i, load in enumerate(record.inputs)
     ]
     return {
-        "name": part.name,
+        "name": correlation.name,
         "source": record.source,
         "kind": record.kind,
         "band_hz": [record.frequency[0], record.frequency[-1]],
         "frac": pairs,
-        "fdac_hz": record.frequency[part.map_lines],
-        "fdac": [] if part.fdac is None else part.fdac,
-        "resonances": [{"measured_hz": one.measured, "model_hz": one.predicted} for one in part.resonances],
+        "fdac_hz": record.frequency[correlation.map_lines],
+        "fdac": [] if correlation.fdac is None else correlation.fdac,
+        "resonances": [{"measured_hz": one.measured, "model_hz": one.predicted} for one in correlation.resonances],
     }
 
 
-def expanded_record(part: ModesCorrelation) -> ModalRecord | None:
+def expanded_record(correlation: ModesCorrelation) -> ModalRecord | None:
     """The measured modes as a record with shapes at all degrees of freedom at nodes of the model; None without an expansion."""
-    if part.expanded is None:
+    if correlation.expanded is None:
         return None
-    in_model = np.array([dof.node in part.structure.nodes for dof in part.structure.dofs])
-    std = part.expanded.std[in_model]
+    in_model = np.array([dof.node in correlation.structure.nodes for dof in correlation.structure.dofs])
+    std = correlation.expanded.std[in_model]
     return replace(
-        part.measured,
-        mode_shapes=part.expanded.shapes[in_model],
-        channels=tuple(dof for dof, is_own in zip(part.structure.dofs, in_model, strict=True) if is_own),
-        shape_std=std if np.isfinite(std[~np.isnan(part.expanded.shapes[in_model])]).all() else None,
+        correlation.measured,
+        mode_shapes=correlation.expanded.shapes[in_model],
+        channels=tuple(dof for dof, is_own in zip(correlation.structure.dofs, in_model, strict=True) if is_own),
+        shape_std=std if np.isfinite(std[~np.isnan(correlation.expanded.shapes[in_model])]).all() else None,
         changes=None,
-        source=f"{part.measured.source}, expanded to the model by {part.options.expansion}",
+        source=f"{correlation.measured.source}, expanded to the model by {correlation.options.expansion}",
     )

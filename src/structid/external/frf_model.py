@@ -116,21 +116,23 @@ class FrfsOut(OneFile):
 
 
 def _channel_indices(
-    path: Path, word: str, wanted: Sequence[Dof], of_file: Sequence[Dof]
+    path: Path, word: str, channels: Sequence[Dof], file_channels: Sequence[Dof]
 ) -> tuple[IntArray, FloatArray]:
-    """Index in `of_file`, the channels of the file, of each channel in `wanted`, and 1 or -1 for its sense there; (n_wanted,) each.
+    """Index of each of `channels` among the channels of a file, and 1 or -1 for its sense there, (n_channels,) each.
 
-    `word` is "sensor" or "load", for the `FileError` if a channel is missing.
+    `file_channels` are those of the file at `path`; `word` is "sensor" or "load", for the `FileError` if a channel is missing.
     """
-    index_and_sign = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(of_file)}
-    missing = [str(dof.unsigned) for dof in wanted if dof.unsigned not in index_and_sign]
+    index_and_sign = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(file_channels)}
+    missing = [str(dof.unsigned) for dof in channels if dof.unsigned not in index_and_sign]
     if missing:
-        text = ", ".join(str(dof) for dof in of_file[:_MOST_TOLD]) + (", ..." if len(of_file) > _MOST_TOLD else "")
+        text = ", ".join(str(dof) for dof in file_channels[:_MOST_TOLD]) + (
+            ", ..." if len(file_channels) > _MOST_TOLD else ""
+        )
         raise FileError(
             f"{path}: has no FRF of {word} {', '.join(missing[:_MOST_TOLD])}, which the record has; its {word}s are {text}: let"
             " the solver write it under that node and direction, or choose by `channels_used` or `inputs` of [record]"
         )
-    pairs = [(*index_and_sign[dof.unsigned], dof.sign) for dof in wanted]
+    pairs = [(*index_and_sign[dof.unsigned], dof.sign) for dof in channels]
     return np.array([k for k, _, _ in pairs]), np.array([float(a * b) for _, a, b in pairs])
 
 
@@ -172,10 +174,10 @@ def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> F
     return FrfRecord(frequency, scaled, outputs, [dof.unsigned for dof in loads], kind)
 
 
-def _read_entries(path: Path, lines: Sequence[str], wanted: FrfKind) -> Iterator[Entry]:
+def _read_entries(path: Path, lines: Sequence[str], motion_kind: FrfKind) -> Iterator[Entry]:
     """Subcase, frequency in Hz, node and complex motion (6,) of each point in the lines of a punch file.
 
-    Only motions of the kind `wanted` are read, others skipped. `FileError` if they are real, or a point is incomplete.
+    Only motions of the kind `motion_kind` are read, others skipped. `FileError` if they are real, or a point is incomplete.
     """
     kind: FrfKind | None = None
     header: dict[str, str] = {}
@@ -187,7 +189,7 @@ def _read_entries(path: Path, lines: Sequence[str], wanted: FrfKind) -> Iterator
             match = _HEADER.match(line)
             if title == "$TITLE" or title in _KINDS:
                 kind, header = None if "(SOLUTION" in line else _KINDS.get(title), {}
-            elif line.startswith("$REAL OUTPUT") and kind == wanted:
+            elif line.startswith("$REAL OUTPUT") and kind == motion_kind:
                 raise FileError(
                     f"{path}, line {line_number}: holds real motions; write real and imaginary parts: {_RUN_AGAIN}"
                 )
@@ -196,7 +198,7 @@ def _read_entries(path: Path, lines: Sequence[str], wanted: FrfKind) -> Iterator
             elif match:
                 header[match[1]] = match[2]
             continue
-        if kind != wanted or not ("FREQUENCY" in header or "POINT ID" in header):
+        if kind != motion_kind or not ("FREQUENCY" in header or "POINT ID" in header):
             continue
         words = line[:_WIDTH].split()
         if (words[:1] == [_CONTINUED]) != bool(rows) or len(words) != (4 if rows else 5):

@@ -272,6 +272,7 @@ def before_and_after(
 
 
 def _fitted_modes(fit: ModalFit, physical: FloatArray) -> ModesCorrelation:
+    """Correlation of the measured modes of a fit with those of its model at the parameter values `physical` (n_params,)."""
     from structid.compare.mode_correlation import correlated_modes  # for records of modes alone
     from structid.compare.options import DEFAULT
 
@@ -295,7 +296,7 @@ def _chapter(
     modes_key: str,
     responses_key: str,
 ) -> tuple[Figures, list[dict[str, object]]]:
-    """Figures by name, and template values of each record, on modes and responses.
+    """Figures by name, and template values of each record, that compare measured and model modes and responses.
 
     Each entry of `modal` and `responses` holds the correlations of a record with one or two models. The keys, such as
     "modes_{}", become the beginnings of the names of figures, with the number of the record from 1.

@@ -26,12 +26,12 @@ def parameters_figure(identification: Identification) -> plot.Figure:
     """
     estimate = identification.estimate
     scale = np.where(estimate.initial != 0, estimate.initial, np.nan)
-    ratio, std, sure = estimate.values / scale, estimate.std / np.abs(scale), estimate.identified
+    ratio, std, is_identified = estimate.values / scale, estimate.std / np.abs(scale), estimate.identified
     one_std, normal = (ratio[:, None] + reach * std[:, None] * _BOTH for reach in (1.0, NORMAL_95))
     given = np.sort(identification.intervals.ends / scale[:, None], axis=1)
     interval = np.where(np.isfinite(given), given, normal)
     prior = (identification.priors.mean / scale)[:, None] + (identification.priors.std / np.abs(scale))[:, None] * _BOTH
-    low, high, log = _ratio_limits(ratio, interval, prior, sure)
+    low, high, log = _ratio_limits(ratio, interval, prior, is_identified)
     shown, below, above = np.clip(ratio, low, high), ratio < low, ratio > high
     floor = low / 10 if log else None
     one_std, interval, prior = (np.clip(ends, floor, None) for ends in (one_std, interval, prior))
@@ -59,8 +59,12 @@ def parameters_figure(identification: Identification) -> plot.Figure:
         traces.append(lines)
     hollow = plot.Pen(palette.FITTED, 2.0)
     for marker, which, label in (
-        (plot.Marker("circle", 9.0, palette.FITTED, plot.Pen("white", 1.0)), sure & ~below & ~above, "identified"),
-        (plot.Marker("circle", 8.0, "white", hollow), ~sure & ~below & ~above, "not identified"),
+        (
+            plot.Marker("circle", 9.0, palette.FITTED, plot.Pen("white", 1.0)),
+            is_identified & ~below & ~above,
+            "identified",
+        ),
+        (plot.Marker("circle", 8.0, "white", hollow), ~is_identified & ~below & ~above, "not identified"),
         (plot.Marker("triangle-left", 8.0, "white", hollow), below, ""),
         (plot.Marker("triangle-right", 8.0, "white", hollow), above, ""),
     ):
@@ -76,17 +80,17 @@ def parameters_figure(identification: Identification) -> plot.Figure:
 
 
 def _ratio_limits(
-    ratio: FloatArray, interval: FloatArray, prior: FloatArray, sure: np.ndarray
+    ratio: FloatArray, interval: FloatArray, prior: FloatArray, is_identified: np.ndarray
 ) -> tuple[float, float, bool]:
     """Axis limits (low, high) that hold identified parameters, intervals and priors, and True for a logarithmic axis.
 
-    All are divided by initial values: `ratio` (n_params,), `interval` and `prior` (n_params, 2). `sure` (n_params,)
-    masks identified parameters.
+    All are divided by initial values: identified values `ratio` (n_params,), ends of the 95 % intervals `interval` and of the
+    priors `prior`, (n_params, 2) each. The mask `is_identified` (n_params,) is True for parameters that the data determine.
     """
-    ends = np.concatenate([[1.0], ratio[sure], interval[sure].ravel(), prior.ravel()])
+    ends = np.concatenate([[1.0], ratio[is_identified], interval[is_identified].ravel(), prior.ravel()])
     ends = ends[np.isfinite(ends)]
-    centre = np.append(ratio[sure & np.isfinite(ratio)], 1.0)
-    others = ratio[~sure & np.isfinite(ratio)]
+    centre = np.append(ratio[is_identified & np.isfinite(ratio)], 1.0)
+    others = ratio[~is_identified & np.isfinite(ratio)]
     if (centre > 0).all() and centre.max() / centre.min() > 4:
         low, high = max(float(ends[ends > 0].min()), float(centre.min()) / 2), float(ends.max())
         near = np.concatenate([[low, high], others[(others > low / 3) & (others < 3 * high)]])

@@ -30,17 +30,17 @@ _MOST_LINES, _MOST_NODES = 2500, 1200
 _MEASURED, _MODEL = palette.MEASURED, palette.FITTED
 
 
-def side_by_side_figure(part: ModesCorrelation) -> plot.Figure | None:
+def side_by_side_figure(correlation: ModesCorrelation) -> plot.Figure | None:
     """Animated figure of measured mode shapes beside their model counterparts; None if no pair has a known shape.
 
     Without node positions the sensors are drawn in a row.
     """
-    pairs = part.pairing.paired[part.measured.known[:, part.pairing.paired].any(axis=0)]
+    pairs = correlation.pairing.paired[correlation.measured.known[:, correlation.pairing.paired].any(axis=0)]
     chosen = pairs[: plot.MOST_PANELS]
     if not len(chosen):
         return None
-    scene = _in_place(part.structure, part.measured.channels)
-    panels = _row_panels(part, chosen) if scene is None else _panels(part, chosen, scene)
+    scene = _in_place(correlation.structure, correlation.measured.channels)
+    panels = _row_panels(correlation, chosen) if scene is None else _panels(correlation, chosen, scene)
     caption = (
         "Sensors in a row in the order of the channels, as the nodes of the structure have no places."
         if scene is None
@@ -168,16 +168,16 @@ def _spans(nodes: IntArray) -> list[tuple[int, int]]:
     return [pair for row in rows if len(row) == 2 for pair in pairwise(row)]
 
 
-def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[plot.Panel, ...]:
+def _panels(correlation: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[plot.Panel, ...]:
     """Plot panels, one for each mode pair, with measured and model shape side by side; all have the same axes.
 
     `chosen` (n_chosen,) are the indices of the measured modes.
     """
-    structure = part.structure
-    like = part.model.mode_shapes @ part.coefficients[:, chosen]
-    carried = like if part.expanded is None else part.expanded.shapes[:, chosen]
+    structure = correlation.structure
+    like = correlation.model.mode_shapes @ correlation.coefficients[:, chosen]
+    carried = like if correlation.expanded is None else correlation.expanded.shapes[:, chosen]
     moved = [_moved(structure, scene, shapes) for shapes in (carried, like)]
-    at_sensors = [part.shapes[:, chosen], part.seen @ part.coefficients[:, chosen]]
+    at_sensors = [correlation.shapes[:, chosen], correlation.seen @ correlation.coefficients[:, chosen]]
     dots = [np.einsum("cm,cx->mcx", np.nan_to_num(values), scene.along) for values in at_sensors]
     largest = np.array([max(float(np.abs(m[k]).max()) for m in (*moved, *dots)) for k in range(len(chosen))])
     scale = _AMPLITUDE * scene.diagonal / np.where(largest > 0, largest, 1.0)
@@ -185,7 +185,7 @@ def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[pl
     low = np.minimum(scene.rest.min(axis=0), scene.rest.min(axis=0) + scene.shift) - reach
     high = scene.rest.max(axis=0) + scene.shift + reach
     x, y, *deep = (plot.Axis(DIRECTIONS[j], "m", (float(low[j]), float(high[j]))) for j in scene.used)
-    panels, known = [], part.measured.known
+    panels, known = [], correlation.measured.known
     for k, i in enumerate(chosen.tolist()):
         curves: list[plot.Curve] = []
         sides = ((0.0, _MEASURED, "measured"), (1.0, _MODEL, "model"))
@@ -202,7 +202,7 @@ def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[pl
             curves.append(_curve(scene, own, offset, None, marker, f"{label} at sensors", swing))
         curves.sort(key=lambda curve: curve.sway is not None)
         strip = plot.Strip(y, tuple(curves))
-        panels.append(plot.Panel(x, (strip,), name=_name(part, i), z=deep[0] if deep else None, equal=True))
+        panels.append(plot.Panel(x, (strip,), name=_name(correlation, i), z=deep[0] if deep else None, equal=True))
     return tuple(panels)
 
 
@@ -237,19 +237,19 @@ def _curve(
     return plot.Curve(x, y, pen, marker, label, words, deep[0] if deep else None, sway)
 
 
-def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, ...]:
+def _row_panels(correlation: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, ...]:
     """Plot panels of mode pairs without geometry, one for each: measured and model shape over the sensors in a row.
 
     `chosen` (n_chosen,) are the indices of the measured modes; each pair is scaled to a largest entry of 1.
     """
-    names = [str(dof) for dof in part.measured.channels]
+    names = [str(dof) for dof in correlation.measured.channels]
     positions = np.arange(len(names), dtype=float)
     x = plot.Axis("sensor", limits=(-0.5, len(names) - 0.5), ticks=plot.named_ticks(names, 40))
     y = plot.Axis("shape", "1", (-1.2, 1.2))
     rest = np.zeros(len(names))
     panels = []
     for i in chosen.tolist():
-        own, like = part.shapes[:, i], part.seen @ part.coefficients[:, i]
+        own, like = correlation.shapes[:, i], correlation.seen @ correlation.coefficients[:, i]
         size, known = float(np.nanmax(np.abs([own, like]))), ~np.isnan(own)
         curves = [plot.Curve(positions, rest, plot.Pen(palette.FAINT, 1.0), None, "at rest")]
         for values, colour, label, symbol in (
@@ -261,12 +261,12 @@ def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, .
             curves.append(
                 plot.Curve(positions[shown], rest[shown], plot.Pen(colour, 2.0), marker, label, told, sway=sway)
             )
-        panels.append(plot.Panel(x, (plot.Strip(y, tuple(curves)),), name=_name(part, i)))
+        panels.append(plot.Panel(x, (plot.Strip(y, tuple(curves)),), name=_name(correlation, i)))
     return tuple(panels)
 
 
-def _name(part: ModesCorrelation, i: int) -> str:
+def _name(correlation: ModesCorrelation, i: int) -> str:
     """Name of the pair of measured mode `i` (from 0): mode number, both frequencies (Hz) and the MAC."""
-    k = int(part.pairing.number[i])
-    own, like = number(float(part.measured.frequency[i]), 4), number(float(part.model.frequency[k]), 4)
-    return f"mode {i + 1}: {own} Hz beside {like} Hz, MAC {likeness(float(part.pairing.mac[i, k]), 2)}"
+    k = int(correlation.pairing.number[i])
+    own, like = number(float(correlation.measured.frequency[i]), 4), number(float(correlation.model.frequency[k]), 4)
+    return f"mode {i + 1}: {own} Hz beside {like} Hz, MAC {likeness(float(correlation.pairing.mac[i, k]), 2)}"

@@ -438,7 +438,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
 
 
 def _pull(fit: ModalFit) -> str:
-    """Text on the number of parameters that each kind of value determines, and the share of the misfit that it makes."""
+    """Text on how many parameters each kind of measured value (frequencies, shapes, ...) determines, and its part of the misfit."""
     from structid.forward.modal.problem import pull  # for records of modes alone
 
     found = pull(fit.problem, fit.theta)

@@ -372,9 +372,10 @@ def _term(factor: float, dof: Dof) -> str:
 
 
 def _mode_checks(modes: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
-    """One check for each mode: frequency (Hz), damping ratio, place in the band, lines in its half-power bandwidth, rounding.
+    """One check for each mode: frequency (Hz), damping ratio, if it lies in the band, lines in its bandwidth, rounding.
 
-    `rounding` is the relative error that floating-point arithmetic may cause.
+    Lines are counted in the half-power bandwidth, widened by that of the record's window. `rounding` is the relative error that
+    floating-point arithmetic may cause.
     """
     axis, facts = problem.frequency, problem.facts
     nearest_line = np.clip(np.searchsorted(axis, modes.frequency), 0, len(axis) - 1)

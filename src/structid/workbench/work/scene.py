@@ -32,8 +32,9 @@ _MOST_JUDGED = 60_000
 def scene(path: Path, number: int = 0) -> dict[str, StoredEntry]:
     """Drawing data of a study's structure, with the changes of its record `number` (counted from 0) applied.
 
-    Those of `structure_scene`, with ``title``, ``planned`` (installed sensors and loads), ``has_record`` and ``findings``,
-    which are empty above `_MOST_JUDGED` degrees of freedom.
+    Nodes, element sets, supports and links are as `structure_scene` gives them. Besides, the mapping has ``title``, ``planned``
+    (installed sensors and loads of a planned test), ``has_record``, and ``findings``, faults of the structure as
+    `told_findings` marks them; a large structure is not searched for faults.
 
     Raises
     ------

@@ -235,32 +235,44 @@ def _change_words(position: DeckPosition, number: DeckNumber, before: str, after
     return words
 
 
-def _nastran_numbers(source: _DeckModel, structure: Structure, item: ElementValues) -> Iterator[DeckNumber]:
-    """New numbers for the cards of a Nastran deck that hold the property `item` of an element set; none if no card does."""
-    label = f"{item.name}[{item.element}]"
-    if item.element in source.group_of:
-        numbers = _property_numbers(source, item.element)
-        if item.name == "thickness":
+def _nastran_numbers(source: _DeckModel, structure: Structure, element_property: ElementValues) -> Iterator[DeckNumber]:
+    """New numbers for the cards of a Nastran deck that hold a property of an element set; none if no card does.
+
+    `element_property` has the name of the set and of the property, and the identified values, one an element.
+    """
+    label = f"{element_property.name}[{element_property.element}]"
+    if element_property.element in source.group_of:
+        numbers = _property_numbers(source, element_property.element)
+        if element_property.name == "thickness":
             yield from (
-                DeckNumber(CardField("PSHELL", 4, n), *source.number(item.element, item.name), label) for n in numbers
+                DeckNumber(
+                    CardField("PSHELL", 4, n), *source.number(element_property.element, element_property.name), label
+                )
+                for n in numbers
             )
-        elif item.name in _MAT1:
-            yield from _mat1_numbers(source, item, numbers)
+        elif element_property.name in _MAT1:
+            yield from _mat1_numbers(source, element_property, numbers)
         return
-    element = next((one for one in structure.elements if one.name == item.element), None)
-    pelas = re.fullmatch(r"celas1 (\d+)", item.element)
-    if pelas and item.name == "stiffness":
-        yield DeckNumber(CardField("PELAS", 3, int(pelas[1])), *source.number(item.element, item.name), label)
-    elif item.element == "conm2" and item.name == "mass" and isinstance(element, PointMass):
+    element = next((one for one in structure.elements if one.name == element_property.element), None)
+    pelas = re.fullmatch(r"celas1 (\d+)", element_property.element)
+    if pelas and element_property.name == "stiffness":
+        yield DeckNumber(
+            CardField("PELAS", 3, int(pelas[1])), *source.number(element_property.element, element_property.name), label
+        )
+    elif element_property.element == "conm2" and element_property.name == "mass" and isinstance(element, PointMass):
         for index, node in enumerate(element.nodes[:, 0].tolist()):
             cards = [card for card in cards_in(source.name, source.text, "CONM2") if _field(card, 3) == str(node)]
             if len(cards) != 1:
                 raise InputError(
                     f"{source.name}: node {node} has {len(cards)} cards CONM2; make it one, so that its mass is told"
                 )
-            if item.is_sought[index]:
+            if element_property.is_sought[index]:
                 mark = CardField("CONM2", 5, int(cards[0].first))
-                yield DeckNumber(mark, *source.number(item.element, item.name, index), f"mass[conm2:{index + 1}]")
+                yield DeckNumber(
+                    mark,
+                    *source.number(element_property.element, element_property.name, index),
+                    f"mass[conm2:{index + 1}]",
+                )
 
 
 def _field(card: Card, number: int) -> str:
@@ -277,7 +289,7 @@ def _property_numbers(source: _DeckModel, element: str) -> list[int]:
     return [int(key) for key, others in by_number.items() if key == group or others is rows][:1]
 
 
-def _mat1_numbers(source: _DeckModel, item: ElementValues, numbers: Sequence[int]) -> Iterator[DeckNumber]:
+def _mat1_numbers(source: _DeckModel, element_property: ElementValues, numbers: Sequence[int]) -> Iterator[DeckNumber]:
     """New numbers for the MAT1 cards that the properties `numbers` (PIDs) of an element set refer to.
 
     A shear modulus on the card is scaled with Young's modulus. `InputError` if a material also belongs to elements with another
@@ -293,19 +305,24 @@ def _mat1_numbers(source: _DeckModel, item: ElementValues, numbers: Sequence[int
     without = set(numbers) - {number for of in users.values() for number in of}
     if without:
         raise InputError(
-            f"{source.name}: property {min(without)} of {item.element!r} names no material on a PSHELL, PSOLID or line"
+            f"{source.name}: property {min(without)} of {element_property.element!r} names no material on a PSHELL, PSOLID or line"
         )
     owner_of = {number: element for element in source.group_of for number in _property_numbers(source, element)}
-    value, initial = source.number(item.element, item.name)
-    label = f"{item.name}[{item.element}]"
+    value, initial = source.number(element_property.element, element_property.name)
+    label = f"{element_property.name}[{element_property.element}]"
     for material in materials:
         for other in sorted(users[material] - set(numbers)):
             _require_same(
-                source, f"MAT1 {material}", item, owner_of.get(other), value, str(other) in source.mesh.groups
+                source,
+                f"MAT1 {material}",
+                element_property,
+                owner_of.get(other),
+                value,
+                str(other) in source.mesh.groups,
             )
-        yield DeckNumber(CardField("MAT1", _MAT1[item.name], material), value, initial, label)
+        yield DeckNumber(CardField("MAT1", _MAT1[element_property.name], material), value, initial, label)
         material_card = next((c for c in cards_in(source.name, source.text, "MAT1") if c.first == str(material)), None)
-        if item.name == "youngs_modulus" and material_card is not None and _field(material_card, 4):
+        if element_property.name == "youngs_modulus" and material_card is not None and _field(material_card, 4):
             modulus, shear = (
                 CardField("MAT1", field, material).locate({source.name: source.text}).value for field in (3, 4)
             )
@@ -315,7 +332,7 @@ def _mat1_numbers(source: _DeckModel, item: ElementValues, numbers: Sequence[int
 
 
 def _require_same(
-    source: _DeckModel, where: str, item: ElementValues, other: str | None, value: float, is_used: bool
+    source: _DeckModel, where: str, element_property: ElementValues, other_set: str | None, value: float, is_used: bool
 ) -> None:
     """Raise `InputError` where elements share a number of the deck though different values were identified for them.
 
@@ -334,56 +351,58 @@ def _require_same(
     is_used : bool
         True if elements outside the study may have the same number.
     """
-    if other is not None and (other, item.name) in source.values:
-        theirs = source.number(other, item.name)[0]
-        if math.isclose(theirs, value, rel_tol=_SAME):
+    if other_set is not None and (other_set, element_property.name) in source.values:
+        other_value = source.number(other_set, element_property.name)[0]
+        if math.isclose(other_value, value, rel_tol=_SAME):
             return
-        what = f"of {other!r}, whose {item.name} is {theirs:g} and not {value:g}"
+        sharing = f"of {other_set!r}, whose {element_property.name} is {other_value:g} and not {value:g}"
     elif is_used:
-        what = "of elements that the study does not have"
+        sharing = "of elements that the study does not have"
     else:
         return
     raise InputError(
-        f"{where} in {source.name} is the material of {item.element!r} and {what}; give each a material of its own"
+        f"{where} in {source.name} is the material of {element_property.element!r} and {sharing}; give each a material of its own"
     )
 
 
-def _abaqus_numbers(source: _DeckModel, structure: Structure, item: ElementValues) -> Iterator[DeckNumber]:
-    """New numbers for the keyword lines of an Abaqus deck that hold the property `item` of an element set.
+def _abaqus_numbers(source: _DeckModel, structure: Structure, element_property: ElementValues) -> Iterator[DeckNumber]:
+    """New numbers for the keyword lines of an Abaqus deck that hold a property of an element set.
 
-    Empty if no line holds it. `InputError` if the set has no section, or elements with another value share the material.
+    `element_property` has the name of the set and of the property, and the identified values, one an element. Empty if no line holds it. `InputError` if the set has no section, or elements with another value share the material.
     """
-    label = f"{item.name}[{item.element}]"
-    kind, _, name = item.element.partition(" ")
+    label = f"{element_property.name}[{element_property.element}]"
+    kind, _, name = element_property.element.partition(" ")
     simple = {("mass", "mass"): ("*MASS", 1), ("spring", "stiffness"): ("*SPRING", 2)}
-    if item.element not in source.group_of:
-        if (kind, item.name) in simple and name:
-            keyword, line = simple[kind, item.name]
+    if element_property.element not in source.group_of:
+        if (kind, element_property.name) in simple and name:
+            keyword, line = simple[kind, element_property.name]
             yield DeckNumber(
-                KeywordEntry(f"{keyword}, ELSET={name}", 1, line), *source.number(item.element, item.name), label
+                KeywordEntry(f"{keyword}, ELSET={name}", 1, line),
+                *source.number(element_property.element, element_property.name),
+                label,
             )
         return
     sections = [block for block in keywords_in(source.name, source.text) if block.name in _SECTIONS]
-    group = source.group_of[item.element]
+    group = source.group_of[element_property.element]
     own = [block for block in sections if group is None or block.options.get("ELSET", "").upper() == _bare(group)]
     if not own:
         raise InputError(
-            f"{source.name}: no section has ELSET={group}, the group of {item.element!r}; give it a section of its own"
+            f"{source.name}: no section has ELSET={group}, the group of {element_property.element!r}; give it a section of its own"
         )
-    if item.name not in (*_MATERIAL, "thickness"):
+    if element_property.name not in (*_MATERIAL, "thickness"):
         return
-    value, initial = source.number(item.element, item.name)
+    value, initial = source.number(element_property.element, element_property.name)
     for block in own:
         elset, material = block.options.get("ELSET", ""), block.options.get("MATERIAL", "")
-        if item.name == "thickness" and block.name != "SOLID SECTION":
+        if element_property.name == "thickness" and block.name != "SOLID SECTION":
             yield DeckNumber(KeywordEntry(f"*{block.name}, ELSET={elset}", 1), value, initial, label)
-        elif item.name in _MATERIAL:
+        elif element_property.name in _MATERIAL:
             for other in sections:
                 if other.options.get("MATERIAL", "").upper() == material.upper() and other not in own:
                     theirs = other.options.get("ELSET", "").upper()
                     owner = next((e for e, g in source.group_of.items() if g and _bare(str(g)) == theirs), None)
-                    _require_same(source, f"*MATERIAL {material}", item, owner, value, True)
-            mark = KeywordEntry(_MATERIAL[item.name], 1, of=f"*MATERIAL, NAME={material}")
+                    _require_same(source, f"*MATERIAL {material}", element_property, owner, value, True)
+            mark = KeywordEntry(_MATERIAL[element_property.name], 1, of=f"*MATERIAL, NAME={material}")
             _require_single(source, mark, material)
             yield DeckNumber(mark, value, initial, label)
 

@@ -194,21 +194,21 @@ def _read_group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, 
     return group
 
 
-def _own_numbering(entry: Section, parts: Mapping[str, list[ImportedMatrix]]) -> tuple[Dof, ...]:
+def _own_numbering(entry: Section, by_key: Mapping[str, list[ImportedMatrix]]) -> tuple[Dof, ...]:
     """The degrees of freedom that the matrix files of a group state for their rows, each once, in the order of nodes.
 
-    `parts` are the imported matrices by key of the entry; () if there are none, an error if a file states no numbering.
+    `by_key` are the imported matrices by key of the entry; () if there are none, an error if a file states no numbering.
     """
     tables: list[IntArray] = []
-    for key, items in parts.items():
-        for item in items:
-            if item.dofs is None:
+    for key, imported_matrices in by_key.items():
+        for imported in imported_matrices:
+            if imported.dofs is None:
                 raise entry.error(
-                    f"the rows of {item.name!r} have no numbering of their own; add [structure.matrices] with "
+                    f"the rows of {imported.name!r} have no numbering of their own; add [structure.matrices] with "
                     '`dofs = "dofs.txt"` or a list of degrees of freedom',
                     key,
                 )
-            tables.append(item.dofs)
+            tables.append(imported.dofs)
     if not tables:
         return ()
     with entry.located():
@@ -216,31 +216,33 @@ def _own_numbering(entry: Section, parts: Mapping[str, list[ImportedMatrix]]) ->
 
 
 def _sum_matrices(
-    entry: Section, key: str, items: list[ImportedMatrix], dofs: tuple[Dof, ...], units: tuple[str, str]
+    entry: Section, key: str, imported_matrices: list[ImportedMatrix], dofs: tuple[Dof, ...], units: tuple[str, str]
 ) -> sparse.csc_array:
-    """The sum of the matrices `items` of a key, on `dofs` and in SI units, sparse (n_dofs, n_dofs).
+    """The sum of the matrices `imported_matrices` of a key, on `dofs` and in SI units, sparse (n_dofs, n_dofs).
 
     `units` are those of length and force in the files.
     """
     total = sparse.csc_array((len(dofs), len(dofs)))
     with entry.located(key):
-        for item in items:
-            if item.dofs is None and item.matrix.shape != total.shape:
+        for imported in imported_matrices:
+            if imported.dofs is None and imported.matrix.shape != total.shape:
                 raise InputError(
-                    f"{item.name!r} must be {total.shape} like the degrees of freedom in `dofs`, got {item.matrix.shape}"
+                    f"{imported.name!r} must be {total.shape} like the degrees of freedom in `dofs`, got {imported.matrix.shape}"
                 )
-            total = total + (item.matrix if item.dofs is None else importers.on_dofs(item, _signed_table(dofs, item)))
+            total = total + (
+                imported.matrix if imported.dofs is None else importers.on_dofs(imported, _signed_table(dofs, imported))
+            )
         return importers.in_si(total, dofs, *units)
 
 
-def _signed_table(dofs: tuple[Dof, ...], item: ImportedMatrix) -> IntArray:
-    """Node and component (1 to 6) of `dofs`, (n_dofs, 2), as the file of `item` numbers them.
+def _signed_table(dofs: tuple[Dof, ...], imported: ImportedMatrix) -> IntArray:
+    """Node and component (1 to 6) of `dofs`, (n_dofs, 2), as the file of `imported` numbers them.
 
     The component is 0 at scalar points of the file, which structid calls RX.
     """
     table = importers.dof_table(dofs)
-    assert item.dofs is not None
-    scalar = np.isin(table[:, 0], item.dofs[item.dofs[:, 1] == 0, 0]) & (table[:, 1] == 4)
+    assert imported.dofs is not None
+    scalar = np.isin(table[:, 0], imported.dofs[imported.dofs[:, 1] == 0, 0]) & (table[:, 1] == 4)
     table[scalar, 1] = 0
     return table
 
@@ -256,10 +258,10 @@ def _read_matrix(entry: Section, key: str, value: Any, reader: _Reader) -> Impor
     if "base" in value or "changed" in value:
         return _read_difference(entry, key, section, reader)
     source = section.read(SourceEntry)
-    item = _require_real_square(_choose_matrix(key, source.path, source.matrix, reader), source.path)
+    imported = _require_real_square(_choose_matrix(key, source.path, source.matrix, reader), source.path)
     if source.elements is not None:
-        item = importers.of_elements(item, _labels(source.elements))
-    return _complete_triangle(item) if source.one_triangle else item
+        imported = importers.of_elements(imported, _labels(source.elements))
+    return _complete_triangle(imported) if source.one_triangle else imported
 
 
 def _read_difference(entry: Section, key: str, section: Section, reader: _Reader) -> ImportedMatrix:
@@ -269,16 +271,18 @@ def _read_difference(entry: Section, key: str, section: Section, reader: _Reader
     """
     files_given = section.read(ExportsEntry)
     files = {"base": files_given.base, "changed": files_given.changed, "third": files_given.third}
-    items = {name: _read_matrix(entry, key, file, reader) for name, file in files.items() if file is not None}
-    base = items["base"]
+    imported_matrices = {
+        name: _read_matrix(entry, key, file, reader) for name, file in files.items() if file is not None
+    }
+    base = imported_matrices["base"]
     matrices = {}
-    for name, item in items.items():
-        numbering, first = item.dofs, base.dofs
+    for name, imported in imported_matrices.items():
+        numbering, first = imported.dofs, base.dofs
         if (numbering is None) != (first is None) or (
             numbering is not None and first is not None and not np.array_equal(numbering, first)
         ):
             raise InputError(f"`{name}` must have the numbering of `base`; export the same mesh")
-        matrices[name] = item.matrix
+        matrices[name] = imported.matrix
     third = matrices.get("third")
     group = importers.group_from_exports(
         matrices["base"], matrices["changed"], files_given.factor, third, files_given.third_factor
@@ -293,37 +297,39 @@ def _choose_matrix(key: str, name: str, matrix: str | None, reader: _Reader) -> 
     """
     matrices = reader.matrices(name)
     if matrix is None:
-        fitting = [item for item in matrices.values() if item.name in _OWN_NAMES[key]]
+        fitting = [imported for imported in matrices.values() if imported.name in _OWN_NAMES[key]]
         if len(matrices) == 1 or len(fitting) == 1:
             return fitting[0] if fitting else next(iter(matrices.values()))
         raise InputError(
             f'{name} holds {len(matrices)} matrices ({", ".join(matrices)}); say which: {{ path = "{name}", matrix = '
             f'"{next(iter(matrices))}" }}'
         )
-    for item in matrices.values():
-        if item.name.upper() == matrix.upper():
-            return item
+    for imported in matrices.values():
+        if imported.name.upper() == matrix.upper():
+            return imported
     raise InputError(f"{name} holds no matrix {matrix!r}, only {', '.join(matrices)}; name one of these")
 
 
-def _require_real_square(item: ImportedMatrix, name: str) -> ImportedMatrix:
-    """The matrix `item` unchanged; `InputError` with the file's `name` unless it is real and square."""
-    if np.iscomplexobj(item.matrix.data):
+def _require_real_square(imported: ImportedMatrix, name: str) -> ImportedMatrix:
+    """The matrix `imported` unchanged; `InputError` with the file's `name` unless it is real and square."""
+    if np.iscomplexobj(imported.matrix.data):
         raise InputError(
-            f"{name}: must hold a real matrix, {item.name!r} is complex ({item.matrix.dtype}); export without structural "
+            f"{name}: must hold a real matrix, {imported.name!r} is complex ({imported.matrix.dtype}); export without structural "
             "damping and give `loss_factor`"
         )
-    if not item.is_square:
-        raise InputError(f"{name}: must hold a square matrix, {item.name!r} is rectangular {item.matrix.shape}")
-    return item
+    if not imported.is_square:
+        raise InputError(f"{name}: must hold a square matrix, {imported.name!r} is rectangular {imported.matrix.shape}")
+    return imported
 
 
-def _complete_triangle(item: ImportedMatrix) -> ImportedMatrix:
+def _complete_triangle(imported: ImportedMatrix) -> ImportedMatrix:
     """A matrix of which one triangle is stored, completed to both; `InputError` if it has entries in both."""
-    upper, lower = sparse.triu(item.matrix, 1), sparse.tril(item.matrix, -1)
+    upper, lower = sparse.triu(imported.matrix, 1), sparse.tril(imported.matrix, -1)
     if abs(upper).sum() > 0 and abs(lower).sum() > 0:
-        raise InputError(f"{item.name!r} has entries on both sides of the diagonal; leave `one_triangle` out")
-    return importers.ImportedMatrix(item.name, importers.complete_triangles(item.matrix, item.name), item.dofs)
+        raise InputError(f"{imported.name!r} has entries on both sides of the diagonal; leave `one_triangle` out")
+    return importers.ImportedMatrix(
+        imported.name, importers.complete_triangles(imported.matrix, imported.name), imported.dofs
+    )
 
 
 def _labels(entries: Sequence[int | str] | int | str) -> set[int]:
