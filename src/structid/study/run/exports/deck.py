@@ -368,7 +368,8 @@ def _require_same(
 def _abaqus_numbers(source: _DeckModel, structure: Structure, element_property: ElementValues) -> Iterator[DeckNumber]:
     """New numbers for the keyword lines of an Abaqus deck that hold a property of an element set.
 
-    `element_property` has the name of the set and of the property, and the identified values, one an element. Empty if no line holds it. `InputError` if the set has no section, or elements with another value share the material.
+    `element_property` has the name of the set and of the property, and the identified values, one an element. Nothing is
+    yielded if no line holds it. `InputError` if the set has no section, or elements with another value share the material.
     """
     label = f"{element_property.name}[{element_property.element}]"
     kind, _, name = element_property.element.partition(" ")
