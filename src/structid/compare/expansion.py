@@ -207,7 +207,7 @@ def expand(
 
 
 def _distinguishable(seen: FloatArray, modes: Sequence[int]) -> tuple[int, ...]:
-    """Positions from `modes`, in order, whose shapes at the sensors are independent enough (condition number up to 100).
+    """Indices from `modes`, in order, of modes whose shapes at the sensors together have a condition number that is not too large.
 
     `seen` (n_channels, n_modes) are the shapes of all modes of the model at the sensors. A mode that depends on earlier ones is
     left out.

@@ -192,10 +192,10 @@ class _Table:
         return own
 
     def relative_errors(self, polynomial: Mapping[Powers, FloatArray], point: dict[str, float]) -> tuple[float, float]:
-        """Largest error of a polynomial at `point`, and largest change of a number from the nominal point to `point`.
+        """Largest error of a polynomial at `point`, and largest change of a result from the nominal point to `point`.
 
-        Both are relative to each number's size. `polynomial` maps powers to coefficients (n_numbers,); `point` is an evaluated
-        point.
+        Both are parts of the size of each number, as `evaluate` states it. `polynomial` maps powers to coefficients
+        (n_numbers,); `point`, the part of its range by which each parameter is changed, has been evaluated.
         """
         predicted = np.zeros(self.rows.shape[1])
         for powers, row in polynomial.items():
@@ -227,14 +227,15 @@ def _lowest_order(table: _Table, axis: _Axis) -> int:
 
 
 def _along(axis: _Axis, rows: Sequence[FloatArray]) -> dict[Powers, FloatArray]:
-    """Coefficients of u, u^2, ... by their powers."""
+    """Coefficients `rows` of u, u^2, ... of one parameter, by the powers that they belong to; u is its relative change."""
     return {((axis.name, k),): row for k, row in enumerate(rows, 1)}
 
 
 def _fit_powers(table: _Table, axis: _Axis, order: int) -> list[FloatArray]:
     """Coefficients of u, u^2, ..., u^order of one parameter, (n_numbers,) each, through as many points of `table`.
 
-    Those of numbers that change by no more than rounding are 0.
+    u is the change of the parameter from its nominal value, relative to that. Coefficients of numbers that change by no more
+    than rounding are 0.
     """
     points = [{axis.name: part} for part in _PARTS[:order]]
     u = np.array([table.u(point, axis.name) for point in points])
@@ -263,9 +264,11 @@ def _both(a: _Axis, b: _Axis, p: float, q: float) -> dict[str, float]:
 def _fit_products(
     table: _Table, polynomial: Mapping[Powers, FloatArray], a: _Axis, b: _Axis, orders: Mapping[str, int]
 ) -> dict[Powers, FloatArray]:
-    """Coefficients (n_numbers,) of the products of powers of two parameters; empty if there is no remainder to fit.
+    """Coefficients (n_numbers,), by powers, of products u_a^i u_b^j of two parameters; {} if `polynomial` misses nothing.
 
-    They are fitted to what `polynomial` lacks where both change. `orders` are the orders by parameter name.
+    u is the change of a parameter from its nominal value, relative to that. The products are fitted, at the points of `table`
+    where both parameters change, to the numbers less the terms of `polynomial` with one parameter each. `orders` has the highest
+    exponent of each parameter, by name.
     """
     points = [_both(a, b, p, q) for p, q in _grid(orders, a, b)]
     powers = list(product(range(1, orders[a.name] + 1), range(1, orders[b.name] + 1)))

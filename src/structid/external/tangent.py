@@ -47,7 +47,10 @@ class ShapeTie:
     matrix: FloatArray
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
-        """See `Tie.equations`."""
+        """Each dependent degree of freedom as a sum of masters: factors by code of the master, for each code of a dependent one.
+
+        `positions` and `active` are not used: the matrix holds already how shapes move together.
+        """
         codes = [dof_code(dof.node, dof.direction) for dof in self.masters]
         return {
             dof_code(dof.node, dof.direction): dict(zip(codes, row, strict=True))
@@ -174,22 +177,24 @@ def _count_common_modes(centre: RunModes, runs: Sequence[RunModes], n_moved: int
     )
 
 
-def _orthonormal_span(residuals: Sequence[FloatArray], least: float, most: int) -> FloatArray:
-    """Orthonormal basis, (n_dofs, n), of the runs' shapes outside those of the centre.
+def _orthonormal_span(residuals: Sequence[FloatArray], least: float, n_most: int) -> FloatArray:
+    """Orthonormal basis, (n_dofs, n), of what the shapes of runs have beside the shapes at the centre.
 
-    `residuals` are (n_dofs, n_modes) each. At most `most` directions are taken, with singular values above `least`.
+    `residuals` are the runs' shapes less their projection on the centre's, (n_dofs, n_modes) each. The basis has at most
+    `n_most` directions, those with singular values above `least`; it is (0, 0) without runs.
     """
     if not residuals:
         return np.zeros((0, 0))
     vectors, singular, _ = np.linalg.svd(np.concatenate(residuals, axis=1), full_matrices=False)
-    return vectors[:, : min(int((singular > least).sum()), most)]
+    return vectors[:, : min(int((singular > least).sum()), n_most)]
 
 
 def _run_matrices(frequency: FloatArray, c: FloatArray, d: FloatArray, kappa: float) -> tuple[FloatArray, FloatArray]:
-    """Mass and stiffness of a run in the coordinates of the centre's shapes and of the directions outside them.
+    """Mass and stiffness matrices, (n, n) each, that have the modes of one run of the solver; n = n_modes + n_outside.
 
-    `frequency` (n_modes,) is in Hz; `c` (n_modes, n_modes) and `d` (n_outside, n_modes) are the coordinates of the run's
-    shapes in both, `kappa` the stiffness of the directions outside; see `tangent`.
+    The first n_modes coordinates are factors of the mode shapes at the centre, the others those of directions outside them, which
+    have unit mass and the stiffness `kappa`, (rad/s)^2. The run's shapes have the coordinates `c` (n_modes, n_modes) and `d`
+    (n_outside, n_modes); `frequency` (n_modes,) is in Hz.
     """
     m, e = c.shape[0], d.shape[0]
     eigenvalues = (2 * np.pi * frequency) ** 2
@@ -206,9 +211,9 @@ def _run_matrices(frequency: FloatArray, c: FloatArray, d: FloatArray, kappa: fl
 
 
 def _parabola(changes: Sequence[float], differences: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Slope and quadratic coefficient of the parabola through 0 that has the two `differences` at the two `changes`.
+    """Linear and quadratic coefficient of the parabola through 0 with the values `differences` at the two `changes`.
 
-    Both have the shape of an entry of `differences`.
+    `changes` are two changes of a parameter, `differences` an array for each; both coefficients have the shape of one of them.
     """
     a, b = changes
     square: FloatArray = (differences[1] / b - differences[0] / a) / (b - a)
@@ -222,11 +227,12 @@ def _outer_stiffness(
     coordinates: Sequence[FloatArray],
     free: Sequence[FloatArray],
 ) -> float:
-    """Stiffness of the directions outside the centre's shapes that minimizes the second-order changes of K.
+    """Stiffness, (rad/s)^2, of directions outside the shapes at the centre for which the stiffness matrix is most nearly linear.
 
-    `differences` hold the two runs of each parameter, of which the `n_modes` lowest modes count; `coordinates` and
-    `free` hold C and D of each run (see `tangent`). The result is limited to a range about the highest eigenvalue, and
-    is its upper end if nothing moves outside.
+    It minimizes the quadratic coefficients of that matrix over the changes of each parameter, within a range above the highest
+    eigenvalue of all runs, of which it is the upper end if no shape leaves the centre's. `differences` hold the two runs of each
+    parameter, of which the `n_modes` lowest modes count. Each run's shapes have coordinates in the centre's shapes,
+    `coordinates` (n_modes, n_modes), and in the directions outside, `free` (n_outside, n_modes), in the order of the runs.
     """
     eigenvalues = [
         (2 * np.pi * run.frequency[:n_modes]) ** 2 for pair_of_runs in differences for run in pair_of_runs.runs

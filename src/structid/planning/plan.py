@@ -126,7 +126,7 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
         else _smallest_sufficient(selection, chosen, loads, lines),
         identifiability=identifiability(selection.rows(sensors, loads), unknown.start, unknown.names),
         assumption=tolerance_words(
-            selection.candidates.held_names, selection.candidates.held_kinds, selection.candidates.tolerance.tolist()
+            selection.candidates.fixed_names, selection.candidates.fixed_kinds, selection.candidates.tolerance.tolist()
         ),
     )
 
@@ -144,9 +144,9 @@ class _TestSelection:
     prior : (n_priors, n_params) float array
         Rows of the priors, by relative parameters.
     of_interest : (n_params,) bool array
-    cross : (n_sensors, n_loads, n_params, n_held) float array
+    cross : (n_sensors, n_loads, n_params, n_fixed) float array
         J'J_h of each pair, J by relative parameters and J_h by relative fixed values.
-    by_line : (n_lines, n_params, n_held) float array or None
+    by_line : (n_lines, n_params, n_fixed) float array or None
         The same of each line with the chosen sensors and loads.
     """
 
@@ -198,7 +198,7 @@ def _prepare_selection(
     structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances
 ) -> _TestSelection:
     """Information of every pair of candidate sensor and load, and of the priors, at the initial values of `unknown`."""
-    held = fixed_properties(structure, unknown, tolerances) if structure.has_matrices else ()
+    fixed = fixed_properties(structure, unknown, tolerances) if structure.has_matrices else ()
     candidates = Candidates(
         structure,
         unknown,
@@ -208,7 +208,7 @@ def _prepare_selection(
         options.kind,
         options.relative_noise,
         options.absolute_noise,
-        held,
+        fixed,
         tolerances.calibration,
     )
     prior = unknown.prior_rows(unknown.start)[1] * candidates.scale
@@ -341,10 +341,11 @@ def _next_sensors(selection: _TestSelection, start: PlannedTest) -> tuple[Planne
 def _smallest_sufficient(
     selection: _TestSelection, chosen: PlannedTest, loads: tuple[int, ...], lines: FloatArray
 ) -> SmallestTest:
-    """Fewest sensors, fewest lines and number of averages, each of which alone reaches the target deviation.
+    """Fewest sensors, fewest lines and the number of averages, each of which alone lets the worst deviation reach the target.
 
-    Sensors and lines are added greedily; their tests are None if all candidates do not suffice. `loads` are indices, `lines`
-    the information roots of `line_roots`.
+    The target is the relative standard deviation of `PlanOptions.target`. Sensors and lines are added greedily; their tests are
+    None if all candidates do not suffice. `chosen` is the test that averages and fewer lines start from, `loads` are indices of
+    candidates, and `lines` (n_lines, n_rows, n_params) square roots of the information of each line, R with R'R.
     """
     target = float(selection.options.target or 0.0)
 
@@ -399,8 +400,8 @@ class Candidates:
     relative_noise, absolute_noise : float
         Standard deviation of the complex noise: a part of each value's magnitude, and in the SI unit of `kind`,
         added in quadrature.
-    held : tuple of FixedProperty
-        What the model holds within a tolerance.
+    fixed : tuple of FixedProperty
+        Values that the model fixes within a tolerance.
     calibration : float
         Tolerance of the common gain.
     """
@@ -413,23 +414,23 @@ class Candidates:
     kind: FrfKind
     relative_noise: float
     absolute_noise: float
-    held: tuple[FixedProperty, ...] = ()
+    fixed: tuple[FixedProperty, ...] = ()
     calibration: float = 0.0
 
     @property
     def tolerance(self) -> FloatArray:
-        """Tolerances of the fixed values and, where it has one, of the gain, (n_held,)."""
-        return np.array([item.tolerance for item in self.held] + [self.calibration] * (self.calibration > 0))
+        """Tolerances of the fixed values and, where it has one, of the gain, (n_fixed,)."""
+        return np.array([item.tolerance for item in self.fixed] + [self.calibration] * (self.calibration > 0))
 
     @property
-    def held_names(self) -> tuple[str, ...]:
+    def fixed_names(self) -> tuple[str, ...]:
         """Name of each value that has an entry in `tolerance`."""
-        return (*(item.label for item in self.held), *(("calibration",) if self.calibration > 0 else ()))
+        return (*(item.label for item in self.fixed), *(("calibration",) if self.calibration > 0 else ()))
 
     @property
-    def held_kinds(self) -> tuple[str, ...]:
+    def fixed_kinds(self) -> tuple[str, ...]:
         """Kind of each value that has an entry in `tolerance`, such as "gain" for the common gain."""
-        return (*(item.kind for item in self.held), *(("gain",) if self.calibration > 0 else ()))
+        return (*(item.kind for item in self.fixed), *(("gain",) if self.calibration > 0 else ()))
 
     @property
     def scale(self) -> FloatArray:
@@ -442,25 +443,25 @@ def pair_roots(candidates: Candidates) -> tuple[FloatArray, FloatArray]:
     """Information of each pair of sensor and load over all lines: triangular roots, and products with fixed values.
 
     The roots R, with R'R = J'J, are (n_sensors, n_loads, n_params, n_params); the products J'J_h, with J_h the Jacobian of the
-    fixed values, are (n_sensors, n_loads, n_params, n_held). Lines are processed in chunks to save memory.
+    fixed values, are (n_sensors, n_loads, n_params, n_fixed). Lines are processed in chunks to save memory.
 
     Raises
     ------
     InputError
         If there are so many pairs that their triangles do not fit in memory.
     """
-    n_params, n_held = candidates.parameters.n_params, len(candidates.tolerance)
-    size = 8 * len(candidates.sensors) * len(candidates.loads) * n_params * (n_params + n_held)
+    n_params, n_fixed = candidates.parameters.n_params, len(candidates.tolerance)
+    size = 8 * len(candidates.sensors) * len(candidates.loads) * n_params * (n_params + n_fixed)
     if size > _LARGEST_BYTES:
         raise InputError(
             f"{len(candidates.sensors)} sensors times {len(candidates.loads)} loads with {n_params} parameters are too many"
             f" candidates ({size / 1e9:.1f} GB); name fewer in `sensors` and `loads`"
         )
     roots = np.zeros((len(candidates.sensors), len(candidates.loads), n_params, n_params))
-    cross = np.zeros((len(candidates.sensors), len(candidates.loads), n_params, n_held))
+    cross = np.zeros((len(candidates.sensors), len(candidates.loads), n_params, n_fixed))
     for loads, _, rows in _row_chunks(candidates, range(len(candidates.sensors)), range(len(candidates.loads))):
         n_lines = rows.shape[0]
-        by_pair = np.moveaxis(rows, 0, 2).reshape(*rows.shape[1:3], n_lines * 2, n_params + n_held)
+        by_pair = np.moveaxis(rows, 0, 2).reshape(*rows.shape[1:3], n_lines * 2, n_params + n_fixed)
         stacked = np.concatenate([roots[:, loads], by_pair[..., :n_params]], axis=2)
         roots[:, loads] = np.linalg.qr(stacked, mode="r")
         cross[:, loads] += np.swapaxes(by_pair[..., :n_params], 2, 3) @ by_pair[..., n_params:]
@@ -472,7 +473,7 @@ def line_roots(
 ) -> tuple[FloatArray, FloatArray]:
     """Information of each line from the sensors and loads with these indices: roots, and products with fixed values.
 
-    The roots R, with R'R = J'J, are (n_lines, n_rows, n_params); the products J'J_h are (n_lines, n_params, n_held).
+    The roots R, with R'R = J'J, are (n_lines, n_rows, n_params); the products J'J_h are (n_lines, n_params, n_fixed).
     """
     n_params, n_lines = candidates.parameters.n_params, len(candidates.frequency)
     parts: dict[int, list[FloatArray]] = {}
@@ -523,13 +524,13 @@ def _whitened_sensitivities(
         candidates.kind,
     )
     parameters = (
-        append_fixed_factors(candidates.parameters, candidates.held) if candidates.held else candidates.parameters
+        append_fixed_factors(candidates.parameters, candidates.fixed) if candidates.fixed else candidates.parameters
     )
     values, derivative = response(candidates.structure, parameters, record).derivatives_at(parameters.start)
     std = _noise_deviation(candidates, values)
     # a value that nothing moves, at rest on the path of every load, has no noise either and tells nothing
     weight = np.divide(1.0, std, out=np.zeros_like(std), where=std > 0)
-    scaled = derivative * np.concatenate([candidates.scale, np.ones(len(candidates.held))])
+    scaled = derivative * np.concatenate([candidates.scale, np.ones(len(candidates.fixed))])
     if candidates.calibration > 0:
         scaled = np.concatenate([scaled, values[..., None]], axis=-1)
     rows = scaled * weight[..., None]
