@@ -12,7 +12,7 @@ from structid.cli import app as cli
 from structid.modal.formats.files import read_modes
 from study_cases import write_chain
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "compare" / "correlation"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "compare"))
 import mast
 
 RUN = CliRunner()

@@ -43,7 +43,7 @@ from structid.study.schema.plan import load_plan, planned
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, write_chain
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "compare" / "correlation"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "compare"))
 import mast
 
 ROOT = Path(__file__).parents[2]

@@ -1,4 +1,4 @@
-"""Stretches of records on disk reduced by workers: the digits of one, whoever does what and in whatever order."""
+"""Segments of records on disk reduced by workers: the digits of one, whoever does what and in whatever order."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from structid.records import TimeRecord
 from structid.records.formats import read_record, write_record
 from structid.records.on_disk import open_record
 from structid.study.run import motion
-from structid.study.run.motion import MotionTaskData, reduced_alone, reduced_on, stretches, unusable
+from structid.study.run.motion import MotionTaskData, reduced_alone, reduced_on, segments, unusable
 from structid.study.run.start_workers import start_workers
 from structid.study.run.workers import InProcess, Processes
 from structid.study.schema.study import load_study
@@ -27,9 +27,9 @@ ANSWER = 6 * 5 * 5 * 8  # bytes of the triangles: four columns and a right-hand 
 
 
 @pytest.fixture(autouse=True)
-def short_stretches(monkeypatch):
+def short_segments(monkeypatch):
     """About 24 samples of 18 channels each."""
-    monkeypatch.setattr(motion, "STRETCH_BYTES", 3500)
+    monkeypatch.setattr(motion, "SEGMENT_BYTES", 3500)
     monkeypatch.setattr(motion, "_TIMES_THE_ANSWER", 1)
 
 
@@ -56,16 +56,16 @@ def bits(fit) -> tuple[bytes, bytes, int, int]:
 
 @pytest.mark.parametrize("done", [0, 1, 22, 100, 136, 137, 140, 197])
 def test_stretches_hold_every_sample_that_is_left_once(whole, done):
-    parts = stretches(whole.records, ANSWER, done)
+    parts = segments(whole.records, ANSWER, done)
     left = [137 * number + sample for number, first, last in parts for sample in range(first, last)]
     assert left == list(range(done, 197))
-    assert len(stretches(whole.records, ANSWER)) == 7
-    assert set(parts[1:]) <= set(stretches(whole.records, ANSWER))
+    assert len(segments(whole.records, ANSWER)) == 7
+    assert set(parts[1:]) <= set(segments(whole.records, ANSWER))
 
 
 def test_stretches_are_few_where_the_answer_is_large(whole):
-    assert len(stretches(whole.records, 10_000)) == 2
-    assert len(stretches(whole.records, 10)) == 7
+    assert len(segments(whole.records, 10_000)) == 2
+    assert len(segments(whole.records, 10)) == 7
 
 
 class Backwards(InProcess):
@@ -76,7 +76,7 @@ class Backwards(InProcess):
 
 
 def test_any_number_of_workers_gives_the_bits_of_one_in_any_order(whole):
-    """And the values of the pass without stretches to 1e-12."""
+    """And the values of the pass without segments to 1e-12."""
     one = reduced_on(InProcess(), start(whole), whole)
     assert bits(reduced_on(Backwards(), start(whole), whole)) == bits(one)
     pool = Processes(2)

@@ -212,7 +212,7 @@ def beam():
 @pytest.mark.parametrize("n_workers", [2, 3, 40])
 @pytest.mark.parametrize("form", ["output", "pole_free"])
 def test_lines_in_stretches_have_the_bits_of_all_at_once(beam, form, n_workers):
-    """Stretches of unequal length, down to one line each."""
+    """Segments of unequal length, down to one line each."""
     whole = replace(beam, form=form, parameters=beam.parameters.kept_near_start(0.5))
     executor = InProcess()
     executor.n_workers = n_workers

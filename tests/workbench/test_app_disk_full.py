@@ -72,7 +72,7 @@ def test_studies_files_and_modes_stay_as_they_were(folder, tmp_path):
 
 def test_a_run_that_cannot_be_written_down_is_not_left_running(folder, tmp_path):
     marker, environment = filling_disk(tmp_path)
-    open_study_folder(folder).own("runs")
+    open_study_folder(folder).data_folder("runs")
     with served(folder, environment=environment) as bench:
         marker.touch()
         before = content(folder)

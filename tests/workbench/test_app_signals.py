@@ -14,7 +14,7 @@ from structid.records import ReadOptions
 from structid.study.templates import TEMPLATES, template_with, write_study
 from structid.workbench.work import signals
 from structid.workbench.work.called import called
-from structid.workbench.work.signals import STRETCH, facts, histories, overview_path, write_overview
+from structid.workbench.work.signals import BIN, facts, histories, overview_path, write_overview
 
 OPTIONS = ReadOptions(sampling_rate=100.0, channels=("1X", "2X"), quantities=("acceleration",))
 N = 100_003  # no whole number of stretches
@@ -43,7 +43,7 @@ def test_the_overview_has_the_least_and_greatest_of_every_stretch(long, tmp_path
     found = histories(path, OPTIONS, 0.0, None, 400, tmp_path)
     assert not found["sampled"]
     starts = np.rint(row(found["time"], np.float64) * 100).astype(int)
-    assert (np.diff(starts) % STRETCH == 0).all()
+    assert (np.diff(starts) % BIN == 0).all()
     for channel in (0, 1):
         low, high = (turn.reduceat(values[:, channel], starts) for turn in (np.minimum, np.maximum))
         np.testing.assert_allclose(row(found["low"][channel]), low, rtol=1e-6)
@@ -51,7 +51,7 @@ def test_the_overview_has_the_least_and_greatest_of_every_stretch(long, tmp_path
     assert row(found["high"][1]).max() == 50.0
     part = histories(path, OPTIONS, 100.0, 777.8, 400, tmp_path)  # its last stretch is not over at the end of the range
     assert row(part["high"][1]).max() == 50.0
-    assert row(part["time"], np.float64)[0] == pytest.approx(100.0, abs=STRETCH / 100)
+    assert row(part["time"], np.float64)[0] == pytest.approx(100.0, abs=BIN / 100)
 
 
 def test_a_zoom_into_few_samples_reads_them(long, tmp_path):

@@ -170,7 +170,7 @@ def test_links_of_the_workbenchs_own_folder_are_not_followed(tmp_path):
     (folder / ".structid").unlink()
     (folder / ".structid").mkdir()
     (folder / ".structid" / ".gitignore").symlink_to(outside / "written")
-    open_study_folder(folder).own("runs")
+    open_study_folder(folder).data_folder("runs")
     assert not (outside / "written").exists()
     for name in ("out", "other.checkpoint"):
         (folder / name).symlink_to(outside)

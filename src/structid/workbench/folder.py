@@ -264,7 +264,7 @@ class OpenFolder:
             )
         return digest(content)
 
-    def own(self, *parts: str) -> Path:
+    def data_folder(self, *parts: str) -> Path:
         """Path of a subfolder `parts` of ``.structid``, the workbench's data folder inside the open folder; created if missing.
 
         Raises

@@ -305,7 +305,7 @@ def _modes_folder(name: str, *keys: str) -> Handler:
 
 
 async def _histories(bench: Workbench, request: Request) -> Response:
-    """Answer with minimum and maximum of time histories over stretches, see `histories`.
+    """Answer with minimum and maximum of time histories in bins, with the keys of `histories`.
 
     If the answer came from short samples of a long record, the record's overview is written in the background.
     """

@@ -280,7 +280,7 @@ class Runs:
                 raise InputError(f"a run writes to {results} already; wait for it, or give other results")
         if out.is_dir() and not (resume or replace) and any(out.iterdir()):
             raise ChangedError(f"{results}: is there already; give another folder, or replace what is in it")
-        folder = self.opened.own("runs", f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(3)}")
+        folder = self.opened.data_folder("runs", f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(3)}")
         words = ["identify", str(path), "--out", str(out), "--progress", str(folder / "progress.jsonl")]
         words += ["--resume"] if resume else []
         words += [] if seconds is None else ["--seconds", f"{seconds:g}"]

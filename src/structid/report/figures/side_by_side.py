@@ -39,7 +39,7 @@ def side_by_side_figure(correlation: ModesCorrelation) -> plot.Figure | None:
     chosen = pairs[: plot.MOST_PANELS]
     if not len(chosen):
         return None
-    scene = _in_place(correlation.structure, correlation.measured.channels)
+    scene = _make_scene(correlation.structure, correlation.measured.channels)
     panels = _row_panels(correlation, chosen) if scene is None else _panels(correlation, chosen, scene)
     caption = (
         "Sensors in a row in the order of the channels, as the nodes of the structure have no places."
@@ -56,11 +56,28 @@ def side_by_side_figure(correlation: ModesCorrelation) -> plot.Figure | None:
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """The structure at rest, twice.
+    """Geometry for drawing the measured and the modelled shape of a structure beside each other.
 
-    `rest` (n_nodes, 3) are places, `lines` a chain of nodes with -1 between lines, `shift` (3,) leads from the measured to
-    the modelled one, `used` are the axes that are drawn, `rows` the place of each node's displacement X, Y, Z among all
-    degrees of freedom (-1: held), `at` the node of each sensor and `along` (n_channels, 3) its direction.
+    Attributes
+    ----------
+    nodes : tuple of int
+        Labels.
+    rest : (n_nodes, 3) float array
+        Coordinates, m.
+    lines : (n,) int array
+        Chain of node indices, with -1 between lines.
+    shift : (3,) float array
+        From the drawing of the measured shape to that of the model's, m.
+    used : list of int
+        Axes that are drawn: 0, 1, 2 for X, Y, Z.
+    rows : (n_nodes, 3) int array
+        Index of each node's displacement in X, Y, Z among the free degrees of freedom; -1 where it is fixed.
+    at : (n_channels,) int array
+        Node index of each sensor.
+    along : (n_channels, 3) float array
+        Unit direction of each sensor with its sign; 0 for rotations.
+    diagonal : float
+        Of the box around all nodes, m.
     """
 
     nodes: tuple[int, ...]
@@ -76,7 +93,7 @@ class _Scene:
 
 def model_shapes_figure(structure: Structure, modes: Modes) -> plot.Figure | None:
     """Animated figure of a model's mode shapes; None if there are no modes, or nodes have no positions or cannot move."""
-    scene = _in_place(structure, ())
+    scene = _make_scene(structure, ())
     n_modes = min(len(modes.frequency), plot.MOST_PANELS)
     if scene is None or n_modes == 0:
         return None
@@ -102,10 +119,10 @@ def model_shapes_figure(structure: Structure, modes: Modes) -> plot.Figure | Non
     )
 
 
-def _in_place(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
-    """Node positions, lines and sensors for drawing shapes in space, see `_Scene`.
+def _make_scene(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
+    """Geometry for drawing shapes of a structure and of the sensors `channels` in space.
 
-    None if all nodes are at one place or no node has a translation.
+    None if all nodes have the same coordinates or no node has a free translation.
     """
     labels = tuple(structure.nodes)
     rest = np.zeros((len(labels), 3))

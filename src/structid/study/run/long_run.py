@@ -35,7 +35,7 @@ TaskProgress = Callable[[str, int, int], None]
 #: Degrees of freedom times lines from which a sweep takes so long (about half a second) that it is worth sending.
 WORTH_SENDING = 500_000
 _MOST_BYTES = 256_000_000
-_STRETCHES_A_WORKER = 2
+_SEGMENTS_A_WORKER = 2
 
 
 @dataclass
@@ -231,8 +231,8 @@ class _Keeper:
 
 
 @dataclass(frozen=True, eq=False)
-class Stretches:
-    """The problems of stretches of lines of `problem`, as a worker comes to them."""
+class LineSegments:
+    """The problems of segments of lines of `problem`, as a worker comes to them."""
 
     problem: FrfProblem
     made: dict[tuple[int, int], FrfProblem] = field(default_factory=dict)
@@ -257,8 +257,8 @@ class SpreadLines(Wrapped):
     workers: Workers
 
     @cached_property
-    def stretches(self) -> Stretches:
-        return Stretches(self.problem)
+    def segments(self) -> LineSegments:
+        return LineSegments(self.problem)
 
     def residual(self, theta: FloatArray) -> FloatArray:
         return _join_parts("residual", self._evaluate_parts(theta, False))
@@ -268,16 +268,16 @@ class SpreadLines(Wrapped):
         return Linearization(_join_parts("residual", parts), _join_parts("jacobian", parts))
 
     def _evaluate_parts(self, theta: FloatArray, with_jacobian: bool) -> list[_Lines]:
-        """Residual, and Jacobian if `with_jacobian`, of each stretch of adjacent lines, evaluated on workers.
+        """Residual, and Jacobian if `with_jacobian`, of each segment of adjacent lines, evaluated on workers.
 
         The list is in the order of frequency. `theta` (n_params,) are the free variables. A residual is (n,), a
         Jacobian (n, n_params).
         """
         n_lines = len(self.problem.record.frequency)
-        count = min(n_lines, _STRETCHES_A_WORKER * self.workers.n_workers)
+        count = min(n_lines, _SEGMENTS_A_WORKER * self.workers.n_workers)
         ends = np.linspace(0, n_lines, count + 1).astype(int).tolist()
         items = {k: (ends[k], ends[k + 1], theta, with_jacobian) for k in range(count)}
-        part_of = dict(self.workers.completed(stretch, self.stretches, items))
+        part_of = dict(self.workers.completed(evaluate_segment, self.segments, items))
         return [part_of[k] for k in range(count)]
 
 
@@ -289,27 +289,27 @@ class _Lines(TypedDict):
     n_data: int
 
 
-def _join_parts(name: Literal["residual", "jacobian"], parts: list[_Lines]) -> FloatArray:
-    """Residual (n_data,) or Jacobian (n_data, n_params) of all lines, joined from those of the stretches.
+def _join_parts(name: Literal["residual", "jacobian"], segment_results: list[_Lines]) -> FloatArray:
+    """Residual (n_data,) or Jacobian (n_data, n_params) of all lines, joined from those of the segments.
 
-    The rows are real parts of all stretches, imaginary parts of all stretches, then the rows of the priors once.
+    The rows are real parts of all segments, imaginary parts of all segments, then the rows of the priors once.
     """
     real, imaginary = [], []
-    for part in parts:
-        rows, half = part[name], part["n_data"] // 2
+    for segment_result in segment_results:
+        rows, half = segment_result[name], segment_result["n_data"] // 2
         real.append(rows[:half])
         imaginary.append(rows[half : 2 * half])
-    return np.concatenate([*real, *imaginary, parts[-1][name][2 * half :]])
+    return np.concatenate([*real, *imaginary, segment_results[-1][name][2 * half :]])
 
 
-def stretch(stretches: Stretches, item: tuple[int, int, FloatArray, bool], _: TaskContext) -> _Lines:
-    """Residual, and Jacobian if asked for, of one stretch of lines, as a task for workers.
+def evaluate_segment(segments: LineSegments, item: tuple[int, int, FloatArray, bool], _: TaskContext) -> _Lines:
+    """Residual, and Jacobian if asked for, of one segment of lines, as a task for workers.
 
     `item` is (first line, line after the last, free variables, with_jacobian). The result has ``residual``, ``n_data`` (the
     rows that are data and not priors) and perhaps ``jacobian``.
     """
     first, last, theta, with_jacobian = item
-    part = stretches.at(first, last)
+    part = segments.at(first, last)
     if not with_jacobian:
         return {"residual": part.residual(theta), "n_data": part.n_data}
     linearization = part.linearize(theta)

@@ -41,11 +41,11 @@ from structid.unknowns import Parameters
 
 #: The files of `write_motion`.
 MOTION_SUMMARY, MOTION_TABLE = "motion.json", "parameters.csv"
-#: A stretch holds so many bytes at least, is so many times as large as what comes back, and there are at most so many.
-STRETCH_BYTES, _TIMES_THE_ANSWER, _MOST_STRETCHES = 64_000_000, 5, 64
+#: A segment holds so many bytes at least, is so many times as large as what comes back, and there are at most so many.
+SEGMENT_BYTES, _TIMES_THE_ANSWER, _MOST_SEGMENTS = 64_000_000, 5, 64
 
 #: Number of a record, and the first and the last of its samples.
-Stretch = tuple[int, int, int]
+Segment = tuple[int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class MotionOptions:
     checkpoint : Path, optional
         Where the state is kept now and then, and taken up from.
     workers : int, optional
-        Processes that reduce stretches of the records; by default this one takes one chunk after the other.
+        Processes that reduce segments of the records; by default this one takes one chunk after the other.
     scheduler : str, optional
         Address of a Dask cluster that reduces them instead.
     """
@@ -255,15 +255,15 @@ class MotionTaskData:
         return tuple(record_rows(self.start.equations, self.structure, record) for record in self.records)
 
 
-def stretches(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0) -> list[Stretch]:
-    """Stretches of nearly equal length that cover the samples after the first `done`.
+def segments(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0) -> list[Segment]:
+    """Segments of nearly equal length that cover the samples after the first `done`.
 
     Parameters
     ----------
     records : sequence of OnDiskRecord
         Records in the order in which they are reduced.
     answer_bytes : int
-        Size of the result of one stretch, in bytes; a stretch holds several times as much.
+        Size of the result of one segment, in bytes; a segment holds several times as much.
     done : int
         Number of samples, counted over all records, that are already reduced.
 
@@ -272,12 +272,12 @@ def stretches(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0)
     list of tuple
         Record number (from 0), first sample, and sample after the last.
     """
-    found: list[Stretch] = []
+    found: list[Segment] = []
     before = 0
     for number, record in enumerate(records):
         size = 8 * len(record.channels) * record.n_times
-        count = size // max(STRETCH_BYTES, _TIMES_THE_ANSWER * answer_bytes)
-        edges = np.linspace(0, record.n_times, min(max(count, 1), _MOST_STRETCHES) + 1).astype(int).tolist()
+        count = size // max(SEGMENT_BYTES, _TIMES_THE_ANSWER * answer_bytes)
+        edges = np.linspace(0, record.n_times, min(max(count, 1), _MOST_SEGMENTS) + 1).astype(int).tolist()
         for first, last in pairwise(edges):
             if before + last > done:
                 found.append((number, max(first, done - before), last))
@@ -285,8 +285,8 @@ def stretches(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0)
     return found
 
 
-class ReducedStretch(TypedDict):
-    """Triangles, energies and counts of one stretch."""
+class ReducedSegment(TypedDict):
+    """Triangles, energies and counts of one segment."""
 
     triangles: FloatArray
     energy: FloatArray
@@ -294,8 +294,8 @@ class ReducedStretch(TypedDict):
     n_samples: int
 
 
-def reduced_stretch(task_data: MotionTaskData, item: Stretch, tools: TaskContext) -> ReducedStretch:
-    """Sums of the least-squares problem over one stretch of a record, as a task for workers.
+def reduced_segment(task_data: MotionTaskData, item: Segment, tools: TaskContext) -> ReducedSegment:
+    """Sums of the least-squares problem over one segment of a record, as a task for workers.
 
     `item` is (record number, first sample, sample after the last). The result has ``triangles`` and ``energy`` of the reduced
     rows, and the counts ``n_rows`` and ``n_samples``.
@@ -347,11 +347,11 @@ def reduced_on(
     compiled = work.compiled(total * len(fit.state.columns)) and len(fit.state.columns) == fit.equations.n_dofs
     task_data = replace(task_data, work=FoldingKernels("numba" if compiled else "numpy", work.threads))
     _require_records(workers, task_data)
-    items = dict(enumerate(stretches(task_data.records, fit.state.triangles.nbytes, fit.n_samples)))
-    early: dict[int, ReducedStretch] = {}
+    items = dict(enumerate(segments(task_data.records, fit.state.triangles.nbytes, fit.n_samples)))
+    early: dict[int, ReducedSegment] = {}
     turn, keeper = 0, FitKeeper(checkpoint)
     try:
-        for number, result in workers.completed(reduced_stretch, task_data, items):
+        for number, result in workers.completed(reduced_segment, task_data, items):
             early[number] = result
             while turn in early:
                 fit, turn = _merge_fits(fit, early.pop(turn)), turn + 1
@@ -385,8 +385,8 @@ def reduced_alone(
     return fit
 
 
-def _merge_fits(fit: RecursiveMotionFit, part: ReducedStretch) -> RecursiveMotionFit:
-    """The fit `fit` with the samples of one more stretch; a fit without samples is replaced by that of the stretch."""
+def _merge_fits(fit: RecursiveMotionFit, part: ReducedSegment) -> RecursiveMotionFit:
+    """The fit `fit` with the samples of one more segment; a fit without samples is replaced by that of the segment."""
     state = replace(fit.state, triangles=part["triangles"], n_rows=part["n_rows"])
     own = replace(fit, state=state, energy=part["energy"], error=np.zeros_like(fit.error), n_samples=part["n_samples"])
     return own if fit.n_samples == 0 else fit.merged(own)

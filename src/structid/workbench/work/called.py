@@ -125,21 +125,22 @@ def _histories(
 ) -> StoredEntry:
     from structid.workbench.work.signals import histories, options_of
 
-    kept = opened.own("overviews") if opened.is_writable else opened.root
-    return histories(opened.inside(record), options_of(options), first, last, points, kept)
+    overviews = opened.data_folder("overviews") if opened.is_writable else opened.root
+    return histories(opened.inside(record), options_of(options), first, last, points, overviews)
 
 
 def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> StoredEntry:
     from structid.workbench.work.signals import options_of, write_overview
 
-    write_overview(opened.inside(record), options_of(options), opened.own("overviews"))
+    write_overview(opened.inside(record), options_of(options), opened.data_folder("overviews"))
     return {}
 
 
 def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int = 0) -> StoredEntry:
     """Magnitude, phase and coherence of a study's FRF record, with the study's frequency band and excluded bands (Hz).
 
-    `outputs` are names of channels, all if empty; `number` counts the study's records from 0. See `responses` for the parts.
+    `outputs` are names of channels, all if empty; `number` counts the study's records from 0. Besides ``band`` and ``exclude``
+    the answer has ``frequency`` (Hz) and ``pairs``, packed arrays of each output and input.
     """
     from structid.study.schema.method import read_method
     from structid.study.schema.records.record import load_record
@@ -198,8 +199,8 @@ def _check(opened: OpenFolder, study: str) -> StoredEntry:
 def _model_magnitudes(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
     """FRF magnitudes of a study's model at its start values, at the used lines of record `number` (counted from 0).
 
-    ``frequency`` (Hz) is packed and thinned to about 4000 lines; ``channels`` are mappings of name and packed magnitude, empty
-    for a record without FRFs. See `initial_responses`.
+    ``frequency`` (Hz) is packed and thinned where there are many lines; ``channels`` are mappings of name and packed magnitude,
+    empty for a record without FRFs.
     """
     from structid.study.run.start import prepare_study
     from structid.study.schema.study import load_study
@@ -264,8 +265,8 @@ def _pick(
 ) -> StoredEntry:
     """Identify the modes at the chosen `frequencies` (Hz) of a record, and save them in the folder `out`.
 
-    `band` is [low, high] in Hz or None. The answer is that of `save`, with the ``path`` of the file of modes. `options`
-    are those of `options_of`.
+    `options` say how the record is read, by names of `ReadOptions`; `band` is [low, high] in Hz or None for the default. The
+    answer has the modes as the page shows them, and the ``path`` of the file of modes.
     """
     from structid.workbench.work.modes import save
     from structid.workbench.work.signals import options_of
@@ -279,8 +280,9 @@ def _merge(
 ) -> StoredEntry:
     """Merge modes of several set-ups, and save them in the folder `out`.
 
-    `records` are paths of records or of files of modes; `band` is [low, high] in Hz or None. The answer is that of
-    `merge`, with the ``path`` of the file of modes. `options` are those of `options_of`.
+    `records` are paths of records or of files of modes; `options` say how records are read, by names of `ReadOptions`; `band`
+    is [low, high] in Hz or None for the default. The answer has the merged modes as the page shows them, and the ``path`` of the
+    file of modes.
     """
     from structid.workbench.work.modes import merge
     from structid.workbench.work.signals import options_of
@@ -292,7 +294,7 @@ def _merge(
 def _modes_beside_model(
     opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str
 ) -> StoredEntry:
-    """Measured modes compared with those of a study's model, see `beside` for the parts.
+    """Measured modes compared with those of a study's model: pairs, frequency differences, MAC and remarks.
 
     `number` counts the study's records from 0; `measured` is the path of a file of modes, or unsaved modes as the page sends
     them; `at` is a results folder whose values the model takes, "" for the start values.

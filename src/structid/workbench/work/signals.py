@@ -22,8 +22,8 @@ from structid.records.record import QUANTITY_UNITS
 from structid.workbench.folder import holds_modes
 from structid.workbench.work.scene import packed
 
-#: Samples of a stretch of the overview that is kept.
-STRETCH = 256
+#: Samples of a bin of the overview that is kept.
+BIN = 256
 #: Samples at most that are read for a look into a record; beyond, its overview serves.
 _READ = 400_000
 #: Bytes from which on a file is opened and not read.
@@ -125,13 +125,13 @@ def _open_record(path: Path, options: ReadOptions) -> ChunkedRecord | FrfRecord:
 
 
 def histories(
-    path: Path, options: ReadOptions, first: float, last: float | None, points: int, kept: Path
+    path: Path, options: ReadOptions, first: float, last: float | None, points: int, overviews: Path
 ) -> dict[str, StoredEntry]:
-    """Minimum and maximum of every channel in about `points` stretches from `first` to `last` (s).
+    """Minimum and maximum of every channel in at most `points` bins of equal length between the times `first` and `last` (s).
 
-    ``time`` (s) holds the starts of the stretches, ``low`` and ``high`` a packed row for each channel, ``seconds`` the length
-    of the record. Above `_READ` samples of a file too large for memory, a stored overview is used; without it, short samples
-    are taken and ``sampled`` is True.
+    ``time`` (s) holds the starts of the bins, ``low`` and ``high`` a packed row for each channel, ``names`` and ``units`` those
+    of the channels, ``seconds`` the length of the record. Long ranges of a file too large for memory are taken from its overview;
+    as long as there is none, a few pieces of the range are read and ``sampled`` is True.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def histories(
     points : int
         Limited to 50 to 4000.
     kept : Path
-        Folder of overviews, see `write_overview`.
+        Folder in which `write_overview` stores the minimum and maximum of long records.
 
     Raises
     ------
@@ -154,13 +154,13 @@ def histories(
     begin = int(np.clip(np.floor(first * rate), 0, n - 1))
     end = n if last is None else int(np.clip(np.ceil(last * rate) + 1, begin + 1, n))
     points, sampled = int(np.clip(points, 50, 4000)), False
-    overview = overview_path(path, options, kept)
+    overview = overview_path(path, options, overviews)
     if end - begin <= _READ or isinstance(record, MemoryRecord):
-        low, high, at = _read_stretches(record, begin, end, points)
+        low, high, at = _read_bins(record, begin, end, points)
     elif overview.exists():
-        low, high, at = _overview_stretches(np.load(overview, mmap_mode="r"), begin, end, points)
+        low, high, at = _overview_bins(np.load(overview, mmap_mode="r"), begin, end, points)
     else:
-        low, high, at, sampled = *_sampled_stretches(record, begin, end), True
+        low, high, at, sampled = *_sampled_bins(record, begin, end), True
     names = [f"{dof} {quantity}" for dof, quantity in zip(record.channels, record.quantities, strict=True)]
     return {
         "names": names,
@@ -173,38 +173,36 @@ def histories(
     }
 
 
-def _read_stretches(
-    record: ChunkedRecord, begin: int, end: int, points: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Minimum and maximum (n_channels, n_stretches) of samples `begin` to `end`, and the first sample of each stretch.
+def _read_bins(record: ChunkedRecord, begin: int, end: int, n_most: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Minimum and maximum (n_channels, n_bins) of samples `begin` to `end`, and the first sample of each bin.
 
-    `end` is exclusive; there are at most `points` stretches of equal length, the last may be shorter.
+    `end` is exclusive; there are at most `n_most` bins of equal length, of which the last may be shorter.
     """
     parts = [np.asarray(part) for part in record.chunks(begin, end)]
     values = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-    step = max(1, -(-values.shape[1] // points))
+    step = max(1, -(-values.shape[1] // n_most))
     starts = np.arange(0, values.shape[1], step)
     return np.minimum.reduceat(values, starts, axis=1), np.maximum.reduceat(values, starts, axis=1), begin + starts
 
 
-def _overview_stretches(
-    overview: FloatArray, begin: int, end: int, points: int
+def _overview_bins(
+    overview: FloatArray, begin: int, end: int, n_most: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Minimum and maximum (n_channels, n_stretches) from a stored overview, and the first sample of each stretch.
+    """Minimum and maximum (n_channels, n_bins) from a stored overview, and the first sample of each bin.
 
-    `overview` (2, n_channels, n) holds minimum and maximum of every `STRETCH` samples; samples `begin` to `end` are covered by at
-    most `points` stretches.
+    `overview` (2, n_channels, n) holds minimum and maximum of every `BIN` samples; samples `begin` to `end` are covered by at
+    most `n_most` bins.
     """
-    first, last = begin // STRETCH, -(-end // STRETCH)
+    first, last = begin // BIN, -(-end // BIN)
     part = overview[:, :, first:last]
-    step = max(1, -(-part.shape[2] // points))
+    step = max(1, -(-part.shape[2] // n_most))
     starts = np.arange(0, part.shape[2], step)
     low, high = np.minimum.reduceat(part[0], starts, axis=1), np.maximum.reduceat(part[1], starts, axis=1)
-    return low, high, (first + starts) * STRETCH
+    return low, high, (first + starts) * BIN
 
 
-def _sampled_stretches(record: ChunkedRecord, begin: int, end: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Minimum and maximum (n_channels, 1000) of 1000 pieces of 32 samples, and the first sample of each piece.
+def _sampled_bins(record: ChunkedRecord, begin: int, end: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Minimum and maximum (n_channels, n_pieces) of short pieces of a record, and the first sample of each piece.
 
     The pieces are evenly spread from sample `begin` to `end`, so that a long record need not be read whole.
     """
@@ -214,33 +212,33 @@ def _sampled_stretches(record: ChunkedRecord, begin: int, end: int) -> tuple[Flo
     return low, high, starts
 
 
-def overview_path(path: Path, options: ReadOptions, kept: Path) -> Path:
-    """Path of a record's overview file in the folder `kept`.
+def overview_path(path: Path, options: ReadOptions, overviews: Path) -> Path:
+    """Path of a record's overview file in the folder `overviews`.
 
     Its name is a hash of the record's path, size and modification time and of `options`, so that a changed file gets a new one.
     """
     stamp = path.stat()
     told = f"{path}|{stamp.st_size}|{stamp.st_mtime_ns}|{options}"
-    return kept / f"{hashlib.sha256(told.encode()).hexdigest()[:32]}.npy"
+    return overviews / f"{hashlib.sha256(told.encode()).hexdigest()[:32]}.npy"
 
 
-def write_overview(path: Path, options: ReadOptions, kept: Path) -> None:
-    """Write minimum and maximum of every `STRETCH` samples of a time record to an NPY file in the folder `kept`.
+def write_overview(path: Path, options: ReadOptions, overviews: Path) -> None:
+    """Write minimum and maximum of every `BIN` samples of a time record to an NPY file in the folder `overviews`.
 
-    The array is (2, n_channels, n_stretches), float32, at `overview_path`. Nothing is written for FRFs or if the file exists.
+    The array is (2, n_channels, n_bins), float32, at `overview_path`. Nothing is written for FRFs or if the file exists.
     """
-    record, target = _open_record(path, options), overview_path(path, options, kept)
+    record, target = _open_record(path, options), overview_path(path, options, overviews)
     if isinstance(record, FrfRecord) or target.exists():
         return
-    n = -(-record.n_times // STRETCH)
+    n = -(-record.n_times // BIN)
     found, at = np.empty((2, len(record.channels), n), dtype=np.float32), 0
-    for chunk in record.chunks(longest=STRETCH * 4096):
-        whole = chunk.shape[1] // STRETCH
-        if whole * STRETCH == chunk.shape[1]:  # quicker than `reduceat`
-            cut = chunk.reshape(len(chunk), whole, STRETCH)
+    for chunk in record.chunks(longest=BIN * 4096):
+        whole = chunk.shape[1] // BIN
+        if whole * BIN == chunk.shape[1]:  # quicker than `reduceat`
+            cut = chunk.reshape(len(chunk), whole, BIN)
             low, high = cut.min(axis=2), cut.max(axis=2)
         else:
-            starts = np.arange(0, chunk.shape[1], STRETCH)
+            starts = np.arange(0, chunk.shape[1], BIN)
             low, high = np.minimum.reduceat(chunk, starts, axis=1), np.maximum.reduceat(chunk, starts, axis=1)
         found[0, :, at : at + low.shape[1]], found[1, :, at : at + low.shape[1]] = low, high
         at += low.shape[1]
