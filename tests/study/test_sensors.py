@@ -10,7 +10,7 @@ from structid import AimedSensor, InputError, Structure, load_study, nearest_nod
 from structid.core.dof import Dof
 from structid.study.run.check import check_study
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "compare" / "correlation"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "compare"))
 import mast
 
 
