@@ -412,7 +412,7 @@ class Pairing:
         return (int(self.number[mode]),) if self.number[mode] >= 0 else ()
 
 
-def likenesses(measured: NDArray[np.inexact], model: NDArray[np.inexact], moves: NDArray[np.bool_]) -> FloatArray:
+def mac_with_model(measured: NDArray[np.inexact], model: NDArray[np.inexact], moves: NDArray[np.bool_]) -> FloatArray:
     """MAC of each measured shape with each model mode, (n_measured, n_model).
 
     `measured` and `model` are (n_channels, n_modes) at common channels. The MAC is 0 for model modes that do not move the
@@ -510,7 +510,7 @@ def pair_modes(
     vibrates = g > 1e-3 * f.min()
     moves = vibrates & (size > _MOVES * size.max(initial=0.0))
     use = np.flatnonzero(vibrates if np.isnan(x).all(axis=0).any() else moves)
-    likeness = likenesses(x, y, moves)
+    likeness = mac_with_model(x, y, moves)
     number, worth, nearness = np.full(len(f), -1), np.zeros_like(likeness), np.zeros_like(likeness)
     if len(use):
         worth[:, use] = pairing_worth(likeness[:, use], f, g[use], frequency_guard)

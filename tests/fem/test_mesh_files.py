@@ -153,7 +153,7 @@ def test_patran_files_with_includes_blank_continuations_and_all_field_forms(tmp_
         assert mesh.cells("cap").tolist() == [[5, 6, 7, 8, 13]]
         assert mesh.nodes[1] == pytest.approx([1.0, 1.0, 0.0])
     solid = Solid("s", mesh.cells(), 1.0, 1.0, 0.3)
-    density = next(term for term in solid.terms(mesh.nodes, np.zeros(0, int)) if term.property == "density")
+    density = next(term for term in solid.property_matrices(mesh.nodes, np.zeros(0, int)) if term.property == "density")
     assert density.matrix_terms[0].local[0].sum() / 3 == pytest.approx(1.0)
 
 

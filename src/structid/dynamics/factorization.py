@@ -313,7 +313,7 @@ class Pardiso:
 
 
 @dataclass(frozen=True, eq=False)
-class _Held:
+class _PardisoMemory:
     """Memory, options and order that the library keeps for one pattern in one arithmetic, and writes to."""
 
     kind: int
@@ -334,8 +334,9 @@ class _Held:
         right: NumberArray | None = None,
         solution: NumberArray | None = None,
     ) -> int:
-        """Run one phase of PARDISO and return its error number (0 for none); the solution is written to `solution`.
+        """Run one `phase` of PARDISO and return its error number (0 for none); the solution is written to `solution`.
 
+        Phases are 11 (analysis), 22 (factorization), 33 (solution) and -1 (memory released).
         `entries` are those of the upper triangle, `right` and `solution` are (n, n_right) in Fortran order. Entries and
         right-hand sides that a phase does not use are None.
         """
@@ -370,7 +371,7 @@ class _Handle:
         right-hand sides are full.
         """
         order = None if loaded is None else loaded.astype(np.int32)  # the library writes its order there
-        self.kind, self.held = kind, _Held(kind, indices, indptr, order)
+        self.kind, self.held = kind, _PardisoMemory(kind, indices, indptr, order)
         self.options = self.held.options
         self.options[[0, 1, 9, 20, 34]] = 1, 2, 8, 1, 1  # own options, METIS, pivots 1e-8, Bunch-Kaufman, from 0
         self.options[17] = -1  # report the entries of the factor

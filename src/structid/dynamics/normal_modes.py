@@ -124,7 +124,8 @@ def _small_modes(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Circular frequencies (rad/s), mass-normalized shapes and relative rounding errors of a model solved densely.
 
-    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency; `n_modes` None gives all modes.
+    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency; `n_modes` None gives all modes. `strains` makes
+    an operator B with K = B'B, by which roundings of K are avoided; None, or a result of None, leaves them.
     """
     eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
     if not len(eigenvalues):
@@ -157,8 +158,8 @@ def _large_modes(
     model is solved densely after all. `strains` makes an operator B with K = B'B, by which roundings of K are avoided; None,
     or a result of None, leaves them.
     """
-    n_heavy = int((mass.diagonal() > 0).sum())
-    if _MOST_BY_LANCZOS * n_modes >= n_heavy:
+    n_with_mass = int((mass.diagonal() > 0).sum())
+    if _MOST_BY_LANCZOS * n_modes >= n_with_mass:
         eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
         error = _DENSE_ROUNDINGS * np.finfo(np.float64).eps * float(eigenvalues[-1])
         omega, shapes = np.sqrt(np.maximum(eigenvalues[:n_modes], 0.0)), shapes[:, :n_modes]
@@ -255,8 +256,8 @@ def _root(
     `mass` and `stiffness` are M and K, (n_dofs, n_dofs). R comes from a QR decomposition with B (`operator`), or from
     Cholesky's of the shifted stiffness if that is None.
     """
-    heavy = np.diag(mass) > 0
-    size = np.sqrt(np.where(heavy, np.diag(mass), 1.0))
+    has_mass = np.diag(mass) > 0
+    size = np.sqrt(np.where(has_mass, np.diag(mass), 1.0))
     principal, turn = linalg.eigh(mass / size[:, None] / size)
     kept = principal > _MASSLESS
     mass_root = size[:, None] * turn[:, kept] * np.sqrt(principal[kept])
@@ -387,17 +388,17 @@ def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
 
 
 def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues omega^2, ascending, and mass-normalized shapes (n_dofs, n_heavy) of `mass` and `stiffness` (n_dofs, n_dofs).
+    """Eigenvalues omega^2, ascending, and mass-normalized shapes (n_dofs, n_modes) of `mass` and `stiffness` (n_dofs, n_dofs).
 
-    Motions without mass, of a degree of freedom or a combination of several, follow statically; n_heavy counts the others.
+    Motions without mass, of a degree of freedom or a combination of several, follow statically; n_modes counts the others.
     """
-    heavy = np.diag(mass) > 0
-    if _is_definite(mass[np.ix_(heavy, heavy)]):
-        return _condensed_modes(mass, stiffness, heavy)
-    size = 1 / np.sqrt(np.where(heavy, np.diag(mass), 1.0))
+    has_mass = np.diag(mass) > 0
+    if _is_definite(mass[np.ix_(has_mass, has_mass)]):
+        return _condensed_modes(mass, stiffness, has_mass)
+    size = 1 / np.sqrt(np.where(has_mass, np.diag(mass), 1.0))
     principal, turn = linalg.eigh(size[:, None] * mass * size)
-    basis, heavy = size[:, None] * turn, principal > _MASSLESS
-    eigenvalues, shapes = _condensed_modes(np.diag(principal), basis.T @ stiffness @ basis, heavy)
+    basis, has_mass = size[:, None] * turn, principal > _MASSLESS
+    eigenvalues, shapes = _condensed_modes(np.diag(principal), basis.T @ stiffness @ basis, has_mass)
     return eigenvalues, basis @ shapes
 
 
@@ -411,23 +412,26 @@ def _is_definite(mass: FloatArray) -> bool:
 
 
 def _condensed_modes(
-    mass: FloatArray, stiffness: FloatArray, heavy: NDArray[np.bool_]
+    mass: FloatArray, stiffness: FloatArray, has_mass: NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues omega^2 and shapes (n_dofs, n_heavy); degrees of freedom that are not `heavy` (mask) follow statically.
+    """Eigenvalues omega^2 and shapes (n_dofs, n_modes), one for each degree of freedom in the mask `has_mass`.
 
-    `mass` and `stiffness` are (n_dofs, n_dofs). Raises `SingularModelError` if those that follow have no stiffness.
+    The other degrees of freedom follow statically. `mass` and `stiffness` are (n_dofs, n_dofs). Raises `SingularModelError`
+    if those that follow have no stiffness.
     """
-    if heavy.all():
+    if has_mass.all():
         return linalg.eigh(stiffness, mass)
-    light = ~heavy
+    massless = ~has_mass
     try:
-        follow = -linalg.solve(stiffness[np.ix_(light, light)], stiffness[np.ix_(light, heavy)], assume_a="sym")
+        follow = -linalg.solve(
+            stiffness[np.ix_(massless, massless)], stiffness[np.ix_(massless, has_mass)], assume_a="sym"
+        )
     except linalg.LinAlgError as error:
         raise SingularModelError(
             "part of the model has neither mass nor stiffness: fix it, or give it one of them"
         ) from error
-    condensed = stiffness[np.ix_(heavy, heavy)] + stiffness[np.ix_(heavy, light)] @ follow
-    eigenvalues, shapes = linalg.eigh(0.5 * (condensed + condensed.T), mass[np.ix_(heavy, heavy)])
+    condensed = stiffness[np.ix_(has_mass, has_mass)] + stiffness[np.ix_(has_mass, massless)] @ follow
+    eigenvalues, shapes = linalg.eigh(0.5 * (condensed + condensed.T), mass[np.ix_(has_mass, has_mass)])
     full = np.zeros((len(mass), shapes.shape[1]))
-    full[heavy], full[light] = shapes, follow @ shapes
+    full[has_mass], full[massless] = shapes, follow @ shapes
     return eigenvalues, full

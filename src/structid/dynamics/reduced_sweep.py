@@ -63,7 +63,7 @@ class FieldSweep:
     """
 
     def __init__(self, stiffness: DynamicStiffness, pattern: tuple[IntArray, IntArray], right: FloatArray) -> None:
-        """A sweep of the model `stiffness` with sparsity `pattern` and right-hand sides (n_dofs, n_columns)."""
+        """A sweep of the model `stiffness`, its `pattern` (indices, indptr) and right-hand sides `right` (n_dofs, n_columns)."""
         self.stiffness, self.right = stiffness, right
         self.basis = FieldBasis(stiffness, pattern, right)
         self.n_factorizations = 0
@@ -233,7 +233,7 @@ def reduced_sweep(
 
 
 def reading_error(exact: NumberArray, approximate: NumberArray) -> float:
-    """Largest difference in parts of the largest reading."""
+    """Largest difference of `approximate` from `exact` readings, relative to the largest exact one."""
     return float(np.abs(approximate - exact).max() / np.abs(exact).max())
 
 
@@ -248,7 +248,10 @@ class FieldBasis:
     """
 
     def __init__(self, stiffness: DynamicStiffness, pattern: tuple[IntArray, IntArray], right: FloatArray) -> None:
-        """An empty basis for the model `stiffness` with sparsity `pattern` and right-hand sides (n_dofs, n_columns)."""
+        """An empty basis for the model `stiffness` and the right-hand sides `right`, (n_dofs, n_columns).
+
+        `pattern` is the sparsity pattern of the model's matrices as (indices, indptr).
+        """
         shape = (len(right),) * 2
         self.right = right
         self.matrices = [sparse.csr_array((row, *pattern), shape) for row, _ in stiffness.merged]

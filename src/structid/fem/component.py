@@ -153,7 +153,7 @@ class Reduction:
 
 def reductions(
     components: Sequence[Component],
-    terms: Mapping[str, tuple[PropertyMatrices, ...]],
+    properties_of_set: Mapping[str, tuple[PropertyMatrices, ...]],
     equations: DofEquations,
     constrained: frozenset[int],
     kept: IntArray,
@@ -163,7 +163,7 @@ def reductions(
     Parameters
     ----------
     components : sequence of Component
-    terms : mapping of str to tuple of PropertyMatrices
+    properties_of_set : mapping of str to tuple of PropertyMatrices
         Properties of all element sets, by the name of the set.
     equations : mapping
         Codes of dependent degrees of freedom, each with the codes and weights that it follows.
@@ -181,8 +181,8 @@ def reductions(
     owners: dict[str, Component] = {}
     for component in components:
         for name in component.elements:
-            if name not in terms:
-                near = difflib.get_close_matches(name, terms, 1, 0.0)
+            if name not in properties_of_set:
+                near = difflib.get_close_matches(name, properties_of_set, 1, 0.0)
                 nearest = f"; the nearest is {near[0]!r}" if near else ""
                 raise InputError(f"component {component.name!r}: there is no element set {name!r}{nearest}")
             if name in owners:
@@ -193,15 +193,17 @@ def reductions(
             owners[name] = component
     codes = {
         name: joined_codes([matrix_term.codes for term in own for matrix_term in term.matrix_terms])
-        for name, own in terms.items()
+        for name, own in properties_of_set.items()
     }
     tied = joined_codes([kept, _codes_in_ties(equations, joined_codes([*codes.values(), kept]))])
     found = []
     for one in components:
         own = joined_codes([codes[name] for name in one.elements])
-        others = [codes[name] for name in terms if name not in one.elements]
+        others = [codes[name] for name in properties_of_set if name not in one.elements]
         joined = joined_codes([tied, _interface_codes(one, own, equations), *others])
-        found.append(_reduce_component(one, {name: terms[name] for name in one.elements}, own, joined, constrained))
+        found.append(
+            _reduce_component(one, {name: properties_of_set[name] for name in one.elements}, own, joined, constrained)
+        )
     return tuple(found)
 
 
@@ -222,18 +224,18 @@ def _codes_in_ties(equations: DofEquations, moved: IntArray) -> IntArray:
 
 def _reduce_component(
     component: Component,
-    terms: Mapping[str, tuple[PropertyMatrices, ...]],
+    properties_of_set: Mapping[str, tuple[PropertyMatrices, ...]],
     codes: IntArray,
     joined: IntArray,
     constrained: frozenset[int],
 ) -> Reduction:
-    """A component reduced to its interface and modes; not reduced, with `following` None, if `component.whole`.
+    """The component as one group of matrices, and how its inner degrees of freedom follow its interface and modes (`following`).
 
-    `terms` are the properties of its element sets, by set, and `codes` its degrees of freedom, in the order of the result.
-    `joined` are the codes to keep and `constrained` those held at zero, both of the whole structure. Raises `InputError` if no
-    code is kept or none is inside.
+    `following` is None if `component.whole`, which nothing reduces. `properties_of_set` are the properties of its element sets
+    by name, and `codes` its degrees of freedom, in the order of the group. `joined` are the codes to keep and `constrained` those
+    held at zero, both of the whole structure. Raises `InputError` if no code is kept or none is inside.
     """
-    matrices = _nominal_matrices(component, terms, codes)
+    matrices = _nominal_matrices(component, properties_of_set, codes)
     kept, free = np.isin(codes, joined), ~np.isin(codes, list(constrained))
     border, inside = np.flatnonzero(kept & free), np.flatnonzero(~kept & free)
     if not kept.any():
@@ -279,15 +281,15 @@ def _interface_codes(component: Component, codes: IntArray, equations: DofEquati
 
 
 def _nominal_matrices(
-    component: Component, terms: Mapping[str, tuple[PropertyMatrices, ...]], codes: IntArray
+    component: Component, properties_of_set: Mapping[str, tuple[PropertyMatrices, ...]], codes: IntArray
 ) -> dict[str, sparse.csc_array]:
     """Matrices of a component at nominal property values by kind, (n_codes, n_codes) each; all zero where there are none.
 
-    `terms` are the properties of its element sets by set, `codes` (n_codes,) its degrees of freedom in order. Raises
+    `properties_of_set` are the properties of its element sets by name, `codes` (n_codes,) its degrees of freedom in order. Raises
     `InputError` if a set has friction or lengths that are properties, which no reduction keeps.
     """
     properties, start = [], 0
-    for name, several in terms.items():
+    for name, several in properties_of_set.items():
         for term in several:
             properties.append(Property(name, term, slice(start, start + len(term.values))))
             start += len(term.values)
@@ -308,11 +310,11 @@ def _nominal_matrices(
 def _as_matrix_group(
     component: Component, codes: IntArray, matrices: Mapping[str, sparse.csc_array]
 ) -> tuple[MatrixGroup, tuple[PropertyMatrices, ...]]:
-    """The component as a group of matrices with one factor each, and the properties (terms) of that group.
+    """The component as a group of matrices with one factor each, and the properties of that group with their matrices.
 
     `codes` (n_codes,) are the degrees of freedom of the rows of the `matrices` (by kind). If structural damping is one
-    multiple of the stiffness, the group has that loss factor; otherwise the term of kind "structural_damping" stands in its
-    place.
+    multiple of the stiffness, the group has that loss factor; otherwise a property with the matrix of structural damping stands
+    in its place.
     """
     stiffness, structural = matrices["stiffness"], matrices["structural_damping"]
     largest = abs(stiffness).max()
@@ -322,7 +324,7 @@ def _as_matrix_group(
     parts = {kind: matrices[kind] if matrices[kind].nnz else None for kind in ("mass", "stiffness", "damping")}
     dofs = tuple(dof_of_code(code) for code in codes.tolist())
     group = MatrixGroup(component.name, dofs, **parts, loss_factor=loss if is_one else 0.0)
-    terms = group.terms({}, joined_codes([]))
+    terms = group.property_matrices({}, joined_codes([]))
     if is_one:
         return group, terms
     matrix_term = ElementMatrixTerm(

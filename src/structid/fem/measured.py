@@ -199,7 +199,7 @@ class MeasuredComponent:
         Raises
         ------
         InputError
-            As `receptance_at`, but for a singular Y.
+            If a line lies outside the measured band, or the measured lines are too far apart to interpolate between them.
         """
         _, between = self._nearest_lines(frequency)
         if not between.any():

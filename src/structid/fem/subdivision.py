@@ -57,7 +57,7 @@ def numbered_terms(
     pieces: int = 1,
     sliding: Sequence[int] = (),
 ) -> NumberedTerms:
-    """The terms of `elements` with lines cut into equal `pieces` and ends released by joints; see `ElementSet.terms`.
+    """The terms of `elements` with lines cut into equal `pieces` and ends released by joints; see `ElementSet.property_matrices`.
 
     An element owns its pieces: it keeps one matrix for each property, on the nodes between them too. The end that a joint
     releases has a degree of freedom of its own in the element's matrices, in place of the node's; all others stay the node's.
@@ -131,7 +131,7 @@ def is_divisible(element: ElementSet, positions: NodeCoordinates, active: Sequen
     stiffness: FloatArray = np.zeros((len(along), 3, 3))
     stiffness[:, :size, :size] = along[:, :, None] * along[:, None, :]
     axes: set[int] = set()
-    for term in element.terms(positions, np.zeros(0, dtype=np.int64)):
+    for term in element.property_matrices(positions, np.zeros(0, dtype=np.int64)):
         for matrix_term in term.matrix_terms if term.kind in ("stiffness", "axial_force") else ():
             columns = np.flatnonzero(matrix_term.codes[0, : matrix_term.codes.shape[1] // 2] % 6 < len(TRANSLATIONS))
             axis_of = matrix_term.codes[0, columns] % 6
@@ -154,7 +154,7 @@ def _terms(
     """
     if pieces > 1:
         return _cut_into_pieces(element, positions, used_codes, pieces, first)
-    return element.terms(positions, used_codes)
+    return element.property_matrices(positions, used_codes)
 
 
 def _cut_into_pieces(
@@ -162,11 +162,11 @@ def _cut_into_pieces(
 ) -> tuple[PropertyMatrices, ...]:
     """Terms of a set whose lines are each cut into `pieces` elements; new nodes are labelled from `first` on, line by line.
 
-    `positions` are those of the nodes, m; `used_codes` are as in `ElementSet.terms`.
+    `positions` are node coordinates in m by label; `used_codes` are the codes of degrees of freedom that other elements use.
     """
     scaled = {label: position / pieces for label, position in positions.items()}  # lines as long as one piece
     between = first + np.arange(len(element.nodes) * (pieces - 1)).reshape(-1, pieces - 1)
-    terms = element.terms(scaled, used_codes)
+    terms = element.property_matrices(scaled, used_codes)
     chained = {
         id(matrix_term): _chain_matrices(matrix_term, between) for term in terms for matrix_term in term.matrix_terms
     }
@@ -262,7 +262,10 @@ def _find_element(joint: str, text: str, elements: Sequence[ElementSet]) -> tupl
 
 
 def _stiff_directions(terms: Sequence[PropertyMatrices], row: int, node: int) -> list[str]:
-    """Directions, such as "RZ", in which the element in `row` has stiffness on its diagonal at `node`."""
+    """Directions, such as "RZ", in which the element in `row` has stiffness on its diagonal at `node`.
+
+    `terms` are the properties of its set with their matrices.
+    """
     axes = set()
     for term in terms:
         if term.kind == "stiffness" and term.values[row] > 0:

@@ -52,7 +52,7 @@ def _is_73(path: Path) -> bool:
 
 
 def _to_variable(value: np.ndarray | str | list[str] | dict[str, np.ndarray]) -> Variable:
-    """A variable as the child sent it, with sparse matrices put together and lists made tuples."""
+    """The variable of `value` as the child process sent it: a sparse matrix from its parts, a tuple from a list, else unchanged."""
     if isinstance(value, dict):
         n_rows, n_columns = value["shape"].tolist()
         return checked_sparse_matrix((n_rows, n_columns), value["starts"], value["rows"], value["values"])

@@ -134,7 +134,7 @@ def _link_new(temporary: Path, path: Path) -> bool:
 
 
 def _exchange_names(first: Path, second: Path) -> bool:
-    """Exchange the names of two files in one step (renameat2); False if the system cannot, or it failed."""
+    """Exchange the names of the files `first` and `second` in one step (renameat2); False if the system cannot, or it failed."""
     if sys.platform != "linux":
         return False
     import ctypes

@@ -352,7 +352,7 @@ class _Stored(NamedTuple):
 
 
 def _locate_array(path: Path, array: str, when: str) -> _Stored:
-    """Shape, type, first byte and Fortran order of the array of an NPY file, or of the dataset `array` of an HDF5 file.
+    """Shape, type, position in bytes and Fortran order of the array of an NPY file, or of the dataset `array` of an HDF5 file.
 
     `array` is "" for NPY. `when` says in errors at which point reading failed, as in "at sample 100".
     """

@@ -132,7 +132,7 @@ class BendingPlane:
     def mass(self) -> tuple[ElementMatrixTerm, ...]:
         """Consistent mass matrices for unit mass per length.
 
-        One term without shear, otherwise one for each power 0, 1, 2 of the ratio s.
+        One term without shear, otherwise one for each power 0, 1, 2 of the shear ratio (`ShearRatio`).
         """
         if self.shear[1] is None:
             return (self._matrix_term(hermite_mass(self.length)),)
@@ -145,7 +145,7 @@ class BendingPlane:
     def rotary_inertia(self) -> tuple[ElementMatrixTerm, ...]:
         """Element matrices of the rotary inertia of the sections, for unit inertia per length.
 
-        One term without shear, otherwise one for each power 0, 1, 2 of the ratio s.
+        One term without shear, otherwise one for each power 0, 1, 2 of the shear ratio (`ShearRatio`).
         """
         x, one = _POINTS[:, None], np.ones(len(self.length))
         plain = np.stack([0 * x * one, (1 - x) * one, 0 * x * one, x * one], axis=-1)
@@ -158,7 +158,7 @@ class BendingPlane:
     def axial_force(self) -> tuple[ElementMatrixTerm, ...]:
         """Geometric stiffness for unit tension, consistent with the deflection: the integral of w' w'.
 
-        One term without shear, otherwise one for each power 0, 1, 2 of s.
+        One term without shear, otherwise one for each power 0, 1, 2 of the shear ratio (`ShearRatio`).
 
         References
         ----------
@@ -203,9 +203,9 @@ class BendingPlane:
         name, values = self.shear
         if power == 0 or values is None:
             return ElementMatrixTerm(self.codes, rotate_matrices(local, self.across))
-        share = ShearRatio(self.bending[0], name, 12 / self.length**2, power)
-        nominal = shear_ratio(self.bending[1], values, share.ratio) ** power
-        return ElementMatrixTerm(self.codes, rotate_matrices(local * nominal[:, None, None], self.across), shear=share)
+        shear = ShearRatio(self.bending[0], name, 12 / self.length**2, power)
+        nominal = shear_ratio(self.bending[1], values, shear.ratio) ** power
+        return ElementMatrixTerm(self.codes, rotate_matrices(local * nominal[:, None, None], self.across), shear=shear)
 
 
 def add_local_matrix(matrix_terms: tuple[ElementMatrixTerm, ...], local: FloatArray) -> tuple[ElementMatrixTerm, ...]:

@@ -233,7 +233,7 @@ class Power:
 
 @dataclass(frozen=True, eq=False)
 class ElementMatrixTerm:
-    """Matrices of all elements of a set, at unit value, unit thickness and the nominal power of the share of `shear`.
+    """Matrices of all elements of a set, at unit value of their property, unit thickness and nominal `shear` ratio.
 
     Parameters
     ----------
@@ -393,7 +393,7 @@ class ElementSet:
         """
         return {}
 
-    def terms(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
+    def property_matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
         """The properties of the set, in the order of their declaration, each with the element matrices that it multiplies.
 
         Optional properties that are not stated are left out.
@@ -429,7 +429,7 @@ class ElementSet:
         """
         if self.moves:  # so that no matrices are made, which are dear on a mesh
             return joined_codes([node_codes(np.unique(self.nodes)[:, None], self.moves)])
-        terms = self.terms(positions, joined_codes([]))
+        terms = self.property_matrices(positions, joined_codes([]))
         return joined_codes([matrix_term.codes for term in terms for matrix_term in term.matrix_terms])
 
     def _at_nominal_thickness(self, matrix_terms: Sequence[ElementMatrixTerm]) -> tuple[ElementMatrixTerm, ...]:

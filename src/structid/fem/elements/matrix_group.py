@@ -80,7 +80,7 @@ class MatrixGroup(ElementSet):
         every = {"mass": self.mass, "stiffness": self.stiffness, "damping": self.damping}
         return {key: matrix for key, matrix in every.items() if matrix is not None}
 
-    def terms(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
+    def property_matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
         """The group's factors as properties, nominally 1, with the matrices that they multiply; then its loss factor.
 
         A group without stiffness has no loss factor. The arguments have no influence.

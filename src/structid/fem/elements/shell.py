@@ -252,7 +252,9 @@ def _on_all_coordinates(small: FloatArray, axes: tuple[int, ...]) -> FloatArray:
     return full
 
 
-def drilling_stiffness(corners: FloatArray, elasticity: FloatArray, poisson: float, share: float = 1.0) -> FloatArray:
+def drilling_stiffness(
+    corners: FloatArray, elasticity: FloatArray, poisson: float, linear_strains: float = 1.0
+) -> FloatArray:
     """Stiffness on (u, v, rotation about the normal) at each corner, (n_cells, 3 n_corners, 3 n_corners).
 
     Parameters
@@ -262,15 +264,15 @@ def drilling_stiffness(corners: FloatArray, elasticity: FloatArray, poisson: flo
     elasticity : (3, 3) float array
         Plane stress from strain for unit modulus.
     poisson : float
-        The stiffness of linear strains follows it, by (1 - 4 poisson^2) / 2, and at least 0.01.
-    share : float
-        Fraction of the stiffness against linear strains; 1 is the element of the reference, exact for in-plane bending.
+        Poisson's ratio; (1 - 4 poisson^2) / 2, and at least 0.01, multiplies the stiffness against linear strains.
+    linear_strains : float
+        Further factor on that stiffness; 1 gives the element of the reference, exact for in-plane bending.
 
     References
     ----------
     Felippa (2003), Comput. Methods Appl. Mech. Engrg. 192, 2125-2168 (the element called OPT).
     """
-    higher = share * max(0.5 * (1 - 4 * poisson**2), _LEAST_HIGHER)
+    higher = linear_strains * max(0.5 * (1 - 4 * poisson**2), _LEAST_HIGHER)
     n = corners.shape[1]
     if n == 3:
         return _triangle_stiffness(corners, elasticity, higher)
@@ -284,17 +286,17 @@ def drilling_stiffness(corners: FloatArray, elasticity: FloatArray, poisson: flo
 def mean_strains(corners: FloatArray) -> FloatArray:
     """Maps (n_cells, 3, 3 n_corners) to the mean strains (xx, yy, engineering xy) of cells, from their corner motions.
 
-    These are (u, v, rotation) corner by corner. The maps are L' / area of the lumped tractions L. `corners` are as in
-    `drilling_stiffness`.
+    These are (u, v, rotation) corner by corner. The maps are L' / area of the lumped tractions L. `corners`
+    (n_cells, 3 or 4, 2) are positions in m, counter-clockwise.
     """
     n = corners.shape[1]
-    divisions, share = (((0, 1, 2),), 1.0) if n == 3 else (_DIVISIONS, 0.5)
+    divisions, fraction = (((0, 1, 2),), 1.0) if n == 3 else (_DIVISIONS, 0.5)
     total = np.zeros((len(corners), 3, 3 * n))
     area = np.zeros(len(corners))
     for division in divisions:
         rows = np.ravel([[3 * k, 3 * k + 1, 3 * k + 2] for k in division])
-        total[:, :, rows] += share * np.swapaxes(_lumped_tractions(corners[:, division]), 1, 2)
-        area += share * _area(corners[:, division])
+        total[:, :, rows] += fraction * np.swapaxes(_lumped_tractions(corners[:, division]), 1, 2)
+        area += fraction * _area(corners[:, division])
     return total / area[:, None, None]
 
 

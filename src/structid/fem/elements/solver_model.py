@@ -90,7 +90,7 @@ class SolverModel(ElementSet):
                     f"a parameter of {self.name!r} must not be called {parameter.name!r}; give it another name"
                 )
 
-    def terms(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
+    def property_matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
         """The model's properties with the matrices that they multiply: its parameters, then its factors, then the loss factor.
 
         A part that depends on parameters is multiplied by the first of them; its other powers weigh it besides. The arguments
@@ -243,7 +243,7 @@ class SolverFrfs(ElementSet):
         """Degrees of freedom of sensors and loads, each once, in their order."""
         return tuple(dict.fromkeys(dof.unsigned for dof in (*self.table.outputs, *self.table.inputs)))
 
-    def terms(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
+    def property_matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
         """The parameters as properties with zero matrices, since the model has FRFs alone.
 
         The arguments have no influence.

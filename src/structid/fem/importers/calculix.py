@@ -24,12 +24,15 @@ _REMEDY = "run CalculiX again with *FREQUENCY, SOLVER=MATRIXSTORAGE"
 
 
 def read(path: Path) -> list[ImportedMatrix]:
-    """The symmetric, complete matrix in the CalculiX file at `path`.
+    """The symmetric matrix in the CalculiX file at `path` (``.sti`` or ``.mas``), both triangles, as a list of one.
+
+    The ``.dof`` file beside it gives node and component of each row.
 
     Raises
     ------
     FileError
-        If the ``.dof`` file is missing, a line is cut, or rows lie outside the numbering.
+        If the ``.dof`` file is missing, a line is cut, a value is not finite, rows lie outside the numbering, or one lacks its
+        diagonal entry.
     """
     dofs = _read_dof_file(require_readable(path.with_suffix(".dof")))
     name, n = _NAMES[path.suffix.lower()], len(dofs)
@@ -64,7 +67,7 @@ def _read_entries(path: Path) -> FloatArray:
 
 
 def _read_dof_file(path: Path) -> IntArray:
-    """Node and component of each row, (n_rows, 2), from lines such as ``12.3``."""
+    """Node and component of each row of the matrix, (n_rows, 2), from lines such as ``12.3``; `FileError` for other lines."""
     rows = []
     for number, line in enumerate(path.read_text(encoding="ascii").splitlines(), 1):
         node, _, component = line.strip().partition(".")

@@ -193,7 +193,7 @@ def _make_matrix(
 
 
 def _complex_values(entries: _Entries, polar: bool) -> np.ndarray:
-    """Complex values (n_entries,) from real and imaginary parts, or from magnitude and phase in degrees if `polar`."""
+    """Complex values of `entries`, (n_entries,), from real and imaginary parts, or magnitude and phase in degrees if `polar`."""
     if polar:
         values: np.ndarray = entries.real * np.exp(1j * np.deg2rad(entries.imaginary))
         return values

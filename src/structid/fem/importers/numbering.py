@@ -100,7 +100,7 @@ def _single(pairs: list[tuple[int, str]]) -> list[tuple[int, int]]:
 
 
 def _card_fields(lines: BulkLines) -> list[list[str]]:
-    """The fields of each card as texts, continuations included."""
+    """Fields of each card in `lines` as texts, without its name and with its continuations; blank fields are ""."""
     cards: list[list[str]] = []
     for i, card in enumerate(lines.card.tolist()):
         width = int(lines.width[i])
@@ -113,7 +113,7 @@ def _card_fields(lines: BulkLines) -> list[list[str]]:
 
 
 def _read_pairs(lines: BulkLines) -> list[tuple[int, str]]:
-    """Pairs of grid point and components (digits) from cards on which they alternate."""
+    """Pairs of grid point and components, such as (12, "123"), from cards in `lines` on which they alternate; "" for none."""
     pairs = []
     for fields in _card_fields(lines):
         for node, components in zip(fields[::2], fields[1::2], strict=False):
@@ -123,7 +123,7 @@ def _read_pairs(lines: BulkLines) -> list[tuple[int, str]]:
 
 
 def _read_lists(lines: BulkLines) -> list[tuple[int, str]]:
-    """Pairs of grid point and components (digits) from cards with components first, then grid points, possibly with THRU."""
+    """Pairs of grid point and components, such as (12, "123"), from cards of components and then grid points or a THRU range."""
     pairs: list[tuple[int, str]] = []
     for fields in _card_fields(lines):
         components, nodes = _components(lines, fields[0]), [field for field in fields[1:] if field]

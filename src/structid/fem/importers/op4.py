@@ -296,7 +296,7 @@ def _encode_binary(strings: _Strings, options: Op4Options) -> bytes:
 
 
 def _pack_string_head(row: int, words: int, layout: str, kind: _WordFormat) -> bytes:
-    """Bytes before a string of the sparse layouts: its number of words and first row; none in the dense layout."""
+    """Bytes before a string of the sparse layouts: its number of `words` and first `row` (from 1); none in the dense layout."""
     if layout == "dense":
         return b""
     if layout == "bigmat":

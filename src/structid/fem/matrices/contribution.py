@@ -77,7 +77,7 @@ class Factor(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ShearFactor(Factor):
-    """The share G / (G + ratio E) of `ShearRatio` over the nominal one, to a power; the element matrices hold the nominal.
+    """The shear ratio G / (G + ratio E) over its nominal value, to a power; the element matrices hold the nominal one.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class ShearFactor(Factor):
     ratio : (n_elements,) float array
         1/m^2.
     nominal : (n_elements,) float array
-        Share at the nominal values.
+        Shear ratio at the nominal values.
     power : int
     """
 
@@ -103,10 +103,10 @@ class ShearFactor(Factor):
 
     def of(self, values: FloatArray) -> FloatArray:
         """See `Factor.of`."""
-        shares: FloatArray = (
+        relative: FloatArray = (
             shear_ratio(values[self.bending], values[self.shear], self.ratio) / self.nominal
         ) ** self.power
-        return shares
+        return relative
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
         """Derivative of the factor of each element by its bending (`number` 0) or shear stiffness (1), (n_elements,).

@@ -85,7 +85,7 @@ class PartData:
             self.blocks.append(block)
 
     def _take_nodes(self, options: dict[str, str], rows: list[list[str]]) -> None:
-        """Take up the data lines of a *NODE, in the current coordinate system.
+        """Add the nodes in the data lines of a *NODE to `nodes`; their coordinates are in the current coordinate system.
 
         `options` are those of the keyword, `rows` the words of its data lines. Raises `ValueError` if a node repeats, coordinates
         may have decimal commas, or SYSTEM is neither rectangular nor cylindrical.

@@ -299,7 +299,7 @@ def read_unit_factors(path: Path, blocks: Sequence[UffDataset]) -> UnitFactors |
 
 
 def _read_dataset_164(path: Path, block: UffDataset) -> UnitFactors:
-    """The unit factors of one dataset 164; `FileError` if they are damaged or contradict their units code."""
+    """The unit factors in `block`, a dataset 164; `FileError` if they are damaged or contradict their units code."""
     where = f"{path}: dataset {block.ordinal} (164)"
     lines = block.content.splitlines()
     try:

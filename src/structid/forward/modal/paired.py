@@ -11,7 +11,7 @@ from structid.core.errors import InputError
 from structid.forward.modal.measured import MeasuredModes
 from structid.forward.modal.model import ModalModel
 from structid.forward.modal.output import GroupData, GroupFit, ModelState, by_mode, group_changes, group_fit
-from structid.similarity import assign_pairs, likenesses, pairing_worth
+from structid.similarity import assign_pairs, mac_with_model, pairing_worth
 
 #: Of the largest motion of the sensors in any mode, what the sensors see of a mode that counts in the order.
 _SEEN = 0.01
@@ -38,7 +38,7 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
     if in_order:
         clear = use if is_bare.all() else use[motion[use] > _SEEN * motion[use].max(initial=0.0)]
         return (clear if len(clear) >= len(data.measured) else use)[np.argsort(np.argsort(frequency))]
-    likeness = likenesses(shapes, seen[:, use], motion[use] > 0)
+    likeness = mac_with_model(shapes, seen[:, use], motion[use] > 0)
     worth = pairing_worth(likeness, frequency, found.frequency[use], data.settings.frequency_guard)
     return use[assign_pairs(worth)[1]]
 

@@ -16,7 +16,7 @@ from structid.forward.modal.problem import shape_residual
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.fits.record_fit import FittedUnknowns
 from structid.modal import ModalRecord
-from structid.similarity import likenesses, subspace_angles
+from structid.similarity import mac_with_model, subspace_angles
 
 #: Standard deviations by which a frequency is far off, and shape values for each frequency from where on these outvote it.
 _FAR_OFF, _OUTVOTED = 5.0, 3
@@ -65,7 +65,7 @@ def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
     measured = problem.data.frequency
     inside = (f >= 0.97 * measured.min()) & (f <= 1.03 * measured.max()) & moves
     inside[number] = False
-    like = np.diag(likenesses(shapes, seen[:, number], moves[number]))
+    like = np.diag(mac_with_model(shapes, seen[:, number], moves[number]))
     return PairedModes(number, f[number], damping_ratios(state)[number], like, angle, f[inside])
 
 

@@ -61,7 +61,10 @@ def signal_checks(record: TimeRecord, band: tuple[float, float] | None = None) -
 
 
 def channel_checks(record: TimeRecord) -> tuple[Finding, ...]:
-    """Findings on the samples of each channel, in the order of the channels; see `signal_checks`."""
+    """Findings on each channel of `record` in turn: constant or dead, else clipping, drop-outs, double hits, spikes and level.
+
+    Empty for a record without faults; a constant or dead channel has no other finding.
+    """
     level = record.values.std(axis=0)
     usual = _usual_level(record, level)
     findings: list[Finding] = []
@@ -109,7 +112,7 @@ def _silent(record: TimeRecord, i: int, level: float, usual: float) -> Finding |
 
 
 def _sample_findings(record: TimeRecord, i: int) -> list[Finding]:
-    """Findings on clipping, drop-outs, double hits (forces) and spikes (motions) in the channel with index `i`."""
+    """Findings on clipping, drop-outs, double hits (forces) and spikes (motions) in channel `i` of `record` (from 0)."""
     y, name, n = record.values[:, i], channel_name(record, i), len(record.values)
     unit = record.units[i]
     findings: list[Finding] = []
@@ -137,7 +140,7 @@ def _sample_findings(record: TimeRecord, i: int) -> list[Finding]:
 
 
 def _drop_out_findings(record: TimeRecord, i: int) -> list[Finding]:
-    """Findings on drop-outs and on a late start, a run of one value from the first sample on, in the channel with index `i`."""
+    """Findings on drop-outs and on a late start, a run of one value from the first sample on, in channel `i` of `record`."""
     y, name = record.values[:, i], channel_name(record, i)
     findings: list[Finding] = []
     runs_of_one = drop_outs(y, clipped_samples(y))

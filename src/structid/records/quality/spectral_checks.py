@@ -27,7 +27,7 @@ def spectral_checks(
 ) -> tuple[Finding, ...]:
     """Findings on record length, aliasing and mains hum in the motion channels among `sound`, which are column indices.
 
-    `band` is in Hz as in `signal_checks`. Empty if there is no such channel.
+    `band` (Hz) is the range of interest, whose lower end says how long the record has to be. Empty if there is no such channel.
     """
     n = len(record.values)
     motion = [i for i in sound if record.quantities[i] != "force"]

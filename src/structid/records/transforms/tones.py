@@ -602,7 +602,10 @@ def _tone_columns(time: FloatArray, phase: _Phase, degrees: tuple[int, int]) -> 
 
 
 def _amplitude_degrees(search: _Search, phase: _Phase) -> tuple[int, int]:
-    """Degrees of the amplitude's polynomials in time and in frequency with the best value of Schwarz's criterion."""
+    """Degrees in time and in frequency of the amplitude's polynomials, for a tone with this `phase` in the motion of `search`.
+
+    They have the best value of Schwarz's criterion; the second is 0 for a steady tone.
+    """
     time, blocks = _demodulated(search.values, search.rate, phase)
     blocks = blocks / np.sqrt(_line_noise(blocks))
     of_frequency = (0, 1, 2, 3) if phase.wanders else (0,)

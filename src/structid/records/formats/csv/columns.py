@@ -779,7 +779,7 @@ def _require_same_unit_of_both_parts(table: Table, columns: list[_Column]) -> No
 
 
 def _kind(table: Table, columns: list[_Column]) -> FrfKind:
-    """The kind of FRF that all columns share; `FileError` if they differ or none has a unit."""
+    """The kind of FRF, such as "mobility", that all `columns` share; `FileError` if they differ or none has a unit."""
     kinds = {column.unit.kind for column in columns if column.unit is not None}
     if len(kinds) != 1:
         raise FileError(
@@ -838,7 +838,7 @@ def _require_sound(table: Table, columns: list[_Column]) -> None:
 
 
 def _frf_unit(record: FrfRecord, output: Dof, load: Dof) -> str:
-    """Unit text of an FRF in SI, such as ``(m/s^2)/N``, for one output and load."""
+    """Unit in SI, such as ``(m/s^2)/N``, of the FRF of `record` between `output` and `load`, as text."""
     motion = {"receptance": "", "mobility": "/s"}.get(record.kind, "/s^2")
     above = ("rad" if output.is_rotation else "m") + motion
     if record.is_per_motion:

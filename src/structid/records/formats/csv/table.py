@@ -294,25 +294,25 @@ def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool
     return values
 
 
-def _undated(line: str, sign: str, dated: set[int]) -> list[str]:
-    """The cells of `line` but those at the indices `dated`; the whole line as one text if there are none. `sign` divides cells."""
+def _undated(line: str, separator: str, dated: set[int]) -> list[str]:
+    """Cells of `line`, divided by `separator`, but those at the indices `dated`; the whole line as one text if there are none."""
     if not dated:
         return [line]
-    cells = line.split() if sign == " " else line.split(sign)
+    cells = line.split() if separator == " " else line.split(separator)
     return [cell for j, cell in enumerate(cells) if j not in dated]
 
 
-def _ends_empty(line: str, sign: str, count: int) -> bool:
-    """True if a line has `count` separators `sign`, one for each column, and ends with a separator."""
-    return line.rstrip().endswith(sign) and line.rstrip().count(sign) == count
+def _ends_empty(line: str, separator: str, count: int) -> bool:
+    """True if a line has `count` separators `separator`, one for each column, and ends with a separator."""
+    return line.rstrip().endswith(separator) and line.rstrip().count(separator) == count
 
 
-def _with_nan(line: str, sign: str) -> str:
-    """The line with ``nan`` written into its empty cells, except the first; `sign` is the separator."""
-    empty = sign + sign
+def _with_nan(line: str, separator: str) -> str:
+    """The line with ``nan`` written into its empty cells, except the first; `separator` is the separator."""
+    empty = separator + separator
     if empty in line:
-        line = line.replace(empty, f"{sign}nan{sign}").replace(empty, f"{sign}nan{sign}")
-    return f"{line}nan" if line.endswith(sign) else line
+        line = line.replace(empty, f"{separator}nan{separator}").replace(empty, f"{separator}nan{separator}")
+    return f"{line}nan" if line.endswith(separator) else line
 
 
 def _parse_cells(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int], gaps: bool) -> FloatArray:

@@ -119,7 +119,10 @@ def _remedy(option: str) -> str:
 
 
 def _label_unit(path: Path, side: Characteristics, dof: Dof, remedy: str) -> Unit | None:
-    """The unit that the label of one side of a function states; None without a label. `remedy` ends error messages."""
+    """The unit that the label of one `side` of a function states; None without a label.
+
+    Raises `FileError`, which `remedy` ends, if it is no unit, or one of a translation where `dof` is a rotation or the reverse.
+    """
     if not side.label:
         return None
     try:
