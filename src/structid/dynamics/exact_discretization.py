@@ -86,14 +86,14 @@ def exact_step(
     )
 
 
-def exponential_derivative(matrix: FloatArray, change: FloatArray) -> tuple[FloatArray, FloatArray]:
+def exponential_derivative(matrix: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Matrix exponential exp(A) and its Frechet derivatives in the directions E, by Taylor series, scaling and squaring.
 
     Parameters
     ----------
     matrix : (n, n) float array
         A.
-    change : (n, n_params, n) float array
+    directions : (n, n_params, n) float array
         E[:, j, :] is the j-th direction.
 
     Returns
@@ -101,12 +101,12 @@ def exponential_derivative(matrix: FloatArray, change: FloatArray) -> tuple[Floa
     (n, n) and (n, n_params, n) float arrays
         The second has the derivative in direction j at [:, j, :].
     """
-    n, n_params = len(matrix), change.shape[1]
+    n, n_params = len(matrix), directions.shape[1]
     norm = float(np.abs(matrix).sum(axis=0).max(initial=0.0))
     halvings = max(0, int(np.ceil(np.log2(norm / _LARGEST_NORM)))) if norm > 0 else 0
     a = matrix / 2**halvings
-    moving = np.flatnonzero(np.abs(change).any(axis=(1, 2)))
-    e = (change[moving] / 2**halvings).reshape(len(moving) * n_params, n)
+    moving = np.flatnonzero(np.abs(directions).any(axis=(1, 2)))
+    e = (directions[moving] / 2**halvings).reshape(len(moving) * n_params, n)
     term, slope_term = np.eye(n), np.zeros((n, n_params * n))
     power, slope = term.copy(), slope_term.copy()
     for order in range(1, _TAYLOR_ORDER + 1):

@@ -207,13 +207,13 @@ def reductions(
     return tuple(found)
 
 
-def _codes_in_ties(equations: DofEquations, moved: IntArray) -> IntArray:
-    """Codes in `moved` that ties make dependent, with all codes that they follow through ties; sorted, (n_codes,).
+def _codes_in_ties(equations: DofEquations, used_codes: IntArray) -> IntArray:
+    """Codes in `used_codes` that ties make dependent, with all codes that they follow through ties; sorted, (n_codes,).
 
-    `equations` maps dependent codes to the codes and weights that they follow. Codes of `moved` without an equation are left
-    out, and so are dependents outside `moved`: they only read an element.
+    `equations` maps dependent codes to the codes and weights that they follow. Codes of `used_codes` without an equation are left
+    out, and so are dependents outside `used_codes`: they only read an element.
     """
-    codes, pending = set(), [code for code in moved.tolist() if code in equations]
+    codes, pending = set(), [code for code in used_codes.tolist() if code in equations]
     while pending:
         code = pending.pop()
         if code not in codes:

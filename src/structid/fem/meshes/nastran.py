@@ -363,12 +363,12 @@ class _OffsetReader:
         return [*parts, *([DeckPart(f"{name} released end", released, obstacle=why)] if released else [])]
 
     def _bar_arm(
-        self, block: CellBlock, row: int, end: int, vector: FloatArray, words: Sequence[str], flags: str
+        self, block: CellBlock, row: int, end: int, vector: FloatArray, fields: Sequence[str], flags: str
     ) -> FloatArray:
         """The arm (3,) in m of an end (0 or 1) of the bar `row` of a block in global directions.
 
         `vector` (3,) is the offset in m along the directions of motion of the grid point (G in OFFT) or the axes of the element
-        (O); `words` are the fields of the bar's card and `flags` its OFFT. Raises `ValueError` for others.
+        (O); `fields` are those of the bar's card and `flags` its OFFT. Raises `ValueError` for others.
         """
         flag = flags[1 + end] if len(flags) == 3 else ""
         node = int(block.nodes[row, end])
@@ -378,11 +378,11 @@ class _OffsetReader:
             raise ValueError(f"its OFFT {flags!r} is not known")
         first, second = (self._positions[int(label)] for label in block.nodes[row])
         x = second - first
-        if words[4] and not any(words[5:7]) and "." not in words[4]:
-            guide = self._positions.get(int(words[4]), first) - first
+        if fields[4] and not any(fields[5:7]) and "." not in fields[4]:
+            guide = self._positions.get(int(fields[4]), first) - first
         else:
             axes = self._axes.get(int(block.nodes[row, 0]), np.eye(3)) if flags[0] == "G" else np.eye(3)
-            guide = np.array([as_real(word.encode("latin-1")) if word else 0.0 for word in words[4:7]]) @ axes
+            guide = np.array([as_real(word.encode("latin-1")) if word else 0.0 for word in fields[4:7]]) @ axes
         z = np.cross(x, guide)
         if not np.linalg.norm(z) > 1e-9 * np.linalg.norm(x) * np.linalg.norm(guide):
             raise ValueError("it is along axes of the element, which has no orientation vector of its own")
@@ -462,15 +462,15 @@ def _bar_masses(words: Sequence[str]) -> list[str]:
     return list(words[last : last + 1])
 
 
-def _library_beam_masses(words: Sequence[str]) -> list[str]:
+def _library_beam_masses(fields: Sequence[str]) -> list[str]:
     """Non-structural masses of a PBEAML at its stations.
 
-    `words` are the fields of the card.
+    `fields` are those of the card.
     """
-    count = _DIMENSIONS.get(words[3] if len(words) > 3 else "", len(words))
-    masses, at = list(words[8 + count : 9 + count]), 9 + count
-    while at + 2 + count < len(words):
-        masses.append(words[at + 2 + count])
+    count = _DIMENSIONS.get(fields[3] if len(fields) > 3 else "", len(fields))
+    masses, at = list(fields[8 + count : 9 + count]), 9 + count
+    while at + 2 + count < len(fields):
+        masses.append(fields[at + 2 + count])
         at += 3 + count
     return masses
 

@@ -261,12 +261,12 @@ def _component_indices(word: str) -> list[int]:
     return components
 
 
-def _read_body(deck: _DeckContext, name: str, row: Sequence[str]) -> ReasonAndPart:
+def _read_body(deck: _DeckContext, name: str, fields: Sequence[str]) -> ReasonAndPart:
     """Refusal ("" if none) and deck part from a CONM1 or CONM2 card: the mass matrix of a grid point.
 
-    `name` is that of the card, `row` are its fields.
+    `name` and `fields` are those of the card.
     """
-    words = _pad_words(row, 24)
+    words = _pad_words(fields, 24)
     node = _whole(words[1])
     if node not in deck.positions:
         return _SCALAR, DeckPart(name, 1, deck.units.mass * _real(words[3]))
@@ -274,12 +274,14 @@ def _read_body(deck: _DeckContext, name: str, row: Sequence[str]) -> ReasonAndPa
     return "", DeckPart(name, 1, float(np.trace(matrix[:3, :3])) / 3, (NodalMass(node, matrix),))
 
 
-def _read_scalar_mass(deck: _DeckContext, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> ReasonAndPart:
+def _read_scalar_mass(
+    deck: _DeckContext, table: Mapping[int, list[str]] | None, fields: Sequence[str]
+) -> ReasonAndPart:
     """Refusal ("" if none) and deck part from a CMASS1 or CMASS2 card: mass of one component of a grid point.
 
-    `table` has the property values by number, None for CMASS2; `row` are the fields of the card.
+    `table` has the property values by number, None for CMASS2; `fields` are those of the card.
     """
-    words = _pad_words(row, 8)
+    words = _pad_words(fields, 8)
     kind = "CMASS2" if table is None else "CMASS1"
     node, component = _whole(words[2]), words[3]
     if table is not None and _whole(words[1]) not in table:
@@ -296,30 +298,30 @@ def _read_scalar_mass(deck: _DeckContext, table: Mapping[int, list[str]] | None,
     return "", DeckPart(kind, 1, 0.0 if axis > 2 else deck.units.mass * value, (mass,))
 
 
-def _conm2_matrix(deck: _DeckContext, node: int, words: Sequence[str]) -> FloatArray:
+def _conm2_matrix(deck: _DeckContext, node: int, fields: Sequence[str]) -> FloatArray:
     """Mass matrix (6, 6) of a CONM2 card in global directions and SI units.
 
-    `words` are the fields of the card of `node`.
+    `fields` are those of the card of `node`.
     """
-    system, mass = _whole(words[2]), deck.units.mass * _real(words[3])
-    arm = deck.units.length * np.array([_real(word) for word in words[4:7]])
-    xx, yx, yy, zx, zy, zz = (deck.units.inertia * _real(word) for word in words[8:14])
+    system, mass = _whole(fields[2]), deck.units.mass * _real(fields[3])
+    arm = deck.units.length * np.array([_real(word) for word in fields[4:7]])
+    xx, yx, yy, zx, zy, zz = (deck.units.inertia * _real(word) for word in fields[8:14])
     inertia = np.array([[xx, -yx, -zx], [-yx, yy, -zy], [-zx, -zy, zz]])
     if system == -1:  # the centre of gravity itself, in basic coordinates
         return mass_matrix(mass, arm - deck.positions[node], inertia)
     return turned_matrix(mass_matrix(mass, arm, inertia), deck.axes_of(system, node))
 
 
-def _conm1_matrix(deck: _DeckContext, node: int, words: Sequence[str]) -> FloatArray:
+def _conm1_matrix(deck: _DeckContext, node: int, fields: Sequence[str]) -> FloatArray:
     """Mass matrix (6, 6) of a CONM1 card in global directions and SI units.
 
-    `words` are the fields of the card of `node`.
+    `fields` are those of the card of `node`.
     """
     matrix = np.zeros((6, 6))
-    matrix[np.tril_indices(6)] = [_real(word) for word in words[3:24]]
+    matrix[np.tril_indices(6)] = [_real(word) for word in fields[3:24]]
     matrix += np.tril(matrix, -1).T
     scale = np.repeat([1.0, deck.units.length], 3)
-    return turned_matrix(deck.units.mass * scale[:, None] * matrix * scale, deck.axes_of(_whole(words[2]), node))
+    return turned_matrix(deck.units.mass * scale[:, None] * matrix * scale, deck.axes_of(_whole(fields[2]), node))
 
 
 def _property_fields(deck: _DeckContext, name: str, width: int) -> dict[int, list[str]]:
@@ -335,13 +337,13 @@ def _property_fields(deck: _DeckContext, name: str, width: int) -> dict[int, lis
 
 
 def _read_scalar_spring(
-    deck: _DeckContext, name: str, table: Mapping[int, list[str]] | None, row: Sequence[str]
+    deck: _DeckContext, name: str, table: Mapping[int, list[str]] | None, fields: Sequence[str]
 ) -> ReasonAndPart:
     """Refusal ("" if none) and deck part from a CELAS1, CELAS2, CDAMP1 or CDAMP2 card `name`.
 
-    `table` has the property values by number, None for CELAS2 and CDAMP2; `row` are the fields of the card.
+    `table` has the property values by number, None for CELAS2 and CDAMP2; `fields` are those of the card.
     """
-    words = _pad_words(row, 8)
+    words = _pad_words(fields, 8)
     if table is not None and _whole(words[1]) not in table:
         return _NO_PROPERTY, DeckPart(name, 1)
     values = [words[1], words[6]] if table is None else table[int(words[1])]
@@ -368,12 +370,12 @@ def _read_scalar_spring(
     return "", DeckPart(name, 1, springs=(spring,))
 
 
-def _read_bush(deck: _DeckContext, name: str, values: Values, row: Sequence[str]) -> ReasonAndPart:
+def _read_bush(deck: _DeckContext, name: str, values: Values, fields: Sequence[str]) -> ReasonAndPart:
     """Refusal ("" if none) and deck part from a CBUSH, CBUSH1D or CVISC card: springs and dashpots along its axes.
 
-    `name` is that of the card, `row` are its fields; `values` are the properties by number.
+    `name` and `fields` are those of the card; `values` are the properties by number.
     """
-    words = _pad_words(row, 16)
+    words = _pad_words(fields, 16)
     first, second = _whole(words[2]), _whole(words[3])
     number = _whole(words[1]) or _whole(words[0])
     if first not in deck.positions or (second and second not in deck.positions):
@@ -421,14 +423,14 @@ def _bush_weights(
 
 
 def _bush_axes(
-    deck: _DeckContext, name: str, first: int, second: int, words: Sequence[str]
+    deck: _DeckContext, name: str, first: int, second: int, fields: Sequence[str]
 ) -> tuple[FloatArray | None, str]:
     """Axes of the element as rows (3, 3), zero where it does not state them, and an obstacle ("" if none).
 
     The axes are None with an obstacle, or if a CBUSH has no orientation and no length. `first` and `second` (0 for the
-    ground) are its nodes, `words` the fields of the card `name`.
+    ground) are its nodes, `fields` those of the card `name`.
     """
-    system = words[7] if name == "CBUSH" else words[4] if name == "CBUSH1D" else ""
+    system = fields[7] if name == "CBUSH" else fields[4] if name == "CBUSH1D" else ""
     if system:
         return deck.axes_of(int(system), first), ""
     along = deck.positions[second] - deck.positions[first] if second else np.zeros(3)
@@ -436,15 +438,15 @@ def _bush_axes(
     if length == 0:
         return (None, "") if name == "CBUSH" else (None, "its nodes are at one place")
     x = along / length
-    if name != "CBUSH" or not any(words[4:7]):
+    if name != "CBUSH" or not any(fields[4:7]):
         return np.stack([x, np.zeros(3), np.zeros(3)]), ""
-    if words[4] and not any(words[5:7]) and "." not in words[4]:
-        other = int(words[4])
+    if fields[4] and not any(fields[5:7]) and "." not in fields[4]:
+        other = int(fields[4])
         if other not in deck.positions:
             return None, f"its orientation node {other} is not there"
         vector = deck.positions[other] - deck.positions[first]
     else:
-        vector = np.array([_real(word) for word in words[4:7]]) @ deck.axes_at(first)
+        vector = np.array([_real(word) for word in fields[4:7]]) @ deck.axes_at(first)
     z = np.cross(x, vector)
     if np.linalg.norm(z) < 1e-9 * np.linalg.norm(vector):
         return None, "its orientation is along its axis"
@@ -507,26 +509,26 @@ ReasonAndTies = tuple[str, list[RigidLink | Constraint]]
 
 
 def _make_rigid_element(
-    deck: _DeckContext, name: str, make: Callable[[_DeckContext, Sequence[str]], ReasonAndTies], row: Sequence[str]
+    deck: _DeckContext, name: str, make: Callable[[_DeckContext, Sequence[str]], ReasonAndTies], fields: Sequence[str]
 ) -> ReasonAndPart:
     """Refusal ("" if none) and deck part `name` with the rigid links and constraints that `make` makes of a card.
 
-    `row` are the fields of the card.
+    `fields` are those of the card.
     """
-    obstacle, ties = make(deck, row)
+    obstacle, ties = make(deck, fields)
     return obstacle, DeckPart(name, 1, ties=tuple(ties))
 
 
-def _read_rbe2(deck: _DeckContext, words: Sequence[str]) -> ReasonAndTies:
+def _read_rbe2(deck: _DeckContext, fields: Sequence[str]) -> ReasonAndTies:
     """Refusal ("" if none) and ties from an RBE2 card: nodes that follow a main node.
 
-    `words` are the fields of the card.
+    `fields` are those of the card.
     """
-    main = int(words[1])
-    dependents = _node_list([word for word in words[3:] if _is_listed(word) or not _is_number(word)])
+    main = int(fields[1])
+    dependents = _node_list([word for word in fields[3:] if _is_listed(word) or not _is_number(word)])
     if main not in deck.positions or not set(dependents) <= set(deck.positions):
         return _SCALAR, []
-    return _follow_rigidly(deck, f"rbe2 {words[0]}", main, dependents, words[2])
+    return _follow_rigidly(deck, f"rbe2 {fields[0]}", main, dependents, fields[2])
 
 
 def _follow_rigidly(
@@ -548,12 +550,12 @@ def _follow_rigidly(
     return "", ties
 
 
-def _read_rbar(deck: _DeckContext, words: Sequence[str]) -> ReasonAndTies:
+def _read_rbar(deck: _DeckContext, fields: Sequence[str]) -> ReasonAndTies:
     """Refusal ("" if none) and ties from an RBAR card, where all independent components are at one node.
 
-    `words` are the fields of the card.
+    `fields` are those of the card.
     """
-    padded = _pad_words(words, 8)
+    padded = _pad_words(fields, 8)
     first, second = int(padded[1]), int(padded[2])
     independent_first, independent_second, dependent_first, dependent_second = padded[3:7]
     if first not in deck.positions or second not in deck.positions:
@@ -566,14 +568,14 @@ def _read_rbar(deck: _DeckContext, words: Sequence[str]) -> ReasonAndTies:
     return "its independent components are at both nodes", []
 
 
-def _read_rbe3(deck: _DeckContext, words: Sequence[str]) -> ReasonAndTies:
+def _read_rbe3(deck: _DeckContext, fields: Sequence[str]) -> ReasonAndTies:
     """Refusal ("" if none) and ties from an RBE3 card: a reference node moves as the weighted mean of others.
 
     The mean is the least-squares fit of a rigid motion; the constraints are solved for the components that UM names.
-    `words` are the fields of the card.
+    `fields` are those of the card.
     """
-    reference, chosen = int(words[2]), _component_indices(words[3])
-    averaged, solved_for = _averaged_groups(words[4:])
+    reference, chosen = int(fields[2]), _component_indices(fields[3])
+    averaged, solved_for = _averaged_groups(fields[4:])
     all_nodes = [reference, *(node for _, _, nodes in averaged for node in nodes), *(node for node, _ in solved_for)]
     if not set(all_nodes) <= set(deck.positions):
         return _SCALAR, []
@@ -588,24 +590,24 @@ def _read_rbe3(deck: _DeckContext, words: Sequence[str]) -> ReasonAndTies:
         return "its nodes do not determine the motion of the reference node", []
     rows = mean_rows(reference, deck.axes_at(reference), chosen, components, mean)
     dependents: list[tuple[int, str]] = []
-    for node, which in solved_for or [(reference, words[3])]:
+    for node, which in solved_for or [(reference, fields[3])]:
         directions = global_directions(deck.axes_at(node), _component_indices(which))
         if directions is None:
             return _OBLIQUE, []
         dependents += [(node, direction) for direction in directions]
-    constraints = solved_constraints(f"rbe3 {words[0]}", rows, dependents)
+    constraints = solved_constraints(f"rbe3 {fields[0]}", rows, dependents)
     if constraints is None:
         return "what it names as dependent (UM) is not determined by it", []
     return "", list(constraints)
 
 
-def _averaged_groups(words: Sequence[str]) -> tuple[list[tuple[float, str, list[int]]], list[tuple[int, str]]]:
+def _averaged_groups(fields: Sequence[str]) -> tuple[list[tuple[float, str, list[int]]], list[tuple[int, str]]]:
     """Weight, components (digits) and nodes of each group of an RBE3, and the pairs of node and components behind UM.
 
-    `words` are the fields of the card from the first weight on.
+    `fields` are those of the card from the first weight on.
     """
     groups: list[tuple[float, str, list[int]]] = []
-    rest = [word for word in words if word]
+    rest = [word for word in fields if word]
     end = next((k for k, word in enumerate(rest) if word in ("UM", "ALPHA", "TREF")), len(rest))
     averaged, behind = rest[:end], rest[end:]
     while averaged:
@@ -630,13 +632,13 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def _node_list(words: Sequence[str]) -> list[int]:
-    """Node labels in `words`, fields of a card, in order, with all those from one THRU another, BY steps.
+def _node_list(fields: Sequence[str]) -> list[int]:
+    """Node labels in the `fields` of a card, in order, with all those from one THRU another, BY steps.
 
     Raises `ValueError` if a range is too long or a field is no whole number.
     """
     labels: list[int] = []
-    rest = [word for word in words if word]
+    rest = [word for word in fields if word]
     while rest:
         if rest[1:2] == ["THRU"]:
             step = int(rest[4]) if rest[3:4] == ["BY"] else 1
@@ -673,15 +675,15 @@ def _read_mpc_set(deck: _DeckContext, case_control: bytes) -> list[DeckPart]:
     return _read_cards("MPC", rows, partial(_make_rigid_element, deck, "MPC", _read_mpc))
 
 
-def _read_mpc(deck: _DeckContext, words: Sequence[str]) -> ReasonAndTies:
+def _read_mpc(deck: _DeckContext, fields: Sequence[str]) -> ReasonAndTies:
     """Refusal ("" if none) and tie from one MPC card: factors times components add up to 0, the first is dependent.
 
-    `words` are the fields of the card.
+    `fields` are those of the card.
     """
     terms: list[tuple[int, str, float]] = []
-    for start in range(0, len(words), 8):
+    for start in range(0, len(fields), 8):
         for column in (start + 1, start + 4):
-            triple = _pad_words(words, start + 8)[column : column + 3]
+            triple = _pad_words(fields, start + 8)[column : column + 3]
             if triple[0]:
                 terms.append((int(triple[0]), triple[1], _real(triple[2])))
     if any(node not in deck.positions or component in ("", "0") for node, component, _ in terms):

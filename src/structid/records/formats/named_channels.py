@@ -212,7 +212,7 @@ def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRe
     by_user = bool(options.channels) and (bool(options.columns) or any(dof is None for dof in dofs))
     if by_user:
         _require_no_times(part)
-    channels = _given_channels(part, options) if by_user else _own_channels(part, dofs)
+    channels = _channels_by_option(part, options) if by_user else _channels_by_header(part, dofs)
     quantities, factors = _units_of(part, channels, options, source.names)
     chosen_here = replace(options, channels=()) if by_user else options
     lines = None if source.lines is None else Lines(source.lines[1], part.numbers)
@@ -259,8 +259,8 @@ def _require_no_times(part: NamedChannels) -> None:
         )
 
 
-def _own_channels(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof, ...]:
-    """`dofs`, the degrees of freedom that the channels' names state; `FileError` if one of them is None."""
+def _channels_by_header(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof, ...]:
+    """`dofs`, those that the names of the channels of `part` state, if none is None; else `FileError` for the first that is."""
     for j, dof in enumerate(dofs):
         if dof is None:
             try:
@@ -273,8 +273,8 @@ def _own_channels(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof,
     return tuple(dof for dof in dofs if dof is not None)
 
 
-def _given_channels(part: NamedChannels, options: ReadOptions) -> tuple[Dof, ...]:
-    """Degrees of freedom from the option `channels`, one for each column; `FileError` if their numbers differ."""
+def _channels_by_option(part: NamedChannels, options: ReadOptions) -> tuple[Dof, ...]:
+    """Degrees of freedom from the option `channels`, one for each column of `part`; `FileError` if their numbers differ."""
     with about("channels"):
         channels = parse_dofs(options.channels)
     if len(channels) != len(part.names):
@@ -374,7 +374,10 @@ def _unit(text: str, is_given: bool) -> Unit | None:
 
 
 def _describe_reading(part: NamedChannels, channels: Sequence[Dof], options: ReadOptions) -> str:
-    """A sentence on what was read: number of columns, samples, rate, units, and columns whose names were replaced."""
+    """A sentence on what was read: number of columns, samples, rate, units, and columns whose names were replaced.
+
+    `part` are the channels as the file has them, `channels` the degrees of freedom that they are read as.
+    """
     units = part.told_units
     if options.units:
         units = list(options.units) * (len(units) if len(options.units) == 1 else 1)
