@@ -71,7 +71,7 @@ _UNREAD = {
     "MATRIX ASSEMBLE": "matrices",
 }
 #: Why a part cannot be taken, "" where it can, and the part.
-ReasonsAndParts = list[tuple[str, DeckPart]]
+ObstaclesAndParts = list[tuple[str, DeckPart]]
 #: Part of the mean side of faces within which a node is tied where a file does not say it, as in Abaqus.
 _NEAR = 0.05
 _TURNED = "it stands in a turned instance"
@@ -126,13 +126,13 @@ class _AssemblyContext:
                     yield scope, block
 
     def read(
-        self, keyword: str, reader: Callable[[_AssemblyContext, PartData, KeywordBlock], ReasonsAndParts]
+        self, keyword: str, reader: Callable[[_AssemblyContext, PartData, KeywordBlock], ObstaclesAndParts]
     ) -> list[DeckPart]:
         """Deck parts that `reader` makes of the blocks of a keyword: one for all that can be taken, one for each obstacle.
 
         Blocks that cannot be read count as parts with that obstacle.
         """
-        items: ReasonsAndParts = []
+        items: ObstaclesAndParts = []
         for scope, block in self.blocks(keyword):
             try:
                 items += reader(self, scope, block)
@@ -249,7 +249,7 @@ def read_parts(
     return [*parts, *(DeckPart(kind, count, obstacle="no element for it") for kind, count in counts.items())]
 
 
-def _read_point_masses(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
+def _read_point_masses(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Parts of a *MASS block, each with its obstacle ("" if none): one point mass for each element of its set."""
     name = block.options.get("ELSET", "")
     values = [float(word) for word in block.rows[0] if word]
@@ -260,7 +260,7 @@ def _read_point_masses(deck: _AssemblyContext, scope: PartData, block: KeywordBl
     return [(obstacle, DeckPart("MASS", 1, mass, (NodalMass(node, matrix, name),))) for node in nodes]
 
 
-def _read_rotary_inertias(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
+def _read_rotary_inertias(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Parts of a *ROTARY INERTIA block, each with its obstacle ("" if none): one for each element, turned with the instance."""
     name = block.options.get("ELSET", "")
     values = [deck.units.inertia * float(word) for word in block.rows[0] if word]
@@ -273,7 +273,7 @@ def _read_rotary_inertias(deck: _AssemblyContext, scope: PartData, block: Keywor
     return [(obstacle, DeckPart("ROTARY INERTIA", 1, masses=(NodalMass(node, turned, name),))) for node in nodes]
 
 
-def _read_springs(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
+def _read_springs(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Parts of a *SPRING or *DASHPOT block, each with its obstacle ("" if none): one for each element of its set.
 
     Types ending in 1 act between a node and the ground, in 2 between two degrees of freedom, in A along the line of two
@@ -284,7 +284,7 @@ def _read_springs(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) 
     obstacle = "it is nonlinear" if "NONLINEAR" in block.options else ""
     obstacle = "its directions have an orientation" if block.options.get("ORIENTATION") else obstacle
     obstacle = "its stiffness has a loss" if "COMPLEX STIFFNESS" in block.options else obstacle
-    items: ReasonsAndParts = []
+    items: ObstaclesAndParts = []
     for kind, nodes in deck.elements_of(scope, name, _SPRINGS[block.keyword]):
         table = rows if kind.endswith("A") else rows[1:]
         tabled = "its values depend on frequency, temperature or fields" if len(table) > 1 else ""
@@ -327,12 +327,12 @@ def _spring_weights(
 Ties = list[RigidLink | Constraint]
 
 
-def _read_equations(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
+def _read_equations(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Parts of an *EQUATION block, each with its obstacle ("" if none); the first term of an equation is the dependent one.
 
     Raises `ValueError` if terms are missing.
     """
-    items: ReasonsAndParts = []
+    items: ObstaclesAndParts = []
     rows = [[word for word in row if word] for row in block.rows if any(row)]
     while rows:
         count, words = int(float(rows.pop(0)[0])), list[str]()
@@ -344,7 +344,7 @@ def _read_equations(deck: _AssemblyContext, scope: PartData, block: KeywordBlock
     return items
 
 
-def _make_equation(deck: _AssemblyContext, scope: PartData, terms: Sequence[Sequence[str]]) -> ReasonsAndParts:
+def _make_equation(deck: _AssemblyContext, scope: PartData, terms: Sequence[Sequence[str]]) -> ObstaclesAndParts:
     """Parts of an equation, each with its obstacle ("" if none): one for each node where terms name node sets.
 
     `terms` are (node or set, component from 1, factor) in words. Raises `ValueError` if the sets differ in size.
@@ -374,12 +374,12 @@ def _make_equation(deck: _AssemblyContext, scope: PartData, terms: Sequence[Sequ
     return items
 
 
-def _read_multi_point(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
+def _read_multi_point(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Parts of an *MPC block, each with its obstacle ("" if none); types BEAM, TIE and PIN are taken.
 
     The first node or set of a line is the dependent one.
     """
-    items: ReasonsAndParts = []
+    items: ObstaclesAndParts = []
     for row in block.rows:
         words = [word for word in row if word]
         if not words:
@@ -408,7 +408,7 @@ def _make_ties(kind: str, main: int, dependent: int) -> Ties:
     return [Constraint(name, Dof(dependent, d), [(Dof(main, d), 1.0)]) for d in directions]
 
 
-def _read_rigid_body(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
+def _read_rigid_body(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """One part, with its obstacle ("" if none), of a *RIGID BODY block: nodes of its sets move with the reference node.
 
     Nodes of the pinned set follow in translations only.
@@ -444,13 +444,13 @@ def _nodes_of_elements(deck: _AssemblyContext, scope: PartData, name: str) -> li
     return sorted({node for _, nodes in deck.elements_of(scope, name, kinds) for node in nodes})
 
 
-def _read_kinematic_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
+def _read_kinematic_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Parts of a *KINEMATIC COUPLING block, each with its obstacle ("" if none): one for each data line.
 
     Its nodes follow the reference node in the components of the line.
     """
     [main] = deck.assembly.nodes(scope, block.options["REF NODE"])
-    items: ReasonsAndParts = []
+    items: ObstaclesAndParts = []
     for row in block.rows:
         words = [word for word in row if word]
         nodes = deck.assembly.nodes(scope, words[0])
@@ -458,7 +458,7 @@ def _read_kinematic_coupling(deck: _AssemblyContext, scope: PartData, block: Key
     return items
 
 
-def _read_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
+def _read_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """One part, with its obstacle ("" if none), of a *COUPLING block with the *KINEMATIC or *DISTRIBUTING keyword behind it."""
     next_blocks = scope.blocks[scope.blocks.index(block) + 1 :][:1]
     law = next_blocks[0].keyword if next_blocks else ""
@@ -502,14 +502,14 @@ def _mean_constraints(
     return "", DeckPart("COUPLING", 1, ties=tuple(ties))
 
 
-def _read_surface_tie(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ReasonsAndParts:
+def _read_surface_tie(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Parts of a *TIE block, each with its obstacle ("" if none), for each pair of surfaces.
 
     Nodes of the first surface that are near the faces of the second move with these; others are counted as left free.
     """
     if block.options.keys() & {"CYCLIC SYMMETRY", "MULTIPHYSICS", "FLUID-STRUCTURE", "TIED NSET"}:
         return [("it ties something other than two surfaces", DeckPart("TIE", 1))]
-    items: ReasonsAndParts = []
+    items: ObstaclesAndParts = []
     for row in block.rows:
         words = [word for word in row if word]
         if len(words) < 2:

@@ -197,10 +197,10 @@ def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
 
 
 #: Why a part cannot be taken, "" where it can, and the part.
-ReasonAndPart = tuple[str, DeckPart]
+ObstacleAndPart = tuple[str, DeckPart]
 #: Stiffness and damping (6,) of a property, its loss factor, and why it cannot be taken, by its number.
 Values = dict[int, tuple[FloatArray, FloatArray, float, str]]
-Reader = Callable[[Sequence[str]], ReasonAndPart]
+Reader = Callable[[Sequence[str]], ObstacleAndPart]
 
 
 def _readers(deck: _DeckContext) -> dict[str, Reader]:
@@ -228,7 +228,7 @@ def _read_cards(name: str, rows: Sequence[Sequence[str]], reader: Reader) -> lis
 
     `rows` are the fields of each card. Unreadable cards become a part with that obstacle.
     """
-    items: list[ReasonAndPart] = []
+    items: list[ObstacleAndPart] = []
     for words in rows:
         try:
             items.append(reader(words))
@@ -261,8 +261,8 @@ def _component_indices(word: str) -> list[int]:
     return components
 
 
-def _read_body(deck: _DeckContext, name: str, fields: Sequence[str]) -> ReasonAndPart:
-    """Refusal ("" if none) and deck part from a CONM1 or CONM2 card: the mass matrix of a grid point.
+def _read_body(deck: _DeckContext, name: str, fields: Sequence[str]) -> ObstacleAndPart:
+    """Obstacle ("" if none) and deck part from a CONM1 or CONM2 card: the mass matrix of a grid point.
 
     `name` and `fields` are those of the card.
     """
@@ -276,8 +276,8 @@ def _read_body(deck: _DeckContext, name: str, fields: Sequence[str]) -> ReasonAn
 
 def _read_scalar_mass(
     deck: _DeckContext, table: Mapping[int, list[str]] | None, fields: Sequence[str]
-) -> ReasonAndPart:
-    """Refusal ("" if none) and deck part from a CMASS1 or CMASS2 card: mass of one component of a grid point.
+) -> ObstacleAndPart:
+    """Obstacle ("" if none) and deck part from a CMASS1 or CMASS2 card: mass of one component of a grid point.
 
     `table` has the property values by number, None for CMASS2; `fields` are those of the card.
     """
@@ -338,8 +338,8 @@ def _property_fields(deck: _DeckContext, name: str, width: int) -> dict[int, lis
 
 def _read_scalar_spring(
     deck: _DeckContext, name: str, table: Mapping[int, list[str]] | None, fields: Sequence[str]
-) -> ReasonAndPart:
-    """Refusal ("" if none) and deck part from a CELAS1, CELAS2, CDAMP1 or CDAMP2 card `name`.
+) -> ObstacleAndPart:
+    """Obstacle ("" if none) and deck part from a CELAS1, CELAS2, CDAMP1 or CDAMP2 card `name`.
 
     `table` has the property values by number, None for CELAS2 and CDAMP2; `fields` are those of the card.
     """
@@ -370,8 +370,8 @@ def _read_scalar_spring(
     return "", DeckPart(name, 1, springs=(spring,))
 
 
-def _read_bush(deck: _DeckContext, name: str, values: Values, fields: Sequence[str]) -> ReasonAndPart:
-    """Refusal ("" if none) and deck part from a CBUSH, CBUSH1D or CVISC card: springs and dashpots along its axes.
+def _read_bush(deck: _DeckContext, name: str, values: Values, fields: Sequence[str]) -> ObstacleAndPart:
+    """Obstacle ("" if none) and deck part from a CBUSH, CBUSH1D or CVISC card: springs and dashpots along its axes.
 
     `name` and `fields` are those of the card; `values` are the properties by number.
     """
@@ -505,13 +505,13 @@ def _axial(word: str) -> FloatArray:
 
 
 #: Why a rigid element cannot be taken, "" where it can, and its ties.
-ReasonAndTies = tuple[str, list[RigidLink | Constraint]]
+ObstacleAndTies = tuple[str, list[RigidLink | Constraint]]
 
 
 def _make_rigid_element(
-    deck: _DeckContext, name: str, make: Callable[[_DeckContext, Sequence[str]], ReasonAndTies], fields: Sequence[str]
-) -> ReasonAndPart:
-    """Refusal ("" if none) and deck part `name` with the rigid links and constraints that `make` makes of a card.
+    deck: _DeckContext, name: str, make: Callable[[_DeckContext, Sequence[str]], ObstacleAndTies], fields: Sequence[str]
+) -> ObstacleAndPart:
+    """Obstacle ("" if none) and deck part `name` with the rigid links and constraints that `make` makes of a card.
 
     `fields` are those of the card.
     """
@@ -519,8 +519,8 @@ def _make_rigid_element(
     return obstacle, DeckPart(name, 1, ties=tuple(ties))
 
 
-def _read_rbe2(deck: _DeckContext, fields: Sequence[str]) -> ReasonAndTies:
-    """Refusal ("" if none) and ties from an RBE2 card: nodes that follow a main node.
+def _read_rbe2(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
+    """Obstacle ("" if none) and ties from an RBE2 card: nodes that follow a main node.
 
     `fields` are those of the card.
     """
@@ -533,8 +533,8 @@ def _read_rbe2(deck: _DeckContext, fields: Sequence[str]) -> ReasonAndTies:
 
 def _follow_rigidly(
     deck: _DeckContext, name: str, main: int, dependents: Sequence[int], components: str
-) -> ReasonAndTies:
-    """Refusal ("" if none) and ties of the nodes `dependents` that follow the node `main` rigidly in some of their components.
+) -> ObstacleAndTies:
+    """Obstacle ("" if none) and ties of the nodes `dependents` that follow the node `main` rigidly in some of their components.
 
     `components` are digits from 1 to 6, such as "123"; with all six the tie is a rigid link called `name`.
     """
@@ -550,8 +550,8 @@ def _follow_rigidly(
     return "", ties
 
 
-def _read_rbar(deck: _DeckContext, fields: Sequence[str]) -> ReasonAndTies:
-    """Refusal ("" if none) and ties from an RBAR card, where all independent components are at one node.
+def _read_rbar(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
+    """Obstacle ("" if none) and ties from an RBAR card, where all independent components are at one node.
 
     `fields` are those of the card.
     """
@@ -568,8 +568,8 @@ def _read_rbar(deck: _DeckContext, fields: Sequence[str]) -> ReasonAndTies:
     return "its independent components are at both nodes", []
 
 
-def _read_rbe3(deck: _DeckContext, fields: Sequence[str]) -> ReasonAndTies:
-    """Refusal ("" if none) and ties from an RBE3 card: a reference node moves as the weighted mean of others.
+def _read_rbe3(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
+    """Obstacle ("" if none) and ties from an RBE3 card: a reference node moves as the weighted mean of others.
 
     The mean is the least-squares fit of a rigid motion; the constraints are solved for the components that UM names.
     `fields` are those of the card.
@@ -675,8 +675,8 @@ def _read_mpc_set(deck: _DeckContext, case_control: bytes) -> list[DeckPart]:
     return _read_cards("MPC", rows, partial(_make_rigid_element, deck, "MPC", _read_mpc))
 
 
-def _read_mpc(deck: _DeckContext, fields: Sequence[str]) -> ReasonAndTies:
-    """Refusal ("" if none) and tie from one MPC card: factors times components add up to 0, the first is dependent.
+def _read_mpc(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
+    """Obstacle ("" if none) and tie from one MPC card: factors times components add up to 0, the first is dependent.
 
     `fields` are those of the card.
     """
