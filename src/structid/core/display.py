@@ -61,7 +61,7 @@ class Shown(ABC):
         return "\n".join([shown.words, *(line.rstrip() for line in table)])
 
     def _repr_html_(self) -> str:
-        """The overview as HTML for notebooks, with at most `_MOST_ROWS` rows of its table."""
+        """The overview as HTML for notebooks, with the first rows of a long table only."""
         shown = self.overview()
         first, more = shown.rows[:_MOST_ROWS], len(shown.rows) - _MOST_ROWS
         head = "".join(f"<th>{html.escape(cell)}</th>" for cell in shown.header)

@@ -295,7 +295,7 @@ def _difference(fields: ComplexArray, exact: ComplexArray) -> float:
 
 
 def _check_lines(poles: FloatArray, lines: FloatArray) -> IntArray:
-    """Index of the first line at or above each pole within the band, and of eight spread over it (`_SPREAD`), increasing.
+    """Index of the first line at or above each pole within the band, and of eight spread over it, increasing.
 
     `poles` (n_poles,) and `lines` (n_lines,) are frequencies in one unit and need not be sorted; poles outside the lines do
     not count.

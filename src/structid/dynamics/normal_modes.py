@@ -84,7 +84,7 @@ def modes(
     damping, structural : (n_dofs, n_dofs) sparse arrays, optional
         Viscous damping, and imaginary part of the complex stiffness.
     n_modes : int, optional
-        How many; all by default (up to 20 for more than `_DENSE_UP_TO` degrees of freedom).
+        How many; all by default (up to 20 for a large model).
     strains : function without arguments, optional
         Gives B with K = B'B, or None. It is called where rounding of the stiffness matrix shows in frequencies: modes are
         then computed from B, whose relative rounding errors are much smaller.

@@ -83,7 +83,7 @@ class FieldSweep:
     def verified(self, error_of: ErrorOf) -> float | None:
         """Error of the fields at the line with the largest residual, after the basis has grown until it is small enough.
 
-        `error_of` returns the error of the basis at a line in parts of what is allowed; small enough is `_SAFE` of that.
+        `error_of` returns the error of the basis at a line in parts of what is allowed; small enough is 0.3 of that.
 
         Returns
         -------
@@ -371,7 +371,7 @@ class FieldBasis:
 def _sketching_matrix(n: int) -> sparse.csr_array:
     """Random sparse matrix, (n_sums, n), that adds n equations with random signs; it keeps norms to about a tenth.
 
-    n_sums is `_SUMS`; up to that n it is the identity.
+    Few equations, no more than n_sums, are not added: it is then the identity (n, n).
 
     References
     ----------

@@ -70,7 +70,7 @@ def strain_operator(contributions: Sequence[Contribution], values: FloatArray, n
 def _strains(local: FloatArray) -> FloatArray | None:
     """B of each of the symmetric matrices `local` = B'B, both (n_elements, n_local, n_local).
 
-    None if a matrix has a negative eigenvalue below -`_ROUNDING` of the largest. Degrees of freedom of an element are scaled to a
+    None if a matrix has a negative eigenvalue beyond rounding. Degrees of freedom of an element are scaled to a
     diagonal of 1 before, as rotations of a short beam are far softer than its displacements.
     """
     diagonal = np.diagonal(local, axis1=1, axis2=2)

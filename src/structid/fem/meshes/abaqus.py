@@ -487,7 +487,7 @@ def _thickness(block: KeywordBlock) -> float:
 
 
 def _mean_direction(normals: Sequence[FloatArray]) -> FloatArray | None:
-    """The unit mean (3,) of the unit vectors `normals`; None if one of them is more than 20 degrees (`_SMOOTH`) from it."""
+    """The unit mean (3,) of the unit vectors `normals`; None if one of them is more than 20 degrees from it."""
     total = np.sum(normals, axis=0)
     size = float(np.linalg.norm(total))
     if size == 0 or min(float(normal @ total) for normal in normals) < _SMOOTH * size:

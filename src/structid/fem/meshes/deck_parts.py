@@ -320,7 +320,7 @@ def weights_along(
 ) -> dict[tuple[int, str], float]:
     """Weights {(node, direction): weight} of a node's displacement along a unit vector (3,), times `factor`.
 
-    With `rotation` they are those of its rotation about that vector. Parts of at most `_ROUNDING` are left out.
+    With `rotation` they are those of its rotation about that vector. Parts that are rounding are left out.
     """
     directions = DIRECTIONS[3:] if rotation else DIRECTIONS[:3]
     return {

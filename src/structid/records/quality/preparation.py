@@ -483,7 +483,7 @@ def rate_ratio(rate: float, wanted: float) -> Fraction:
 def decimation_filter(rate: float, ratio: Fraction) -> _Fir:
     """Anti-alias filter for a change of sampling rate by `ratio` (new over old), at `rate` times the numerator, in Hz.
 
-    The gain is 1 within 0.001 dB up to `_PASS` of the new Nyquist frequency, and -80 dB from that frequency on.
+    The gain is 1 within 0.001 dB up to 0.8 of the new Nyquist frequency, and -80 dB from that frequency on.
     """
     nyquist = rate * float(ratio) / 2
     fine = rate * ratio.numerator

@@ -367,7 +367,7 @@ class _Search:
         return [line, wandering]
 
     def improved(self, rough: _Evidence, noise: FloatArray) -> _Evidence:
-        """Evidence with its phase refined, or `rough` itself if that is too weak to be worth it (`_DOUBTFUL`).
+        """Evidence with its phase refined, or `rough` itself if that is too weak to be worth it.
 
         `noise` (n_channels,) is the power of a line of random motion.
         """
@@ -411,12 +411,12 @@ class _Search:
 
 
 def _count_time_constants(frequency: float, duration: float) -> float:
-    """Number of time constants 1 / (zeta omega) of a mode of `_LEAST_DAMPING` at a frequency (Hz) in `duration` (s)."""
+    """Number of time constants 1 / (zeta omega) of a mode of 0.1 % damping at a frequency (Hz) in `duration` (s)."""
     return 2 * np.pi * frequency * duration * _LEAST_DAMPING
 
 
 def _ratios(ratio: float) -> list[float]:
-    """Ratios m / n, n up to 4 and m up to 12, within half of `_RANGE` of `ratio` and other than 1, ascending."""
+    """Ratios m / n, n up to 4 and m up to 12, within 0.3 % of `ratio` and other than 1, ascending."""
     near = {m / n for n in (1, 2, 3, 4) for m in range(1, 13) if m != n and abs(ratio * n / m - 1) < _RANGE / 2}
     return sorted(near)
 
@@ -623,7 +623,7 @@ def _amplitude_degrees(search: _Search, phase: _Phase) -> tuple[int, int]:
 
 
 def _tone_candidates(values: FloatArray, rate: float) -> list[float]:
-    """Frequencies in Hz where a tone may be, the most prominent first, at most `_MOST_TONES`.
+    """Frequencies in Hz where a tone may be, the most prominent first; their number is limited.
 
     They are sharp lines, and narrow bands of steady motion, in `values` (n_times, n_channels) at `rate` in Hz.
     """
@@ -656,7 +656,7 @@ def _whitened_lines(values: FloatArray, rate: float) -> tuple[FloatArray, FloatA
 def _over_surroundings(power: FloatArray) -> FloatArray:
     """Power of each line over the median power of the lines around it, (n_lines,).
 
-    Medians are those of blocks of `_MEDIAN_LINES` lines; the greatest of a line's block and both neighbours counts.
+    Medians are those of blocks of neighbouring lines; the greatest of a line's block and both neighbours counts.
     """
     n = len(power)
     blocks = np.pad(power, (0, -n % _MEDIAN_LINES), mode="edge").reshape(-1, _MEDIAN_LINES)
