@@ -261,7 +261,7 @@ def _complex_type(dtype: np.dtype) -> np.dtype:
 
 
 def _as_complex(array: np.ndarray) -> np.ndarray:
-    """`array` with pairs of real and imaginary parts turned into complex numbers of the same shape; other arrays unchanged."""
+    """A structured `array` of the fields (r, i), (re, im) or (real, imag) as complex numbers, same shape; others unchanged."""
     if array.dtype.names and _complex_type(array.dtype) != array.dtype:
         real, imaginary = array.dtype.names
         return np.asarray(array[real] + 1j * array[imaginary])
