@@ -12,9 +12,10 @@ from structid.dynamics import sampled_transient
 from structid.fem import Base
 from structid.prediction.identified_model import identified_model
 from structid.prediction.linear_response import support_base
+from structid.prediction.options import PredictOptions
 from structid.prediction.quantities import support_acceleration
 from structid.report.prediction import heading
-from structid.study.run.predicting import StudyPrediction, kind_under
+from structid.study.run.predicting import StudyPrediction, _history, kind_under
 
 RATE = 400.0
 
@@ -104,6 +105,32 @@ def test_a_support_that_moves_slowly_bends_the_beam_quasi_statically():
     beyond = history(model_of(frame()), ["3Y"], [Base("far", ["6Y"])], a, "displacement", relative=True)
     xi = 0.5
     assert moved[-1, 1] - beyond[-1, 0] == pytest.approx((3 * xi**2 - xi**3) / 2, rel=1e-4)
+
+
+@pytest.mark.parametrize("is_filtered", [False, True])
+def test_a_file_of_forces_and_displacements_is_filtered_where_it_holds_forces(tmp_path, is_filtered):
+    """Displacements follow their spline either way; forces are those of a filtered record where this is said."""
+    rng = np.random.default_rng(1)
+    way, force = 1e-3 * np.cumsum(shaking(), axis=0)[:, 0], rng.standard_normal(800)
+    way -= way[0]
+    record = sid.TimeRecord(RATE, np.column_stack([way, force]), ["0X", "2X"], ["displacement", "force"])
+    sid.write_record(tmp_path / "loads.h5", record)
+    options = PredictOptions(history=tmp_path / "loads.h5", filtered=is_filtered)
+    model, outputs = model_of(storeys()), (sid.parse_dof("1X"),)
+    quantity, words = _history(model.structure, outputs, options)
+    between = "band-limited" if is_filtered else "in straight lines"
+    spline = "displacements of supports along a cubic spline through the samples"
+    assert words == f"loads of loads.h5, {spline}, all others {between} between samples; 0X+ moves"
+    assert quantity.is_filtered == (False, is_filtered)
+    a, ground = support_acceleration(way[:, None], RATE), Base("ground", ["0X"])
+    each = [
+        sid.History(["1X"], [ground], a, RATE),
+        sid.History(["1X"], ["2X"], force[:, None], RATE, is_filtered=is_filtered),
+    ]
+    together, *alone = (sid.predict(model, one, n_draws=50).values for one in (quantity, *each))
+    assert together == pytest.approx(sum(alone), abs=1e-9 * np.abs(together).max())
+    with pytest.raises(InputError, match="one for each of 2 inputs, got 1"):
+        sid.History(["1X"], [ground, "2X"], quantity.loads, RATE, is_filtered=[True])
 
 
 def test_motion_per_motion_of_a_support_is_that_of_one_mass():

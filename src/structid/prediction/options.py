@@ -34,10 +34,12 @@ class PredictOptions:
         Number of frequencies.
     history : Path, optional
         File of measured or designed loads, as a record: what they cause from rest is predicted too. Forces act; accelerations and
-        displacements at supports move these. They run in straight lines between samples, unless `filtered`.
+        displacements at supports move these. Displacements follow a spline through the samples, all else runs in straight lines
+        between them, unless `filtered`.
     filtered : bool
-        The loads of `history` were measured behind a filter against aliasing: they hold all that they had below half the
-        sampling rate, which straight lines between samples would weaken. Designed loads, such as pulses and steps, are not.
+        The forces and accelerations of `history` were measured behind a filter against aliasing: they hold all that they had
+        below half the sampling rate, which straight lines between samples would weaken. Designed loads, such as pulses and
+        steps, are not; displacements need it not.
     half_sine : str
         A half-sine pulse as size, width in s and place, `500,0.01@12Y`: N, or m/s^2 at a support.
     sine : str

@@ -247,7 +247,7 @@ def _frf_by_fields(
 class History:
     """Motion, forces or stresses from rest under loads, (n_times, n_outputs).
 
-    It is exact for loads that run in straight lines between samples, and takes others as band-limited if `is_filtered`.
+    It is exact for loads that run in straight lines between samples, and takes those that are filtered as band-limited.
 
     Loss factors act as viscous dampings that take as much energy at each resonance, since a loss factor has no motion in time.
 
@@ -265,9 +265,10 @@ class History:
     relative : bool
         Whether motions are those beyond the quasi-static motion that moving supports force on the structure; where all supports
         move alike this is the motion against the ground. Forces and stresses are of the whole motion in any case.
-    is_filtered : bool
-        Whether the loads were measured behind a filter against aliasing: they then hold all that they had below half the
-        sampling rate, which straight lines would weaken by 3 % at a tenth of the rate and by a fifth at a quarter of it.
+    is_filtered : bool or sequence of bool
+        Whether the loads, or each of them, were measured behind a filter against aliasing: they then hold all that they had
+        below half the sampling rate, which straight lines would weaken by 3 % at a tenth of the rate and by a fifth at a quarter
+        of it. Kept as one value an input.
 
     Raises
     ------
@@ -281,7 +282,7 @@ class History:
     sampling_rate: float
     motion: str = "acceleration"
     relative: bool = False
-    is_filtered: bool = False
+    is_filtered: tuple[bool, ...] = ()
 
     def __init__(
         self,
@@ -291,7 +292,7 @@ class History:
         sampling_rate: float,
         motion: str = "acceleration",
         relative: bool = False,
-        is_filtered: bool = False,
+        is_filtered: bool | Sequence[bool] = False,
     ) -> None:
         """Read the names of sensors and loads; require finite loads, a positive sampling rate and a known motion.
 
@@ -312,10 +313,15 @@ class History:
             raise InputError(
                 "`relative` motion is that beyond the motion of supports, and no input is a base; leave it out"
             )
+        filtered = (is_filtered,) * len(driven) if isinstance(is_filtered, bool) else tuple(is_filtered)
+        if len(filtered) != len(driven):
+            raise InputError(
+                f"`is_filtered` must be one value, or one for each of {len(driven)} inputs, got {len(filtered)}"
+            )
         pairs = ("outputs", sensors), ("inputs", driven), ("loads", table), ("relative", relative)
         for name, value in (
             *pairs,
-            ("is_filtered", is_filtered),
+            ("is_filtered", filtered),
             ("sampling_rate", float(sampling_rate)),
             ("motion", motion),
         ):
@@ -338,7 +344,9 @@ class History:
             structure, parameters, points, self.outputs, self.inputs, order, band, True, self.relative
         )
 
-        between = band_limited_loads(self.loads) if self.is_filtered else self.loads
+        is_filtered = np.array(self.is_filtered)
+        between = self.loads.copy()
+        between[:, is_filtered] = band_limited_loads(self.loads[:, is_filtered])
 
         def evaluate(physical: FloatArray) -> FloatArray:
             poles = system.poles_at(physical).combined(system.outputs.orders)

@@ -283,11 +283,12 @@ def _history(structure: Structure, outputs: tuple[Output, ...], options: Predict
     The loads are those of a recorded file, a half-sine or a sine.
     """
     if options.history is not None:
-        inputs, loads, rate = _recorded_loads(structure, options.history, options)
-        words = f"loads of {options.history.name}, " + (
-            "band-limited between samples" if options.filtered else "in straight lines between samples"
-        )
+        recorded = _recorded_loads(structure, options.history, options)
+        inputs, loads, rate = recorded.inputs, recorded.loads, recorded.sampling_rate
+        is_filtered = tuple(options.filtered and not is_way for is_way in recorded.is_displacement)
+        words = f"loads of {options.history.name}, {_between_samples(recorded, options.filtered)}"
     else:
+        is_filtered = (False,)
         name = "half_sine" if options.half_sine else "sine"
         second_name = "width" if options.half_sine else "frequency"
         (size, second), dof = _sizes_at(name, options.half_sine or options.sine, ("size", second_name))
@@ -304,13 +305,41 @@ def _history(structure: Structure, outputs: tuple[Output, ...], options: Predict
         if isinstance(base, Base):
             several = len(base.supports) > 1
             words += f"; {join_words(base.supports)} {'move together' if several else 'moves'}"
-    return History(outputs, inputs, loads, rate, options.motion, options.relative, options.filtered), words
+    return History(outputs, inputs, loads, rate, options.motion, options.relative, is_filtered), words
 
 
-def _recorded_loads(
-    structure: Structure, path: Path, options: PredictOptions
-) -> tuple[tuple[Input, ...], FloatArray, float]:
-    """Inputs, their loads (n_times, n_inputs) and the sampling rate (Hz) of a record of time histories.
+@dataclass(frozen=True, eq=False)
+class _RecordedLoads:
+    """Loads of a record of time histories.
+
+    Attributes
+    ----------
+    inputs : tuple of Dof or Base
+    loads : (n_times, n_inputs) float array
+        N, N m, or m/s^2 of supports.
+    sampling_rate : float
+        Hz.
+    is_displacement : tuple of bool
+        For each input, whether the file states the displacement of a support.
+    """
+
+    inputs: tuple[Input, ...]
+    loads: FloatArray
+    sampling_rate: float
+    is_displacement: tuple[bool, ...]
+
+
+def _between_samples(recorded: _RecordedLoads, is_filtered: bool) -> str:
+    """Words on how recorded loads run between their samples; displacements of supports follow a spline."""
+    words = "band-limited between samples" if is_filtered else "in straight lines between samples"
+    if not any(recorded.is_displacement):
+        return words
+    spline = "displacements of supports along a cubic spline through the samples"
+    return spline if all(recorded.is_displacement) else f"{spline}, all others {words}"
+
+
+def _recorded_loads(structure: Structure, path: Path, options: PredictOptions) -> _RecordedLoads:
+    """Loads of a record of time histories.
 
     Channels of force are loads in N or N m; channels at supports become accelerations of these supports. Others are ignored.
     """
@@ -319,10 +348,12 @@ def _recorded_loads(
         raise InputError(f"{path}: holds FRFs; `history` takes loads over time", "history")
     inputs: list[Input] = []
     loads: list[FloatArray] = []
+    is_displacement: list[bool] = []
     for dof, quantity, column in zip(record.channels, record.quantities, record.values.T, strict=True):
         if quantity == "force":
             inputs.append(dof)
             loads.append(column)
+            is_displacement.append(False)
         elif is_support(structure, dof):
             if quantity == "velocity":
                 raise InputError(
@@ -330,11 +361,7 @@ def _recorded_loads(
                 )
             inputs.append(support_base(structure, dof, options.supports == "together"))
             is_way = quantity == "displacement"
-            if is_way and options.filtered:
-                raise InputError(
-                    f"{path}: {dof} is a displacement, which a spline joins between samples already; leave `filtered` out",
-                    "filtered",
-                )
+            is_displacement.append(is_way)
             loads.append(support_acceleration(column[:, None], record.sampling_rate)[:, 0] if is_way else column)
     if not inputs:
         raise InputError(
@@ -347,7 +374,7 @@ def _recorded_loads(
             f"{path}: two channels move the same supports; leave one out, or let each move alone with supports = 'alone'",
             "supports",
         )
-    return tuple(inputs), np.column_stack(loads), record.sampling_rate
+    return _RecordedLoads(tuple(inputs), np.column_stack(loads), record.sampling_rate, tuple(is_displacement))
 
 
 def _spectrum(
