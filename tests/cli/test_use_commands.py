@@ -246,6 +246,9 @@ def test_sense_writes_motion_and_forces(results, tmp_path, is_of_the_model):
     assert np.isfinite(table).all()
     assert json.loads((tmp_path / "s" / "sensed.json").read_text())["outputs"][0]["where"] == "2X+"
     assert "correlation time 0.1" in done.stdout
+    page = (tmp_path / "s" / "sensed.html").read_text(encoding="utf-8")
+    assert ("Do not rely on this: the record contradicts the model" in page) != is_of_the_model
+    assert ("Sensors that were left out" in page, "Unknown forces" in page) == (False, True)
     done = invoke("sense", results, tmp_path / "record.h5", "--wanted", "2X", "--out", tmp_path / "t")
     assert (done.exit_code, "holds no force and none is named as unknown" in done.stderr) == (2, True)
 

@@ -324,6 +324,46 @@ def test_a_sine_is_found_as_a_force_about_a_frequency():
     assert (np.abs(error) < 1.96 * found.force_std[50:-50]).mean() > 0.93
 
 
+def test_no_force_of_a_frequency_is_so_large_that_it_hides_sensors_in_each_others_place():
+    rng, model = np.random.default_rng(13), make_model()
+    fine = FORCE * np.sin(2 * np.pi * 3.3 * np.arange(2400) / RATE / 8)[:, None]
+    motion = sid.predict(model, sid.History(["1X", "2X"], ["2X"], fine, 8 * RATE), n_draws=50).values[::8]
+    noisy = motion + 0.1 * rng.standard_normal(motion.shape)
+    record = sid.TimeRecord(RATE, noisy, ["2X", "1X"], ["acceleration"] * 2, variance=np.full(2, 0.01))
+    found = sid.sense(model, record, ["2X"], unknown=sid.UnknownForces(["2X"]), n_draws=0)
+    assert "the model does not explain the record" in found.contradiction
+    assert found.prior_std < 100 * FORCE
+
+
+def test_bands_of_slow_motion_that_rest_on_the_spectrum_of_the_forces_are_told():
+    states, _, _, rng = simulate(600, 3)
+    record = sid.TimeRecord(RATE, measured(states, rng, 5.0), ["1X"], ["acceleration"], variance=np.full(1, 25.0))
+
+    def words(motion, *stated):
+        unknown = sid.UnknownForces(["2X"], *stated)
+        found = sid.sense(make_model(), record, ["2X"], motion, unknown, n_draws=0, is_filtered=False)
+        return " ".join(found.words)
+
+    assert "Hz these sensors tell less than half of the displacement" in words("displacement", CORRELATION)
+    assert "its band rests on the spectrum" not in words("acceleration", CORRELATION)
+    assert "its band rests on the spectrum" not in words("displacement", CORRELATION, FORCE)
+
+
+def test_spectra_of_what_the_record_leaves_open_sum_to_the_variance(monkeypatch):
+    states, _, _, rng = simulate(400, 3)
+    record = sid.TimeRecord(RATE, measured(states, rng, 0.5), ["1X"], ["acceleration"], variance=np.full(1, 0.25))
+    judged = []
+    within = virtual_sensing._within_uncertainty
+    monkeypatch.setattr(virtual_sensing, "_within_uncertainty", lambda *given: judged.append(given) or within(*given))
+    unknown = sid.UnknownForces(["2X"], CORRELATION, FORCE)
+    found = sid.sense(make_model(), record, ["2X"], unknown=unknown, n_draws=0, is_filtered=False)
+    [(chosen, reduced, _, _)] = judged
+    lines = (np.arange(2000) + 0.5) / 2000 * RATE / 2
+    before, after = chosen.smoother.spectra(reduced, FORCE, lines)
+    assert after.mean(axis=0)[0] == pytest.approx(found.std[200, 0] ** 2, rel=1e-3)
+    assert before.mean(axis=0)[-1] == pytest.approx(FORCE**2, rel=1e-3)
+
+
 @pytest.mark.parametrize("frequency", [0.0, 4.0])
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_forces_of_higher_order_fall_steeply_and_their_correlation_has_the_stated_integral(order, frequency):

@@ -25,6 +25,9 @@ from structid.prediction.recovery import Output, OutputMap, distinct_channels, i
 from structid.records import TimeRecord
 from structid.records.record import MOTION_DERIVATIVES
 
+#: Motions by their derivatives of displacement.
+MOTIONS = tuple(sorted(MOTION_DERIVATIVES, key=MOTION_DERIVATIVES.__getitem__))
+
 #: Orders of magnitude below and above a first guess of the unknown forces between which their size is sought, to what part of one;
 #: of free structures, whose motion hardly says the size, as many above as below.
 _BELOW, _ABOVE, _SURE = 2.0, 0.5, 0.01
@@ -66,6 +69,9 @@ _FILTER = 9, 0.1, 80.0
 _FADING = {1: 1.0, 2: 2.0, 3: 8 / 3}
 #: Shortest correlation time that is sought, in samples, and number of times with which the search begins.
 _SHORTEST, _TIMES = 0.1, 12
+#: Lines at which what the sensors tell of a motion is looked at, and part of its remaining variance from lines where they tell less
+#: than half of it, from which on its band rests on the spectrum of the forces.
+_LOOKED_AT, _RESTING = 40, 0.3
 #: Segments of which the spectrum of forces is averaged to see their frequency, and evaluations that its search may take.
 _SEGMENTS, _MOST_TRIALS = 8, 80
 #: Samples of a record, and of each segment, that tell a frequency at all.
@@ -111,6 +117,32 @@ class UnknownForces:
             raise InputError(f"`std` of unknown forces must be greater than 0 N, got {self.std:g}")
 
 
+@dataclass(frozen=True, eq=False)
+class LeftOutSensor:
+    """A sensor that was not used, beside what is sensed there.
+
+    Attributes
+    ----------
+    dof : Dof
+    motion : {"displacement", "velocity", "acceleration"}
+    measured, sensed : (n_times,) float arrays
+        SI units.
+    std : (n_times,) float array
+        Stated deviation of measured less sensed: that of what is sensed, and the noise of the sensor.
+    """
+
+    dof: Dof
+    motion: str
+    measured: FloatArray
+    sensed: FloatArray
+    std: FloatArray
+
+    @property
+    def ratio(self) -> float:
+        """Root mean square of measured less sensed over the stated deviation: 1 is right."""
+        return float(np.sqrt(np.mean(((self.measured - self.sensed) / self.std) ** 2)))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class SensedMotion(Shown):
     """Motion and forces during a record, each with its standard deviation.
@@ -130,8 +162,8 @@ class SensedMotion(Shown):
         Standard deviation of the unknown forces before the record; NaN where there are none.
     correlation_time : float
         Of the unknown forces, s, as stated or as the record makes likeliest; NaN where there are none.
-    checks : tuple of (Dof, float)
-        Sensors that were left out, and the root mean square of measured less sensed over the stated deviation: 1 is right.
+    left_out : tuple of LeftOutSensor
+        Sensors that were not used, but compared.
     words : tuple of str
         What the record does not tell.
     contradiction : str
@@ -152,11 +184,16 @@ class SensedMotion(Shown):
     force_std: FloatArray
     prior_std: float
     correlation_time: float
-    checks: tuple[tuple[Dof, float], ...] = ()
+    left_out: tuple[LeftOutSensor, ...] = ()
     words: tuple[str, ...] = ()
     contradiction: str = ""
     force_frequency: float = float("nan")
     force_order: int = 1
+
+    @property
+    def checks(self) -> tuple[tuple[Dof, float], ...]:
+        """Sensors that were left out, and the root mean square of measured less sensed over the stated deviation: 1 is right."""
+        return tuple((sensor.dof, sensor.ratio) for sensor in self.left_out)
 
     @property
     def is_explained(self) -> bool:
@@ -323,8 +360,9 @@ def sense(
         if likelier and retried and not retried[2].words:
             chosen, (nominal, deviation, verdict) = likelier, retried
     n_out, n_left = len(wanted), len(channels.left)
+    is_estimated = unknown is not None and (unknown.correlation_time is None or unknown.std is None)
     out, seen, force = slice(0, n_out), slice(n_out, n_out + n_left), slice(n_out + n_left, None)
-    error = (channels.left_values - nominal.mean[:, seen]) ** 2 / (deviation[:, seen] ** 2 + channels.left_variance)
+    left_std = np.sqrt(deviation[:, seen] ** 2 + channels.left_variance)
     return SensedMotion(
         np.arange(len(record.values)) / rate,
         wanted,
@@ -336,10 +374,21 @@ def sense(
         deviation[:, force],
         chosen.std if forces else float("nan"),
         chosen.smoother.correlation_time if forces else float("nan"),
-        tuple(zip(channels.left, np.sqrt(error.mean(axis=0)).tolist(), strict=True)),
+        tuple(
+            LeftOutSensor(dof, MOTIONS[order], *columns)
+            for dof, order, *columns in zip(
+                channels.left,
+                channels.left_derivatives,
+                channels.left_values.T,
+                nominal.mean[:, seen].T,
+                left_std.T,
+                strict=True,
+            )
+        ),
         (
             *(() if chosen.is_trusted else (_DOUBTED,)),
             *((verdict.words,) if verdict.words and not verdict.is_contradicted else ()),
+            *(_slow_words(chosen, reduced, n_out, motion) if is_estimated else ()),
             *(
                 (_distributed_words(len(forces), len(channels.sensors)),)
                 if is_distributed
@@ -373,7 +422,9 @@ def _within_uncertainty(
     replicates += [smoother.with_replicate(fit, rng) for _ in range(_REPLICATES - len(replicates))]
     usual = [smoother.innovations(item.filtered(fit.steady)) for item in replicates]
     has_stated_noise = smoother.channels.has_stated_noise
-    verdict = judge_innovations(smoother.innovations(fit), usual, has_stated_noise, smoother.is_distributed)
+    verdict = judge_innovations(
+        smoother.innovations(fit), usual, has_stated_noise, smoother.is_distributed, bool(others)
+    )
     return nominal, np.sqrt(nominal.variance + spread), verdict
 
 
@@ -409,6 +460,29 @@ _DOUBTED = (
     "the size of the unknown forces is estimated from the motion: the likelihood prefers far larger forces, since the model"
     " misses the record by more than the noise of its sensors; state that noise, or the size of the forces"
 )
+
+
+def _slow_words(chosen: _ChosenForces, reduced: ReducedMatrices, n_outputs: int, motion: str) -> tuple[str, ...]:
+    """A sentence where bands of the first `n_outputs` outputs rest on the spectrum that was estimated for the forces; else ().
+
+    Accelerometers hardly tell slow motion: their noise hides it. What remains open there is what the forces may do before the
+    record, whose size at low frequencies is no more than that of a spectrum fitted to high ones.
+    """
+    smoother = chosen.smoother
+    frequency = np.geomspace(smoother.rate / len(smoother.driving), smoother.rate / 2, _LOOKED_AT)
+    before, after = smoother.spectra(reduced, chosen.std, frequency)
+    size = before[:, :n_outputs].sum(axis=0)  # outputs may have several units
+    total, left = ((table[:, :n_outputs] / size).sum(axis=1) * frequency for table in (before, after))
+    slow = np.logical_and.accumulate(left > total / 2)  # from the lowest line on, without gaps
+    part = float(left[slow].sum() / left.sum())
+    if not part > _RESTING:
+        return ()
+    return (
+        f"below {format_number(float(frequency[slow][-1]), 2)} Hz these sensors tell less than half of the {motion}, and"
+        f" {100 * part:.0f} % of the variance of its error comes from there: its band rests on the spectrum that is taken for the"
+        " unknown forces, and is far too narrow if they have more slow parts, as under vehicles that cross; measure a displacement"
+        " or an inclination too",
+    )
 
 
 def _distributed_words(n_forces: int, n_sensors: int) -> str:
@@ -741,14 +815,15 @@ class _ChosenForces:
 
         The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without a frequency. Searches
         with and without a frequency have a correlation time and a size; the frequency is one parameter more, which must raise
-        the greatest likelihood by enough: Schwarz (1978), Annals of Statistics 6, 461-464. None also for fewer than 16 samples.
+        the greatest likelihood by enough: Schwarz (1978), Annals of Statistics 6, 461-464. None also for fewer than 16 samples, and
+        where the likeliest forces would move the sensors by far more than the record: such forces hide any model error.
         """
         count, rate = len(forces), self.smoother.rate
         if count < _FEWEST:
             return None
         lines, power = signal.welch(forces, rate, nperseg=max(count // _SEGMENTS, _FEWEST), axis=0)
         peak = float(lines[1:][np.argmax(power[1:].sum(axis=1))])
-        first = float(forces.std())
+        first, above = float(forces.std()), _decades_above(reduced)
 
         def of_point(point: FloatArray) -> tuple[_Smoother, float]:
             time, frequency, size = np.exp(point).tolist()
@@ -756,8 +831,14 @@ class _ChosenForces:
 
         def unlikely(point: FloatArray) -> float:
             is_within = _SHORTEST / rate <= np.exp(point[0]) <= _LONGEST * count / rate and np.exp(point[1]) < rate / 2
+            if not is_within:
+                return float("inf")
             smoother, size = of_point(point)
-            return -smoother.log_likelihood(reduced, size) if is_within else float("inf")
+            return (
+                -smoother.log_likelihood(reduced, size)
+                if size < smoother._greatest_std(reduced, above)
+                else float("inf")
+            )
 
         times = 1 / peak, np.sqrt(count / rate / peak), count / rate / 2
         start = min((np.log([time, peak, first]) for time in times), key=unlikely)
@@ -766,6 +847,9 @@ class _ChosenForces:
         search = minimize(unlikely, start, method="Nelder-Mead", options=options)
         likeliest = -float(search.fun)
         is_worth = likeliest > self.greatest + 0.5 * np.log(count)
+        smoother, size = of_point(search.x)
+        if is_worth and not size < smoother._greatest_std(reduced, above - 3 * _SURE):
+            return None
         return _ChosenForces(*of_point(search.x), True, likeliest) if is_worth else None
 
 
@@ -858,6 +942,24 @@ class _Smoother:
         drive = (after[:-1] - before[1:] @ back.T)[::-1]
         smoothed = stepped(back, drive, after[-1])[::-1]
         return smoothed @ system.wanted.T + self.channels.known @ system.wanted_direct.T, back
+
+    def spectra(self, reduced: ReducedMatrices, std: float, frequency: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Spectral densities of outputs, in the order of `run`, under the unknown forces, and of what remains open of them.
+
+        Both are (n_frequencies, n_outputs), up to one factor; `frequency` is in Hz, `std` the deviation of the forces, N. The
+        second is the error of the smoother far from the ends of a record.
+        """
+        system = self._system(reduced, std)
+        root = square_root(system.noise).astype(complex)
+        before, after = np.zeros((2, len(frequency), len(system.wanted)))
+        for k, point in enumerate(np.exp(2j * np.pi * frequency / self.rate)):
+            states = np.linalg.solve(point * np.eye(len(root)) - system.transition, root)
+            read, wanted = system.reading @ states, system.wanted @ states
+            both = wanted @ read.conj().T
+            before[k] = (np.abs(wanted) ** 2).sum(axis=1)
+            told = np.linalg.solve(np.eye(len(read)) + read @ read.conj().T, both.conj().T)
+            after[k] = np.maximum(before[k] - np.einsum("ij,ji->i", both, told).real, 0.0)
+        return before, after
 
     def with_likeliest_std(self, reduced: ReducedMatrices) -> _ChosenForces:
         """Forces of the correlation time of this smoother and the standard deviation under which the record is likeliest.
@@ -958,6 +1060,10 @@ class _Smoother:
                 "no sensor moves with the unknown forces, so that their size cannot be told; state it, or use other sensors"
             )
         return float(np.sqrt(max(float(self._measured.var(axis=0) @ made), 1.0) / float(made @ made)))
+
+    def _greatest_std(self, reduced: ReducedMatrices, decades: float) -> float:
+        """Largest plausible standard deviation of the unknown forces, N: so many decades above that which the motion asks for."""
+        return self._first_std(reduced) * 10**decades
 
     @property
     def _measured(self) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.base import WRONG_MODEL, beside_call, results_folder, say
+from structid.cli.base import WRONG_MODEL, Png, Report, beside_call, check_png, results_folder, say
 from structid.prediction.options import SenseOptions
 from structid.records import ReadOptions
 
@@ -21,8 +21,10 @@ def sense(
         Path | None, typer.Option("--study", metavar="STUDY.toml", help="The study, where it has moved since.")
     ] = None,
     out: Annotated[Path | None, results_folder("<results>_sensed")] = None,
+    report: Report = True,
+    png: Png = False,
 ) -> None:
-    """Tell the motion at places without a sensor during a record, and forces that nobody measured; write sensed.csv.
+    """Tell the motion at places without a sensor during a record, and forces that nobody measured; write sensed.csv and a page.
 
     A Kalman smoother runs over the modes of the identified model. Every value has a standard deviation, which includes the noise of
     the sensors, the uncertainty of the model and what the unknown forces leave open.
@@ -35,16 +37,20 @@ def sense(
     """
     from structid.cli.tables import show  # the help needs none of these
     from structid.core.json_types import json_text
-    from structid.report.sensing import sensing_text
+    from structid.report.sensing import SENSING_PAGE, sensing_page, sensing_text
     from structid.study.results.folder import staged_folder
+    from structid.study.results.stored_model import stored_study
     from structid.study.run.sensing import sense_record, sensed_csv, sensed_summary
 
+    check_png(report, png)
     found = sense_record(results, record, read, options, study)
-    folder = out if out is not None else beside_call(f"{results.name}_sensed")
-    with staged_folder(folder, "") as staged:
+    folder, name = out if out is not None else beside_call(f"{results.name}_sensed"), "sensed.csv"
+    with staged_folder(folder, SENSING_PAGE) as staged:
         (staged / "sensed.csv").write_text(sensed_csv(found), encoding="utf-8")
         (staged / "sensed.json").write_text(json_text(sensed_summary(found, results, record)), encoding="utf-8")
+        if report:
+            name = sensing_page(found, stored_study(results, study).title, record.name).write(staged, png).name
     show(sensing_text(found))
-    say(folder / "sensed.csv")
+    say(folder / name)
     if not found.is_explained:
         raise typer.Exit(WRONG_MODEL)

@@ -13,7 +13,7 @@ from structid.report.drawing import palette
 from structid.report.rendering import plot
 
 #: Points of a curve at most; a history beyond them is drawn by the extremes of its stretches.
-_MOST_POINTS = 3000
+MOST_POINTS = 3000
 #: Panels that a picture shows.
 _MOST_PANELS = 9
 #: Orders of magnitude that an FRF shows below its largest value.
@@ -36,7 +36,7 @@ def frf_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
             largest = max(float(np.abs(part.values[:, o, i]).max()) for part in parts.values())
             for label, colour, part in _coloured(parts):
                 low = np.maximum(part.low[:, o, i], _DECADES * largest)
-                traces.append(_band(frequency, low, part.high[:, o, i], colour, label))
+                traces.append(band(frequency, low, part.high[:, o, i], colour, label))
                 traces.append(
                     plot.Curve(
                         frequency, np.abs(part.values[:, o, i]), plot.Pen(colour, 1.8, _dash(label)), label=label,
@@ -45,7 +45,7 @@ def frf_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
                 )  # fmt: skip
             x, y = plot.Axis("frequency", "Hz"), plot.Axis("magnitude", units[o], log=True)
             panels.append(plot.panel(x, y, *traces, title=f"{output} per {per} {load}"))
-    return _figure(
+    return one_at_a_time(
         panels, "Channel", "The shaded band holds the true magnitude at each line with a probability of 95 %."
     )
 
@@ -53,13 +53,13 @@ def frf_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
 def history_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
     """Figure of predicted time histories with 95 % bands, one sensor at a time; of a change, before and after it.
 
-    At most `_MOST_POINTS` samples of a history are drawn, evenly spaced.
+    At most `MOST_POINTS` samples of a history are drawn, evenly spaced.
     """
     parts = _shown(prediction)
     first = next(iter(parts.values()))
     axes = first.quantity.axes
     time = np.asarray(axes["time"], dtype=float)
-    stride = max(1, -(-len(time) // _MOST_POINTS))
+    stride = max(1, -(-len(time) // MOST_POINTS))
     panels, units = [], first.quantity.units
     motion = first.quantity.motion if isinstance(first.quantity, History) else "motion"
     for o, output in enumerate(axes["output"]):
@@ -68,12 +68,12 @@ def history_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
             x, low, high, value = (
                 each[::stride] for each in (time, part.low[:, o], part.high[:, o], part.values[:, o].real)
             )
-            traces.append(_band(x, low, high, colour, label))
+            traces.append(band(x, low, high, colour, label))
             traces.append(plot.Curve(x, value, plot.Pen(colour, 1.4, _dash(label)), label=label, hover=plot.NUMBERS))
         y = plot.Axis(str(output) if "[" in str(output) else motion, units[o])
         panels.append(plot.panel(plot.Axis("time", "s"), y, *traces, title=str(output)))
     note = f" One sample in {stride} is drawn." if stride > 1 else ""
-    return _figure(
+    return one_at_a_time(
         panels, "Sensor", f"The shaded band holds the true value at each instant with a probability of 95 %.{note}"
     )
 
@@ -89,15 +89,17 @@ def spectrum_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
         least = _DECADES**2 * max(float(part.values[:, o].real.max()) for part in parts.values())
         for label, colour, part in _coloured(parts):
             low, high, value = (np.maximum(each[:, o].real, least) for each in (part.low, part.high, part.values))
-            traces.append(_band(frequency, low, high, colour, label))
+            traces.append(band(frequency, low, high, colour, label))
             pen = plot.Pen(colour, 1.8, _dash(label))
             traces.append(plot.Curve(frequency, value, pen, label=label, hover=plot.NUMBERS))
         x, y = plot.Axis("frequency", "Hz"), plot.Axis("density", units[o], log=True)
         panels.append(plot.panel(x, y, *traces, title=str(output)))
-    return _figure(panels, "Sensor", "The shaded band holds the true density at each line with a probability of 95 %.")
+    return one_at_a_time(
+        panels, "Sensor", "The shaded band holds the true density at each line with a probability of 95 %."
+    )
 
 
-def _figure(panels: list[plot.Panel], label: str, caption: str) -> plot.Figure:
+def one_at_a_time(panels: list[plot.Panel], label: str, caption: str) -> plot.Figure:
     """Figure with `caption` of one panel, or of several that the reader selects from a list with the heading `label`."""
     if len(panels) == 1:
         return plot.Figure(tuple(panels), (900.0, 420.0), caption=caption)
@@ -120,6 +122,6 @@ def _dash(label: str) -> Literal["solid", "dash"]:
     return "dash" if label.startswith("before") else "solid"
 
 
-def _band(x: FloatArray, low: FloatArray, high: FloatArray, colour: str, label: str) -> plot.Area:
+def band(x: FloatArray, low: FloatArray, high: FloatArray, colour: str, label: str) -> plot.Area:
     outline = np.concatenate([x, x[::-1], x[:1]]), np.concatenate([high, low[::-1], high[:1]])
     return plot.Area(*outline, colour, 0.22, f"95 % band, {label}")

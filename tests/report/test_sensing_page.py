@@ -1,0 +1,46 @@
+"""The page of sensed motion shows the bands that were stated, sensors that were left out, and what the record does not tell."""
+
+import numpy as np
+import pytest
+from page_parts import as_array, figures, words
+
+from structid.core.dof import parse_dofs
+from structid.prediction.virtual_sensing import LeftOutSensor, SensedMotion
+from structid.report.sensing import sensing_page
+
+
+def sensed(contradiction=""):
+    time = np.arange(40) / 10.0
+    value, std = np.sin(time), 0.1 + 0.01 * time
+    one, two = parse_dofs(["1X", "2X"])
+    left = LeftOutSensor(two, "acceleration", value + std, value, std)
+    return SensedMotion(
+        time, (one,), "displacement", value[:, None], std[:, None], (two,), 5 * value[:, None], 5 * std[:, None], 5.0, 0.2,
+        (left,), ("the record hardly determines the force at 2X+",), contradiction,
+    )  # fmt: skip
+
+
+def test_bands_are_95_percent_of_the_stated_deviations():
+    motion = sensed()
+    assert motion.checks[0][1] == pytest.approx(1.0)
+    drawn = figures(sensing_page(motion, "Mast", "wind.h5").text)
+    assert set(drawn) == {"sensed_motion", "sensed_left_out", "sensed_forces"}
+    for name, value, std in (
+        ("sensed_motion", motion.values[:, 0], motion.std[:, 0]),
+        ("sensed_left_out", motion.left_out[0].sensed, motion.left_out[0].std),
+        ("sensed_forces", motion.forces[:, 0], motion.force_std[:, 0]),
+    ):
+        [panel] = drawn[name]
+        area, curve = panel["data"][:2]
+        np.testing.assert_allclose(as_array(curve["y"]), value, rtol=1e-5)
+        np.testing.assert_allclose(as_array(area["y"])[: len(value)], value + 1.96 * std, rtol=1e-5)
+    measured = drawn["sensed_left_out"][0]["data"][2]
+    np.testing.assert_allclose(as_array(measured["y"]), motion.left_out[0].measured, rtol=1e-5)
+
+
+def test_a_contradicted_model_is_told_first():
+    text = words(sensing_page(sensed("the model does not explain the record"), "Mast", "wind.h5").text)
+    assert text.index("Do not rely on this") < text.index("Motion where it is wanted")
+    assert "The model does not explain the record." in text
+    assert "the record hardly determines the force at 2X+" in text
+    assert "Do not rely on this" not in words(sensing_page(sensed(), "Mast", "wind.h5").text)
