@@ -14,6 +14,7 @@ from browser_cases import accessible, shown, step
 import structid as sid
 from structid.prediction.linear_response import movable_supports, support_base
 from structid.study.results.folder import write_results
+from structid.study.results.stored_model import stored_model, stored_study
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
 from structid.study.templates import TEMPLATES, template_with, write_study
@@ -95,6 +96,25 @@ def test_a_prediction_has_the_band_around_the_value(folder):
     identified = json.loads((folder / "chain_results" / "estimate.json").read_text())["modes"]
     for mode, own in zip(told["modes"], identified, strict=False):
         assert mode["frequency_hz"]["value"]["value"] == pytest.approx(own["frequency_hz"])
+
+
+def test_a_history_under_a_file_of_loads_has_its_band_and_its_largest_value(folder):
+    force = np.sin(np.arange(9000) / 15.0)[:, None]
+    sid.write_record(folder / "push.h5", sid.TimeRecord(200.0, force, ["3X"], ["force"]))
+    options = {"sensor": "2X", "load": "3X", "band": [1, 10], "history": "push.h5", "motion": "displacement"}
+    told = ask(folder, "predict", results="chain_results", options=options, changes=[])
+    model = stored_model(folder / "chain_results", stored_study(folder / "chain_results"))
+    exact = sid.predict(model, sid.History(["2X"], ["3X"], force, 200.0, "displacement"), n_draws=50).values[:, 0]
+    low, value, high = (curve(told["history"]["parts"]["value"][key]) for key in ("low", "value", "high"))
+    np.testing.assert_allclose(value, exact[::3], rtol=1e-5, atol=1e-9)  # one sample in three of 9000 is drawn
+    assert ((low <= value) & (value <= high)).mean() > 0.95
+    largest, least, most = told["history"]["largest"]["value"]
+    assert largest == pytest.approx(np.abs(exact).max())
+    assert least < largest < most
+    assert told["history"]["words"] == "loads of push.h5, in straight lines between samples"
+    assert "frf" in told
+    options |= {"history": "../push.h5"}
+    assert "error" in ask(folder, "predict", results="chain_results", options=options, changes=[])
 
 
 def test_changes_are_compared_with_the_model_as_it_is(folder):
@@ -227,6 +247,8 @@ def test_an_answer_is_used_in_the_browser(page, screens, tmp_path):
     study.write_text(study.read_text(encoding="utf-8") + '\n[record]\npath = "hammer.npz"\n', encoding="utf-8")
     (tmp_path / "beam_results").mkdir()
     write_results(run_study(load_study(study)), tmp_path / "beam_results")
+    force = np.sin(np.arange(600) / 9.0)[:, None]
+    sid.write_record(tmp_path / "push.csv", sid.TimeRecord(200.0, force, ["5Y"], ["force"]))
     with served(tmp_path) as bench:
         page.goto(bench.address + "#results/beam.toml")
         step(page, "Use")
@@ -239,6 +261,12 @@ def test_an_answer_is_used_in_the_browser(page, screens, tmp_path):
         page.get_by_text("measured in the record").wait_for()
         shown(page, screens, "31_predicted")
         accessible(page, "predicted")
+        page.get_by_label("Loads of the file").select_option("push.csv")
+        page.get_by_role("button", name="Predict").click()
+        page.locator("#predicted-history .main-svg").first.wait_for()
+        page.get_by_text("Under loads of push.csv").wait_for()
+        shown(page, screens, "31_predicted_history")
+        accessible(page, "predicted history")
         page.get_by_label("Sensor, force or strain").fill("2Y")
         page.get_by_label("A change").select_option("damper")
         for label, text in (("Where", "5Y"), ("kg", "0.2"), ("Hz", "11,5"), ("Damping ratio", "0.1")):

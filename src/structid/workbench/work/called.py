@@ -329,7 +329,8 @@ def _use(opened: OpenFolder, results: str) -> StoredEntry:
 def _predict(opened: OpenFolder, results: str, options: dict[str, Any], changes: list[dict[str, Any]]) -> StoredEntry:
     from structid.workbench.work.use import predict_use
 
-    return predict_use(opened.inside(results), options, changes)
+    history = opened.inside(options["history"]) if options.get("history") else None
+    return predict_use(opened.inside(results), {**options, "history": history}, changes)
 
 
 def _exports(opened: OpenFolder, results: str, kind: str, suffix: str, options: dict[str, Any]) -> StoredEntry:

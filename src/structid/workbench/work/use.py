@@ -31,6 +31,8 @@ from structid.workbench.work.scene import packed
 _MOST_NAMES = 1500
 #: Sampled models behind a 95 % band, lines of a predicted FRF, and modes.
 _DRAWS, _LINES, _MODES = 200, 400, 8
+#: Samples of a predicted history that are drawn, at most.
+_MOST_SAMPLES = 4000
 #: Texts of the measured FRFs in estimate.h5.
 _MEASURED = ("outputs", "inputs", "kind")
 #: Kind of the change that seeks frequency and damping of a tuned mass damper itself.
@@ -141,7 +143,8 @@ def predict_use(
     """Predicted modes, and the FRF from one load to one sensor with its 95 % interval, before and after changes.
 
     The answer holds ``changes``, ``bands`` and ``modes`` of `prediction_summary` and, if an FRF was predicted, ``frf``: packed
-    frequency (Hz), ``unit``, ``kind``, the supports that ``moved``, and curves before and after.
+    frequency (Hz), ``unit``, ``kind``, the supports that ``moved``, and curves before and after. Under the loads of a file there
+    is ``history``: packed time (s), ``unit``, the loads in ``words``, curves, and the largest value before and after.
 
     Parameters
     ----------
@@ -150,7 +153,8 @@ def predict_use(
     options : mapping
         ``sensor`` (a degree of freedom or an element output) and ``load`` (a degree of freedom), "" for none; ``band`` ([low,
         high] in Hz or None); and ``kind``, the kind of FRF, "accelerance" by default; where a load is at a support, the
-        transmissibility is predicted instead.
+        transmissibility is predicted instead. ``history`` is the path of a file of loads over time or None, with ``motion``
+        ("acceleration" by default) and ``filtered`` as of `PredictOptions`.
     changes : sequence of mapping
         See `read_changes`. One may have the kind ``tune``: a tuned mass damper with a ``mass`` (kg) and a ``dof``, whose
         frequency and damping are optimized.
@@ -167,6 +171,9 @@ def predict_use(
         modes=_MODES,
         draws=_DRAWS,
         tune_damper=_damper_text(tuned),
+        history=options.get("history"),
+        motion=str(options.get("motion") or "acceleration"),
+        filtered=bool(options.get("history") and options.get("filtered")),
     )
     others = read_changes([table for table in changes if table.get("kind") != _TUNE])
     predicted = predict_stored(source, folder, asked, others)
@@ -185,6 +192,20 @@ def predict_use(
             "moved": moved,
             "parts": {name: _curves(part) for name, part in parts.items() if name != "difference"},
         }
+    if predicted.history is not None and predicted.maxima is not None:
+        parts, maxima = parts_of(predicted.history), parts_of(predicted.maxima)
+        quantity = next(iter(parts.values())).quantity
+        time = np.asarray(quantity.axes["time"], dtype=float)
+        stride = max(1, -(-len(time) // _MOST_SAMPLES))
+        answer["history"] = {
+            "time": packed(time[::stride], np.float64),
+            "unit": quantity.units[0],
+            "words": predicted.loads,
+            "parts": {name: _curves(part, stride) for name, part in parts.items() if name != "difference"},
+            "largest": {
+                name: [float(v[0]) for v in (part.values, part.low, part.high)] for name, part in maxima.items()
+            },
+        }
     return answer
 
 
@@ -201,10 +222,11 @@ def _damper_text(tuned: Sequence[Mapping[str, Any]]) -> str:
     return f"{tuned[0]['mass']}@{tuned[0]['dof']}"
 
 
-def _curves(part: Prediction) -> dict[str, StoredEntry]:
-    """Packed ``value`` (magnitude), ``low`` and ``high`` (95 % band) over frequency of the first channel of an FRF."""
-    columns = {"value": np.abs(part.values), "low": part.low, "high": part.high}
-    return {name: packed(column.reshape(len(column), -1)[:, 0], np.float32) for name, column in columns.items()}
+def _curves(part: Prediction, stride: int = 1) -> dict[str, StoredEntry]:
+    """Packed ``value`` (of FRFs the magnitude), ``low`` and ``high`` (95 % band) of the first channel, one line in `stride`."""
+    values = np.abs(part.values) if np.iscomplexobj(part.values) else part.values
+    columns = {"value": values, "low": part.low, "high": part.high}
+    return {name: packed(column.reshape(len(column), -1)[::stride, 0], np.float32) for name, column in columns.items()}
 
 
 def export_use(

@@ -4,7 +4,8 @@ import {chart, colours, ink} from "../charts.js";
 import {bandIn, field, fill, h, marked, number, numberIn, options, table, unpacked, withUnit} from "../dom.js";
 import {resultPaths} from "../recorded.js";
 
-const KINDS = ["accelerance", "mobility", "receptance"];
+const KINDS = ["accelerance", "mobility", "receptance"],
+  MOTIONS = ["acceleration", "velocity", "displacement"];
 // Changes that can be asked about: what each is called, and the fields that it has.
 const CHANGES = {
   mass: [
@@ -93,6 +94,9 @@ function asked(app, results, facts, fits) {
     load: facts.inputs[0] || facts.dofs[0] || "",
     kind: KINDS.includes(facts.kind) ? facts.kind : KINDS[0],
     band: facts.band || ["", ""],
+    history: "",
+    motion: MOTIONS[0],
+    filtered: false,
     changes: [],
   };
   kept.set(results, state);
@@ -105,7 +109,11 @@ function asked(app, results, facts, fits) {
     );
   const kind = h("select", {}, options(KINDS, state.kind)),
     low = h("input", {inputmode: "decimal", value: state.band[0]}),
-    high = h("input", {inputmode: "decimal", value: state.band[1]});
+    high = h("input", {inputmode: "decimal", value: state.band[1]}),
+    files = app.folder.records.map((one) => one.path),
+    file = h("select", {id: "loads"}, options([["", "none"], ...files.map((path) => [path, path])], state.history)),
+    motion = h("select", {id: "motion"}, options(MOTIONS, state.motion)),
+    filtered = h("input", {type: "checkbox", id: "filtered", checked: state.filtered});
   const answer = h("div", {id: "predicted", "aria-live": "polite"}),
     list = h("ul", {class: "plain", id: "changes"});
   const button = h("button", {class: "main", type: "submit"}, "Predict");
@@ -115,18 +123,30 @@ function asked(app, results, facts, fits) {
       load: load.value.trim(),
       kind: kind.value,
       band: bandIn(low, high),
+      history: file.value,
+      motion: motion.value,
+      filtered: filtered.checked,
     });
     fill(answer, h("p", {class: "muted"}, "Computing 200 models within the uncertainty…"));
     try {
       const told = await post("predict", {
         results,
-        options: {sensor: state.sensor, load: state.load, kind: state.kind, band: state.band},
+        options: {
+          sensor: state.sensor,
+          load: state.load,
+          kind: state.kind,
+          band: state.band,
+          history: state.history,
+          motion: state.motion,
+          filtered: state.filtered,
+        },
         changes: state.changes,
       });
       fill(
         answer,
         shownModes(told),
         ...response(told, state, facts, fits),
+        ...history(told, state),
         told.bands
           ? h("p", {class: "note"}, `Bands hold the true value with a probability of 95 %: ${told.bands}.`)
           : null,
@@ -183,6 +203,19 @@ function asked(app, results, facts, fits) {
       field("Kind, to a force", kind),
       field("band from, Hz", low, "short"),
       field("to, Hz", high, "short"),
+    ),
+    h("h3", {}, "Under loads over time"),
+    h(
+      "p",
+      {class: "note"},
+      "A file of forces, or of accelerations or displacements of supports, from rest. A filter against aliasing is what measured loads went through; designed pulses and steps did not.",
+    ),
+    h(
+      "div",
+      {class: "row end"},
+      field("Loads of the file", file),
+      field("Motion", motion),
+      h("label", {class: "row"}, filtered, "measured behind a filter against aliasing"),
     ),
     h("h3", {}, "What if"),
     list,
@@ -294,6 +327,67 @@ function shownModes(told) {
   );
 }
 
+// Curves of a quantity over x with their 95 % bands, before and after changes where there are any.
+function banded(x, parts) {
+  const colour = colours();
+  return Object.entries(parts).flatMap(([name, part], k) => {
+    const [low, high, value] = [part.low, part.high, part.value].map((one) => unpacked(one, "f32")),
+      label = name === "value" ? "predicted" : name,
+      shade = colour[k === 0 ? 1 : 0];
+    return [
+      {x, y: high, mode: "lines", line: {width: 0}, hoverinfo: "skip", showlegend: false},
+      {
+        x,
+        y: low,
+        mode: "lines",
+        line: {width: 0},
+        fill: "tonexty",
+        fillcolor: `${shade}40`,
+        name: `${label}, 95 %`,
+        hoverinfo: "skip",
+      },
+      {
+        x,
+        y: value,
+        mode: "lines",
+        line: {color: shade, width: 1.8, dash: name === "after" ? "dash" : "solid"},
+        name: label,
+      },
+    ];
+  });
+}
+
+// The motion under the loads of a file, and its largest value.
+function history(told, state) {
+  if (!told.history) {
+    return [];
+  }
+  const place = h("div", {class: "plot", id: "predicted-history"}),
+    x = unpacked(told.history.time, "f64"),
+    what = state.sensor.includes("[") ? state.sensor : state.motion;
+  const draw = () =>
+    chart(place, banded(x, told.history.parts), {
+      again: draw,
+      xaxis: {title: {text: "time, s"}},
+      yaxis: {title: {text: withUnit(what, told.history.unit)}},
+    });
+  setTimeout(draw); // it has no width before it is on the page
+  return [
+    h("h3", {}, `Motion at ${state.sensor} over time`),
+    h("p", {class: "note"}, `Under ${told.history.words}.`),
+    place,
+    table(
+      ["", withUnit("largest", told.history.unit), "95 % interval"],
+      Object.entries(told.history.largest).map(([name, [value, low, high]]) => [
+        name === "value" ? "predicted" : name,
+        number(value, 4),
+        `${number(low, 4)} to ${number(high, 4)}`,
+      ]),
+      [1, 2],
+    ),
+  ];
+}
+
 function response(told, state, facts, fits) {
   if (!told.frf) {
     return [];
@@ -306,32 +400,7 @@ function response(told, state, facts, fits) {
   );
   const isSeen = seen && told.frf.kind === facts.kind;
   const draw = () => {
-    const colour = colours(),
-      lines = Object.entries(told.frf.parts).flatMap(([name, part], k) => {
-        const [low, high, value] = [part.low, part.high, part.value].map((one) => unpacked(one, "f32")),
-          label = name === "value" ? "predicted" : name,
-          shade = colour[k === 0 ? 1 : 0];
-        return [
-          {x, y: high, mode: "lines", line: {width: 0}, hoverinfo: "skip", showlegend: false},
-          {
-            x,
-            y: low,
-            mode: "lines",
-            line: {width: 0},
-            fill: "tonexty",
-            fillcolor: `${shade}40`,
-            name: `${label}, 95 %`,
-            hoverinfo: "skip",
-          },
-          {
-            x,
-            y: value,
-            mode: "lines",
-            line: {color: shade, width: 1.8, dash: name === "after" ? "dash" : "solid"},
-            name: label,
-          },
-        ];
-      });
+    const lines = banded(x, told.frf.parts);
     if (isSeen) {
       lines.unshift({
         x: unpacked(fits.frequency, "f64"),
