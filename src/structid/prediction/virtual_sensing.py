@@ -840,8 +840,12 @@ class _ChosenForces:
                 else float("inf")
             )
 
+        def first_point(time: float) -> FloatArray:
+            smoother, size = of_point(np.log([time, peak, first]))
+            return np.log([time, peak, min(size, smoother._first_std(reduced))])
+
         times = 1 / peak, np.sqrt(count / rate / peak), count / rate / 2
-        start = min((np.log([time, peak, first]) for time in times), key=unlikely)
+        start = min(map(first_point, times), key=unlikely)
         simplex = start + np.vstack([np.zeros(3), np.diag([-0.7, 0.02, 0.3])])
         options = {"initial_simplex": simplex, "xatol": _SURE, "fatol": 0.1, "maxfev": _MOST_TRIALS}
         search = minimize(unlikely, start, method="Nelder-Mead", options=options)
