@@ -87,11 +87,21 @@ def effect_of_addition(
     each = strengths[:, None, None] * law.reshape(len(law), -1)  # (n_strengths, n_lines, 1 or m)
     if m > 1:
         return effect_of_coupling(receptances, directions, each[..., None] * np.eye(m))
-    x, y, g = directions.projected(receptances)
+    response, g = _unit_response(receptances, directions)
     weight = each[..., 0]
-    inner = (weight / (1 + weight * g[:, 0, 0]))[:, :, None, None]
-    change: ComplexArray = inner * (-np.swapaxes(y, 1, 2) * x * receptances.factor)
+    inner = (weight / (1 + weight * g))[:, :, None, None]
+    change: ComplexArray = inner * response
     return change
+
+
+def _unit_response(receptances: Receptances, directions: Directions) -> tuple[ComplexArray, ComplexArray]:
+    """-(D'y)' D'x in the kind of the record, (n_lines, n_outputs, n_inputs), and G, (n_lines,), of one direction; cached."""
+    key = directions.codes.tobytes(), directions.weights.tobytes()
+    known = receptances.unit_responses.get(key)
+    if known is None:
+        x, y, g = directions.projected(receptances)
+        known = receptances.unit_responses[key] = -np.swapaxes(y, 1, 2) * x * receptances.factor, g[:, 0, 0]
+    return known
 
 
 def effect_of_coupling(receptances: Receptances, directions: Directions, k: ComplexArray) -> ComplexArray:

@@ -248,6 +248,11 @@ class Receptances:
         """Directions that were asked for: many candidates act along the same ones."""
         return {}
 
+    @cached_property
+    def unit_responses(self) -> dict[tuple[bytes, bytes], tuple[ComplexArray, ComplexArray]]:
+        """Responses of parts of unit stiffness in one direction that were asked for; local resonances ask at each frequency."""
+        return {}
+
     def reached(self, codes: IntArray) -> FloatArray:
         """Weights (n_codes, n_dofs) by which degrees of freedom, given by codes, follow the free ones; zero where held."""
         place, is_known = self._rows_of_codes(codes)

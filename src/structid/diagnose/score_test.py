@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, TypeAlias
@@ -24,6 +24,8 @@ from structid.inversion import JointProblem
 from structid.inversion.search.within_tolerances import FixedValues
 
 _SMALL = 1e-4
+#: Columns of residuals from which on candidates are not computed together with further ones: arrays stay near the processor.
+_COLUMNS = 48
 
 #: What candidates of the same look have in common.
 _Key: TypeAlias = tuple[object, ...]
@@ -121,18 +123,17 @@ class Point:
         more, the others with every second strength.
         """
         keys = [self._key(candidate) for candidate in candidates]
-        known: dict[_Key, _CandidateScreening] = {}
-        for key, candidate in zip(keys, candidates, strict=True):
-            if key not in known:
-                known[key] = self._look(candidate)
+        first = dict(zip(reversed(keys), reversed(candidates), strict=True))  # of each key its first candidate
+        first = {key: first[key] for key in dict.fromkeys(keys)}
+        known = dict(zip(first, self._first_screening(list(first.values())), strict=True))
         kinds = defaultdict[str, list[int]](list)
         for k in sorted(range(len(keys)), key=lambda k: known[keys[k]].promised):
             kinds[candidates[k].kind].append(k)
         closer = {k for kind in kinds.values() for k in kind[:FINELY_SCREENED]}
-        nearer: dict[_Key, _CandidateScreening] = {}
-        for k in sorted(closer):
-            if keys[k] not in nearer:
-                nearer[keys[k]] = self._closer(candidates[k], known[keys[k]])
+        finely = list(dict.fromkeys(keys[k] for k in sorted(closer)))
+        nearer = dict(
+            zip(finely, self._closer([first[key] for key in finely], [known[key] for key in finely]), strict=True)
+        )
         return [
             (nearer if k in closer else known)[key].best(candidate)
             for k, (candidate, key) in enumerate(zip(candidates, keys, strict=True))
@@ -149,14 +150,15 @@ class Point:
         ----------
         Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57.
         """
-        found = []
-        for candidate in candidates:
-            small = _SMALL * np.abs(candidate.strengths).min()
-            step, size = self._linear(self._residuals_off_parameters(candidate, np.array([small]))[:, 0], small)
+        small = [_SMALL * np.abs(candidate.strengths).min() for candidate in candidates]
+        changed = self._residuals_off_parameters(candidates, [np.array([strength]) for strength in small])
+        requested = []
+        for candidate, strength, off in zip(candidates, small, changed, strict=True):
+            step, size = self._linear(off[:, 0], strength)
             low, high = candidate.bounds
             if len(candidate.strengths) > 1 and size > 0 and low < step < high:
-                found.append(RequestedChange(candidate, step, float(abs(step) * np.sqrt(size))))
-        return found
+                requested.append(RequestedChange(candidate, step, float(abs(step) * np.sqrt(size))))
+        return requested
 
     def _linear(self, off: FloatArray, small: float) -> tuple[float, float]:
         """The strength of least misfit by a candidate's slope (0 without a finite slope), and the squared length of the slope.
@@ -176,33 +178,57 @@ class Point:
         moves = [part.tobytes() for receptances in self.records for part in directions.rows(receptances)]
         return *values, *moves
 
-    def _look(self, candidate: Candidate) -> _CandidateScreening:
-        """A first screening of a candidate: misfit at every second strength after a linear step, and linear estimate."""
-        strengths = candidate.strengths[::2]
-        if len(candidate.strengths) == 1:
-            left = self._left_by(candidate, strengths)
-            return _CandidateScreening(strengths, left, 0.0, float(left[0]))
-        small = _SMALL * np.abs(strengths).min()
-        off = self._residuals_off_parameters(candidate, np.append(strengths, small))
-        left, (step, size) = _squares(off[:, :-1]), self._linear(off[:, -1], small)
-        low, high = candidate.bounds
-        linear = self.left - step**2 * size if low < step < high else np.inf
-        return _CandidateScreening(strengths, left, step, float(min(left.min(), linear)))
+    def _first_screening(self, candidates: Sequence[Candidate]) -> list[_CandidateScreening]:
+        """A first screening of each candidate: misfit at every second strength after a linear step, and linear estimate."""
+        every_second = [candidate.strengths[::2] for candidate in candidates]
+        small = [_SMALL * np.abs(strengths).min() for strengths in every_second]
+        has_one = [len(candidate.strengths) == 1 for candidate in candidates]
+        looked = [
+            strengths if is_one else np.append(strengths, least)
+            for strengths, least, is_one in zip(every_second, small, has_one, strict=True)
+        ]
+        screenings = []
+        changed = self._residuals_off_parameters(candidates, looked)
+        for candidate, strengths, least, is_one, off in zip(
+            candidates, every_second, small, has_one, changed, strict=True
+        ):
+            left = _squares(off[:, : len(strengths)])
+            if is_one:
+                screenings.append(_CandidateScreening(strengths, left, 0.0, float(left[0])))
+                continue
+            step, size = self._linear(off[:, -1], least)
+            low, high = candidate.bounds
+            linear = self.left - step**2 * size if low < step < high else np.inf
+            screenings.append(_CandidateScreening(strengths, left, step, float(min(left.min(), linear))))
+        return screenings
 
-    def _closer(self, candidate: Candidate, look: _CandidateScreening) -> _CandidateScreening:
-        """The first screening `look` of a candidate, extended by the other strengths and by some near the best of them.
+    def _closer(
+        self, candidates: Sequence[Candidate], looks: Sequence[_CandidateScreening]
+    ) -> list[_CandidateScreening]:
+        """The first screenings `looks` of candidates, extended by the other strengths and by some near the best of them.
 
         Unchanged for candidates with one strength.
         """
-        if len(candidate.strengths) == 1:
-            return look
-        others = candidate.strengths[1::2]
-        look = _with_strengths(look, others, self._left_by(candidate, others))
-        low, high = candidate.bounds
-        best = look.best(candidate)
-        about = (0.5 * look.step, look.step, 2 * look.step, 0.75 * best.strength, 1.35 * best.strength)
-        more = np.array([q for q in about if low < q < high and q])
-        return _with_strengths(look, more, self._left_by(candidate, more)) if len(more) else look
+        others = [candidate.strengths[1::2] for candidate in candidates]
+        looks = self._with_strengths(candidates, looks, others)
+        near = []
+        for candidate, look in zip(candidates, looks, strict=True):
+            low, high = candidate.bounds
+            best = look.best(candidate)
+            about = (0.5 * look.step, look.step, 2 * look.step, 0.75 * best.strength, 1.35 * best.strength)
+            few = about if len(candidate.strengths) > 1 else ()
+            near.append(np.array([q for q in few if low < q < high and q]))
+        return self._with_strengths(candidates, looks, near)
+
+    def _with_strengths(
+        self, candidates: Sequence[Candidate], looks: Sequence[_CandidateScreening], strengths: Sequence[FloatArray]
+    ) -> list[_CandidateScreening]:
+        """Screenings with further `strengths` (n,) of each candidate, none or more, appended with the misfits that they leave."""
+        changed = self._residuals_off_parameters(candidates, strengths)
+        return [
+            look._replace(strengths=np.append(look.strengths, more), left=np.append(look.left, _squares(off)))
+            for look, more, off in zip(looks, strengths, changed, strict=True)
+        ]
 
     @cached_property
     def _base(self) -> FloatArray:
@@ -213,30 +239,46 @@ class Point:
         followed = self.basis.T @ rows
         return rows - (self.basis * self.weights) @ followed
 
-    def _left_by(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
-        return _squares(self._residuals_off_parameters(candidate, strengths))
+    def _residuals_off_parameters(
+        self, candidates: Sequence[Candidate], strengths: Sequence[FloatArray]
+    ) -> Iterator[FloatArray]:
+        """Whitened residuals of each candidate at its `strengths`, without what parameters can follow, (n_rows, n_strengths).
 
-    def _residuals_off_parameters(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
-        """Whitened residuals with `candidate` at each of `strengths`, without what parameters can follow, (n_rows, n_strengths)."""
-        rows = np.empty((len(self.residual), len(strengths)))
-        METER.add(screening_effort(*rows.shape))
+        Some candidates are computed together, since arrays of one alone are small.
+        """
+        first, n_columns = 0, 0
+        for last, values in enumerate(strengths, 1):
+            n_columns += len(values)
+            if n_columns >= _COLUMNS or last == len(candidates):
+                yield from self._off_parameters_together(candidates[first:last], strengths[first:last])
+                first, n_columns = last, 0
+
+    def _off_parameters_together(
+        self, candidates: Sequence[Candidate], strengths: Sequence[FloatArray]
+    ) -> list[FloatArray]:
+        """Residuals as of `_residuals_off_parameters`, computed in one array for all `candidates`."""
+        ends = np.cumsum([len(values) for values in strengths])
+        columns = [slice(end - len(values), end) for end, values in zip(ends.tolist(), strengths, strict=True)]
+        rows = np.empty((len(self.residual), int(ends[-1])))
+        for values in strengths:
+            METER.add(screening_effort(len(rows), len(values)))
         rows[:] = self.residual[:, None]
         first = 0
         with np.errstate(all="ignore"):
             for number, receptances in enumerate(self.records):
                 problem = receptances.problem
                 size = problem.n_data
-                is_silent = candidate.is_damping and number in self.undamped
-                if candidate.record in (None, number) and not is_silent:
-                    change = candidate.effect(receptances, strengths)
-                    rows[first : first + size] = problem.data_rows(receptances.frf + change)
+                changes, changed = [], []
+                for candidate, values, own in zip(candidates, strengths, columns, strict=True):
+                    is_silent = candidate.is_damping and number in self.undamped
+                    if len(values) and candidate.record in (None, number) and not is_silent:
+                        changes.append(receptances.frf + candidate.effect(receptances, values))
+                        changed.append(np.arange(own.start, own.stop))
+                if changes:
+                    rows[first : first + size, np.concatenate(changed)] = problem.data_rows(np.concatenate(changes))
                 first += size
-            return self._off_basis(rows)
-
-
-def _with_strengths(look: _CandidateScreening, strengths: FloatArray, left: FloatArray) -> _CandidateScreening:
-    """A screening result with further `strengths` (n,) appended, and the misfits (n,) that they leave."""
-    return look._replace(strengths=np.append(look.strengths, strengths), left=np.append(look.left, left))
+            off = self._off_basis(rows)
+        return [off[:, own] for own in columns]
 
 
 def _squares(off: FloatArray) -> FloatArray:
