@@ -464,14 +464,22 @@ class Structure(Shown, StructurePlots):
         return {}
 
     def selection(self, dofs: Iterable[Dof]) -> sparse.csc_array:
-        """Columns that read (or load) `dofs` through the ties, signs included, (n_dofs, number of `dofs`).
+        """Columns that read (or load) `dofs` through the ties, signs included, (n_dofs, number of `dofs`); not to be changed.
 
         Raises
         ------
         InputError
             If a degree of freedom is not part of the structure or is held at zero.
         """
-        return selection(self.numbering, self.nodes, dofs)
+        chosen = tuple(dofs)
+        if chosen not in self._selections:
+            self._selections[chosen] = selection(self.numbering, self.nodes, chosen)
+        return self._selections[chosen]
+
+    @cached_property
+    def _selections(self) -> dict[tuple[Dof, ...], sparse.csc_array]:
+        """Columns of `selection` that were asked for: each record of a model, smoothed or cut, asks for the same channels."""
+        return {}
 
     def require_dofs(self, dofs: Iterable[Dof], inputs: bool = False) -> None:
         """Raise `InputError` if one of `dofs` is not free: not part of the structure, or held at zero.

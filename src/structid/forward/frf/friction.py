@@ -88,7 +88,8 @@ class Sliding:
             coefficients = np.array(self.fixed_coefficients)
             coefficients[:, frictions] = 1j / amplitude
             cached = coefficients, slid_readings(free, reach, coefficients[:, frictions] * force)
-            self._cache.clear()
+            if len(self._cache) > 1:
+                del self._cache[next(iter(self._cache))]
             self._cache[key] = cached
         return cached
 
@@ -113,7 +114,7 @@ class Sliding:
 
     @cached_property
     def _cache(self) -> dict[bytes, tuple[ComplexArray, ComplexArray | None]]:
-        """The last answer of `at`, by the parameters."""
+        """The last two answers of `at`, by the parameters."""
         return {}
 
     @cached_property

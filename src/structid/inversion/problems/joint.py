@@ -124,12 +124,15 @@ class JointProblem(Problem):
         )
 
     @cached_property
+    def _priors_at_start(self) -> list[tuple[FloatArray, sparse.csr_array]]:
+        """Prior rows of each problem at the start: residual (n_priors,) and its derivative, (n_priors, n_params of it)."""
+        starts = self.unknowns.split(self.theta_start)
+        return [problem.prior_rows(own) for problem, own in zip(self.problems, starts, strict=True)]
+
+    @cached_property
     def _first_priors(self) -> tuple[IntArray, ...]:
         """Residual indices of the prior rows of each problem that no earlier problem states, an int array for each problem."""
-        priors = [
-            problem.prior_rows(own)
-            for problem, own in zip(self.problems, self.unknowns.split(self.theta_start), strict=True)
-        ]
+        priors = self._priors_at_start
         kept = _first_prior_rows(priors, self.unknowns.columns, self.names, self.first_prior_counts)
         return tuple(problem.n_data + rows for problem, rows in zip(self.problems, kept, strict=True))
 
@@ -139,7 +142,7 @@ class JointProblem(Problem):
         if len(self.problems) > 1:
             return False
         [index], [rows], [problem] = self.unknowns.columns, self._first_priors, self.problems
-        n_rows = problem.n_data + len(problem.prior_rows(self.theta_start)[0])
+        n_rows = problem.n_data + len(self._priors_at_start[0][0])
         return np.array_equal(index, np.arange(len(problem.names))) and np.array_equal(
             rows, np.arange(problem.n_data, n_rows)
         )

@@ -118,16 +118,20 @@ def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
     if edits:
         _require_toml(text, "the study is no TOML as it stands")
     for edit in edits:
-        if "add" in edit:
-            text = _with_entry(text, tuple(edit["add"]), edit["table"])
-        elif "list" in edit:
-            text = _as_array_of_tables(text, tuple(edit["list"]))
-        elif "remove" in edit:
-            text = _without_key(text, tuple(edit["remove"]))
-        else:
-            text = _with_value(text, tuple(edit["set"]), value_of(str(edit["to"])))
+        text = _after_edit(text, edit)
         _require_toml(text, "this edit would break the study")
     return text
+
+
+def _after_edit(text: str, edit: Mapping[str, Any]) -> str:
+    """TOML text after one of the edits that `edited` takes; it may be no TOML any more."""
+    if "add" in edit:
+        return _with_entry(text, tuple(edit["add"]), edit["table"])
+    if "list" in edit:
+        return _as_array_of_tables(text, tuple(edit["list"]))
+    if "remove" in edit:
+        return _without_key(text, tuple(edit["remove"]))
+    return _with_value(text, tuple(edit["set"]), value_of(str(edit["to"])))
 
 
 def changed_text(text: str, change: Callable[[dict[str, Any]], None]) -> str:
@@ -150,8 +154,9 @@ def changed_text(text: str, change: Callable[[dict[str, Any]], None]) -> str:
     entries = list(_numbered_entries(after))  # kept alive: a new table could have the identity of one that is gone
     numbers = {id(entry): number for entry, number in entries}
     change(after)
-    text = edited(text, list(_edits_between((), parse_toml(text), after, numbers)))
-    if parse_toml(text) != after:
+    for edit in _edits_between((), parse_toml(text), after, numbers):
+        text = _after_edit(text, edit)
+    if _require_toml(text, "this change would break the study") != after:
         raise InputError("the study is written in a way that has no line for the change; write its tables in blocks")
     return text
 
@@ -224,9 +229,10 @@ def value_of(text: str) -> str:
     return written
 
 
-def _require_toml(text: str, words: str) -> None:
+def _require_toml(text: str, words: str) -> dict[str, Any]:
+    """The content of a TOML text; `InputError`, which begins with `words`, if it is none."""
     try:
-        parse_toml(text)
+        return parse_toml(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{words}, so nothing was changed: {error}") from error
 

@@ -77,7 +77,7 @@ class DenseSolver:
     def at(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
     ) -> DenseFields:
-        """Fields under `loads` (n_dofs, n_loads), by default under all columns; the last ones are cached.
+        """Fields under `loads` (n_dofs, n_loads), by default under all columns; the last two are cached.
 
         `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
         Z.
@@ -89,13 +89,14 @@ class DenseSolver:
             structure, values = self.slopes.structure, self.slopes.parameters.values(physical)
             matrices = structure.dense_matrices(self.slopes.matrix_kinds, values)
             cached = DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
-            self._cache.clear()
+            if len(self._cache) > 1:
+                del self._cache[next(iter(self._cache))]
             self._cache[key] = cached
         return cached[0]
 
     @cached_property
     def _cache(self) -> dict[tuple[bytes, bytes, int], tuple[DenseFields, sparse.csc_array]]:
-        """The last fields, by values, Laplace variables and loads, which are kept so that their identity stands."""
+        """The last two fields, by values, Laplace variables and loads, which are kept so that their identity stands."""
         return {}
 
 
