@@ -21,11 +21,10 @@ from structid.diagnose.causes import (
     candidates,
 )
 from structid.diagnose.causes.separate_element import DifferingElement, DifferingProperty
-from structid.diagnose.derived_candidates import _misplaced, _of_one_card, _of_whole_sets, _off_otherwise, _turned
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.refits import FittedModel, fit_fully, fit_near, restore_fit
 from structid.diagnose.score_test import Screened
-from structid.diagnose.screening import _feet
+from structid.diagnose.screening import _feet, _misplaced, _of_one_card, _of_whole_sets, _off_otherwise, _turned
 from structid.diagnose.search import _weighed
 from structid.diagnose.tested_model import TestedModel
 from structid.inversion.search.work import PLAIN_CONTEXT

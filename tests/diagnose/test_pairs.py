@@ -8,8 +8,8 @@ from frame_cases import STUDY, off, written
 from structid.diagnose import search
 from structid.diagnose.causes import Mass, SpringToGround, Support, SwappedSensors
 from structid.diagnose.modified_model import base_model
-from structid.diagnose.pairs import promising
 from structid.diagnose.refits import FittedModel, fit_near
+from structid.diagnose.screening import promising_first_changes
 from structid.diagnose.search import Explanation, search_causes
 from structid.diagnose.tested_model import TestedModel
 from structid.inversion.search.work import PLAIN_CONTEXT, SERIAL
@@ -70,5 +70,5 @@ def test_changes_are_in_the_order_of_what_a_second_leaves_beside_them(tmp_path, 
     """None promises much where nothing is wrong."""
     truth = STUDY.replace("[[unknown]]", JOINT, 1) if is_exchanged else STUDY
     base = fitted(tmp_path, truth, [1, 0, 2, 3] if is_exchanged else [0, 1, 2, 3])
-    found = promising(base, begun(base), SERIAL, "looks")
+    found = promising_first_changes(base, begun(base), SERIAL, "looks")
     assert [one[0].kind for one in found][:1] == (["swap"] if is_exchanged else [])

@@ -1,4 +1,4 @@
-"""Selection of the changes to refit: of hundreds, those that lower the linearized misfit most."""
+"""Selection of the changes to refit: those of hundreds that promise most by a linear look, what follows from them, and pairs."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ from typing import NamedTuple
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.dof import parse_dof
+from structid.core.dof import Dof, parse_dof
+from structid.core.errors import InputError, StructidError
 from structid.diagnose.causes import (
     Dashpot,
     DryFriction,
     FaultyChannel,
+    LoadPosition,
+    SensorPolarity,
+    SensorPosition,
     SpringToGround,
     Support,
     SwappedLoads,
@@ -24,11 +28,15 @@ from structid.diagnose.causes import (
     rows_left_out,
 )
 from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.delay import SensorDelay
+from structid.diagnose.causes.fixed_value import fixed_values
 from structid.diagnose.causes.friction import FORCES
 from structid.diagnose.causes.gain import LoadGain
+from structid.diagnose.causes.offset import MassOffset
+from structid.diagnose.causes.separate_element import DifferingElement
 from structid.diagnose.data_rows import rows_of, scaled_misfit
 from structid.diagnose.modified_model import QUICK
-from structid.diagnose.refits import FittedModel
+from structid.diagnose.refits import FittedModel, RefitTask
 from structid.diagnose.score_test import Point, Screened
 from structid.diagnose.search_budget import (
     UNLIMITED,
@@ -36,7 +44,7 @@ from structid.diagnose.search_budget import (
     SearchEndedError,
     map_within_budget,
 )
-from structid.diagnose.set_screening import linearize_fit, screen_changes
+from structid.diagnose.set_screening import first_of_each, linearize_fit, screen_changes
 from structid.diagnose.thresholds import (
     CERTAIN_AT_FIT,
     CHANNEL_PART,
@@ -45,9 +53,16 @@ from structid.diagnose.thresholds import (
     INITIAL_PART,
     LEAST_DROP,
     MOST_FEET,
+    MOST_NEIGHBOURS,
+    OTHER_LEVERS,
+    PAIR_LEFT,
+    PAIR_LOOKS,
+    PAIR_LOOKS_OF_KIND,
+    SAME_DELAY,
     SCREENED_LEVELS,
     SHORTLIST,
 )
+from structid.fem import Structure
 from structid.forward import FrfProblem, ModalProblem
 from structid.identification.setups.setup import titles
 from structid.inversion import JointProblem
@@ -328,3 +343,157 @@ def _with_friction(best: _Promises, can_rub: bool) -> None:
     for drop, row in sorted(dampers, key=lambda pair: -pair[0])[:FIRST_OF_KIND]:
         twin = DryFriction(where=row.candidate.where, strengths=FORCES)
         best.setdefault(twin.key, (drop, Screened(twin, float(np.median(FORCES)), row.left)))
+
+
+def derived_candidates(base: FittedModel, shortlist: Shortlist) -> list[Screened]:
+    """Further changes worth a fit, without a linear look, that follow from the most promising screened ones.
+
+    In this order: fixed values of sets one of whose elements looks different, sensors that are late together, other
+    offsets of masses, sensors of opposite sense and at other nodes where they are better left out, loads at other nodes,
+    and supports that become flexible in several rotations.
+    """
+    rows = shortlist.rows
+    lost = shortlist.lost
+    return [
+        *_of_whole_sets(base, rows),
+        *_of_one_card(rows),
+        *_off_otherwise(rows),
+        *_turned(rows, lost),
+        *_misplaced(base, lost),
+        *shortlist.feet,
+    ]
+
+
+def _of_whole_sets(base: FittedModel, rows: Sequence[Screened]) -> list[Screened]:
+    """Candidates that a fixed property of a whole set is wrong, for sets of which `rows` have an element that differs in it.
+
+    A linear step from a fit that is far off promises little of a fixed value, while elements are screened at other points too.
+    """
+    setup = base.modified.setups[0]
+    of_set = {value.where[0]: value for value in fixed_values(setup.structure, setup.parameters)}
+    first: dict[str, Screened] = {}
+    for row in rows:
+        if isinstance(row.candidate, DifferingElement) and len(row.candidate.properties) == 1:
+            differing = row.candidate.properties[0]
+            first.setdefault(f"{differing.property}[{differing.element.rpartition(':')[0]}]", row)
+    return [Screened(of_set[name], 1.0, row.left) for name, row in first.items() if name in of_set]
+
+
+def _of_one_card(screened_rows: Sequence[Screened]) -> list[Screened]:
+    """Candidate delays common to sensors of one record that are late by about the same time (of one acquisition card).
+
+    There is one for the two most telling sensors, one for the first three, and so on; empty for fewer than two.
+    """
+    late = [row for row in screened_rows if isinstance(row.candidate, SensorDelay)]
+    alike = [
+        row
+        for row in late
+        if row.candidate.record == late[0].candidate.record
+        and 1 / SAME_DELAY < row.strength / late[0].strength < SAME_DELAY
+    ]
+    screened = []
+    for count in range(2, len(alike) + 1):
+        places = tuple(row.candidate.where[0] for row in alike[:count])
+        strength = float(np.median([row.strength for row in alike[:count]]))
+        shared = replace(late[0].candidate, where=places)
+        screened.append(Screened(shared, strength, late[0].left))
+    return screened
+
+
+def _turned(rows: Sequence[Screened], lost: Sequence[Screened]) -> list[Screened]:
+    """Candidates that sensors which are better left out (`lost`) have the opposite sense, where `rows` do not have these."""
+    known = {row.candidate.where for row in rows if isinstance(row.candidate, SensorPolarity)}
+    return [
+        Screened(SensorPolarity(where=row.candidate.where, record=row.candidate.record), 1.0, row.left)
+        for row in lost
+        if row.candidate.where not in known
+    ]
+
+
+def _misplaced(base: FittedModel, left_out: Sequence[Screened]) -> list[Screened]:
+    """Candidate positions, at up to four of the nearest nodes, of all loads and of the sensors of `left_out`.
+
+    `left_out` are screened changes that leave out a sensor. Motions of driven supports have no candidates.
+    """
+    screened = []
+    better_out = {(row.candidate.record, row.candidate.where[0]) for row in left_out}
+    for number, setup in enumerate(base.modified.setups):
+        for role, dofs in setup.channels:
+            is_load, measured = role == "input", {dof.unsigned for dof in dofs}
+            if is_load and setup.structure.driven(dofs):
+                continue
+            for dof in dofs:
+                if is_load or (number, dof.place) in better_out:
+                    others = [one for one in _dofs_nearby(setup.structure, dof) if one not in measured]
+                    kind = LoadPosition if is_load else SensorPosition
+                    pairs = [(dof.place, one.place) for one in others]
+                    screened += [Screened(kind(where=pair, record=number), 1.0, base.misfit) for pair in pairs]
+    return screened
+
+
+def _dofs_nearby(structure: Structure, dof: Dof) -> list[Dof]:
+    """Degrees of freedom in the direction of `dof` at up to four of the nearest other nodes that can move in it."""
+    nodes = {label: np.asarray(position) for label, position in structure.nodes.items()}
+    distance = {label: float(np.linalg.norm(x - nodes[dof.node])) for label, x in nodes.items() if label != dof.node}
+    neighbours = []
+    for label in sorted(distance, key=lambda label_of: distance[label_of])[: 2 * MOST_NEIGHBOURS]:
+        with suppress(InputError):
+            other = Dof(label, dof.direction)
+            structure.require_dofs([other])
+            neighbours.append(other)
+    return neighbours[:MOST_NEIGHBOURS]
+
+
+def _off_otherwise(rows: Sequence[Screened]) -> list[Screened]:
+    """Masses off their nodes with other levers: each of the first three in `rows` with its strength times `OTHER_LEVERS`.
+
+    Needed since the misfit depends on the lever and its square: it has minima to the other side, and at less.
+    """
+    off = [row for row in rows if isinstance(row.candidate, MassOffset)][:3]
+    return [replace(row, strength=factor * row.strength) for row in off for factor in OTHER_LEVERS]
+
+
+def promising_first_changes(
+    base: FittedModel, items_begun: Sequence[RefitTask], work: TaskExecutor, name: str, budget: SearchBudget = UNLIMITED
+) -> list[RefitTask]:
+    """First changes beside which a second one leaves at most 30 % of the misfit, sorted by what the best second leaves.
+
+    Second changes are screened at quick fits of log-FRFs that stay near the start values: a full fit of one of two
+    faults is bent towards the other. At most twelve first changes are tried, two of a kind.
+
+    Parameters
+    ----------
+    base : FittedModel
+        The fit before changes.
+    items_begun : sequence of RefitTask
+        Changes with their quick fits (candidate, strength, free variables), the likeliest first.
+    work : TaskExecutor
+        Runs the screening.
+    name : str
+        Name of the stage in progress messages and checkpoints.
+    budget : SearchBudget
+        Changes for which there is no time are left out.
+    """
+    few = first_of_each([candidate.kind for candidate, _, _ in items_begun], PAIR_LOOKS_OF_KIND)
+    items = [items_begun[k] for k in few[:PAIR_LOOKS]]
+    modified = base.modified
+    whole = modified.point_at(modified.anchored_views(), base.near_theta).left
+    looks = map_within_budget(budget, work, name, _looked_beside, base, items)
+    left = [np.inf if look is None else look["left"] for look in looks]
+    order = np.argsort(left, kind="stable").tolist()
+    return [items[k] for k in order if left[k] < PAIR_LEFT * whole]
+
+
+def _looked_beside(base: FittedModel, item: RefitTask, tools: TaskContext) -> dict[str, float]:
+    """The misfit, under ``left``, after a change and the best second change, by a linear step; infinite where that fails.
+
+    `item` is the first change, its strength and the free variables of its quick fit.
+    """
+    candidate, strength, theta = item
+    try:
+        modified = base.modified.changed(candidate, strength)
+        point = modified.point_at(modified.anchored_views(), theta)
+        rows = point.screened(point.candidates(titles(modified.setups)))
+    except (StructidError, np.linalg.LinAlgError):
+        return {"left": np.inf}
+    return {"left": min((row.left for row in rows), default=np.inf)}

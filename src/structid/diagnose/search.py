@@ -21,9 +21,7 @@ from structid.diagnose.causes.outlying_lines import OutlyingLines
 from structid.diagnose.causes.rotary_inertia import AddedRotaryInertia
 from structid.diagnose.causes.spring import SpringToGround
 from structid.diagnose.causes.support import Support
-from structid.diagnose.derived_candidates import derived_candidates
 from structid.diagnose.modified_model import ModifiedModel
-from structid.diagnose.pairs import promising
 from structid.diagnose.refits import (
     CandidateOfStrength,
     FittedModel,
@@ -38,7 +36,7 @@ from structid.diagnose.refits import (
     restore_fit,
 )
 from structid.diagnose.score_test import RequestedChange, Screened
-from structid.diagnose.screening import shortlist_candidates
+from structid.diagnose.screening import derived_candidates, promising_first_changes, shortlist_candidates
 from structid.diagnose.search_budget import NOTHING, UNLIMITED, Expense, SearchBudget, map_within_budget
 from structid.diagnose.set_screening import screen_sets
 from structid.diagnose.thresholds import (
@@ -176,7 +174,8 @@ def _of_two(
         return replace(explanation, is_single=True)
     known = {one.cause.place for one in tried}
     begun = [item for item in explanation.begun if item[0].place not in known]
-    for item in promising(explanation.base, begun, work, "a second beside each change", budget)[:PROMISING_PAIRS]:
+    promising = promising_first_changes(explanation.base, begun, work, "a second beside each change", budget)
+    for item in promising[:PROMISING_PAIRS]:
         if not budget.allows(explanation.spent):
             break
         first = _first(explanation, item, work)

@@ -117,13 +117,20 @@ def screen_sets(
         needs_no_drop = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow | Clock)
         if np.isfinite(least) and (needs_no_drop or least < (1 - LEAST_DROP) * unchanged):
             screened.append(Screened(candidate, strength, scale * least))
-    counts, telling = Counter[str](), set[int]()
-    for k in sorted(range(len(screened)), key=lambda k: screened[k].left):
-        family = screened[k].candidate.family
-        counts[family] += 1
-        if counts[family] <= FIRST_OF_SET_KIND or isinstance(screened[k].candidate, Clock):
-            telling.add(k)
+    order = sorted(range(len(screened)), key=lambda k: screened[k].left)
+    few = first_of_each([screened[k].candidate.family for k in order], FIRST_OF_SET_KIND)
+    telling = {order[k] for k in few} | {k for k in order if isinstance(screened[k].candidate, Clock)}
     return [screened[k] for k in sorted(telling)], n_seen
+
+
+def first_of_each(kinds: Sequence[str], most: int) -> list[int]:
+    """Ascending positions of the first `most` entries of each kind."""
+    counts, kept = Counter[str](), list[int]()
+    for k, kind in enumerate(kinds):
+        counts[kind] += 1
+        if counts[kind] <= most:
+            kept.append(k)
+    return kept
 
 
 def screen_changes(

@@ -69,7 +69,7 @@ OF_SETS: tuple[type[Candidate], ...] = (
 #: Data that are left out, or have a part that no force made.
 OF_DATA = (FaultyChannel, OtherState)
 OF_RESIDUAL = (ExtraMode, OutlyingLines, Tone)
-#: Changes that follow from the look at others; see `structid.diagnose.derived_candidates`.
+#: Changes that follow from the look at others; see `structid.diagnose.screening.derived_candidates`.
 DERIVED: tuple[type[Candidate], ...] = (SensorPosition, LoadPosition)
 #: Every kind of cause.
 CAUSES: tuple[type[Candidate], ...] = (
