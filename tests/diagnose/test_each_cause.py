@@ -85,9 +85,11 @@ NOT_LOOKED_AT = tuple(kind.kind for kind in DERIVED)
 NUMBERS = ("offset", "direction", "load_direction", "between", "load_between")
 
 
-#: Kinds whose faults have tests of their own: of several loads, records or modes, of histories, of left out data, of clocks.
+#: Kinds whose faults have tests of their own: of several loads, records or modes, of histories, of left out data, of clocks,
+#: of beams in space.
 ELSEWHERE = {
     "load_polarity", "load_swap", "channel", "record", "outlying_lines", "tone", "extra_mode", "varies", "clock",
+    "turned_section",
 }  # fmt: skip
 
 

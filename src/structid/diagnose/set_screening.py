@@ -157,8 +157,9 @@ def _has_columns(linearized: LinearizedFit, candidate: Candidate) -> bool:
 def _screen_change(linearized: LinearizedFit, change: CandidateOfStrength, tools: TaskContext) -> dict[str, float]:
     """The misfit under ``left`` after one linear step of the changed model; infinite if it fails or changes too little.
 
-    `change` is the candidate and its strength. A change without a parameter that changes the residual by d lowers the misfit W
-    after a step by no more than 2 sqrt(W) |d| to first order.
+    The step begins at the values of the fit, and at the initial ones too where the candidate asks for it; the lower misfit
+    counts. `change` is the candidate and its strength. A change without a parameter that changes the residual by d lowers the
+    misfit W after a step by no more than 2 sqrt(W) |d| to first order.
     """
     base = linearized.fitted
     try:
@@ -169,11 +170,15 @@ def _screen_change(linearized: LinearizedFit, change: CandidateOfStrength, tools
             difference = np.linalg.norm(target.residual(theta)[:n_data] - linearized.residual[:n_data])
             if 2 * difference < LEAST_DROP * np.sqrt(linearized.misfit):
                 return {"left": np.inf}
-        METER.add(iteration_effort(target))
-        at = target.linearize(theta)
+        starts = [theta, *([target.theta_start] if change[0].is_screened_at_start else [])]
+        METER.add(len(starts) * iteration_effort(target))
+        linearizations = [target.linearize(np.asarray(start)) for start in starts]
     except (StructidError, np.linalg.LinAlgError):
         return {"left": np.inf}
-    directions = linearized.directions if is_comparable else np.zeros((n_data, 0))
-    directions = np.pad(directions, ((0, len(at.residual) - n_data), (0, 0)))
-    augmented = np.column_stack([at.jacobian, directions, at.residual])
-    return {"left": misfit_after_step(augmented, at.n_params, directions.shape[1])}
+    left = []
+    for at in linearizations:
+        directions = linearized.directions if is_comparable else np.zeros((n_data, 0))
+        directions = np.pad(directions, ((0, len(at.residual) - n_data), (0, 0)))
+        augmented = np.column_stack([at.jacobian, directions, at.residual])
+        left.append(misfit_after_step(augmented, at.n_params, directions.shape[1]))
+    return {"left": min(left)}

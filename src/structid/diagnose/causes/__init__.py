@@ -45,6 +45,7 @@ from structid.diagnose.causes.spring import SpringToGround
 from structid.diagnose.causes.support import Support
 from structid.diagnose.causes.swap import SwappedLoads, SwappedSensors
 from structid.diagnose.causes.tone import Tone
+from structid.diagnose.causes.turned_section import TurnedSection
 from structid.diagnose.causes.variation import RecordVariation
 from structid.diagnose.causes.window import ExponentialWindow
 from structid.diagnose.receptances import Receptances
@@ -64,7 +65,7 @@ OF_PLACES: tuple[type[Candidate], ...] = (SensorDirection, LoadDirection, Sensor
 #: Changes whose effect is that of the changed model itself.
 OF_SETS: tuple[type[Candidate], ...] = (
     CoarseMesh, ShearFlexibility, DampingLaw, FixedValue, RecordVariation, ExponentialWindow, Leakage, Clock, AxialForce,
-    NodePlace,
+    NodePlace, TurnedSection,
 )  # fmt: skip
 #: Data that are left out, or have a part that no force made.
 OF_DATA = (FaultyChannel, OtherState)

@@ -45,6 +45,8 @@ class Candidate(metaclass=ABCMeta):
     has_reserved_place: ClassVar[bool] = False
     #: Whether its fit also begins at the initial values: where it drags all values along, their fit is far from the truth.
     begins_at_start: ClassVar[bool] = False
+    #: Whether a changed model is screened at the initial values too: no linear step leads there from values that fit without it.
+    is_screened_at_start: ClassVar[bool] = False
     #: Parameters that a fit of it determines beside those of the changed model.
     n_hidden: ClassVar[int] = 0
     #: Factors on the strength of kinds whose strength is no parameter, or has far minima.

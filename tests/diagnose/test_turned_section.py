@@ -1,0 +1,69 @@
+"""Beams in space whose section is turned by 90 degrees: that ranks first, its fit leaves noise, its study is the right one."""
+
+import numpy as np
+import pytest
+from test_each_cause import begun, require_explained
+from test_kindred_causes import SPACE, written_in_space
+
+import structid as sid
+from structid.diagnose.causes.turned_section import TurnedSection, turned_orientation
+from structid.diagnose.set_screening import screen_sets
+from structid.inversion.search.work import SERIAL
+
+#: The girder with its flat side down: local y up, in place of across.
+TURNED = SPACE.replace('name = "girder"', 'name = "girder"\norientation = [0.0, 0.0, 1.0]')
+
+
+def test_a_turned_section_ranks_first_and_its_fit_alone_explains_all(tmp_path):
+    base = begun(written_in_space(tmp_path, TURNED))
+    rows = screen_sets(base, SERIAL, "changes of the study")[0]
+    first = min(rows, key=lambda row: row.left)
+    assert (first.candidate.kind, first.candidate.where) == ("turned_section", ("girder",))
+    fitted, _ = require_explained(base, first.candidate, 1.0, tmp_path)
+    assert list(fitted.values) == list(base.values)
+    assert "orientation = [" in (tmp_path / "again.toml").read_text(encoding="utf-8")
+    assert first.candidate.sentence(None) == (
+        "the section of girder is turned by 90 degrees: EI about y and z are exchanged"
+    )
+
+
+def test_the_screen_begins_at_the_initial_values_too(tmp_path, monkeypatch):
+    """From values that were fitted without the change a linear step leads nowhere."""
+    base = begun(written_in_space(tmp_path, TURNED))
+    far = type(base)(base.modified, base.theta + np.log([3.0, 0.3]), base.chi_square)
+    left = {}
+    for is_so in (True, False):
+        monkeypatch.setattr(TurnedSection, "is_screened_at_start", is_so)
+        rows = screen_sets(far, SERIAL, "changes of the study")[0]
+        left[is_so] = min((row.left for row in rows if row.candidate.kind == "turned_section"), default=np.inf)
+    assert left[True] < 2 * base.modified.target.n_data
+    assert left[False] > 3 * left[True]
+
+
+NODES = {1: (0.0, 0.0, 0.0), 2: (0.0, 0.0, 1.0), 3: (1.0, 0.0, 1.0), 4: (1.0, 1.0, 1.0)}
+
+
+@pytest.mark.parametrize(
+    ("pairs", "guide"),
+    [([[1, 2]], [0, 1, 0]), ([[1, 2], [2, 3]], None), ([[1, 2], [2, 3]], [0, 1, 0]), ([[2, 3], [3, 4]], [0, 0, 1])],
+)
+def test_the_new_direction_exchanges_the_local_axes_of_every_beam(pairs, guide):
+    def section(orientation):
+        beam = sid.SpaceBeam("legs", pairs, 1.0, 2.0, 3.0, orientation=orientation)
+        return beam, {name: axis[:, :3] for name, axis in beam.section_directions(NODES).items()}
+
+    beam, drawn = section(guide)
+    _, turned = section(turned_orientation(beam, NODES))
+    for one, other in (("VY", "VZ"), ("VZ", "VY")):
+        np.testing.assert_allclose(np.abs((turned[one] * drawn[other]).sum(axis=1)), 1.0, rtol=1e-9)
+
+
+def test_no_direction_turns_beams_along_all_axes():
+    """Of three beams along three axes one would run along any direction that is across the others, or be turned askew."""
+    beam = sid.SpaceBeam("legs", [[1, 2], [2, 3], [3, 4]], 1.0, 2.0, 3.0, orientation=[1.0, 2.0, 3.0])
+    assert turned_orientation(beam, NODES) is None
+
+
+def test_sections_with_equal_stiffnesses_are_not_tried(tmp_path):
+    base = begun(written_in_space(tmp_path, SPACE))
+    assert [one.where for one in TurnedSection.from_model(base.modified.model, base.modified.problems)] == [("girder",)]
