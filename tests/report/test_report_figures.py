@@ -16,7 +16,7 @@ import structid as si
 from structid.identification.identified import Identification
 from structid.report import write_report
 from structid.report.drawing.changes import Change, look, shading, shadings
-from structid.report.drawing.drawing import Label, place, structure_picture
+from structid.report.drawing.drawing import Label, place_without_overlap, structure_picture
 from structid.report.drawing.palette import DIVERGING, steps
 from structid.report.figures.modes import mode_rows
 from structid.report.figures.parameters import correlation_figure, parameters_figure
@@ -239,7 +239,7 @@ def test_cells_of_the_map_are_centred_on_their_lines() -> None:
 def test_labels_never_cover_each_other() -> None:
     random = np.random.default_rng(5)
     wanted = [Label("12345", x, np.array([0.0, 1.0]), "node") for x in random.random((60, 2))]
-    placed, lost = place(wanted, (0.02, 0.04), 0.02, np.zeros((0, 2)))
+    placed, lost = place_without_overlap(wanted, (0.02, 0.04), 0.02, np.zeros((0, 2)))
     assert len(placed) + lost == 60
     assert placed
     half = 0.5 * np.array([5 * 0.02, 1.25 * 0.04])

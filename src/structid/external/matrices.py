@@ -156,18 +156,18 @@ class _Pattern:
     codes: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     entries: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
-    def with_run(self, table: Mapping[str, ImportedMatrix], words: str) -> _Pattern:
+    def with_run(self, table: Mapping[str, ImportedMatrix], run_words: str) -> _Pattern:
         """The pattern of matrix entries extended by those of a run; `table` has its matrices by kind (mass, ...).
 
-        `words` describe the run in the `InputError` that is raised if its degrees of freedom differ from the first run's.
+        `run_words` describe the run in the `InputError` that is raised if its degrees of freedom differ from the first run's.
         """
         codes_of_run = {key: np.sort(codes_of(item.dofs)) for key, item in table.items() if item.dofs is not None}
         first = self.codes_by_kind or codes_of_run
         for key, codes in codes_of_run.items():
             if not np.array_equal(codes, first[key]):
                 raise InputError(
-                    f"the {key} of the run at {words} has {len(codes)} rows, that of the first run {len(first[key])}, or others;"
-                    " keep mesh and supports as they are, and mark numbers that change neither"
+                    f"the {key} of the run at {run_words} has {len(codes)} rows, that of the first run {len(first[key])}, or"
+                    " others; keep mesh and supports as they are, and mark numbers that change neither"
                 )
         pattern = replace(self, codes_by_kind=first, codes=np.unique(np.concatenate(list(first.values()))))
         new = np.setdiff1d(pattern._entries_of(table)[0], self.entries)

@@ -50,17 +50,17 @@ def main() -> None:
         stream.write(json.dumps(ended).ljust(_ENDED))
 
 
-def _run_command(folder: Path, words: list[str]) -> int:
-    """Exit code of the structid command `words`, run to its end with all output appended to ``log.txt`` in `folder`."""
+def _run_command(folder: Path, arguments: list[str]) -> int:
+    """Exit code of the structid command `arguments`, run to its end with all output appended to ``log.txt`` in `folder`."""
     with (folder / "log.txt").open("ab") as log:
-        child = start_child(python_arguments("-m", "structid", *words), output=log, errors=log, has_group=False)
+        child = start_child(python_arguments("-m", "structid", *arguments), output=log, errors=log, has_group=False)
         (folder / "child.json").write_text(json.dumps({"pid": child.pid}), encoding="utf-8")
         return child.wait()
 
 
 @contextmanager
 def _turn(folder: Path) -> Iterator[bool]:
-    """Context that waits until fewer than two runs of the user compute; yields True then, or False if a stop was requested.
+    """Context that waits until fewer than `AT_ONCE` runs of the user compute; yields True then, or False if a stop was requested.
 
     `folder` is that of the run, which holds the file ``queued`` while it waits. Without file locks there is no waiting.
     """

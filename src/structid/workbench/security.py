@@ -206,9 +206,9 @@ def _with_policy(send: Send, policy: str) -> Send:
     return sent
 
 
-async def _answer(send: Send, status: int, words: str) -> None:
-    """Send a complete response with the HTTP status `status` and the plain text `words`."""
-    body = words.encode()
+async def _answer(send: Send, status: int, text: str) -> None:
+    """Send a complete response with the HTTP status `status` and the plain text `text`."""
+    body = text.encode()
     headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})

@@ -84,7 +84,7 @@ def structure_picture(
     obstacles = symbols.sampled(symbols.joined(in_the_way), 0.4 * character[1])
     wanted = [*_dof_labels(frame, loads, palette.LOAD), *_dof_labels(frame, sensors, palette.SENSOR)]
     wanted += [] if is_field else _place_labels(frame, shown, marks, {arrow.dof.node for arrow in (*sensors, *loads)})
-    placed, lost = place(wanted, character, 0.08 * per_inch, obstacles)
+    placed, lost = place_without_overlap(wanted, character, 0.08 * per_inch, obstacles)
     if lost:
         are = "is" if lost == 1 else "are"
         left = f"{plural(lost, 'label')} that would cover another {are} left out of the drawing"
@@ -174,16 +174,16 @@ def _marks(frame: _Frame) -> tuple[tuple[Mark, ...], FloatArray]:
     heaviest = max((float(e.mass.max()) for e in rest if _is_mass(e)), default=1.0)
     taken: Counter[object] = Counter()
     areas = [(e, k, *_area(frame, e, k, taken, heaviest)) for e in rest for k in range(len(e.nodes))]
-    around = _Around(Counter(_pair(e.nodes[k]) for e, k in lines), Counter(), {}, {})
+    obstacles = _Obstacles(Counter(_pair(e.nodes[k]) for e, k in lines), Counter(), {}, {})
     for element, k, path, centre in areas:
         radius, node = float(np.nanmax(np.hypot(*(path - centre).T))), int(element.nodes[k][0])
-        around.clearance[node] = max(around.clearance.get(node, 0.0), radius)
-    around.connectors.update(_place_key(e, k) for e, k in connectors if not e.first[k].is_rotation)
+        obstacles.clearance[node] = max(obstacles.clearance.get(node, 0.0), radius)
+    obstacles.connectors.update(_place_key(e, k) for e, k in connectors if not e.first[k].is_rotation)
     for first, second in (_pair(e.nodes[k]) for e, k in (*connectors, *lines)):
         if first >= 0:
-            around.neighbours.setdefault(first, set()).add(second)
-            around.neighbours.setdefault(second, set()).add(first)
-    shapes = [(e, k, *_connector(frame, e, k, around, taken)) for e, k in connectors]
+            obstacles.neighbours.setdefault(first, set()).add(second)
+            obstacles.neighbours.setdefault(second, set()).add(first)
+    shapes = [(e, k, *_connector(frame, e, k, obstacles, taken)) for e, k in connectors]
     marks = [_mark(e, k, path, False, centre) for e, k, path, _, centre in shapes]
     for element, k in lines:
         path = np.array([frame.points[int(n)] for n in element.nodes[k]])
@@ -211,11 +211,19 @@ def _place_key(element: Connector, index: int) -> object:
 
 
 @dataclass(frozen=True, eq=False)
-class _Around:
-    """Obstacles that a drawn connector has to keep clear of.
+class _Obstacles:
+    """Parts of a drawing that the symbol of a spring, dashpot or friction contact keeps clear of.
 
-    Beams and bars between each pair of nodes, connectors that share a place (see `_place_key`), nodes that elements
-    join, and the radius of what is drawn at each node.
+    Attributes
+    ----------
+    lines : Counter
+        Number of beams and bars between each pair of nodes.
+    connectors : Counter
+        Number of connectors that would lie on each other, by the key that `_place_key` gives them.
+    neighbours : mapping of int to set of int
+        Nodes that an element joins to each node.
+    clearance : mapping of int to float
+        Radius of what is drawn at a node, in drawing units.
     """
 
     lines: Counter[tuple[int, int]]
@@ -225,12 +233,12 @@ class _Around:
 
 
 def _connector(
-    frame: _Frame, element: Connector, index: int, around: _Around, taken: Counter[object]
+    frame: _Frame, element: Connector, index: int, obstacles: _Obstacles, taken: Counter[object]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Path (n, 2), wall line (n, 2) and centre (2,) of the symbol of a spring, dashpot or friction contact.
+    """Path (n, 2), wall line (n, 2) and centre (2,) of the symbol of a spring, dashpot or friction contact, in drawing units.
 
-    `index` is the element's row in its set; `taken` counts the parallel connectors drawn so far, and is increased. The wall
-    line is empty unless the connector goes to the ground.
+    `index` is the element's row in its set; `obstacles` decide on which side of its nodes the symbol is drawn; `taken` counts
+    the parallel connectors drawn so far, and is increased. The wall line is empty unless the connector goes to the ground.
     """
     first = element.first[index]
     second = None if element.second is None else element.second[index]
@@ -242,21 +250,21 @@ def _connector(
         centre = 0.5 * (start + end)
         return symbols.spiral(centre, radius), np.zeros((0, 2)), centre
     key = _place_key(element, index)
-    number, count = taken[key], around.connectors[key]
+    number, count = taken[key], obstacles.connectors[key]
     taken[key] += 1
     if second is None:
-        along, blocked = _ground_direction(frame, first, around)
+        along, blocked = _ground_direction(frame, first, obstacles)
     else:
-        along, blocked = symbols.unit(end - start), around.lines[_pair((first.node, second.node))] > 0
+        along, blocked = symbols.unit(end - start), obstacles.lines[_pair((first.node, second.node))] > 0
     stub = second is None or bool(np.hypot(*(end - start)) <= 1e-6 * frame.size)
     along = symbols.unit(frame.direction(first)) if stub and second is not None else along
     step = (number + 1 if blocked else number - 0.5 * (count - 1)) * 3.2 * frame.height
     shift = step * symbols.across(along)
-    begin = start + around.clearance.get(first.node, 0.0) * along
+    begin = start + obstacles.clearance.get(first.node, 0.0) * along
     if stub:
         finish = begin + max(9 * frame.height, 0.06 * frame.size) * along
     else:
-        finish = end - around.clearance.get(second.node if second else first.node, 0.0) * along
+        finish = end - obstacles.clearance.get(second.node if second else first.node, 0.0) * along
     lead = [begin, begin + shift] if step else []
     tail = [finish + shift, finish] if step and not stub else []
     body = symbols.connector(element.symbol, begin + shift, finish + shift, frame.height)
@@ -265,13 +273,13 @@ def _connector(
     return path, wall, 0.5 * (begin + finish) + shift
 
 
-def _ground_direction(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool]:
+def _ground_direction(frame: _Frame, dof: Dof, obstacles: _Obstacles) -> tuple[FloatArray, bool]:
     """Unit direction on paper from a node to the ground for its connector, and True if an element lies that way.
 
     It is opposite to the positive axis of `dof`, unless only that side is occupied. The direction is (2,).
     """
     along = symbols.unit(frame.direction(dof))
-    ways = [symbols.unit(frame.points[n] - frame.points[dof.node]) for n in around.neighbours.get(dof.node, ())]
+    ways = [symbols.unit(frame.points[n] - frame.points[dof.node]) for n in obstacles.neighbours.get(dof.node, ())]
     against, with_axis = (max((float(way @ side) for way in ways), default=-1.0) for side in (-along, along))
     if with_axis < min(against, _IN_THE_WAY) and against > _IN_THE_WAY:
         return along, False
@@ -395,30 +403,30 @@ def _axes(frame: _Frame, corner: FloatArray, used: set[str]) -> tuple[tuple[str,
 
 
 def _bounds(
-    corners: FloatArray, words: Sequence[tuple[str, FloatArray]], paths: Sequence[FloatArray], per_inch: float
+    corners: FloatArray, texts: Sequence[tuple[str, FloatArray]], paths: Sequence[FloatArray], per_inch: float
 ) -> tuple[float, float, float, float]:
     """Drawing limits (x low, x high, y low, y high) that hold corners, texts and paths with a margin of 4 %.
 
-    `words` are pairs of text and centre; `per_inch` is the number of drawing units in an inch of text. `corners` is (n,
+    `texts` are pairs of text and centre; `per_inch` is the number of drawing units in an inch of text. `corners` is (n,
     2), centres are (2,) and each of `paths` is (n, 2).
     """
     half = 0.5 * per_inch * np.array(_CHARACTER_INCHES)
-    boxes = [at + sign * half * (len(text), 1.0) for text, at in words for sign in (-1.0, 1.0)]
+    boxes = [at + sign * half * (len(text), 1.0) for text, at in texts for sign in (-1.0, 1.0)]
     everything = np.concatenate([corners, *paths, np.array(boxes).reshape(-1, 2)])
     low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
     margin = 0.04 * max(high - low)
     return float(low[0] - margin), float(high[0] + margin), float(low[1] - margin), float(high[1] + margin)
 
 
-def _node_texts(structure: Structure, shown: Sequence[int]) -> tuple[str, ...]:
-    """Hover texts of the nodes `shown`: label, coordinates (m) and fixed directions."""
-    held: dict[int, list[str]] = {}
+def _node_texts(structure: Structure, nodes: Sequence[int]) -> tuple[str, ...]:
+    """Hover texts of the nodes `nodes`: label, coordinates (m) and fixed directions."""
+    fixed_directions: dict[int, list[str]] = {}
     for dof in structure.fixed:
-        held.setdefault(dof.node, []).append(dof.direction)
+        fixed_directions.setdefault(dof.node, []).append(dof.direction)
     texts = []
-    for node in shown:
+    for node in nodes:
         place_text = ", ".join(f"{x:g}" for x in structure.nodes[node])
-        fixed = f", fixed: {' '.join(held[node])}" if node in held else ""
+        fixed = f", fixed: {' '.join(fixed_directions[node])}" if node in fixed_directions else ""
         texts.append(f"node {node} ({place_text}) m{fixed}")
     return tuple(texts)
 
@@ -433,8 +441,8 @@ class Label:
     colour: str
 
 
-def place(
-    wanted: Iterable[Label], character: tuple[float, float], gap: float, obstacles: FloatArray
+def place_without_overlap(
+    labels: Iterable[Label], character: tuple[float, float], gap: float, obstacles: FloatArray
 ) -> tuple[list[tuple[Label, FloatArray]], int]:
     """Labels placed without overlap, each with the centre of its text, and the number of labels left out.
 
@@ -453,7 +461,7 @@ def place(
     """
     boxes = np.zeros((0, 4))
     placed, lost = [], 0
-    for label in wanted:
+    for label in labels:
         half = 0.5 * np.array([len(label.text) * character[0], 1.25 * character[1]])
         best, fewest = None, np.inf
         for centre in _candidates(label, half, gap):

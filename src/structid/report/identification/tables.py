@@ -338,13 +338,13 @@ def _span(frequency: FloatArray) -> str:
     return f"{exact(float(frequency[0]), 4)}{DASH}{exact(float(frequency[-1]), 4)}"
 
 
-def _gaps(whole: FloatArray, used: FloatArray) -> str:
+def _gaps(record_frequency: FloatArray, fit_frequency: FloatArray) -> str:
     """Text on frequency ranges inside the band that were left out, beginning with a comma; "" if there are none.
 
-    `whole` and `used` (n,) are the frequencies of the record and of the fit, Hz, increasing.
+    `record_frequency` and `fit_frequency` (n,) are the frequencies of the record and of the fit, Hz, increasing.
     """
-    inside = whole[(whole >= used[0]) & (whole <= used[-1])]
-    out = ~np.isin(inside, used)
+    inside = record_frequency[(record_frequency >= fit_frequency[0]) & (record_frequency <= fit_frequency[-1])]
+    out = ~np.isin(inside, fit_frequency)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(int), [0]])))
     if len(edges) > 12:
         return f", without {int(out.sum())} lines in between"

@@ -256,24 +256,24 @@ def reduction_summary(identification: Identification) -> dict[str, StoredEntry]:
     return {"reduction": {"components": parts, "changes": changes}} if changes else {}
 
 
-def varied_summary(answer: Identification) -> dict[str, StoredEntry]:
+def varied_summary(identification: Identification) -> dict[str, StoredEntry]:
     """The entry ``varied``: scatter of parameters that vary between records, and the value in each record; {} if none do."""
-    if not answer.priors.varied:
+    if not identification.priors.varied:
         return {}
-    index_of = {name: i for i, name in enumerate(answer.estimate.names)}
+    index_of = {name: i for i, name in enumerate(identification.estimate.names)}
     return {
         "varied": [
             {
                 "name": item.name, "rule": item.rule, "scatter": item.scatter, "scatter_interval_95": item.interval,
                 "text": item.words, "outlying": item.outlying_words,
                 "records": [
-                    {"record": record, "name": own, "value": answer.estimate.values[index_of[own]],
-                     "std": answer.estimate.std[index_of[own]], "interval_95": answer.intervals.ends[index_of[own]],
+                    {"record": record, "name": own, "value": identification.estimate.values[index_of[own]],
+                     "std": identification.estimate.std[index_of[own]], "interval_95": identification.intervals.ends[index_of[own]],
                      "deviation": deviation, "p_value": p, "outlying": outlying}
                     for record, _, own, deviation, p, outlying in item.parts
                 ],
             }
-            for item in answer.priors.varied
+            for item in identification.priors.varied
         ]
     }  # fmt: skip
 
