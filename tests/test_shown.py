@@ -52,6 +52,57 @@ def test_text_of_an_object_is_short_and_its_table_is_whole(made):
     assert "columns <b>" not in page
 
 
+def test_wrong_names_are_guessed_and_the_names_that_exist_are_listed():
+    found = estimate()
+    assert found["stiffness[columns <b>:1]"] == found.estimate["stiffness[columns <b>:1]"]
+    with pytest.raises(
+        sid.InputError, match=r"^no parameter 'stiffness'; did you mean 'stiffness\[columns <b>:1\]' or"
+    ):
+        found["stiffness"]
+    with pytest.raises(sid.InputError, match=r"did you mean 'stiffness\[columns <b>:2\]'.*there are "):
+        found["stifness[columns b:2]"]
+
+
+def test_comparisons_and_modes_of_a_file_are_printed_as_tables(tmp_path):
+    found = estimate()
+    compared = sid.compare_states(found.estimate, found.estimate)
+    assert str(compared).splitlines()[0] == compared.words == "no parameter changed (joint risk 5 %)"
+    assert [line.split("  ")[0] for line in str(compared).splitlines()[2:]] == list(compared.names)
+    assert "array(" not in repr(compared)
+    with pytest.raises(sid.InputError, match=r"`later` must be an Estimate, got Identification; .* `.estimate`"):
+        sid.compare_states(found.estimate, found)
+    t = np.arange(600)[:, None] * 0.02
+    decay = np.exp(-0.1 * t) * (np.cos(20 * t) * [[1.0, 1.0]] + np.cos(50 * t) * [[1.0, -1.0]])
+    sid.write_record(tmp_path / "decay.csv", sid.TimeRecord(50.0, decay, ("2X", "3X"), ("displacement",) * 2))
+    result = sid.modes_of_file(tmp_path / "decay.csv")
+    assert str(result).startswith("decay.csv, by pencil: 2 modes at 2 channels")
+    assert str(result).splitlines()[1:] == str(result.modes).splitlines()[1:]
+    assert len(repr(result)) < 120
+
+
+def test_arguments_of_another_class_are_named_with_the_remedy(tmp_path):
+    built, given = structure(), sid.with_declared_noise(record(), 0.01)
+    unknown = sid.parameters(built, sid.Unknown("stiffness", "columns <b>"))
+    setup = sid.Setup(built, unknown, given)
+    bare = sid.Structure({1: [0.0], 2: [1.0], 3: [2.0]}, built.elements[1:], ["1X"], active=["X"])
+    for call, words in (
+        (lambda: sid.identify_together(setup), r"`setups` must be a list of set-ups, got a single one; write `\[setup\]`"),
+        (lambda: sid.identify_together([(built, unknown)]), r"`setups\[0\]` must be .* got tuple; make it by `Setup`"),
+        (lambda: sid.identify(built, unknown, given, {"band": (1, 9)}), r"`options` must be .* got dict; make it"),
+        (lambda: sid.identify(built, sid.parameters(built, []), given), r"nothing is unknown; give .* one `Unknown`"),
+        (lambda: sid.identify(bare, unknown, given), "made for another structure; make them by"),
+        (lambda: sid.parameters(built, sid.Unknown("columns <b>", "stiffness")),
+         r"is an element set and 'stiffness' its property; write `Unknown\('stiffness', 'columns <b>'\)`"),
+        (lambda: sid.run_study("frame.toml"), r"`study` must be of class Study, got str; make it by `load_study\(path\)`"),
+        (lambda: sid.read_record(given.values), r"`path` must be .* got ndarray; of arrays make a record by `FrfRecord`"),
+        (lambda: sid.write_record(given, tmp_path / "a.csv"), r"`path` must be .* got FrfRecord; the path comes first"),
+        (lambda: sid.identify_modes(history(), {"rate": 2}), r"`method` must be of class str, got dict"),
+        (lambda: sid.identify_modes(history(), band=(1, 2)), r"`band` is no setting of `identify_modes`; there are "),
+    ):  # fmt: skip
+        with pytest.raises(sid.InputError, match=words):
+            call()
+
+
 def test_estimates_show_values_and_name_what_there_is():
     found = estimate()
     told = found.estimate

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import html
 import math
 from abc import ABC, abstractmethod
@@ -85,6 +86,12 @@ def join_words(items: Sequence[object], most: int = 6) -> str:
     """The first `most` items joined by commas, and how many more there are."""
     more = len(items) - most
     return ", ".join(map(str, items[:most])) + (f" and {more} more" if more > 0 else "")
+
+
+def names_like(text: str, names: Sequence[str], most: int = 3) -> list[str]:
+    """Those of `names` that a reader who wrote `text` may have meant: such as begin with it, then such as are spelled alike."""
+    begin = [name for name in names if text and name.lower().startswith(text.lower())]
+    return list(dict.fromkeys([*begin, *difflib.get_close_matches(text, names, most)]))[:most]
 
 
 def as_sentence(words: str) -> str:

@@ -21,6 +21,12 @@ class InputError(StructidError, ValueError):
         self.option = option
 
 
+class MissingNameError(InputError, KeyError):
+    """A name by which something is asked for does not exist; the message lists the names that do, the nearest first."""
+
+    __str__ = InputError.__str__  # a KeyError shows its message in quotes
+
+
 class FileError(InputError):
     """A file cannot be read or written as asked; the message begins with its path."""
 
@@ -50,6 +56,14 @@ class UnnamedChannelsError(InputError):
     def __init__(self, message: str, count: int) -> None:
         super().__init__(message)
         self.count = count
+
+
+def require_class(argument: str, value: object, kind: type | tuple[type, ...], remedy: str) -> None:
+    """Raise `InputError` unless the argument's `value` is of class `kind`, or of one of several; `remedy` ends the message."""
+    if isinstance(value, kind):
+        return
+    names = " or ".join(each.__name__ for each in (kind if isinstance(kind, tuple) else (kind,)))
+    raise InputError(f"`{argument}` must be of class {names}, got {type(value).__name__}; {remedy}")
 
 
 @contextmanager

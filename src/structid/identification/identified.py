@@ -26,6 +26,7 @@ from structid.identification.regularizing import AppliedRegularization
 from structid.identification.setups.setup import AnySetup
 from structid.identification.varying import Varied
 from structid.inversion import Estimate, Problem
+from structid.inversion.estimate import Value
 from structid.inversion.intervals.intervals import Intervals
 from structid.plotting import IdentificationPlots
 from structid.records import FrfRecord
@@ -144,6 +145,16 @@ class Identification(Shown, IdentificationPlots):
     options: IdentifyOptions | None = None
     alternatives: Alternatives | None = None
     mesh: str = ""
+
+    def __getitem__(self, name: str) -> Value:
+        """Value and standard deviation of one parameter, such as ``fit["mass[beam]"]``; see `Estimate`.
+
+        Raises
+        ------
+        MissingNameError
+            If there is none of that name; with those that there are.
+        """
+        return self.estimate[name]
 
     @property
     def first(self) -> RecordFit | ModalFit:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.errors import InputError
+from structid.core.errors import InputError, require_class
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, RecordProblem
 from structid.forward.scatter import scatter_problems
@@ -22,7 +22,7 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import regularization_warnings, shares
 from structid.identification.search import search_parameters
 from structid.identification.setups.frf import Setup
-from structid.identification.setups.setup import AnySetup, prefixes, prepared_warnings, titles
+from structid.identification.setups.setup import AnySetup, RecordSetup, prefixes, prepared_warnings, titles
 from structid.identification.warning_words import estimate_warnings, ran_away, ran_away_words, unused_damping
 from structid.inversion import Covariance, Estimate
 from structid.inversion.fixed_values import FIXED, FixedValueInfluence
@@ -34,12 +34,9 @@ from structid.unknowns.named_unknowns import begun_at
 
 __all__ = ["Identification", "IdentifyOptions", "Setup", "identify", "identify_together"]
 
-#: How the arguments of `identify` are made.
-_MAKERS = {
-    "structure": "make it by `Structure(nodes, elements, fixed)`",
-    "unknown": "make it by `parameters(structure, unknowns)`",
-    "record": "make it by `read_record` or `FrfRecord`; modes and histories go to `identify_together`, each in a set-up",
-}
+_RECORD_MAKERS = (
+    "make it by `read_record` or `FrfRecord`; modes and histories go to `identify_together`, each in a set-up"
+)
 
 
 def identify(
@@ -77,12 +74,9 @@ def identify(
     ----------
     Norris (1986), chapter 4, with the unmeasured degrees of freedom eliminated.
     """
-    takes = {"structure": (structure, Structure), "unknown": (unknown, Parameters), "record": (record, FrfRecord)}
-    for argument, (value, kind) in takes.items():
-        if not isinstance(value, kind):
-            raise InputError(
-                f"`{argument}` must be of class {kind.__name__}, got {type(value).__name__}; {_MAKERS[argument]}"
-            )
+    require_class("structure", structure, Structure, "make it by `Structure(nodes, elements, fixed)`")
+    require_class("unknown", unknown, Parameters, "make it by `parameters(structure, unknowns)`")
+    require_class("record", record, FrfRecord, _RECORD_MAKERS)
     return identify_together([Setup(structure, unknown, record, channel_unknowns)], options, progress)
 
 
@@ -119,11 +113,11 @@ def identify_together(
     Raises
     ------
     InputError
-        If a shared parameter is declared differently in two set-ups, or a record cannot be used.
+        If an argument is of another class, nothing is unknown, a shared parameter is declared differently in two set-ups,
+        or a record cannot be used.
     """
-    chosen = options or IdentifyOptions()
-    if not setups:
-        raise InputError("`setups` must hold at least one set-up, got none; give one for each record")
+    chosen = IdentifyOptions() if options is None else options
+    _require_setups(setups, chosen)
     prepared = [setup.prepared(chosen) for setup in setups]
     problems = initial = harmonize_shared_parameters([ready.problem for ready in prepared], titles(setups))
     if len(setups) == 1:
@@ -193,6 +187,25 @@ def identify_together(
         options=chosen,
         alternatives=alternatives(found, problems, outcome.without_priors),
     )
+
+
+def _require_setups(setups: Sequence[AnySetup], options: IdentifyOptions) -> None:
+    """Raise `InputError` unless `setups` is a sequence of set-ups that declare an unknown, and `options` are of their class."""
+    if isinstance(setups, RecordSetup):
+        raise InputError("`setups` must be a list of set-ups, got a single one; write `[setup]`")
+    for number, setup in enumerate(setups):
+        require_class(f"setups[{number}]", setup, RecordSetup, "make it by `Setup`, `TimeSetup` or `ModalSetup`")
+    if not setups:
+        raise InputError("`setups` must hold at least one set-up, got none; give one for each record")
+    require_class("options", options, IdentifyOptions, "make it as in `IdentifyOptions(band=(5, 100))`")
+    for number, setup in enumerate(setups):
+        if setup.parameters.offset.shape != setup.structure.values.shape:
+            raise InputError(
+                f"the parameters of setups[{number}] were made for another structure; make them by"
+                " `parameters(structure, unknowns)` with the structure that is identified"
+            )
+    if not any(setup.parameters.names or setup.channel_unknowns for setup in setups):
+        raise InputError("nothing is unknown; give `parameters(structure, unknowns)` at least one `Unknown`")
 
 
 def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem]) -> list[str]:

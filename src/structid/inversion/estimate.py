@@ -12,8 +12,8 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray, locked
-from structid.core.display import Overview, Shown, data_frame, format_number, join_words, plural
-from structid.core.errors import InputError
+from structid.core.display import Overview, Shown, data_frame, format_number, join_words, names_like, plural
+from structid.core.errors import InputError, MissingNameError
 from structid.inversion.averaging import expected_square
 from structid.inversion.covariance import correlation_length
 from structid.inversion.diagnostics.identifiability import Identifiability
@@ -426,11 +426,13 @@ class Estimate(Shown):
 
         Raises
         ------
-        KeyError
-            If there is none of that name; with those that there are.
+        MissingNameError
+            If there is none of that name, which is a `KeyError` too; with those that there are, the nearest first.
         """
         if name not in self.names:
-            raise KeyError(f"no parameter {name!r}; there are {join_words(self.names)}")
+            likely = names_like(str(name), self.names)
+            nearest = f"did you mean {' or '.join(map(repr, likely))}? " if likely else ""
+            raise MissingNameError(f"no parameter {name!r}; {nearest}there are {join_words(self.names)}")
         index = self.names.index(name)
         return Value(float(self.values[index]), float(self.std[index]))
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from structid.core.errors import InputError
+from structid.core.errors import InputError, require_class
 from structid.modal.frf.lscf_modes import lscf
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord
@@ -108,6 +108,12 @@ def identify_modes(
     >>> identify_modes(record, orders=[4]).omega.round(4).tolist()
     [2.0001, 5.0]
     """
+    if method is not None:
+        require_class("method", method, str, f"it is one of {', '.join(METHODS)}; settings follow by their names")
+    have = [each.name for each in fields(ModalOptions)]
+    for name in settings:
+        if name not in have:
+            raise InputError(f"`{name}` is no setting of `identify_modes`; there are {', '.join(have)}")
     return modal_identification(records, method, replace(options or ModalOptions(), **settings)).modes
 
 

@@ -359,6 +359,10 @@ def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Pr
             " factors of the whole"
         )
     if name not in names:
+        if wanted in names and any(p.term.property == name for p in structure.properties):
+            raise InputError(
+                f"{wanted!r} is an element set and {name!r} its property; write `Unknown({name!r}, {wanted!r})`"
+            )
         nearest = difflib.get_close_matches(name, names, 1, 0.0)
         raise InputError(f"there is no element set {name!r}" + (f"; the nearest is {nearest[0]!r}" if nearest else ""))
     of_set = [p for p in structure.properties if p.element == name]

@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray, locked
+from structid.core.display import Overview, Shown, format_number
 from structid.core.errors import InputError
+from structid.core.quantities import percent, unit_text, with_std
 from structid.inversion.comparison.multiple_tests import Correction, adjusted_p_values, detectable, require_levels
 from structid.inversion.comparison.states import LATER, OF_RECORD
 from structid.inversion.estimate import Status
 from structid.inversion.fixed_values import widen_changes
 
 
+@runtime_checkable
 class Identified(Protocol):
     """The part of an estimate that a comparison needs, computed or read from a file."""
 
@@ -103,8 +106,8 @@ class States:
         return self.after - self.before
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Comparison(States):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Comparison(Shown, States):
     """Change of every parameter from a baseline to a later state, with its significance; see `States` for the states.
 
     Attributes
@@ -127,6 +130,22 @@ class Comparison(States):
     correction: Correction
     status: Status
     least: float = 0.0
+
+    def overview(self) -> Overview:
+        """Result in a sentence, and one row for each parameter, declared changes first: values, change, p-value."""
+        rows = [
+            (
+                self.names[i],
+                unit_text(self.units[i]),
+                with_std(float(self.before[i]), float(self.covariance_before[i, i]) ** 0.5),
+                with_std(float(self.after[i]), float(self.covariance_after[i, i]) ** 0.5),
+                f"{percent(float(self.relative_change[i]))} ± {percent(float(self.relative_std[i]), 2, signed=False)}",
+                format_number(float(self.adjusted[i]), 2),
+                "changed" if self.changed[i] else "",
+            )
+            for i in self.order
+        ]
+        return Overview(self.words, ("parameter", "unit", "before", "after", "change", "p corrected", ""), rows)
 
     @property
     def std(self) -> FloatArray:
@@ -268,6 +287,11 @@ def compare_states(
     ----------
     Holm (1979), Scand. J. Statist. 6, 65; Benjamini and Hochberg (1995), J. R. Statist. Soc. B 57, 289.
     """
+    for argument, state in (("baseline", baseline), ("later", later)):
+        if not isinstance(state, Identified):
+            raise InputError(
+                f"`{argument}` must be an Estimate, got {type(state).__name__}; of an `Identification` give its `.estimate`"
+            )
     require_levels(level, power, correction)
     carried = tuple(carried)
     for label in carried:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from structid._version import __version__
 from structid.core.arrays import FloatArray
+from structid.core.display import Overview, Shown
 from structid.core.dof import Dof
 from structid.core.errors import InputError, NoModesError, StoredSpectraError, UnnamedChannelsError
 from structid.core.provenance import Provenance
@@ -82,8 +83,8 @@ class ModeSpectra:
     is_power: bool = True
 
 
-@dataclass(frozen=True, eq=False)
-class ModesResult(ModesPlots):
+@dataclass(frozen=True, eq=False, repr=False)
+class ModesResult(Shown, ModesPlots):
     """Modes of a record, with what they were found from.
 
     Attributes
@@ -121,6 +122,11 @@ class ModesResult(ModesPlots):
     options: ModesOptions = field(default_factory=ModesOptions)
     kurtosis: FloatArray = field(default_factory=lambda: np.zeros(0))
     tones: tuple[Tone, ...] = ()
+
+    def overview(self) -> Overview:
+        """Record, method and number of modes, and one row for each mode as `ModalRecord` shows it."""
+        modes = self.modes.overview()
+        return Overview(f"{self.title}, by {self.identification.method}: {modes.words}", modes.header, modes.rows)
 
     @property
     def modes(self) -> ModalRecord:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from structid.core.errors import FileError, InputError
+from structid.core.errors import FileError, InputError, require_class
 from structid.files import damage_told, require_readable
 from structid.lazy import FormatModule
 from structid.records.formats.csv.layout import CsvLayout
@@ -87,7 +87,9 @@ def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfReco
     >>> options = ReadOptions(sampling_rate=100, channels="1Z+,2Z+", units="g")
     >>> record = read_record("impact.npy", options)  # doctest: +SKIP
     """
+    require_class("path", path, (str, Path), "of arrays make a record by `FrfRecord` or `TimeRecord`")
     path, options = Path(path), ReadOptions() if options is None else options
+    require_class("options", options, ReadOptions, "make it by `ReadOptions(...)`")
     module = _format_of(path)
     _require_applicable(path, module, options)
     require_readable(path)
@@ -131,6 +133,8 @@ def write_record(path: str | Path, record: FrfRecord | TimeRecord) -> None:
     InputError
         If the record lies right of the axis (`FrfRecord.decay`), which no format keeps.
     """
+    require_class("path", path, (str, Path), "the path comes first, then the record")
+    require_class("record", record, (FrfRecord, TimeRecord), "modes go to a file by `structid modes`")
     path = Path(path)
     if isinstance(record, FrfRecord) and record.decay is not None:
         raise InputError(f"{path}: FRFs with `decay` cannot be written; write the record that they were made from")

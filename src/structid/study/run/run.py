@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.core.errors import InputError, NoAnswerError, SingularModelError
+from structid.core.errors import InputError, NoAnswerError, SingularModelError, require_class
 from structid.diagnose.checks.mesh import mesh_warnings
 from structid.forward.modal import compares_modes
 from structid.identification.identify import identify_together
@@ -54,6 +54,7 @@ def run_study(study: Study, progress: StageProgress | None = None, work: TaskExe
     SearchFailedError
         If the search reached values without a model response.
     """
+    require_class("study", study, Study, "make it by `load_study(path)`")
     ready = relinearized_study(study, progress, work)
     return confirm_result(ready, run_prepared(ready, progress, work), progress, work)[1]
 
