@@ -137,6 +137,10 @@ async def _step(_: Workbench, request: Request) -> Response:
     return _static(request.path_params["name"], "steps")
 
 
+async def _build(_: Workbench, request: Request) -> Response:
+    return _static(request.path_params["name"], "build")
+
+
 def _static(name: str, folder: str = "") -> Response:
     """Response with the file `name` of the web page, from the subfolder `folder` of its static files; 404 if there is none.
 
@@ -574,6 +578,7 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("GET", "/", _index),
     ("GET", "/static/{name}", _file),
     ("GET", "/static/steps/{name}", _step),
+    ("GET", "/static/build/{name}", _build),
     ("GET", "/view/{name:path}", _view),
     ("GET", "/api/folder", _folder),
     ("POST", "/api/open", _open),
