@@ -132,6 +132,14 @@ def test_time_is_even_to_the_written_tolerance(tmp_path):
     assert read(tmp_path, TIME.replace("0.1,", "0.10000005,")).sampling_rate == pytest.approx(10)
 
 
+def test_bytes_of_a_picture_are_told_from_an_encoding_and_a_folder_from_a_file(tmp_path):
+    (tmp_path / "photo.csv").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(50))
+    with pytest.raises(FileError, match=r"photo.csv: holds null bytes, so it is no text; export it as CSV"):
+        read_record(tmp_path / "photo.csv")
+    with pytest.raises(FileError, match="is a folder; give a file in it"):
+        read_record(tmp_path)
+
+
 def test_latin_text_is_refused(tmp_path):
     with pytest.raises(FileError, match="save it as CSV UTF-8"):
         read(tmp_path, TIME.replace("mm", "µm"), "latin-1")

@@ -73,6 +73,8 @@ WRONG = [
     ('path = "frf.npz"', "", "[record]", ["needs `path"]),
     ('path = "frf.npz"', 'path = "frf.npz"\nrepeats = ["a", "b"]', "[record]", ["not both"]),
     ('path = "frf.npz"', 'repeats = ["frf.npz"]', "repeats", ["at least 2 files"]),
+    ('path = "frf.npz"', 'file = "frf.npz"', "file =", ["[record] file: unknown key; the nearest is `path`;"]),
+    ("mass = 2.4", "m = 2.4", "m =", ["unknown key; the nearest is `mass`;"]),
     ('path = "frf.npz"', 'path = "frf.npz"\nkindd = "mobility"', "kindd", ["unknown key", "`kind`"]),
     ('path = "frf.npz"', 'path = "frf.npz"\naverages = 0', "averages", ["at least 1"]),
     ('path = "frf.npz"', 'path = "frf.npz"\nchannels_used = ["1"]', "channels_used", ["degree of freedom"]),
@@ -134,6 +136,12 @@ def test_a_file_that_is_no_study_is_refused(tmp_path, text, words):
     assert str(caught.value).startswith(str(path))
     for word in words:
         assert word in str(caught.value)
+
+
+def test_a_record_in_the_place_of_a_study_is_told_where_records_are_named(tmp_path):
+    (tmp_path / "hammer.csv").write_text("Frequency [Hz],1Y/2Y re\n1,2\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"hammer.csv: is no study.*`structid init`.*`path` of \[record\]"):
+        load_study(tmp_path / "hammer.csv")
 
 
 def test_a_file_of_other_bytes_is_refused_with_its_line(tmp_path):

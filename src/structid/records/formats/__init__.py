@@ -55,6 +55,8 @@ def _format_of(path: Path) -> FormatModule | LoggerFormat:
             return module
     if suffix in _ELSEWHERE:
         raise FileError(f"{path}: {_ELSEWHERE[suffix]}")
+    if path.is_dir():
+        raise FileError(f"{path}: is a folder; give a file in it")
     known = " ".join(suffix for module in formats for suffix in module.SUFFIXES)
     raise FileError(f"{path}: the suffix {suffix!r} is of no known format; rename or convert it to one of {known}")
 

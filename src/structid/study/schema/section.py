@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from structid.core.errors import InputError, StudyError
+from structid.core.errors import FileError, InputError, StudyError
 from structid.core.json_types import JsonValue
 from structid.fem import MeasuredComponent
 from structid.files import digest, require_readable
@@ -196,12 +196,27 @@ class Section:
         return ".".join([str(part) for part in self.path if isinstance(part, str)] + [key])
 
 
+#: Words that are often written for keys of other spelling.
+_MEANT = {
+    "tolerance": ("prior", "calibration"),
+    "file": ("path",),
+    "filename": ("path",),
+    "EI": ("bending_stiffness", "bending_stiffness_y", "bending_stiffness_z"),
+    "EA": ("axial_stiffness",),
+    "GJ": ("torsional_stiffness",),
+    "E": ("youngs_modulus", "bending_stiffness", "bending_stiffness_y"),
+    "k": ("stiffness",),
+    "c": ("damping",),
+    "m": ("mass",),
+}
+
+
 def _nearest(name: str, value: JsonValue, keys: Mapping[str, Key]) -> list[str]:
     """Names of the keys most similar to `name`, among those that may hold a table if `value` is one, else a plain value.
 
-    For a ``tolerance`` in a table without that key, they are `prior` and `calibration`, which say how well values are known.
+    Of words in `_MEANT` they are the keys that say the same.
     """
-    meant = [key_name for key_name in ("prior", "calibration") if name == "tolerance" and key_name in keys]
+    meant = [key_name for key_name in _MEANT.get(name, ()) if key_name in keys]
     if meant:
         return meant
     in_tables = isinstance(value, dict) or (
@@ -334,6 +349,11 @@ def read_study_text(path: str | Path) -> StudyText:
         line = int(position[1]) if position and position[1] else text.rstrip().count("\n") + 1
         column = f", column {position[2]}" if position and position[2] else ""
         message = re.sub(r" \(at .*\)$", "", str(error))
+        if path.suffix.lower() != ".toml" and "[structure" not in text:
+            raise FileError(
+                f"{path}: is no study, which is a text file in TOML; `structid init` writes one, and a record is named in it"
+                " as `path` of [record]"
+            ) from error
         raise StudyError(f"{path}, line {line}{column}: not TOML: {message}; {_syntax_remedy(text, line)}") from error
     except (ValueError, RecursionError) as error:  # a number of thousands of digits, thousands of brackets
         raise StudyError(f"{path}: cannot be read as TOML: {error}; correct what is so long or so deep") from error

@@ -1,4 +1,6 @@
 // Charts by Plotly, loaded when the first one is shown; colours follow light and dark.
+import {checkbox, h} from "./dom.js";
+
 let library = null;
 
 export function plotly() {
@@ -79,4 +81,29 @@ export async function chart(place, traces, layout, settings = {}) {
     },
   );
   return Plotly;
+}
+
+// Checkboxes of the channels that a chart shows; `shown` is the set of their numbers.
+export function channelList(names, shown, changed) {
+  return h(
+    "details",
+    {open: names.length <= 8},
+    h("summary", {}, `Channels (${names.length})`),
+    h(
+      "div",
+      {class: "row"},
+      names.slice(0, 200).map((name, k) =>
+        checkbox(
+          shown.has(k),
+          (isOn) => {
+            shown[isOn ? "add" : "delete"](k);
+            if (shown.size) {
+              changed();
+            }
+          },
+          name,
+        ),
+      ),
+    ),
+  );
 }

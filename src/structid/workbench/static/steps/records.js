@@ -1,9 +1,9 @@
 // Records: time histories by least and greatest of stretches, responses with coherence, and the band by dragging.
-import {get, post} from "../api.js";
-import {chart, colours} from "../charts.js";
-import {bandIn, checkbox, field, fill, h, options, refusal, table, toml, typed, unpacked, withUnit} from "../dom.js";
+import {post} from "../api.js";
+import {channelList, chart, colours} from "../charts.js";
+import {bandIn, field, fill, h, options, refusal, table, toml, typed, unpacked, withUnit} from "../dom.js";
 import {fileOf, givenOptions, recordName, recordPath, records} from "../recorded.js";
-import {forgetTyped} from "../typed.js";
+import {responses} from "../responses.js";
 import {facts, use} from "./start.js";
 import {priorWords, priorWritten} from "./unknowns.js";
 
@@ -23,7 +23,7 @@ export async function show(box, app) {
   const what = h("section", {class: "card"}, h("p", {class: "muted"}, "Reading…")),
     errors = h("section", {class: "card", id: "channel-errors", hidden: true});
   const histories = h("section", {class: "card", hidden: true}),
-    responses = h("section", {class: "card", hidden: true});
+    responseBox = h("section", {class: "card", hidden: true});
   const ofStudy = app.study
     ? studyRecords(app, (path) => {
         choice.value = path;
@@ -37,7 +37,7 @@ export async function show(box, app) {
     h("div", {class: "row"}, field("File", choice)),
     what,
     histories,
-    responses,
+    responseBox,
     errors,
   );
   const look = async () => {
@@ -53,7 +53,7 @@ export async function show(box, app) {
       ofStudy.draw(number_);
     }
     fill(what, h("p", {class: "muted"}, "Reading…"));
-    histories.hidden = responses.hidden = errors.hidden = true;
+    histories.hidden = responseBox.hidden = errors.hidden = true;
     try {
       const found = await post("facts", {record: path, options: given});
       if (choice.value !== path) {
@@ -70,8 +70,8 @@ export async function show(box, app) {
         jobs.push(time(histories, app, path, given, found));
       }
       if (number_ >= 0 && found.kind !== "modes") {
-        responses.hidden = false;
-        jobs.push(lines(responses, app));
+        responseBox.hidden = false;
+        jobs.push(responses(responseBox, app));
       }
       await Promise.all(jobs);
     } catch (error) {
@@ -400,267 +400,3 @@ async function time(box, app, record, given, found) {
   };
   await draw(0, null);
 }
-
-function channelList(names, shown, changed) {
-  return h(
-    "details",
-    {open: names.length <= 8},
-    h("summary", {}, `Channels (${names.length})`),
-    h(
-      "div",
-      {class: "row"},
-      names.slice(0, 200).map((name, k) =>
-        checkbox(
-          shown.has(k),
-          (isOn) => {
-            shown[isOn ? "add" : "delete"](k);
-            if (shown.size) {
-              changed();
-            }
-          },
-          name,
-        ),
-      ),
-    ),
-  );
-}
-
-async function lines(box, app) {
-  const place = h("div", {class: "plot tall", id: "responses"}),
-    shown = new Set([0]),
-    bandPlace = h("div");
-  fill(box, h("h2", {}, "Responses"), h("p", {class: "muted"}, "Computing…"));
-  let told = null;
-  try {
-    told = await post("responses", {study: app.study, outputs: [], number: app.record});
-  } catch (error) {
-    fill(box, h("h2", {}, "Responses"), refusal(error.message));
-    return;
-  }
-  const mode = h(
-    "select",
-    {id: "drag"},
-    options([
-      ["zoom", "zooms"],
-      ["band", "sets the band"],
-      ["exclude", "leaves lines out"],
-    ]),
-  );
-  mode.addEventListener("change", () => draw());
-  const f = unpacked(told.frequency, "f64");
-  let model = null; // of the study at its start values, once it is asked for
-  const over = h("input", {
-    type: "checkbox",
-    id: "model-over",
-    onchange: () =>
-      app.doing(over, async () => {
-        if (over.checked) {
-          model = await get("modelled", {study: app.study, number: app.record});
-          if (!model.channels.length) {
-            over.checked = false;
-            throw new Error("this record has no FRFs of a model to show");
-          }
-        }
-        await draw();
-      }),
-  });
-  fill(
-    box,
-    h("h2", {}, `Responses: ${withUnit(told.kind, told.unit)}`),
-    channelList(
-      told.pairs.map((one) => `${one.output} / ${one.input}`),
-      shown,
-      () => draw(),
-    ),
-    h(
-      "div",
-      {class: "row end"},
-      field("Dragging", mode),
-      bandPlace,
-      h("label", {class: "check"}, over, "model at its start values"),
-    ),
-    place,
-    h(
-      "p",
-      {class: "note"},
-      `Noise: ${told.noise}. ${told.thinned > 1 ? `Every ${told.thinned}th line is drawn.` : ""}`,
-    ),
-  );
-  const set = async (edit, words) => {
-    await app.edit([edit], words);
-    forgetTyped(place);
-    const method = app.now.table.method || {};
-    told.band = method.band ?? null;
-    told.exclude = method.exclude ?? [];
-    bands();
-    await draw();
-  };
-  const bands = () => {
-    const low = h("input", {value: typed(told.band?.[0] ?? f[0], 5), inputmode: "decimal"}),
-      high = h("input", {value: typed(told.band?.[1] ?? f.at(-1), 5), inputmode: "decimal"});
-    const button = h(
-      "button",
-      {
-        type: "button",
-        onclick: () =>
-          app.doing(button, () => set({set: ["method", "band"], to: written(bandIn(low, high))}, "The band is set")),
-      },
-      "Set band",
-    );
-    const out = (told.exclude || []).length
-      ? h(
-          "button",
-          {
-            type: "button",
-            onclick: (event) =>
-              app.doing(event.target, () => set({remove: ["method", "exclude"]}, "No line is left out")),
-          },
-          `Take the ${told.exclude.length} stretches left out back in`,
-        )
-      : null;
-    fill(
-      bandPlace,
-      h("div", {class: "row end"}, field("band from, Hz", low, "short"), field("to, Hz", high, "short"), button, out),
-    );
-  };
-  const draw = async () => {
-    const traces = [],
-      hasCoherence = told.pairs.some((one) => one.coherence),
-      pair = [...shown].sort((a, b) => a - b);
-    pair.forEach((k, row) => {
-      const one = told.pairs[k],
-        colour = colours()[row % 7],
-        name = `${one.output} / ${one.input}`;
-      const common = {x: f, mode: "lines", line: {width: 1.3, color: colour}, name, legendgroup: name};
-      traces.push(
-        {...common, y: unpacked(one.magnitude, "f32"), hovertemplate: "%{x:.5g} Hz: %{y:.4g}<extra>" + "</extra>"},
-        {
-          ...common,
-          y: unpacked(one.phase, "f32"),
-          yaxis: "y2",
-          showlegend: false,
-          hovertemplate: "%{x:.5g} Hz: %{y:.0f}°<extra></extra>",
-        },
-      );
-      const own = over.checked && model?.channels.find((each) => each.name === name);
-      if (own) {
-        traces.push({
-          x: unpacked(model.frequency, "f64"),
-          y: unpacked(own.magnitude, "f32"),
-          mode: "lines",
-          line: {width: 1.6, color: colour, dash: "dash"},
-          name: `${name}, model`,
-          legendgroup: name,
-          hovertemplate: "%{x:.5g} Hz: %{y:.4g}<extra>model</extra>",
-        });
-      }
-      if (one.coherence) {
-        traces.push({...common, y: unpacked(one.coherence, "f32"), yaxis: "y3", showlegend: false});
-      }
-      if (one.error) {
-        traces.push({
-          ...common,
-          y: unpacked(one.error, "f32").map((x) => 100 * x),
-          yaxis: hasCoherence ? "y4" : "y3",
-          showlegend: false,
-          hovertemplate: "%{x:.5g} Hz: %{y:.2g} %<extra></extra>",
-        });
-      }
-    });
-    const hasError = told.pairs.some((one) => one.error),
-      below = Number(hasCoherence) + Number(hasError),
-      step = 0.19,
-      at = (k) => [k * step, k * step + step - 0.04];
-    const layout = {
-      again: () => draw(),
-      uirevision: "kept" + mode.value,
-      dragmode: mode.value === "zoom" ? "zoom" : "select",
-      selectdirection: "h",
-      xaxis: {title: {text: "frequency, Hz"}, anchor: below ? `y${2 + below}` : "y2"},
-      yaxis: {
-        type: "log",
-        exponentformat: "power",
-        title: {text: withUnit("magnitude", told.unit)},
-        domain: [(below + 1) * step, 1],
-      },
-      yaxis2: {
-        title: {text: "phase, °", font: {size: 11}},
-        range: [-185, 185],
-        tickvals: [-180, 0, 180],
-        domain: at(below),
-      },
-    };
-    if (hasCoherence) {
-      layout.yaxis3 = {
-        title: {text: "coherence", font: {size: 11}},
-        range: [0, 1.03],
-        domain: at(Number(hasError)),
-        nticks: 3,
-      };
-    }
-    if (hasError) {
-      layout[hasCoherence ? "yaxis4" : "yaxis3"] = {
-        title: {text: "error, %", font: {size: 11}},
-        domain: at(0),
-        type: "log",
-        nticks: 3,
-        exponentformat: "power",
-      };
-    }
-    layout.shapes = [];
-    const veil = (x0, x1) =>
-      layout.shapes.push({
-        type: "rect",
-        xref: "x",
-        yref: "paper",
-        x0,
-        x1,
-        y0: 0,
-        y1: 1,
-        fillcolor: "rgba(128,128,128,0.22)",
-        line: {width: 0},
-      });
-    if (told.band) {
-      veil(f[0], told.band[0]);
-      veil(told.band[1], f.at(-1));
-    }
-    for (const [low, high] of told.exclude || []) {
-      veil(low, high);
-    }
-    place.style.height = "620px";
-    await chart(place, traces, layout);
-    if (!place.listening) {
-      place.listening = true;
-      place.on("plotly_selected", (event) => {
-        const range = event?.range?.x;
-        if (!range || mode.value === "zoom") {
-          return;
-        }
-        const [low, high] = [Math.max(range[0], 0), range[1]],
-          told_ = written([low, high]);
-        if (told_ === place.last) {
-          return;
-        } // drawing anew tells the same range again
-        place.last = told_;
-        if (mode.value === "band") {
-          set({set: ["method", "band"], to: written([low, high])}, "The band is set").catch(app.fail);
-        } else {
-          set(
-            {set: ["method", "exclude"], to: `[${[...(told.exclude || []), [low, high]].map(written).join(", ")}]`},
-            "These lines are left out",
-          ).catch(app.fail);
-        }
-      });
-    }
-  };
-  bands();
-  await draw();
-}
-
-const written = (ends) =>
-  `[${ends
-    .map((x) => {
-      const text = String(Number(x.toPrecision(5)));
-      return /[.e]/.test(text) ? text : text + ".0";
-    })
-    .join(", ")}]`;
