@@ -120,7 +120,8 @@ class Setup(RecordSetup[FrfProblem]):
         """A line on the record: kind, unit, lines that are used, and where its noise comes from."""
         used = used_lines(self.record, options)
         unit = "" if used.unit == "1" else f" in {used.unit}"
-        noise = used.noise_source if used.noise_source == "declared" else f"from {used.noise_source}"
+        sources = {"declared": "declared", "unknown": "of an unknown source"}
+        noise = sources.get(used.noise_source, f"from {used.noise_source}")
         return (
             f"{used.kind}{unit}, {len(used.frequency)} of {len(self.record.frequency)} lines from"
             f" {used.frequency[0]:.5g} to {used.frequency[-1]:.5g} Hz, noise: {'not stated' if used.variance is None else noise}"

@@ -99,7 +99,7 @@ export function table(header, rows, numeric = [], marks = []) {
       {
         class: numeric.includes(k) ? "number" : k === 0 ? "name" : null,
         scope: tag === "th" ? "col" : null,
-        "data-label": tag === "td" && k ? header[k] : null,
+        "data-label": tag === "td" && (k || numeric.includes(k)) ? header[k] : null,
       },
       broken(content),
     );

@@ -298,7 +298,7 @@ function nodePanel(place, state, told, refresh) {
       "aria-label": "Direction as a vector",
     });
     if (held) {
-      parts.push(h("p", {class: "muted"}, `held: ${held.directions.join(" ")}`));
+      parts.push(h("p", {class: "muted"}, `support: ${held.directions.join(" ")}`));
     }
     if (there.length) {
       parts.push(h("p", {}, `here: ${there.map((one) => one.name).join(", ")}`));
