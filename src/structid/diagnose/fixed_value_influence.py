@@ -78,8 +78,9 @@ class FixedValueSensitivity:
     def moved_words(self) -> str:
         """A clause on how far the parameter that moves most goes where the fixed value is 1 % larger."""
         at = self.most_moved
-        moved = f"{self.parameters[at]} {_percent(0.01 * self.influence[at])}, {abs(self.distance[at]):.2g} standard deviations"
-        return f"with {self.name} 1 % larger, {moved}"
+        size = f"{abs(self.distance[at]):.2g}"
+        moved = f"{self.parameters[at]} {_percent(0.01 * self.influence[at])}"
+        return f"with {self.name} 1 % larger, {moved}, {size} standard deviation{'' if size == '1' else 's'}"
 
     @property
     def words(self) -> str:

@@ -125,7 +125,7 @@ export function answerPicture(told) {
     h("div", {class: "row end"}, field("Colours", shown), told.modes.length ? field("Mode shape", mode) : null),
     stage,
     legend,
-    h("p", {class: "note"}, "White: no change beyond its 95 % interval. Grey: held at its value."),
+    h("p", {class: "note"}, "White: no change beyond its 95 % interval. Grey: no parameter of this kind."),
     h("details", {}, h("summary", {}, "Changes in words"), words),
   );
 }

@@ -153,7 +153,7 @@ function verdict(found, folder, files) {
     found.next_step ? h("p", {}, h("strong", {}, "Next: "), marked(found.next_step)) : null,
     advice.length ? warningList(advice.slice(0, 5)) : null,
     found.warnings?.length
-      ? h("details", {}, h("summary", {}, `${found.warnings.length} warnings`), warningList(found.warnings))
+      ? h("details", {}, h("summary", {}, warningCount(found.warnings.length)), warningList(found.warnings))
       : null,
   );
 }
@@ -391,3 +391,5 @@ function exported(folder, files) {
     ),
   );
 }
+
+const warningCount = (count) => (count === 1 ? "1 warning" : `${count} warnings`);

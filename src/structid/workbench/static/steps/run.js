@@ -361,7 +361,7 @@ class Card {
         }),
         {
           again: () => this.draw().catch(this.app.fail),
-          xaxis: {title: {text: "s"}},
+          xaxis: {title: {text: "time, s"}},
           yaxis: {type: "log", exponentformat: "power", title: {text: "sum of squares"}, nticks: 4},
           margin: {l: 76, r: 14, t: 30, b: 46},
           showlegend: stages.length > 1 && stages.length <= 6 && this.plot.clientWidth > 500,
