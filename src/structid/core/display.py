@@ -89,7 +89,7 @@ def join_words(items: Sequence[object], most: int = 6) -> str:
 
 
 def names_like(text: str, names: Sequence[str], most: int = 3) -> list[str]:
-    """Those of `names` that a reader who wrote `text` may have meant: such as begin with it, then such as are spelled alike."""
+    """Names that a reader who wrote `text` may have meant: those that begin with it, then those that are spelled alike."""
     begin = [name for name in names if text and name.lower().startswith(text.lower())]
     return list(dict.fromkeys([*begin, *difflib.get_close_matches(text, names, most)]))[:most]
 
