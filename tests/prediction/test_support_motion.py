@@ -192,3 +192,13 @@ def test_supports_that_move_are_found_by_name_and_what_cannot_move_is_named():
     hanging = sid.Structure({0: 0.0, 1: 1.0, 2: 2.0}, parts, fixed=["0X"], active=["X"])
     with pytest.raises(InputError, match="rigid body even with its supports"):
         history(model_of(hanging), ["1X"], [Base("ground", ["0X"])], shaking())
+
+
+def test_a_change_is_shown_as_a_table_and_loads_are_not_printed():
+    change = sid.predict_change(model_of(storeys()), sid.NaturalModes(2), [sid.AddMass(2, 0.5)], n_draws=50)
+    assert repr(change) == "<PredictedChange: NaturalModes before and after a change, Hz, 1>"
+    shown = change.overview()
+    assert [row[0] for row in shown.rows] == ["1 frequency", "1 damping ratio", "2 frequency", "2 damping ratio"]
+    values = (change.before.values[1, 0], change.after.values[1, 0], change.difference.values[1, 0])
+    assert [float(cell) for cell in shown.rows[2][1:4]] == pytest.approx(values, rel=1e-2)
+    assert len(repr(sid.History(["1X"], ["2X"], np.zeros((5000, 1)), RATE))) < 300

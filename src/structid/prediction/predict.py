@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TypeAlias
 
 import numpy as np
@@ -75,13 +76,12 @@ class Prediction(Shown):
         part = np.divide(self.high - self.low, 2 * size, out=np.zeros(size.shape), where=size > 0)
         axes = ", ".join(f"{len(entries)} {name}" for name, entries in self.quantity.axes.items())
         words = f"{type(self.quantity).__name__} of {axes}, {self.quantity.unit}; half-width of the 95 % band: median"
-        return Overview(
-            f"{words} {format_number(100 * float(np.median(part)), 3)} % of the value; {self.words}", (), ()
-        )
+        words += f" {format_number(100 * float(np.median(part)), 3)} % of the value"
+        return Overview("; ".join(filter(None, (words, self.words))), (), ())
 
 
-@dataclass(frozen=True, eq=False)
-class PredictedChange:
+@dataclass(frozen=True, eq=False, repr=False)
+class PredictedChange(Shown):
     """A quantity before and after a change of the structure; errors that both share cancel in the difference.
 
     Attributes
@@ -94,6 +94,24 @@ class PredictedChange:
     before: Prediction
     after: Prediction
     difference: Prediction
+
+    def overview(self) -> Overview:
+        """A line with the quantity, and a table of its values before, after and of the change, with the deviation of the change.
+
+        Along axes of time or frequency there is no table.
+        """
+        quantity, axes = self.before.quantity, self.before.quantity.axes
+        words = f"{type(quantity).__name__} before and after a change, {quantity.unit}"
+        if not all(isinstance(entry, str) for entries in axes.values() for entry in entries):
+            return Overview(words, (), ())
+        labels = [" ".join(map(str, entries)) for entries in product(*axes.values())]
+        columns = (self.before.values, self.after.values, self.difference.values, self.difference.std)
+        cells = [
+            [format_number(float(value), digits) for value in np.real(column).ravel()]
+            for column, digits in zip(columns, (5, 5, 3, 2), strict=True)
+        ]
+        header = (" ".join(axes), "before", "after", "change", "± change")
+        return Overview(words, header, list(zip(labels, *cells, strict=True)))
 
 
 def predict(

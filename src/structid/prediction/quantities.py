@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -93,7 +93,7 @@ class Frf:
 
     outputs: tuple[Output, ...]
     inputs: tuple[Input, ...]
-    frequency: FloatArray
+    frequency: FloatArray = field(repr=False)
     kind: FrfKind = "accelerance"
 
     def __init__(
@@ -278,7 +278,7 @@ class History:
 
     outputs: tuple[Output, ...]
     inputs: tuple[Input, ...]
-    loads: FloatArray
+    loads: FloatArray = field(repr=False)
     sampling_rate: float
     motion: str = "acceleration"
     relative: bool = False
@@ -458,7 +458,7 @@ class Spectrum:
     """
 
     frf: Frf
-    density: FloatArray
+    density: FloatArray = field(repr=False)
 
     def __post_init__(self) -> None:
         """Raise `InputError` unless there is a density of at least 0 for each line and load."""
