@@ -28,10 +28,10 @@ import numpy as np
 import structid as sid
 from structid.compare.states import carried, unchanged_parameters
 from structid.dynamics.normal_modes import modes
-from structid.inversion.comparison.comparison import Comparison, compare_states
-from structid.inversion.comparison.multiple_tests import detectable
 from structid.inversion.covariance import inverse_information
+from structid.inversion.diagnostics.multiple_tests import detectable
 from structid.inversion.estimate import estimate
+from structid.inversion.state_comparison import Comparison, compare_states
 from structid.reproduce.chapter_3 import ACTUAL, N_ELEMENTS, beam
 
 SENSORS, LOAD, N_LINES, LOSS, NOISE = (1, 5, 9, 13, 16), 1, 200, 0.1, 0.01

@@ -21,7 +21,7 @@ from scipy import linalg
 from six_masses_model import ResonanceProblem
 
 import structid as sid
-from structid.inversion.comparison.states import LATER, states_problem
+from structid.inversion.state_comparison import LATER, states_problem
 
 LENGTH, BENDING, CLAMP, CLAMP_INERTIA, ROTARY = 0.5, 48.0, 1900.0, 5e-5, 4e-6
 MASSES = np.array([0.015, 0.013, 0.017, 0.014])

@@ -16,7 +16,7 @@ import numpy as np
 import six_masses_model as six
 
 import structid as sid
-from structid.inversion.comparison.states import LATER
+from structid.inversion.state_comparison import LATER
 from structid.records.transforms.half_plane import right_half_plane
 from structid.report.drawing import palette
 

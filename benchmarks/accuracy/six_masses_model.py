@@ -24,10 +24,9 @@ from structid.forward import RecordProblem
 from structid.identification.joint_problem import harmonize_shared_parameters
 from structid.identification.search import SearchOutcome, search_parameters
 from structid.inversion import Linearization
-from structid.inversion.comparison.comparison import Comparison, compare_jointly
-from structid.inversion.comparison.states import LATER, states_problem
 from structid.inversion.problem import DataRows
 from structid.inversion.search.work import SERIAL
+from structid.inversion.state_comparison import LATER, Comparison, compare_jointly, states_problem
 from structid.unknowns.tolerances import EXACT
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "beam_six_masses_frf" / "frf.npz"

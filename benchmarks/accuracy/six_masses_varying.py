@@ -17,7 +17,7 @@ from six_masses_model import ERROR, LENGTH, MASSES, STATES, Model, ResonanceProb
 
 import structid as sid
 from structid.identification.search import SearchOutcome
-from structid.inversion.comparison.states import LATER
+from structid.inversion.state_comparison import LATER
 
 CHOICES = {
     "nothing": (),

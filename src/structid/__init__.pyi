@@ -58,7 +58,7 @@ from structid.forward import least_squares_bias as least_squares_bias
 from structid.forward import recorded_motion as recorded_motion
 from structid.forward import simulated_record as simulated_record
 from structid.forward import simulated_time_record as simulated_time_record
-from structid.forward.channel_unknowns import channel_errors as channel_errors
+from structid.forward.channel_errors import channel_errors as channel_errors
 from structid.forward.motion.fit import motion_fit as motion_fit
 from structid.forward.time.identify_time import identify_time as identify_time
 from structid.forward.time.spectra import spectra_problem as spectra_problem
@@ -76,11 +76,11 @@ from structid.inversion import LevenbergMarquardt as LevenbergMarquardt
 from structid.inversion import MatrixFree as MatrixFree
 from structid.inversion import Search as Search
 from structid.inversion import Status as Status
-from structid.inversion.comparison.comparison import Comparison as Comparison
-from structid.inversion.comparison.comparison import compare_jointly as compare_jointly
-from structid.inversion.comparison.comparison import compare_states as compare_states
 from structid.inversion.estimate import estimate as estimate
 from structid.inversion.search.gauss_newton import GaussNewton as GaussNewton
+from structid.inversion.state_comparison import Comparison as Comparison
+from structid.inversion.state_comparison import compare_jointly as compare_jointly
+from structid.inversion.state_comparison import compare_states as compare_states
 from structid.modal import ModalRecord as ModalRecord
 from structid.modal import identify_modes as identify_modes
 from structid.modal import merge_modes as merge_modes

@@ -14,7 +14,7 @@ from structid.cli import app as cli
 from structid.compare.options import CompareOptions
 from structid.compare.states import carried, compare, stored_state, unchanged_parameters
 from structid.core.errors import InputError
-from structid.inversion.comparison.comparison import Comparison
+from structid.inversion.state_comparison import Comparison
 from structid.report.comparison import comparison_table
 from study_cases import chain_record, replaced, write_chain
 

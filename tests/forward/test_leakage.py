@@ -21,7 +21,7 @@ from structid import (
     with_coherence_noise,
     with_declared_noise,
 )
-from structid.forward.frf.leakage import PARTS, RATES
+from structid.forward.frf.observed import PARTS, RATES
 
 MASS, DAMPING, STIFFNESS = 2.0, 0.8, 8000.0
 SEGMENT = 2.0

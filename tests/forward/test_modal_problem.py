@@ -26,7 +26,7 @@ from structid import (
 )
 from structid.dynamics.normal_modes import modes
 from structid.forward import FrfProblem, ModalProblem, ModalSettings
-from structid.forward.modal.paired import pairing
+from structid.forward.modal.output import pairing
 from structid.forward.modal.problem import of_form, pull, shape_residual
 from structid.inversion import JointProblem
 from structid.modal.modal_record import ModalChanges
@@ -118,7 +118,7 @@ def test_slopes_of_weights_are_the_same_for_models_of_any_size(monkeypatch):
     record = measured(structure, unknown.values(unknown.start), ["1X", "3X-", "5X"], 4, np.random.default_rng(0))
     problem = ModalProblem(structure, unknown, record)
     jacobian = problem.linearize(problem.theta_start).jacobian
-    monkeypatch.setattr("structid.forward.modal.matrix_slopes._SMALL", 0)
+    monkeypatch.setattr("structid.forward.modal.model._SMALL", 0)
     again = ModalProblem(structure, unknown, record)
     assert again.linearize(again.theta_start).jacobian == pytest.approx(jacobian, rel=1e-12, abs=1e-12)
 

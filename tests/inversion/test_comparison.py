@@ -8,8 +8,8 @@ import pytest
 
 from structid import InputError, Status, compare_jointly, compare_states, estimate
 from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
-from structid.inversion.comparison.multiple_tests import adjusted_p_values, detectable
-from structid.inversion.comparison.states import states_problem
+from structid.inversion.diagnostics.multiple_tests import adjusted_p_values, detectable
+from structid.inversion.state_comparison import states_problem
 
 #: Benjamini and Hochberg (1995), section 3.2: p-values of fifteen hypotheses on thrombolysis.
 THROMBOLYSIS = np.array([

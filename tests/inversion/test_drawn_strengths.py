@@ -10,12 +10,12 @@ from test_matrix_free import field
 from structid.core.errors import InputError
 from structid.inversion import Linearization, MatrixFree, Search, minimize
 from structid.inversion.covariance import error_blocks
+from structid.inversion.drawn_strengths import Differences, balanced_strengths, settled_strengths
 from structid.inversion.estimate import estimate
 from structid.inversion.posterior_draws import error_draws, posterior_draws
 from structid.inversion.problem import DataRows
-from structid.inversion.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
-from structid.inversion.regularization.strengths import LocalModel, marginal_likelihood_strengths
 from structid.inversion.search.work import restored_minimum, stored_minimum
+from structid.inversion.strengths import LocalModel, marginal_likelihood_strengths
 
 
 def differences(n):

@@ -8,9 +8,17 @@ import pytest
 from structid import Status, estimate
 from structid.core.errors import SingularModelError
 from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
-from structid.inversion.diagnostics.collinearity import collinear_groups, percent_text, variance_proportions
-from structid.inversion.diagnostics.identifiability import direction_words, identifiability
-from structid.inversion.diagnostics.refusal import Bound, bound_at, carried, refusal_words
+from structid.inversion.diagnostics.identifiability import (
+    Bound,
+    bound_at,
+    carried,
+    collinear_groups,
+    direction_words,
+    identifiability,
+    percent_text,
+    refusal_words,
+    variance_proportions,
+)
 from structid.inversion.uncertainty import DenseCovariance, Spread
 
 

@@ -6,7 +6,7 @@ from scipy import optimize, stats
 
 from structid import InputError
 from structid.inversion import Linearization
-from structid.inversion.regularization.strengths import (
+from structid.inversion.strengths import (
     LocalModel,
     absolute_strengths,
     discrepancy_strength,

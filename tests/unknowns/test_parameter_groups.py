@@ -19,7 +19,7 @@ from structid import (
     parameters,
 )
 from structid.unknowns import penalty
-from structid.unknowns.parameter_groups import parameter_group
+from structid.unknowns.unknown import parameter_group
 
 
 def chain(n, **properties):

@@ -26,14 +26,21 @@ from structid.forward.fixed_values import tolerances_of
 from structid.identification.joint_problem import fixed_values, joint_problem
 from structid.identification.mesh_pieces import MESH_WARNINGS
 from structid.inversion import Estimate, Problem, Status
-from structid.inversion.comparison.comparison import Comparison, Identified, compare_jointly, compare_states
-from structid.inversion.comparison.multiple_tests import Correction, require_levels
-from structid.inversion.comparison.states import LATER, UnchangedTest, states_problem
+from structid.inversion.diagnostics.multiple_tests import Correction, require_levels
 from structid.inversion.estimate import estimate
 from structid.inversion.fixed_values import FIXED
-from structid.inversion.search.minimum import residual_at, squared
+from structid.inversion.search.least_squares import residual_at, squared
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import StageProgress
+from structid.inversion.state_comparison import (
+    LATER,
+    Comparison,
+    Identified,
+    UnchangedTest,
+    compare_jointly,
+    compare_states,
+    states_problem,
+)
 from structid.study.results.result import StudyResult
 from structid.study.run.run import SearchFailedError, is_matrix_free, refine_mesh, relinearized_study, run_prepared
 from structid.study.schema.model.structure import read_structure

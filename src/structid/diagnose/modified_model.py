@@ -45,9 +45,8 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup, titles
 from structid.identification.varying import with_scatters
 from structid.inversion import JointProblem, LevenbergMarquardt, Problem
-from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.least_squares import Minimum, minimize, residual_at, squared
 from structid.inversion.search.levenberg_marquardt import Raced
-from structid.inversion.search.minimum import Minimum, residual_at, squared
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.records import FrfRecord
 from structid.unknowns.named_unknowns import begun_at

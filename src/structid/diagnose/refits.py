@@ -29,7 +29,7 @@ from structid.inversion import Problem
 from structid.inversion.diagnostics.residual_tests import misfit_probability
 from structid.inversion.estimate import ParameterValues, parameters_at
 from structid.inversion.fixed_values import FitWithinTolerances
-from structid.inversion.search.minimum import Minimum
+from structid.inversion.search.least_squares import Minimum
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import Task, TaskContext
 from structid.inversion.uncertainty import Uncertainty, dense_uncertainty

@@ -29,7 +29,7 @@ from structid.diagnose.thresholds import (
 from structid.forward import FrfProblem, RecordProblem
 from structid.forward.modal import compares_modes
 from structid.inversion import JointProblem, Problem
-from structid.inversion.search.minimum import Progress
+from structid.inversion.search.least_squares import Progress
 from structid.inversion.search.work import Item, Shared, Task, TaskExecutor
 
 Result = TypeVar("Result")

@@ -1,7 +1,7 @@
 """The public names, each with its place; `structid.lazy` reads them from here."""
 
 from structid.forward.channel_errors import ChannelErrors as ChannelErrors
-from structid.forward.channel_unknowns import ChannelUnknown as ChannelUnknown
+from structid.forward.channel_errors import ChannelUnknown as ChannelUnknown
 from structid.forward.frf.equations import measures_everything as measures_everything
 from structid.forward.frf.equations import one_step_values as one_step_values
 from structid.forward.frf.problem import FrfProblem as FrfProblem

@@ -1,15 +1,29 @@
-"""Errors of sensors and load cells in responses: gain, delay, polarity, and the decay of a window."""
+"""Errors of sensors and load cells (gain, delay, polarity, decay of a window), and the declarations that make them unknown."""
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, locked
-from structid.core.dof import Dof
+from structid.core.dof import Dof, parse_dof
+from structid.core.errors import InputError
 from structid.unknowns.named_unknowns import NamedUnknowns
+from structid.unknowns.priors import Prior, priors_of
+from structid.unknowns.transforms import Transform, Transforms
+
+ChannelProperty = Literal["gain", "delay", "polarity", "window_decay"]
+#: Unit, start and transform of each kind of channel error; polarity is not continuous and has none.
+_CONTINUOUS: dict[str, tuple[str, float, Transform]] = {
+    "gain": ("1", 1.0, "log"),
+    "delay": ("s", 0.0, "linear"),
+    "window_decay": ("1/s", 1.0, "log"),
+}
+_ALL = "all"
 
 
 class ChannelsOfRecord(Protocol):
@@ -179,3 +193,224 @@ def _taken(members: np.ndarray, places: list[int]) -> np.ndarray:
     """Columns `places` of the mask `members` (n_params, n_channels); False where a place is -1."""
     wider = np.concatenate([members, np.zeros((len(members), 1), dtype=bool)], axis=1)
     return locked(wider[:, places])
+
+
+@dataclass(frozen=True)
+class ChannelUnknown:
+    """A declaration: this error of these channels of a record is unknown.
+
+    A channel's reading is ``polarity * gain * exp(-s delay)`` times the truth. A measured FRF is the reading of its
+    sensor over that of its load, so an error of a load enters it inverted; so it does in histories, where what is left
+    of the motion before and after the record is read with the error of its sensor alone.
+
+    Parameters
+    ----------
+    property : {"gain", "delay", "polarity", "window_decay"}
+        ``gain`` (1): reading over truth, positive. ``delay`` (s): how late the channel is. ``polarity``: +1 or -1,
+        decided by the data. ``window_decay`` (1/s): of an exponential window on all channels, which has no channels
+        of its own: the measured FRF is H at s = decay + i omega. It adds to a decay that the record states.
+    outputs, inputs : str or sequence of str
+        Sensors and loads; ``"all"`` for all of them.
+    each : bool
+        One parameter a channel instead of one for all; always so for polarity.
+    start : float, optional
+        Initial value: 1 for a gain, 0 s for a delay; a window's decay needs one.
+    name : str, optional
+        What stands in the brackets of the parameter's name, so that records of one fit share an error; the channels
+        by default.
+    bounds : (float, float), optional
+        The parameter stays strictly between them.
+    prior : Prior, optional
+        Such as a calibration's mean and standard deviation, in the parameter's unit.
+    """
+
+    property: ChannelProperty
+    outputs: str | Sequence[str] = ()
+    inputs: str | Sequence[str] = ()
+    each: bool = False
+    start: float | None = None
+    name: str | None = None
+    bounds: tuple[float, float] | None = None
+    prior: Prior | None = None
+
+
+@dataclass(frozen=True)
+class _Group:
+    """One parameter in the making: which outputs and inputs it belongs to."""
+
+    unknown: ChannelUnknown
+    label: str
+    outputs: tuple[int, ...]
+    inputs: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        return f"{self.unknown.property}[{self.label}]"
+
+
+def _members(chosen: Sequence[tuple[int, ...]], n_channels: int) -> np.ndarray:
+    """Table of the channels that each parameter belongs to, (n_params, n_channels) bool.
+
+    `chosen` are the channel indices of each parameter.
+    """
+    made = np.zeros((len(chosen), n_channels), dtype=bool)
+    for row, own in zip(made, chosen, strict=True):
+        row[list(own)] = True
+    return locked(made)
+
+
+def channel_errors(record: ChannelsOfRecord, unknowns: Iterable[ChannelUnknown]) -> ChannelErrors:
+    """The named channel errors that `unknowns` declare on the channels of FRFs or of finite spectra.
+
+    Raises
+    ------
+    InputError
+        If a declaration names a channel that the record lacks or no channel, two declarations claim the same error of
+        a channel, a start lies outside its range, or a prior is not one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from structid import FrfRecord
+    >>> record = FrfRecord(np.array([1.0]), np.ones((1, 2, 1)), ("1X", "2X"), ("1X",), "accelerance")
+    >>> channel_errors(record, [ChannelUnknown("gain", "all", each=True), ChannelUnknown("delay", inputs="1X")]).names
+    ('gain[1X+]', 'gain[2X+]', 'delay[load 1X+]')
+    """
+    groups = [group for unknown in unknowns for group in _parameters_of(record, unknown)]
+    _require_distinct(groups)
+    free = [group for group in groups if group.unknown.property != "polarity"]
+    poles = [group for group in groups if group.unknown.property == "polarity"]
+    n_out, n_in = len(record.outputs), len(record.inputs)
+    limits = [_limits(group) for group in free]
+    radian = 1 / max(2 * np.pi * float(record.frequency[-1]), np.finfo(float).tiny)
+    made = ChannelErrors(
+        names=tuple(group.name for group in free),
+        kinds=tuple(group.unknown.property for group in free),
+        units=tuple(_CONTINUOUS[group.unknown.property][0] for group in free),
+        start=locked([_start(group) for group in free], float),
+        transforms=Transforms(
+            tuple("interval" if g.unknown.bounds else _CONTINUOUS[g.unknown.property][2] for g in free),
+            locked([low for low, _ in limits], float),
+            locked([high for _, high in limits], float),
+        ),
+        priors=priors_of(group.unknown.prior for group in free),
+        scale=locked([radian if g.unknown.property == "delay" else 0.0 for g in free], float),
+        outputs=tuple(record.outputs),
+        inputs=tuple(record.inputs),
+        of_outputs=_members([group.outputs for group in free], n_out),
+        of_inputs=_members([group.inputs for group in free], n_in),
+        polarity_names=tuple(group.name for group in poles),
+        polarity_outputs=_members([group.outputs for group in poles], n_out),
+        polarity_inputs=_members([group.inputs for group in poles], n_in),
+        polarities=locked(np.ones(len(poles))),
+    )
+    _require_ranges(free, made)
+    return made
+
+
+def _parameters_of(record: ChannelsOfRecord, unknown: ChannelUnknown) -> list[_Group]:
+    """Parameters that the declaration `unknown` makes on the channels of `record`: one for each channel, or one for all.
+
+    Raises `InputError` if the property is unknown, no channel is named, or an option does not fit the property.
+    """
+    if unknown.property not in (*_CONTINUOUS, "polarity"):
+        known = ", ".join((*_CONTINUOUS, "polarity"))
+        raise InputError(f"channel error `property` must be one of {known}, got {unknown.property!r}")
+    outputs = _channel_indices("outputs", unknown.outputs, record.outputs)
+    inputs = _channel_indices("inputs", unknown.inputs, record.inputs)
+    if unknown.property == "window_decay":
+        if outputs or inputs:
+            raise InputError("a window's decay belongs to all channels; leave `outputs` and `inputs` out")
+        if unknown.start is None:
+            raise InputError("a window's decay needs a `start` in 1/s, such as the one set at the analyser")
+        return [_Group(unknown, unknown.name or "all channels", (), ())]
+    if not outputs and not inputs:
+        raise InputError(f'{unknown.property} names no channel; give `outputs` or `inputs`, or outputs = "all"')
+    if unknown.property == "polarity" and (unknown.prior or unknown.bounds or unknown.start is not None):
+        raise InputError("a polarity is +1 or -1 and takes no `start`, `bounds` or `prior`; leave them out")
+    labels = [str(record.outputs[o]) for o in outputs] + [f"load {record.inputs[i]}" for i in inputs]
+    if not unknown.each and unknown.property != "polarity":
+        return [_Group(unknown, unknown.name or ", ".join(labels), outputs, inputs)]
+    ends = [((o,), ()) for o in outputs] + [((), (i,)) for i in inputs]
+    single = len(ends) == 1
+    prefix = "" if unknown.name is None else f"{unknown.name}:"
+    named = [unknown.name if single and unknown.name else prefix + label for label in labels]
+    return [_Group(unknown, label, *end) for label, end in zip(named, ends, strict=True)]
+
+
+def _channel_indices(key: str, given: str | Sequence[str], channels: tuple[Dof, ...]) -> tuple[int, ...]:
+    """Indices in `channels` of the degrees of freedom `given`, in either direction; all for "all".
+
+    `key` names the option in errors. Raises `InputError` if a channel is missing, or is read by several channels.
+    """
+    texts = (given,) if isinstance(given, str) else tuple(given)
+    if texts == (_ALL,):
+        return tuple(range(len(channels)))
+    own = [dof.unsigned for dof in channels]
+    found = []
+    for text in texts:
+        dof = parse_dof(text).unsigned
+        if dof not in own:
+            words = [str(channel) for channel in channels]
+            near = difflib.get_close_matches(str(text), words, 1, 0.0)
+            raise InputError(
+                f"`{key}` must name channels of the record, got {text!r}"
+                + (f"; the nearest is {near[0]}" if near else "")
+            )
+        if own.count(dof) > 1:
+            raise InputError(
+                f"`{key}` names {text}, which several channels read; an error belongs to one of them alone"
+            )
+        found.append(own.index(dof))
+    return tuple(dict.fromkeys(found))
+
+
+def _require_distinct(groups: list[_Group]) -> None:
+    """Raise `InputError` if two groups have the same name, or the same property of the same channel."""
+    names: set[str] = set()
+    owner: dict[tuple[str, str, int], str] = {}
+    for group in groups:
+        if group.name in names:
+            raise InputError(f"two channel errors are called {group.name}; give one of them a `name`")
+        names.add(group.name)
+        ends = [("output", o) for o in group.outputs] + [("input", i) for i in group.inputs]
+        for end, index in ends or [("window", 0)]:
+            key = (group.unknown.property, end, index)
+            if key in owner:
+                raise InputError(f"{owner[key]} and {group.name} claim the same channel; take it out of one of them")
+            owner[key] = group.name
+
+
+def _start(group: _Group) -> float:
+    return float(_CONTINUOUS[group.unknown.property][1] if group.unknown.start is None else group.unknown.start)
+
+
+def _limits(group: _Group) -> tuple[float, float]:
+    """Lower and upper bound of the parameter of `group`: the declared ones, or 0 to infinity, or no limits for a delay.
+
+    Raises `InputError` if declared bounds do not increase, or are negative except for a delay.
+    """
+    if group.unknown.bounds is not None:
+        low, high = group.unknown.bounds
+        if not low < high or (group.unknown.property != "delay" and low < 0):
+            raise InputError(f"bounds of {group.name} must increase, from 0 unless a delay, got {group.unknown.bounds}")
+        return float(low), float(high)
+    return (0.0, np.inf) if group.unknown.property != "delay" else (-np.inf, np.inf)
+
+
+def _require_ranges(groups: list[_Group], errors: ChannelErrors) -> None:
+    """Raise `InputError` if a start lies outside its bounds, or a prior is unsound or does not fit the bounds.
+
+    `groups` and the parameters of `errors` are in the same order.
+    """
+    rows = zip(groups, errors.names, errors.start, errors.transforms.lower, errors.transforms.upper, strict=True)
+    for group, name, value, low, high in rows:
+        prior = group.unknown.prior
+        if not low < value < high:
+            raise InputError(
+                f"initial value of {name} must lie between {low:g} and {high:g}, got {value:g}; give another `start`"
+            )
+        if prior is not None and prior.problem:
+            raise InputError(f"prior of {name} {prior.problem}")
+        if prior is not None and prior.kind == "lognormal" and low < 0:
+            raise InputError(f"{name} can be negative and takes no log-normal prior; give it `bounds` or a normal one")

@@ -9,8 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import locked
-from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord
-from structid.forward.channel_unknowns import ChannelUnknown, channel_errors
+from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord, ChannelUnknown, channel_errors
 from structid.forward.record_problem import RecordProblem
 from structid.inversion.fixed_values import FIXED
 from structid.unknowns import Parameters

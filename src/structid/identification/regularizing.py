@@ -19,7 +19,9 @@ from structid.identification.joint_problem import indices_of, joint_problem, joi
 from structid.identification.options import IdentifyOptions
 from structid.identification.varying import FoundScatter, found_scatter, free_scatters, with_scatters
 from structid.inversion import Estimate, JointProblem, Linearization, Method, Problem
-from structid.inversion.regularization.strengths import (
+from structid.inversion.search.multistart import named
+from structid.inversion.search.work import StageProgress, TaskExecutor
+from structid.inversion.strengths import (
     LocalModel,
     Strengths,
     absolute_strengths,
@@ -30,12 +32,10 @@ from structid.inversion.regularization.strengths import (
     settled,
     sparse_strengths,
 )
-from structid.inversion.search.multistart import named
-from structid.inversion.search.work import StageProgress, TaskExecutor
 from structid.unknowns import Coupling, Regularization, penalty, term_name
 
 if TYPE_CHECKING:
-    from structid.inversion.regularization.drawn_strengths import Differences
+    from structid.inversion.drawn_strengths import Differences
 
 #: Where the magnitude of a logarithm is rounded off: changes below 0.1 % count as none.
 _SMOOTHING = 1e-3
@@ -168,7 +168,7 @@ def _regularize_by_draws(
 
     Without strengths to be chosen nothing is fitted.
     """
-    from structid.inversion.regularization.drawn_strengths import balanced_strengths, settled_strengths
+    from structid.inversion.drawn_strengths import balanced_strengths, settled_strengths
 
     terms, unit = options.regularization, unit_penalties(problems, options.regularization)
 
@@ -245,7 +245,7 @@ def _run_first_stages(
 
 def _differences(coupling: Coupling, n_params: int) -> Differences:
     """The rows of `coupling` among all parameters, of which its own are the first."""
-    from structid.inversion.regularization.drawn_strengths import Differences
+    from structid.inversion.drawn_strengths import Differences
 
     wide = coupling.among(n_params, 0)
     return Differences(sparse.csr_array(wide.matrix), wide.residual, lambda physical: wide.sparse_rows(physical)[1])

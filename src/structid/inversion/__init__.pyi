@@ -29,10 +29,10 @@ from structid.inversion.problem import Problem as Problem
 from structid.inversion.problems.joint import JointProblem as JointProblem
 from structid.inversion.search.gauss_newton import GaussNewton as GaussNewton
 from structid.inversion.search.least_squares import Method as Method
+from structid.inversion.search.least_squares import Minimum as Minimum
 from structid.inversion.search.least_squares import minimize as minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt as LevenbergMarquardt
 from structid.inversion.search.matrix_free import MatrixFree as MatrixFree
-from structid.inversion.search.minimum import Minimum as Minimum
 from structid.inversion.search.multistart import DistinctMinimum as DistinctMinimum
 from structid.inversion.search.multistart import Search as Search
 from structid.inversion.uncertainty import Covariance as Covariance

@@ -20,9 +20,8 @@ from structid.inversion.diagnostics.identifiability import Identifiability
 from structid.inversion.diagnostics.residual_tests import ResidualTests, residual_tests
 from structid.inversion.fixed_values import FitWithinTolerances, FixedValueInfluence
 from structid.inversion.problem import ContinuationPath, Problem
-from structid.inversion.search.least_squares import Method
+from structid.inversion.search.least_squares import Method, Minimum, StageCourse, squared
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
-from structid.inversion.search.minimum import Minimum, StageCourse, squared
 from structid.inversion.search.multistart import (
     DistinctMinimum,
     Search,

@@ -1,11 +1,11 @@
-"""A whitened residual with its derivative at one point: as a Jacobian, or as products with one that is not formed."""
+"""A whitened residual with its derivative at one point, as a Jacobian or as products; and the cache of the last point."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 from scipy import sparse
@@ -17,6 +17,7 @@ from structid.core.arrays import FloatArray
 _SKETCHED, _DATA_PART, _LEAST = 300, 1e-3, 1e-12
 #: Rows of a stretch that is factorized near the processor: these at least, and so many for each column.
 _NEAR_ROWS, _OF_COLUMN = 256, 8
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,3 +180,33 @@ def solved_by(prior: sparse.csr_array, diagonal: FloatArray) -> Callable[[FloatA
     matrix = sparse.csc_matrix(prior.T @ prior + sparse.diags_array(sound))
     factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     return lambda right: np.asarray(factor.solve(right))
+
+
+class LastEvaluation(Generic[T]):
+    """The evaluation at the last point, where a step is tried and taken, and tests follow; a pickled copy is empty."""
+
+    def __init__(self) -> None:
+        self._kept: tuple[bytes, T] | None = None
+
+    def __reduce__(self) -> tuple[type[LastEvaluation[T]], tuple[()]]:
+        return LastEvaluation, ()
+
+    def at(self, theta: FloatArray, evaluate: Callable[[FloatArray], T]) -> T:
+        """Evaluation at the free variables `theta` (n_params,): the cached one, else by `evaluate`, which is then cached."""
+        found = self.known(theta)
+        if found is None:
+            found = evaluate(theta)
+            self.keep(theta, found)
+        return found
+
+    def known(self, theta: FloatArray) -> T | None:
+        """The evaluation that is kept of `theta`, if any."""
+        return self._kept[1] if self._kept is not None and self._kept[0] == theta.tobytes() else None
+
+    def keep(self, theta: FloatArray, evaluation: T) -> None:
+        self._kept = theta.tobytes(), evaluation
+
+    def taken(self, theta: FloatArray) -> T | None:
+        """The evaluation that is kept of `theta`, if any; nothing is kept afterwards."""
+        found, self._kept = self.known(theta), None
+        return found

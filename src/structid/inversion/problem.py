@@ -16,6 +16,8 @@ from structid.core.errors import InputError
 from structid.inversion.averaging import few_averages, score_factor
 from structid.inversion.linearization import Linearization, OperatorLinearization
 
+#: What stands between the name of a parameter and that of the record whose value it is; no parameter of the structure has it.
+OF_RECORD = " @ "
 NO_PRODUCTS = "takes problems that give products with their Jacobian"
 
 

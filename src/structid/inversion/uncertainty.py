@@ -12,11 +12,16 @@ from scipy import sparse
 from structid.core.arrays import FloatArray, locked
 from structid.core.errors import InputError
 from structid.inversion.covariance import chi_square_law, model_error_covariance, noise_covariance
-from structid.inversion.diagnostics.agreement import Agreement, agreement
 from structid.inversion.diagnostics.bounds import AtBound, at_bounds, is_free
-from structid.inversion.diagnostics.identifiability import Identifiability, identifiability
-from structid.inversion.diagnostics.refusal import Bound, bound_at, carried, refusal_words
-from structid.inversion.diagnostics.residual_tests import misses_noise
+from structid.inversion.diagnostics.identifiability import (
+    Bound,
+    Identifiability,
+    bound_at,
+    carried,
+    identifiability,
+    refusal_words,
+)
+from structid.inversion.diagnostics.residual_tests import Agreement, agreement, misses_noise
 from structid.inversion.fixed_values import FixedColumns, FixedValueInfluence
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import Problem
@@ -173,7 +178,7 @@ class Spread:
         ``"noise"`` or ``"model_error"``: which of the two `uncertainty` and `std` are.
     identified : (n_params,) bool array
         Whether the relative standard deviation is at most 1, at the estimate and at the initial values (see
-        `diagnostics.refusal.carried`).
+        `diagnostics.identifiability.carried`).
     identifiability : Identifiability
         Rank, condition and undetermined directions, from the data alone; of a matrix-free search the rank only.
     determined : float
@@ -268,7 +273,7 @@ class Uncertainty:
     ----------
     spread : Spread
     carried : (n_params,) bool array
-        Those that the initial values do not refuse; see `diagnostics.refusal.carried`.
+        Those that the initial values do not refuse; see `diagnostics.identifiability.carried`.
     freedom : float
         Degrees of freedom of chi-square.
     words : tuple of str

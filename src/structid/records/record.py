@@ -102,7 +102,7 @@ class FrfRecord(Shown):
         (see `structid.records.transforms.half_plane`). None on the imaginary axis, where FRFs are measured.
     segment : float, optional
         Duration, s, of the segments of random motion under a Hann window that were averaged: each line reads what leaks
-        from its neighbours, see `structid.forward.frf.leakage`. None where nothing leaks.
+        from its neighbours, see `structid.forward.frf.observed`. None where nothing leaks.
     relative : same shape as `values`, optional
         The part of the noise that goes with each value's size: its standard deviation as a part of that size. `variance`
         holds it with the sizes that were measured.

@@ -9,7 +9,7 @@ from rich.text import Text
 from structid.compare.states import COMPARE_PAGE, ComparisonResult, DrawableStructure
 from structid.core.display import first_warnings
 from structid.core.quantities import number, percent, unit_text, with_std
-from structid.inversion.comparison.comparison import Comparison
+from structid.inversion.state_comparison import Comparison
 from structid.report.drawing import palette
 from structid.report.drawing.changes import (
     KINDS,

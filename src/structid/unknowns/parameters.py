@@ -15,12 +15,11 @@ from structid.core.arrays import FloatArray, locked
 from structid.core.display import Overview, Shown, format_number, plural
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.inversion.comparison.states import OF_RECORD
+from structid.inversion.problem import OF_RECORD
 from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns, begun_at
-from structid.unknowns.parameter_groups import ParameterGroup, element_sets, label_of, parameter_group, require_distinct
 from structid.unknowns.priors import Coupling, no_priors, priors_of
 from structid.unknowns.transforms import Transform, Transforms
-from structid.unknowns.unknown import Unknown
+from structid.unknowns.unknown import ParameterGroup, Unknown, element_sets, label_of, parameter_group, require_distinct
 
 #: Scatter, in parts, from which a choice by the data begins.
 BEGUN = 0.05

@@ -13,10 +13,10 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.constraints import Positive, constraint_violation, declared_types
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.inversion.regularization.strengths import StrengthRule
-from structid.unknowns.parameter_groups import named_members
+from structid.inversion.strengths import StrengthRule
 from structid.unknowns.parameters import Parameters
 from structid.unknowns.priors import Coupling
+from structid.unknowns.unknown import named_members
 
 #: Rows of penalties with more entries than this are kept sparse.
 _DENSE_UP_TO = 2_000_000

@@ -22,8 +22,7 @@ from structid.forward.frf.continuation import (
     start_deviation,
     thinned_lines,
 )
-from structid.forward.frf.leakage import LeakedFrf, leaking_lines, require_leaking
-from structid.forward.frf.observed import ObservedFrf
+from structid.forward.frf.observed import LeakedFrf, ObservedFrf, leaking_lines, require_leaking
 from structid.forward.frf.products import STORED_BYTES, Form, WhitenedFrf, Whitening, response_products
 from structid.forward.frf.response import Response, ResponseCache, response
 from structid.forward.record_problem import (

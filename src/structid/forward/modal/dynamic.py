@@ -6,9 +6,8 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.fem import Structure
-from structid.forward.modal.matrix_slopes import MatrixSlopes
 from structid.forward.modal.measured import MeasuredModes
-from structid.forward.modal.model import ModalModel
+from structid.forward.modal.model import MatrixSlopes, ModalModel
 
 
 def dynamic_rows(data: MeasuredModes, model: ModalModel, physical: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +14,16 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.constraints import NotNegative, Positive
 from structid.core.display import plural
 from structid.core.errors import InputError
-from structid.forward.modal.output import GroupData, by_mode
 from structid.modal import ModalRecord
 from structid.modal.modal_record import largest_entries, unscaled_shape_std
 from structid.modal.subspace.close_modes import NOT_TOLD_APART, neighbour_std
 from structid.similarity import most_real, real_turn
 
+Entry = TypeVar("Entry", bound=np.generic)
 ModalForm = Literal["output", "dynamic"]
 ShapeForm = Literal["entries", "mac"]
+#: Least singular value of shapes of norm 1 that are not the same.
+_DEPENDENT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -58,12 +61,43 @@ class ModalSettings:
     shape_form: ShapeForm = "entries"
 
 
-#: Least singular value of shapes of norm 1 that are not the same.
-_DEPENDENT = 1e-9
-
-
 class FewSensorsError(InputError):
     """There are more close modes than sensors that distinguish their shapes."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroupData:
+    """Measured modes that are close to each other, or one that stands alone.
+
+    Attributes
+    ----------
+    members : (m,) int array
+        Their numbers in the record.
+    channels : (n_own,) int array
+        Places of the channels that count: those known in all of the group; none of a mode without a known shape entry.
+    eigenvalues : (m,) float array
+        Measured omega^2, (rad/s)^2.
+    shapes : (n_own, m) float array
+        In standard deviations of each channel.
+    shape_std : (n_own,) float array
+        Those standard deviations.
+    mixing_std : (m, m) float array
+        Standard deviation of the off-diagonal entries of A^-1 Lambda A in parts of sqrt(lambda_r lambda_s): an error
+        of a shape turns it towards the others, which shows as that part of their distance in eigenvalue; and never
+        less than the eigenvalues' own errors, since what blurs those turns close shapes as well.
+    """
+
+    members: IntArray
+    channels: IntArray
+    eigenvalues: FloatArray
+    shapes: FloatArray
+    shape_std: FloatArray
+    mixing_std: FloatArray
+
+
+def by_mode(groups: Sequence[GroupData], parts: Sequence[NDArray[Entry]]) -> NDArray[Entry]:
+    """Values of the members of each group, in `parts` (m, ...), joined in the order of the modes, (n_measured, ...)."""
+    return np.concatenate(parts)[np.argsort(np.concatenate([group.members for group in groups]))]
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,11 +17,10 @@ from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.modal.dynamic import dynamic_rows
 from structid.forward.modal.measured import FewSensorsError, MeasuredModes, ModalForm, ModalSettings
-from structid.forward.modal.model import DENSE_UP_TO, ModalModel
-from structid.forward.modal.paired import output_changes, output_rows, pairing
+from structid.forward.modal.model import ALL_MODES_UP_TO, ModalModel
+from structid.forward.modal.output import output_changes, output_rows, pairing
 from structid.forward.record_problem import RecordFacts, RecordProblem, linearization_with_priors
-from structid.inversion.last_evaluation import LastEvaluation
-from structid.inversion.linearization import Linearization
+from structid.inversion.linearization import LastEvaluation, Linearization
 from structid.inversion.problem import DataRows, NoiseLaw, RowNoise, Schedule
 from structid.modal import ModalRecord
 from structid.unknowns import Parameters
@@ -173,7 +172,7 @@ class ModalProblem(RecordProblem):
             errors = replace(self.settings, form="output", frequency_error=frequency, shape_error=shape)
             ordered = replace(near, settings=errors, in_order=True)
             schedules.append((("modes in their order", ordered),))
-        if self.data.has_shapes and self.structure.n_dofs <= DENSE_UP_TO and self.channels is None:
+        if self.data.has_shapes and self.structure.n_dofs <= ALL_MODES_UP_TO and self.channels is None:
             schedules.append((("modal dynamic residual", of_form(near, "dynamic")),))
         return schedules
 

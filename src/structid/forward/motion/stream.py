@@ -23,9 +23,8 @@ from structid.fem import Structure
 from structid.files import atomic_write, damage_told
 from structid.files.npy import npz_arrays
 from structid.forward.motion.equations import TimeEquations
-from structid.forward.motion.fit import RecursiveMotionFit, motion_fit, reduced_state
+from structid.forward.motion.fit import RecursiveMotionFit, motion_fit, reduced_state, solution_words
 from structid.forward.motion.motion import MOTION_QUANTITIES, NO_FORCE, NO_MOTION, field_map
-from structid.forward.motion.words import solution_words
 from structid.inversion import Status
 from structid.inversion.regression.block_least_squares import BlockFit, block_solution
 from structid.inversion.regression.local_reduction import FoldingKernels, RowMaker, only_operator, row_maker

@@ -33,7 +33,7 @@ from structid.forward.time.model import TimeModel
 from structid.forward.time.options import TimeOptions
 from structid.forward.time.output_error import declared_variance, time_model
 from structid.inversion import Estimate
-from structid.inversion.search.minimum import SearchStateStore
+from structid.inversion.search.least_squares import SearchStateStore
 from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.records import TimeRecord
 from structid.records.record import MOTION_DERIVATIVES

@@ -15,8 +15,7 @@ from structid.core.errors import InputError
 from structid.fem import Base, Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.record_problem import RecordFacts, RecordProblem, linearization_with_priors, residual_with_priors
-from structid.forward.time.input_hold import InputHold
-from structid.forward.time.model import TimeModel
+from structid.forward.time.model import InputHold, TimeModel
 from structid.forward.time.options import TimeOptions
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import DataRows

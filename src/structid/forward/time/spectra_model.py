@@ -14,7 +14,7 @@ from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.channels import read as readings_of
 from structid.forward.frf.response import Response, ResponseCache, response
-from structid.inversion.last_evaluation import LastEvaluation
+from structid.inversion.linearization import LastEvaluation
 from structid.records import FrfRecord
 from structid.records.record import FrfKind
 from structid.records.transforms.finite_spectra import FiniteSpectra

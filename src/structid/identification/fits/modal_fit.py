@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from structid.core.arrays import FloatArray, IntArray
 from structid.dynamics import Modes
 from structid.forward import ModalProblem
-from structid.forward.modal.output import ModelState
-from structid.forward.modal.paired import pairing
+from structid.forward.modal.output import ModelState, pairing
 from structid.forward.modal.problem import shape_residual
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.fits.record_fit import FittedUnknowns

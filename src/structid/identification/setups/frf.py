@@ -13,8 +13,7 @@ from structid.core.errors import InputError, NoLinesError
 from structid.dynamics.reduced_sweep import FEWEST_LINES
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, FrfProblem, ResponseCache, measures_everything, one_step_values
-from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord
-from structid.forward.channel_unknowns import channel_errors
+from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord, channel_errors
 from structid.identification.checks import record_warnings
 from structid.identification.fits.record_fit import FittedUnknowns, RecordFit, record_fit
 from structid.identification.fits.truncation import Truncation, frf_truncation

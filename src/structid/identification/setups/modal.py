@@ -13,8 +13,7 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, ModalProblem, ModalSettings
-from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord
-from structid.forward.channel_unknowns import channel_errors
+from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord, channel_errors
 from structid.identification.fits.modal_fit import ModalFit, modal_fit
 from structid.identification.fits.record_fit import FittedUnknowns
 from structid.identification.options import IdentifyOptions

@@ -26,8 +26,7 @@ from structid.forward import (
     TimeOptions,
     output_error_problem,
 )
-from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord
-from structid.forward.channel_unknowns import channel_errors
+from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord, channel_errors
 from structid.forward.time.options import Hold, Initial, TimeMethod
 from structid.forward.time.spectra import NO_WINDOW, transient_order
 from structid.identification.checks import record_warnings

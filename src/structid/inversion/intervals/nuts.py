@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.inversion.search.minimum import StoredValues
+from structid.inversion.search.least_squares import StoredValues
 
 #: Logarithm of a density and its gradient; minus infinity where there is none.
 LogDensity = Callable[[FloatArray], tuple[float, FloatArray]]

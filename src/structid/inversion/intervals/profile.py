@@ -15,9 +15,8 @@ from structid.inversion.covariance import fit_covariance
 from structid.inversion.estimate import Estimate, require_level
 from structid.inversion.problem import Problem
 from structid.inversion.problems.wrapped import FixedVariables
-from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.least_squares import StoredValues, minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
-from structid.inversion.search.minimum import StoredValues
 from structid.inversion.search.work import SERIAL, TaskContext, TaskExecutor
 
 _SEARCH = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-8, initial_damping=1e-4)

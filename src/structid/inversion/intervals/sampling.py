@@ -17,7 +17,7 @@ from structid.inversion.estimate import Estimate, require_level
 from structid.inversion.intervals.intervals import WITH_EXTRA
 from structid.inversion.intervals.nuts import begun, continued, restored
 from structid.inversion.problem import Problem
-from structid.inversion.search.minimum import StoredValues
+from structid.inversion.search.least_squares import StoredValues
 from structid.inversion.search.work import SERIAL, TaskContext, TaskExecutor
 
 SamplerKind = Literal["nuts", "emcee"]

@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.inversion.last_evaluation import LastEvaluation
-from structid.inversion.linearization import Linearization
+from structid.inversion.linearization import LastEvaluation, Linearization
 from structid.inversion.problem import DataRows, FreeUnknowns, Problem
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt

@@ -11,9 +11,8 @@ from structid.core.arrays import FloatArray
 from structid.core.constraints import Count, Positive
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import Problem
-from structid.inversion.search.least_squares import Damping, End, IterationResult, Point
+from structid.inversion.search.least_squares import Damping, End, IterationResult, Point, residual_at, squared
 from structid.inversion.search.levenberg_marquardt import WithJacobian
-from structid.inversion.search.minimum import residual_at, squared
 
 _SHORTEST = 1e-6
 

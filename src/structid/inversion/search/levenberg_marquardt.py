@@ -18,12 +18,14 @@ from structid.inversion.search.least_squares import (
     Damping,
     End,
     IterationResult,
+    Minimum,
     Point,
     damped_end,
+    residual_at,
     shortened,
     sizes_at,
+    squared,
 )
-from structid.inversion.search.minimum import Minimum, residual_at, squared
 from structid.inversion.uncertainty import Uncertainty, dense_uncertainty, misfits
 
 _ROUNDING = 1e-14

@@ -16,8 +16,17 @@ from structid.inversion.linearization import OperatorLinearization
 from structid.inversion.posterior_draws import drawn_uncertainty
 from structid.inversion.problem import Problem
 from structid.inversion.search.conjugate_gradients import conjugate_gradients, preconditioner
-from structid.inversion.search.least_squares import Damping, IterationResult, Point, damped_end, shortened, sizes_at
-from structid.inversion.search.minimum import Minimum, residual_at, squared
+from structid.inversion.search.least_squares import (
+    Damping,
+    IterationResult,
+    Minimum,
+    Point,
+    damped_end,
+    residual_at,
+    shortened,
+    sizes_at,
+    squared,
+)
 from structid.inversion.uncertainty import Uncertainty
 
 

@@ -15,8 +15,17 @@ from structid.core.errors import InputError, SingularModelError
 from structid.inversion.diagnostics.bounds import at_bounds
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import ContinuationPath, Problem, Schedule
-from structid.inversion.search.least_squares import LEFT, Method, sizes_at
-from structid.inversion.search.minimum import Minimum, Progress, StageCourse, StoredValues, residual_at, squared
+from structid.inversion.search.least_squares import (
+    LEFT,
+    Method,
+    Minimum,
+    Progress,
+    StageCourse,
+    StoredValues,
+    residual_at,
+    sizes_at,
+    squared,
+)
 from structid.inversion.search.work import (
     SERIAL,
     Minimizer,

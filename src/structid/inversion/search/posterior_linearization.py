@@ -6,8 +6,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.inversion.problem import Problem
-from structid.inversion.search.least_squares import sizes_at
-from structid.inversion.search.minimum import Progress, residual_at, squared
+from structid.inversion.search.least_squares import Progress, residual_at, sizes_at, squared
 
 _ROUNDS = 20
 #: Draws of a round, at least, and for each parameter.

@@ -15,9 +15,8 @@ from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedCol
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
 from structid.inversion.problems.wrapped import FixedVariables
-from structid.inversion.search.least_squares import Method, minimize
+from structid.inversion.search.least_squares import Method, Progress, minimize, squared
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
-from structid.inversion.search.minimum import Progress, squared
 
 #: Fixed values are near: a few steps settle them.
 _REFIT = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)

@@ -10,8 +10,15 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.inversion.problem import Problem
-from structid.inversion.search.least_squares import Method, minimize
-from structid.inversion.search.minimum import Minimum, Progress, SearchStateStore, StageCourse, StoredValues
+from structid.inversion.search.least_squares import (
+    Method,
+    Minimum,
+    Progress,
+    SearchStateStore,
+    StageCourse,
+    StoredValues,
+    minimize,
+)
 
 StageProgress = Callable[[str, int, float], None]
 

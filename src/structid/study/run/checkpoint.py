@@ -21,7 +21,7 @@ from structid.core.json_types import JsonValue, StoredEntry, json_text
 from structid.files import atomic_write, claim, damage_told, make_folder, release
 from structid.files.npy import npz_arrays
 from structid.files.worker import fill_tree, plain
-from structid.inversion.search.minimum import State
+from structid.inversion.search.least_squares import State
 from structid.study.schema.study import Study
 
 _LAYOUTS = "structid checkpoint "

@@ -15,8 +15,7 @@ from structid.core.json_types import StoredEntry
 from structid.forward import FrfProblem
 from structid.inversion import JointProblem, Linearization, Minimum, Problem, minimize
 from structid.inversion.problems.wrapped import Wrapped
-from structid.inversion.search.least_squares import Method
-from structid.inversion.search.minimum import Progress, SearchStateStore, State
+from structid.inversion.search.least_squares import Method, Progress, SearchStateStore, State
 from structid.inversion.search.work import (
     Item,
     Shared,

@@ -34,8 +34,7 @@ from structid.identification.identify import identify_together
 from structid.identification.joint_problem import indices_of, joint_problem
 from structid.identification.options import IdentifyOptions
 from structid.inversion import LevenbergMarquardt
-from structid.inversion.search.least_squares import minimize
-from structid.inversion.search.minimum import residual_at, squared
+from structid.inversion.search.least_squares import minimize, residual_at, squared
 from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES

@@ -16,9 +16,8 @@ from structid.core.errors import InputError
 from structid.inversion.linearization import OperatorLinearization
 from structid.inversion.posterior_draws import posterior_draws
 from structid.inversion.problem import Problem
-from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.least_squares import Progress, minimize
 from structid.inversion.search.matrix_free import MatrixFree
-from structid.inversion.search.minimum import Progress
 from structid.inversion.search.work import Minimizer
 
 #: Largest factor by which a strength changes from one fit to the next, and how far the first may move in all.

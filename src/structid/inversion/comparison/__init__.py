@@ -1,1 +1,0 @@
-"""Tests of what changed between two states, corrected for their number."""

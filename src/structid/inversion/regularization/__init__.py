@@ -1,1 +1,0 @@
-"""Strengths of regularization of what the data do not determine."""
