@@ -239,7 +239,7 @@ def _constant(record):
         (["nothing.npz"], "there is no such file"),
         (["tower.npz", "--method", "magic"], "--method must be one of"),
         (["tower.npz", "--method", "lscf"], "needs FRFs"),
-        (["tower.npz", "--band", "4", "2"], "--band must be least and greatest"),
+        (["tower.npz", "--band", "4", "2"], "--band must run from 0 Hz or more to a higher frequency, got 4 to 2 Hz"),
         (["tower.npz", "--band", "2", "20"], "need a sampling rate above 50 Hz"),
         (["tower.npz", "--band", "2", "8", "--rate", "12.5"], "need a sampling rate above 20 Hz"),
         (["tower.npz", "--frequencies", "2,three"], "--frequencies must be numbers"),

@@ -9,7 +9,7 @@ from structid import Beam, FrfRecord, InputError, PointMass, RigidLink, SpaceBea
 from structid.core.dof import DIRECTIONS
 from structid.dynamics.normal_modes import modes
 from structid.forward.frf.response import response
-from structid.forward.sensitive import require_linear_weights, sensitive_elements, steering_values
+from structid.forward.sensitive import require_linear_weights, sensitive_elements, slope_value_indices
 
 EI, GA, L = 5.0, 30.0, 0.7
 
@@ -195,7 +195,7 @@ def test_slopes_follow_every_value_that_a_share_depends_on():
     structure = portal(3)
     unknown = parameters(structure, [Unknown("bending_stiffness", "along")])
     places = {p.term.property: p.values for p in structure.properties if p.element == "along"}
-    steering = set(steering_values(structure, unknown, sensitive_elements(structure, unknown)).tolist())
+    steering = set(slope_value_indices(structure, unknown, sensitive_elements(structure, unknown)).tolist())
     for name in ("bending_stiffness", "shear_stiffness", "loss_factor"):
         assert steering.issuperset(range(places[name].start, places[name].stop))
     for name, steers in (("mass", True), ("axial_stiffness", False)):

@@ -8,7 +8,7 @@ from structid.core.dof import parse_dof
 from structid.diagnose.checks.mesh import _limit
 from structid.identification.fits.ratios import _std
 from structid.identification.fits.resonances import peaks
-from structid.identification.setups.histories_as_frfs import _Hit, _of_hit
+from structid.identification.setups.histories_as_frfs import _frfs_of_hit, _Hit
 
 
 @pytest.mark.parametrize("power", [2.0, 3.0, 4.0])
@@ -48,7 +48,7 @@ def test_variance_of_an_frf_of_a_hit_is_that_of_noise_of_motion_and_force():
     record = TimeRecord(
         rate, np.stack([force, motion], axis=1), ["1X", "2X"], ["force", "acceleration"], variance=[0.5, 1e-6]
     )
-    frf = _of_hit(record, _Hit(0, first, last), [parse_dof("2X")])
+    frf = _frfs_of_hit(record, _Hit(0, first, last), [parse_dof("2X")])
     count = n - first
     row = np.exp(-np.outer(frf.laplace, np.arange(count)) / rate)
     given, seen = row[:, : last - first] @ force[first:last], row @ motion[first:]

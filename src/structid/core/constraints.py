@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from numbers import Real
@@ -137,6 +137,21 @@ def require_declared(thing: object) -> None:
         problem = constraint_violation(annotation, getattr(thing, name))
         if problem:
             raise InputError(f"`{name}` {problem}")
+
+
+def require_band(
+    name: str, band: Sequence[float], *, is_zero_allowed: bool = True, is_line_allowed: bool = False
+) -> None:
+    """Raise `InputError` about the option `name` unless `band`, two frequencies in Hz, rises from 0 Hz or more.
+
+    Without `is_zero_allowed` it must begin above 0 Hz; with `is_line_allowed` both ends may be one frequency. The upper end may be
+    infinite.
+    """
+    low, high = band
+    begins_right = low >= 0 if is_zero_allowed else low > 0
+    if not (begins_right and (low < high or (is_line_allowed and low == high))):
+        least = "0 Hz or more" if is_zero_allowed else "more than 0 Hz"
+        raise InputError(f"`{name}` must run from {least} to a higher frequency, got {low:g} to {high:g} Hz", name)
 
 
 def split_commas(text: str) -> tuple[str, ...]:

@@ -86,7 +86,7 @@ class ParameterForces:
         wide = [sparse.csr_array((column, self.indices, self.indptr), shape).toarray().T for column in entries.T]
         return np.concatenate(wide, axis=1)
 
-    def contracted(self, factors: ComplexArray, x: NumberArray, y: NumberArray) -> list[NumberArray]:
+    def products(self, factors: ComplexArray, x: NumberArray, y: NumberArray) -> list[NumberArray]:
         """Products y' (dZ/dp) x without conjugate, as a list with an array (n_params, n_y) for each column of `x`.
 
         Fields are `x` (n_dofs, n_x) and `y` (n_dofs, n_y); `factors` (n_maps,) are the coefficients of the matrices at one
@@ -218,13 +218,13 @@ class DenseForces:
     maps: tuple[tuple[int, IntArray, FloatArray], ...]
     n_params: int
 
-    def contracted(self, coefficients: ComplexArray, x: NumberArray, y: NumberArray) -> ComplexArray:
+    def products(self, coefficients: ComplexArray, x: NumberArray, y: NumberArray) -> ComplexArray:
         """Products y' (dZ/dp) x without conjugate at every line, (n_lines, n_y, n_x, n_params).
 
         Parameters
         ----------
-        coefficients : (n_lines, n_laws) complex array
-            How each matrix enters Z.
+        coefficients : (n_lines, n_matrices) complex array
+            Factor of each matrix in Z, the dynamic stiffness.
         x, y : (n_lines, n_dofs, n_x) and (n_lines, n_dofs, n_y) complex arrays
         """
         n_lines, n_dofs, n_x = x.shape

@@ -46,7 +46,7 @@ def linearization_with_priors(
     change : (n_data, n_params) float array
         Their derivative with respect to the free variables.
     n_eliminated : int
-        See `Linearization`.
+        Unknowns that were solved for inside the data rows; each takes one degree of freedom from chi-square.
     """
     residual, rows = unknowns.prior_rows(unknowns.physical(theta))
     members, free_residual, weights = free_prior_rows(unknowns.free_prior, theta)

@@ -126,11 +126,13 @@ class WeightedParts:
         return all(np.array_equal(a, b) for a, b in zip(self.variable, other.variable, strict=True))
 
 
-def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...]) -> IntArray:
+def slope_value_indices(
+    structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...]
+) -> IntArray:
     """Indices of the property values on which the derivatives of element weights depend.
 
-    These are factors of a weight, and what they multiply if a parameter changes a factor. `sensitive` comes from
-    `sensitive_elements`. The result is (n,), sorted.
+    A weight is a value times factors: the factors count, and the value too if a parameter changes a factor. `sensitive` comes
+    from `sensitive_elements`. The result is (n,), sorted.
     """
     counts, marks = np.diff(unknown.design.tocsr().indptr), np.zeros(len(unknown.offset), dtype=bool)
     for member in (member for group in sensitive for member in group.members):

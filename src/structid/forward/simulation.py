@@ -92,7 +92,7 @@ def simulated_time_record(
     model = time_model(structure, unknown, like, chosen)
     moved = [i for i, q in enumerate(like.quantities) if q not in LOADS]
     loads = [i for i, q in enumerate(like.quantities) if q in LOADS]
-    force = model.drive.known(like.values[:, loads])
+    force = model.drive.force_values(like.values[:, loads])
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
     values = np.array(like.values)
     values[:, moved] = model.readings(unknown.start, force, start, len(values))

@@ -241,8 +241,10 @@ def total_mass(
     problem : RecordProblem
     estimate : Estimate
     direction : str or None
+        X, Y or Z; the first that has mass if None.
     freed : RecordProblem, optional
-        The problem with what its model holds among the unknowns; masses that are held err within their tolerances then.
+        The problem with the fixed values of its model among the unknowns; with it, the standard deviation includes the tolerances
+        of fixed masses.
     """
     unknown, row = problem.parameters, np.zeros((1, len(estimate.names)))
     index = indices_of(estimate.names, unknown.names)

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from structid.core.constraints import Count, Limits, NotNegative, Positive
-from structid.core.errors import InputError
+from structid.core.constraints import Count, Limits, NotNegative, Positive, require_band
 from structid.forward.frf.continuation import START_ERROR
 from structid.inversion import LevenbergMarquardt, Method
 from structid.inversion.intervals.intervals import IntervalKind
@@ -101,11 +100,9 @@ class IdentifyOptions:
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
-        """Raise `InputError` if a band goes from a higher to a lower frequency."""
+        """Raise `InputError` if a band begins below 0 Hz or goes from a higher to a lower frequency."""
         bands = {"band": [self.band], "evaluation_band": [self.evaluation_band], "exclude": self.exclude}
         for name, pairs in bands.items():
             for pair in pairs:
-                if pair is not None and pair[0] > pair[1]:
-                    raise InputError(
-                        f"`{name}` must go from a lower to a higher frequency, Hz, got {tuple(pair)}", name
-                    )
+                if pair is not None:
+                    require_band(name, pair, is_line_allowed=True)

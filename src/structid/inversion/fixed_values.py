@@ -239,18 +239,18 @@ class FitWithinTolerances:
         return scale * share * self.problem.n_data
 
     def misfits(self, probability: float) -> bool:
-        """True if the fit within tolerances misses the noise at this probability; see `misfits_law`.
+        """True if the fit within tolerances misses the noise at this probability; see `misfits_chi_square`.
 
         It needs a linearization with a Jacobian, which gives scale and degrees of freedom by `chi_square_law`.
         """
         assert isinstance(self.at, Linearization)
-        return self.misfits_law(probability, *chi_square_law(self.problem, self.theta, self.at))
+        return self.misfits_chi_square(probability, *chi_square_law(self.problem, self.theta, self.at))
 
-    def misfits_law(self, probability: float, scale: float, freedom: float) -> bool:
-        """True if the fit within tolerances misses the noise, tested at this probability.
+    def misfits_chi_square(self, probability: float, scale: float, freedom: float) -> bool:
+        """True if the fit within tolerances misses the noise, tested at `probability` against `scale` times chi-square.
 
-        That is so if a fixed value is off by more tolerances than `limit_of` allows, or if the sum of squares is too large.
-        Noise alone gives `scale` times chi-square of `freedom` degrees of freedom.
+        That is so if a fixed value is off by more tolerances than `limit_of` allows, or if noise alone, whose sum of squares is
+        `scale` times chi-square of `freedom` degrees of freedom, gives a larger sum with less than this probability.
         """
         if np.abs(self.asked).max() > limit_of(len(self.asked), probability):
             return True

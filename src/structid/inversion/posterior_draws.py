@@ -69,7 +69,7 @@ def drawn_uncertainty(
     misfit = misses_noise(problem, linearization.residual, scale, freedom, misfit_probability)
     fixed = fixed.refitted() if misfit and fixed is not None else fixed
     if misfit and fixed is not None and fixed.within is not None:
-        misfit = fixed.within.misfits_law(misfit_probability, scale, freedom)
+        misfit = fixed.within.misfits_chi_square(misfit_probability, scale, freedom)
     influence, exact = (
         (None, "") if fixed is None else solved_influence(problem, theta, linearization, fixed, precondition)
     )
@@ -215,10 +215,11 @@ def posterior_draws(
 def counted_draws(
     linearization: OperatorLinearization, count: int, generator: np.random.Generator, precondition: Solver | None = None
 ) -> tuple[FloatArray, float, int]:
-    """Draws of errors of the free variables that converged, the number of directions that the data determine, and failed draws.
+    """Posterior draws of the errors of the free variables, the number of directions that the data determine, and of failed draws.
 
-    The draws are (at most count, n_params). The number is tr(C J'J) of the data rows with C the posterior covariance, estimated
-    as the mean of |J s|^2; NaN without draws. `precondition` is the `preconditioner` without damping, made if None.
+    Of the `count` draws, those whose conjugate gradients converged are given, (n, n_params). The data determine tr(C J'J)
+    directions, with J the Jacobian of the data rows and C the posterior covariance, estimated as the mean of |J s|^2 over the
+    draws s; NaN without draws. `precondition` is the `preconditioner` without damping, made if None.
     """
     made, missed = posterior_draws(linearization, count, generator, None, precondition)
     sound = made[np.isfinite(made).all(axis=1)]

@@ -425,8 +425,8 @@ def _changes_by_fixed_values(
 ) -> tuple[FloatArray, FloatArray]:
     """Changes of the compared parameters by each cause in `FixedValueInfluence.changes`, in baseline and later state.
 
-    Both results are (n, n_causes), with the causes of either state as columns; a fixed value of both has the larger error in both.
-    `first` and `second` are the indices of the
+    Both results are (n, n_causes), with the causes (errors of fixed values) of either state as columns, in the order
+    of `change_names`; a fixed value of both has the larger error in both. `first` and `second` are the indices of the n
     compared parameters in the two estimates. `carried` names parameters whose prior in the later state was the result of the
     baseline; through them a fixed value of one state also changes the other.
     """

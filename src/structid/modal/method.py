@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structid.core.arrays import FloatArray
+from structid.core.constraints import require_band
 from structid.core.errors import InputError, NoModesError
 from structid.modal.modal_record import ModalRecord
 from structid.modal.poles.poles import HardCriteria, Poles
@@ -71,9 +72,8 @@ class ModalOptions:
 
     def __post_init__(self) -> None:
         """Raise `InputError` on a band that is no range in Hz, or a deviation that is not positive."""
-        for low, high in self.bands or ():
-            if not 0 <= low < high:
-                raise InputError(f"`bands` must be ranges (least, greatest) in Hz, got ({low!r}, {high!r})")
+        for band in self.bands or ():
+            require_band("bands", band)
         if self.deviation is not None and not self.deviation > 0:
             raise InputError(f"`deviation` must be greater than 0, got {self.deviation!r}")
 

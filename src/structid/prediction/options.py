@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from structid.core.constraints import Limits, part_of_one, require_declared
+from structid.core.constraints import Limits, part_of_one, require_band, require_declared
 from structid.core.errors import InputError
 
 #: Models within the uncertainty behind a band.
@@ -91,8 +91,8 @@ class PredictOptions:
     def __post_init__(self) -> None:
         """Raise `InputError` for an option out of its limits, or a band that does not rise from above 0 Hz."""
         require_declared(self)
-        if self.band is not None and not 0 < self.band[0] < self.band[1]:
-            raise InputError(f"`band` must run from more than 0 Hz to a higher frequency, got {self.band}", "band")
+        if self.band is not None:
+            require_band("band", self.band, is_zero_allowed=False)
         loads = [name for name in ("history", "half_sine", "sine") if getattr(self, name)]
         if len(loads) > 1:
             raise InputError(

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import linalg
 
 from structid.core.arrays import FloatArray, square_root
+from structid.core.constraints import require_band
 from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, NoAnswerError
@@ -175,8 +176,9 @@ def state_space(
     Gawronski and Juang (1990), Int. J. Systems Sci. 21, 349-376; Moore (1981), IEEE Trans. Automatic Control 26, 17-32.
     """
     low, high = float(band[0]), float(band[1])
-    if not 0 <= low < high < np.inf:
-        raise InputError(f"`band` must run from 0 Hz or more to a higher frequency, got {band}")
+    require_band("band", (low, high))
+    if high == np.inf:
+        raise InputError("`band` must end at a finite frequency, got inf Hz")
     if motion not in MOTION_DERIVATIVES:
         raise InputError(f"`motion` must be one of {', '.join(MOTION_DERIVATIVES)}, got {motion!r}")
     if sampling_rate is not None and not sampling_rate > 2 * high:

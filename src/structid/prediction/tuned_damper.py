@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.constraints import require_band
 from structid.core.display import Overview, Shown, format_number
 from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
@@ -131,8 +132,8 @@ def tune_damper(
     if not 0.5 <= quantile < 1:
         raise InputError(f"`quantile` must be at least 0.5 and less than 1, got {quantile:g}")
     model, _ = model_and_error(source, None)
-    if band is not None and not 0 < band[0] < band[1]:
-        raise InputError(f"`band` must run from more than 0 Hz to a higher frequency, got {band}")
+    if band is not None:
+        require_band("band", band, is_zero_allowed=False)
     tuned, effective = _dominant_mode(model, at_dof, band)
     if mass > effective:
         raise InputError(

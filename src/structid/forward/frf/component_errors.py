@@ -112,9 +112,10 @@ class ComponentNoise:
 
 
 def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening, jacobian: FloatArray) -> FloatArray:
-    """Covariance of J'e over the errors e of measured components, (n_params, n_params).
+    """Covariance (n_params, n_params) of J'e, with e the whitened error of the FRFs that errors of measured components cause.
 
-    `jacobian` (n_data, n_params) are the whitened data rows J, real parts before imaginary parts.
+    `errors` has the standard deviation of each entry of the components' FRFs and its effect, `whitening` the weights of the data.
+    `jacobian` J (n_data, n_params) has the whitened data rows, real parts before imaginary parts.
     """
     n_params = jacobian.shape[1]
     top, low = np.split(jacobian, 2)
@@ -146,7 +147,7 @@ def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatAr
 def _whitened_changes(
     errors: Iterator[ErrorsOfEntry], whitening: Whitening
 ) -> Iterator[tuple[ErrorsOfEntry, ComplexArray]]:
-    """Each entry twice, with its whitened change (n_lines, n_channels) by its real and by its imaginary part."""
+    """Yield each entry of `errors` twice, with the whitened data (n_lines, n_channels) per unit of its real and imaginary part."""
     for entry in errors:
         for part in (1.0, 1j):
             rows = whitening.rows(part * entry.change[..., None])

@@ -198,7 +198,8 @@ def slid_readings(free: ComplexArray, reach: ComplexArray, factors: ComplexArray
     reach : (n_frequencies, n_outputs + n_contacts, n_contacts) complex array
         Readings under unit forces at the contacts.
     factors : (n_frequencies, n_contacts) complex array
-        Force on the structure per sliding motion of each contact, i r / s, against that motion.
+        Force on the structure per sliding motion of each contact, against that motion: i r / s with r the friction force per
+        unit drive and s the sliding amplitude.
     """
     n_contacts = factors.shape[1]
     system = np.eye(n_contacts) + factors[:, :, None] * reach[:, -n_contacts:]

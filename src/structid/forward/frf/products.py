@@ -179,7 +179,7 @@ def response_products(
         for line, fields in zip(range(shape[0])[part], found, strict=True):
             x[:, line] = fields[:, loads] * load_signs
             values[line] = model.channels.read(x[None, :, line])[0] * model.kind_factor[line]
-            products = np.stack(forces.contracted(factors[line], fields[:, used], fields))[place][:, :, sensors]
+            products = np.stack(forces.products(factors[line], fields[:, used], fields))[place][:, :, sensors]
             scale = -model.kind_factor[line] * np.outer(signs, load_signs)
             change = whitening(values[line : line + 1], slice(line, line + 1)).rows(
                 (np.moveaxis(products, 2, 0) * scale[..., None])[None]

@@ -102,7 +102,7 @@ class Response:
         `x` (n_frequencies, n_dofs, n_x) are motions under any drive, `y` (n_frequencies, n_dofs, n_y) under unit loads at the
         sensors.
         """
-        return self.slopes.contracted(physical, -self._coefficients(physical), x, y)
+        return self.slopes.products(physical, -self._coefficients(physical), x, y)
 
     def sensor_gram(self, physical: FloatArray) -> ComplexArray:
         """Product Y' conj(Y), (n_frequencies, n_outputs, n_outputs), with Y = Z^-1 S the motion under forces at the sensors.

@@ -16,7 +16,7 @@ from structid.forward.sensitive import (
     SensitiveElements,
     WeightedParts,
     sensitive_elements,
-    steering_values,
+    slope_value_indices,
     weighted_elements,
 )
 from structid.unknowns import Parameters
@@ -107,20 +107,20 @@ class StiffnessSlopes:
             cached = self._forces_cache["last"] = parts, forces
         return cached[1], factors
 
-    def contracted(
+    def products(
         self, physical: FloatArray, coefficients: ComplexArray, x: NumberArray, y: NumberArray
     ) -> ComplexArray:
-        """Products y' (dZ/dp) x without conjugate, (n_lines, n_y, n_x, n_params).
+        """Products y' (dZ/dp) x without conjugate, Z the dynamic stiffness, (n_lines, n_y, n_x, n_params).
 
         Fields are `x` (n_lines, n_dofs, n_x) and `y` (n_lines, n_dofs, n_y). `physical` (n_params,) are the parameters,
         `coefficients` (n_lines, n_matrices) those of the matrices in Z.
         """
         if self.structure.n_dofs <= DENSE_UP_TO:
-            return self.dense.at(self.parameters.values(physical)).contracted(coefficients, x, y)
+            return self.dense.at(self.parameters.values(physical)).products(coefficients, x, y)
         forces, factors = self.forces_at(physical, coefficients)
         found = np.empty((len(x), y.shape[2], x.shape[2], self.parameters.n_params), dtype=np.complex128)
         for line, factor in enumerate(factors):
-            found[line] = np.transpose(forces.contracted(factor, x[line], y[line]), (2, 0, 1))
+            found[line] = np.transpose(forces.products(factor, x[line], y[line]), (2, 0, 1))
         return found
 
     @cached_property
@@ -134,7 +134,7 @@ class StiffnessSlopes:
 
     @cached_property
     def _steering(self) -> IntArray:
-        return steering_values(self.structure, self.parameters, self._sensitive)
+        return slope_value_indices(self.structure, self.parameters, self._sensitive)
 
     @cached_property
     def _parts_cache(self) -> dict[bytes, WeightedParts]:

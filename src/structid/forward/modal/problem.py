@@ -239,11 +239,13 @@ def shape_residual(problem: ModalProblem, theta: FloatArray) -> FloatArray:
     return of.residual(theta)[: of.n_data][of.rows.series < 2 * len(problem.record.channels)]
 
 
-def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float, float]]:
-    """Number of values, number of determined parameters, and share of the misfit, for each kind of value (such as shapes).
+def influence_by_kind(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float, float]]:
+    """Number of values, of parameters that they determine, and fraction of the misfit, for each kind of value (such as shapes).
 
-    The second is the trace of (J'J)^-1 J_k'J_k with J_k the rows of the kind; with that of the prior rows, which are no
-    kind here, these add up to the number of parameters. Empty if data and priors do not determine all parameters.
+    The second is the trace of (J'J)^-1 J_k'J_k with J the whitened Jacobian, prior rows included, and J_k its rows of the kind;
+    with that of the prior rows, which are no kind here, these add up to the number of parameters. The third is of the sum of
+    squares of all data rows. Rows that are 0 with all their derivatives do not
+    count. Empty if data and priors do not determine all parameters.
     `theta` (n_params,) are free variables.
     """
     at = problem.linearize(theta)

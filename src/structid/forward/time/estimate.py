@@ -260,7 +260,7 @@ def linear_estimate(
     if fixed is not None and influence is not None and misfit and known_noise:
         within, least = fixed.refit(rows), chi_square
         if within is not None:
-            misfit, least = within.misfits_law(misfit_probability, 1.0, freedom), within.chi_square
+            misfit, least = within.misfits_chi_square(misfit_probability, 1.0, freedom), within.chi_square
             explained = explained_part(chi_square, least, freedom)
             influence = replace(influence, asked=within.asked, theta=within.parameters, explained=explained)
     basis = "model_error" if misfit or not known_noise else "noise"

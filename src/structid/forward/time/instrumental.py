@@ -232,7 +232,7 @@ def instrumental_fit(
     orders = np.repeat([MOTION_DERIVATIVES[q] for q in simulated], structure.n_dofs)
     model = replace(base, sensors=dofs * len(simulated), orders=orders)
     loads = [i for i, q in enumerate(record.quantities) if q == "force"]
-    force, initial = model.drive.known(record.values[:, loads]), None
+    force, initial = model.drive.force_values(record.values[:, loads]), None
     if options.initial == "unknown":
         if motion.velocity is None or motion.displacement is None:
             raise InputError(

@@ -187,7 +187,7 @@ class TimeModel:
         wide[self.free] = shapes
         load: FloatArray = wide.T @ self.load_columns
         if self.bases:
-            load = self.drive.pushes(*(wide.T @ matrix @ self.load_columns for matrix in whole))
+            load = self.drive.force_matrix(*(wide.T @ matrix @ self.load_columns for matrix in whole))
         rate = np.zeros((2 * n, 2 * n))
         rate[:n, n:], rate[n:, :n], rate[n:, n:] = np.diag(scale), np.diag(-squares / scale), -modal_damping
         coupling = np.zeros((2 * n, n_inputs))
@@ -204,7 +204,7 @@ class TimeModel:
             rate_change[n:, :, n:] = inertia @ modal_damping - viscous
             coupling_change[n:, :, : load.shape[1]] = -(inertia @ load)
             if self.bases:
-                coupling_change[n:] += self.drive.pushes(*(change[..., n:] for change in changes))
+                coupling_change[n:] += self.drive.force_matrix(*(change[..., n:] for change in changes))
         return LinearSystem(self, shapes, scale, shapes.T @ mass, rate, coupling, rate_change, coupling_change)
 
 
@@ -265,7 +265,7 @@ class LinearSystem:
         return (usual if same else self._step(gap)), usual
 
     def _pieces(self, n_times: int, width: int) -> Iterator[tuple[Step, slice]]:
-        """State transition and range of step numbers, for one stretch of steps after another that fits into memory.
+        """State transition and range of step numbers, for one block of steps after another that fits into memory.
 
         `width` is the number of columns that are carried along. `n_times` is the number of samples.
         """
@@ -301,8 +301,11 @@ class LinearSystem:
         Parameters
         ----------
         start : (n_states, n_motions) float array
+            Modal state at the first instant.
         inputs : (n_steps + 1, n_inputs, n_motions) float array
+            Input states as `InputHold.inputs` gives them, for each motion.
         n_times : int
+            Samples of the record, the last of the instants.
         """
         of_state, of_input = self._output
         found = np.empty((len(inputs), len(of_state), start.shape[1]))
@@ -318,8 +321,11 @@ class LinearSystem:
         Parameters
         ----------
         start : (n_states,) float array
+            Modal state at the first instant; it does not depend on the parameters.
         inputs : (n_steps + 1, n_inputs) float array
+            Input states as `InputHold.inputs` gives them.
         n_times : int
+            Samples of the record; one less than the instants where the motion starts before the first sample.
         """
         n_params = self.rate_change.shape[1]
         values, slopes = [], []
@@ -444,8 +450,11 @@ class InputHold:
         """Force samples for unit amplitudes of an oscillation, (n_times, n_loads, n_force_values)."""
         return self.oscillation(n_times)[-n_times:, : self.n_loads]
 
-    def known(self, samples: FloatArray) -> FloatArray:
-        """Force samples (n_times, n_loads) as they are; for an oscillation, amplitudes (n_force_values,) fitted to them."""
+    def force_values(self, samples: FloatArray) -> FloatArray:
+        """The numbers that `inputs` takes for a force: `samples` (n_times, n_loads) as they are, or amplitudes of an oscillation.
+
+        The amplitudes (n_force_values,) are those of `waveforms`, fitted to the samples by least squares.
+        """
         if not self.oscillates:
             return samples
         waveforms = self.waveforms(len(samples))
@@ -453,7 +462,7 @@ class InputHold:
         return np.asarray(np.linalg.lstsq(wide, samples.ravel(), rcond=None)[0])
 
     def inputs(self, force: FloatArray, n_times: int) -> FloatArray:
-        """Input state at each of `times`, (n_steps + 1, n_inputs), in the order of `generator`.
+        """Input state at the start and at the end of each step, (n_steps + 1, n_inputs), in the order of `generator`.
 
         `force` holds samples (n_times, n_loads), or amplitudes (n_force_values,) of an oscillation.
         """
@@ -465,7 +474,7 @@ class InputHold:
             return np.concatenate([force, slope, velocity, _summed(velocity + force / 2 + slope / 6)], axis=1)
         return force if self.force == "zero" else np.concatenate([force, slope], axis=1)
 
-    def pushes(self, mass: FloatArray, damping: FloatArray, stiffness: FloatArray) -> FloatArray:
+    def force_matrix(self, mass: FloatArray, damping: FloatArray, stiffness: FloatArray) -> FloatArray:
         """Modal forces per unit of each input state, (..., n_inputs), where supports move.
 
         The arguments are the matrices times unit motions of the supports, (..., n_loads) each.

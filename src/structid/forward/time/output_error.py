@@ -58,7 +58,7 @@ class Histories:
     @cached_property
     def known_force(self) -> FloatArray:
         """The measured part of the force; see `InputHold.known`."""
-        return self.drive.known(self.force)
+        return self.drive.force_values(self.force)
 
     @cached_property
     def waveforms(self) -> FloatArray:

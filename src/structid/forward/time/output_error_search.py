@@ -20,7 +20,7 @@ from structid.forward.time.weak_form import identified_by_weak_form
 from structid.inversion import Estimate, LevenbergMarquardt, Linearization, OperatorLinearization
 from structid.inversion.diagnostics.identifiability import bound_at
 from structid.inversion.estimate import estimate
-from structid.inversion.search.least_squares import residual_at, squared
+from structid.inversion.search.least_squares import cost_at
 from structid.inversion.search.multistart import named
 from structid.inversion.search.posterior_linearization import posterior_linearized
 from structid.inversion.search.within_tolerances import FixedValues
@@ -282,7 +282,7 @@ def _confirmed(
     starts = [_Start(np.asarray(found["theta"]), first)]
     [way] = work.map("confirming ways", _search_from_start, (problem, sizes, options), starts, progress)
     beside = np.asarray(way["theta"])
-    is_better = int(way["reached"]) == len(sizes) and _cost(problem, beside) < _cost(problem, theta) - _BETTER
+    is_better = int(way["reached"]) == len(sizes) and cost_at(problem, beside) < cost_at(problem, theta) - _BETTER
     return beside if is_better else theta, int(way["spent"])
 
 
@@ -291,13 +291,9 @@ def _first_far(problem: OutputErrorProblem, sizes: list[int]) -> int:
     return next(number for number, size in enumerate(sizes) if size >= _samples(problem, _SPREAD_ROWS))
 
 
-def _cost(problem: OutputErrorProblem, theta: FloatArray) -> float:
-    return squared(residual_at(problem, theta))
-
-
 def _best(short: OutputErrorProblem, ways: Sequence[_PathEnd]) -> tuple[float, FloatArray]:
     """Least sum of squares of the samples of `short` where a way ended, and free variables there."""
-    return min(((_cost(short, theta), theta) for _, _, theta in ways), key=lambda end: end[0])
+    return min(((cost_at(short, theta), theta) for _, _, theta in ways), key=lambda end: end[0])
 
 
 def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], tools: TaskContext) -> dict[str, Any]:

@@ -261,25 +261,25 @@ def _filters(
     middle = np.linspace(length / 2, span - length / 2, count) if count > 1 else np.array([span / 2])
     first = np.maximum(np.floor((middle - length / 2) / step).astype(int), 0)
     samples = first[:, None] + np.arange(int(np.ceil(length / step)) + 2)
-    place = (samples * step - middle[:, None]) / length
-    is_inside = (np.abs(place) < 0.5) & (samples < n_times)
+    position = (samples * step - middle[:, None]) / length
+    is_inside = (np.abs(position) < 0.5) & (samples < n_times)
     columns, starts = samples[is_inside], np.concatenate([[0], np.cumsum(is_inside.sum(axis=1))])
-    weights = {order: step * modulating_function(place[is_inside], order) / length**order for order in orders}
+    weights = {order: step * modulating_function(position[is_inside], order) / length**order for order in orders}
     return {o: sparse.csr_array((w, columns, starts), shape=(count, n_times)) for o, w in weights.items()}
 
 
-def modulating_function(place: FloatArray, order: int) -> FloatArray:
-    """Derivative of given `order` of the test function cos(pi x)^16, |x| < 1/2, at `place` x in window lengths.
+def modulating_function(position: FloatArray, order: int) -> FloatArray:
+    """Derivative of given `order` of the test function cos(pi x)^16, |x| < 1/2, at `position` x, in window lengths.
 
     Its first 15 derivatives vanish at both ends, so that sums over samples integrate it as exactly as the samples show
-    the motion. `place` may have any shape, which the result has too.
+    the motion. `position` may have any shape, which the result has too.
     """
-    total = np.zeros_like(place)
+    total = np.zeros_like(position)
     for k in range(_POWER + 1):
         weight = comb(2 * _POWER, _POWER - k) / 4**_POWER * (2.0 if k else 1.0)
         rate = 2 * np.pi * k
-        total += weight * rate**order * np.cos(rate * place + 0.5 * np.pi * order)
-    return np.where(np.abs(place) < 0.5, total, 0.0)
+        total += weight * rate**order * np.cos(rate * position + 0.5 * np.pi * order)
+    return np.where(np.abs(position) < 0.5, total, 0.0)
 
 
 def identified_by_weak_form(

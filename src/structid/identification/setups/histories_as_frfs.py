@@ -51,7 +51,7 @@ def frfs_of(record: TimeRecord) -> FrfRecord:
     sensors = [dof for dof in dict.fromkeys(places) if (dof, most) in motions or places.count(dof) == 1]
     hit = _hit(record)
     if hit is not None and set(kinds) == {most} and len(sensors) == len(motions):
-        of_hit = _of_hit(record, hit, sensors)
+        of_hit = _frfs_of_hit(record, hit, sensors)
         if of_hit is not None:
             return of_hit
     length = max(len(record.values) // _SEGMENTS, 1)
@@ -77,10 +77,12 @@ def _hit(record: TimeRecord) -> _Hit | None:
     return _Hit(column, first, last) if is_short and before <= _AT_REST * float(np.sum(motion**2)) else None
 
 
-def _of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord | None:
-    """FRFs from a single hit, at s = decay + i omega, with variances from the noise of the channels.
+def _frfs_of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord | None:
+    """FRFs from a single hit: spectra of the motions at `sensors` over that of the force, with variances from declared noise.
 
-    Transforms of the motions at `sensors` over that of the force. None if the hit excites no line above its noise.
+    Where the motion has not died out at the end, all channels are weighted by exp(-decay t) first, and the FRFs are those at
+    s = decay + i omega. They go from the lowest line that the hit excites to its first wide gap. None if the hit
+    excites no line above its noise.
     """
     values = np.array(record.values[hit.first :])
     count, rate = len(values), record.sampling_rate

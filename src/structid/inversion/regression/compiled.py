@@ -122,7 +122,7 @@ def _make_alike(b, at, samples, blocks, row, side, factors):
     side : int
         Distance of the rows in the operator.
     factors : tuple of float
-        Four zeros for each row.
+        Working space of four numbers for each row; what it holds before does not matter.
     """
     start, end = blocks.starts[row], blocks.starts[row + 1]
     if start == end:

@@ -11,7 +11,7 @@ from structid.core.arrays import FloatArray
 from structid.core.constraints import Count, Positive
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import Problem
-from structid.inversion.search.least_squares import Damping, End, IterationResult, Point, residual_at, squared
+from structid.inversion.search.least_squares import Damping, End, IterationResult, Point, cost_at
 from structid.inversion.search.levenberg_marquardt import WithJacobian
 
 _SHORTEST = 1e-6
@@ -50,15 +50,11 @@ class GaussNewton(WithJacobian):
 
         With `step_control` the step is halved until the sum of squares does not grow. `damping` is not used.
         """
-
-        def cost_at(theta: FloatArray) -> float:
-            return squared(residual_at(problem, theta))
-
         step = -np.linalg.lstsq(point.at.jacobian, point.at.residual, rcond=None)[0]
-        size, cost = 1.0, cost_at(point.theta + step)
+        size, cost = 1.0, cost_at(problem, point.theta + step)
         while self.step_control and not cost <= point.cost and size > _SHORTEST:
             size /= 2
-            cost = cost_at(point.theta + size * step)
+            cost = cost_at(problem, point.theta + size * step)
         if not np.isfinite(cost):
             return IterationResult(None, end=End(False, "the step leads where the model cannot be evaluated"))
         if self.step_control and cost > point.cost:

@@ -104,6 +104,11 @@ def squared(residual: FloatArray | None) -> float:
         return float(residual @ residual)
 
 
+def cost_at(problem: Problem, theta: FloatArray) -> float:
+    """Sum of squared residuals at free variables `theta` (n_params,); infinite if the model cannot be evaluated there."""
+    return squared(residual_at(problem, theta))
+
+
 class End(NamedTuple):
     """Why a search ends."""
 

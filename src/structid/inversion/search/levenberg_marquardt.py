@@ -20,6 +20,7 @@ from structid.inversion.search.least_squares import (
     IterationResult,
     Minimum,
     Point,
+    cost_at,
     damped_end,
     residual_at,
     shortened,
@@ -238,7 +239,7 @@ class LevenbergMarquardt(WithJacobian):
             bent = self._bent_step(point, damped, step, residual)
             if bent is not None:
                 bent = np.clip(shortened(bent, damping.limit), low, high)
-                bent_cost = squared(residual_at(problem, point.theta + bent))
+                bent_cost = cost_at(problem, point.theta + bent)
                 step, cost = (bent, bent_cost) if bent_cost < cost else (step, cost)
         return IterationResult(step, (point.cost - cost) / promised if promised > 0 else -1.0)
 

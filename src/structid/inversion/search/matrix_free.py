@@ -21,11 +21,10 @@ from structid.inversion.search.least_squares import (
     IterationResult,
     Minimum,
     Point,
+    cost_at,
     damped_end,
-    residual_at,
     shortened,
     sizes_at,
-    squared,
 )
 from structid.inversion.uncertainty import Uncertainty
 
@@ -103,7 +102,7 @@ class MatrixFree:
         if end is not None:
             return IterationResult(None, end=end)
         step = shortened(step, damping.limit)
-        cost = squared(residual_at(problem, point.theta + step))
+        cost = cost_at(problem, point.theta + step)
         return IterationResult(step, (point.cost - cost) / promised if promised > 0 else -1.0, count)
 
     def for_stages(self) -> MatrixFree:

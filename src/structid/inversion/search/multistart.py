@@ -22,9 +22,8 @@ from structid.inversion.search.least_squares import (
     Progress,
     StageCourse,
     StoredValues,
-    residual_at,
+    cost_at,
     sizes_at,
-    squared,
 )
 from structid.inversion.search.work import (
     SERIAL,
@@ -433,7 +432,7 @@ def staged(
         minimum = minimize(stage, method.for_stages(), theta, named(progress, prefix + name))
         theta, iterations = minimum.theta, iterations + len(minimum.costs) - 1
         courses.append(StageCourse(name, minimum.history, minimum.costs))
-    if stages and squared(residual_at(problem, start)) < squared(residual_at(problem, theta)):
+    if stages and cost_at(problem, start) < cost_at(problem, theta):
         theta = start
     minimum = minimize(problem, method, theta, named(progress, prefix + "final"))
     return replace(minimum, stages=tuple(courses)), iterations + len(minimum.costs) - 1

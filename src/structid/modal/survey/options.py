@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from structid.core.constraints import require_band
 from structid.core.errors import InputError
 from structid.modal.method import ModalOptions
 from structid.modal.poles.poles import HardCriteria
@@ -70,10 +71,8 @@ class ModesOptions:
             object.__setattr__(self, "orders", _orders(self.orders))
         if isinstance(self.detrend, str) and self.detrend.isdigit():
             object.__setattr__(self, "detrend", int(self.detrend))
-        if self.band is not None and not 0 <= self.band[0] < self.band[1]:
-            raise InputError(
-                f"`band` must be least and greatest frequency in Hz, got {self.band[0]:g} {self.band[1]:g}"
-            )
+        if self.band is not None:
+            require_band("band", self.band)
         for name, unit in (("rate", " Hz"), ("deviation", ""), ("window", " s")):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):

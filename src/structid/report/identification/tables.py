@@ -439,9 +439,9 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
 
 def _pull(fit: ModalFit) -> str:
     """Text on how many parameters each kind of measured value (frequencies, shapes, ...) determines, and its part of the misfit."""
-    from structid.forward.modal.problem import pull  # for records of modes alone
+    from structid.forward.modal.problem import influence_by_kind  # for records of modes alone
 
-    found = pull(fit.problem, fit.theta)
+    found = influence_by_kind(fit.problem, fit.theta)
     if not found:
         return "not told: these modes alone do not determine every parameter"
     n_params = fit.problem.unknowns.n_params

@@ -115,7 +115,7 @@ class SubstructureCoupling:
         """
         for part, fields in self.fields(physical, coefficients):
             x, y = self.channels.under_loads(fields), self.channels.under_sensors(fields)
-            change = self.slopes.contracted(physical, -coefficients[part], x, y)
+            change = self.slopes.products(physical, -coefficients[part], x, y)
             reach = self.channels.read(y[:, :, self.channels.n_outputs :])
             yield LineDerivatives(part, self.channels.read(x), change, reach)
 

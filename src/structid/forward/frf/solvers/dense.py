@@ -58,7 +58,7 @@ class DenseSolver:
         return np.concatenate(read)
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
-        """`LineDerivatives` of the readings of a small model, for one stretch of lines after another.
+        """`LineDerivatives` of the readings of a small model, for one block of lines after another.
 
         `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
         Z.
@@ -68,7 +68,7 @@ class DenseSolver:
             for part, fields in self.fields(physical, coefficients):
                 x, y = self.channels.under_loads(fields), self.channels.under_sensors(fields)
                 reach = self._reader @ y[:, :, self.channels.n_outputs :]
-                yield LineDerivatives(part, self._reader @ x, forces.contracted(-coefficients[part], x, y), reach)
+                yield LineDerivatives(part, self._reader @ x, forces.products(-coefficients[part], x, y), reach)
 
     @cached_property
     def _reader(self) -> FloatArray:

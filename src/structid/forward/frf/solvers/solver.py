@@ -32,7 +32,7 @@ class LineDerivatives(NamedTuple):
 
 
 class FrfSolver(Protocol):
-    """Solver of the equations of motion at the lines of a record, for coefficients (n_lines, n_laws) of the matrices."""
+    """Solver of the equations of motion at the lines of a record, for coefficients (n_lines, n_matrices) of the matrices."""
 
     @property
     def is_large(self) -> bool:

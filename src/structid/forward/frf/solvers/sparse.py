@@ -164,7 +164,7 @@ class SparseSolver:
                     changes = list(np.swapaxes((sides.reader @ moved).reshape(n_sensors, len(used), -1), 0, 1))
                 else:
                     values, reach = sides.under_loads(read), sides.under_sensors(read)[:, sides.n_outputs :]
-                    products = forces.contracted(factors[line], fields[:, used], fields)
+                    products = forces.products(factors[line], fields[:, used], fields)
                     changes = [product.T[sides.outputs[0]] for product in products]
                 derivative = np.empty((1, n_sensors, len(place), n_params), dtype=np.complex128)
                 signs = np.ones(n_sensors) if direct else sides.outputs[1]
@@ -231,7 +231,7 @@ def sweep_error(
         readings = (
             reading_error(*(np.asarray(sensors.T @ fields[:, loads]) for fields in (exact, approximate))) / tolerance
         )
-        pair = [np.stack(maps.contracted(factors[line], fields[:, loads], fields)) for fields in (exact, approximate)]
+        pair = [np.stack(maps.products(factors[line], fields[:, loads], fields)) for fields in (exact, approximate)]
         return max(readings, derivative_error(*pair) / (_DERIVATIVES * tolerance))
 
     return error
