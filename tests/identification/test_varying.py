@@ -22,7 +22,7 @@ from structid.forward import RecordProblem
 from structid.forward.record_problem import linearization_with_priors, residual_with_priors
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
 from structid.identification.search import search_parameters
-from structid.identification.varying import _chances
+from structid.identification.varying import _p_values
 from structid.inversion.problem import DataRows
 from structid.inversion.search.work import SERIAL
 from structid.records.formats import write_record
@@ -213,7 +213,7 @@ def test_a_record_that_stands_out_is_found_by_grubbs_test_where_values_are_known
     std = x.std(ddof=1)
     score = np.abs(x - x.mean()) / (std * np.sqrt(7 / 8))
     textbook = 2 * stats.t.sf(score * np.sqrt(6 / (7 - score**2)), 6)
-    assert _chances(x - x.mean(), std, np.full(8, std**2 / 8), False) == pytest.approx(textbook, rel=1e-9)
+    assert _p_values(x - x.mean(), std, np.full(8, std**2 / 8), False) == pytest.approx(textbook, rel=1e-9)
 
 
 def test_records_of_unequal_worth_are_rarely_called_outlying():
@@ -231,7 +231,7 @@ def test_records_of_unequal_worth_are_rarely_called_outlying():
         log = optimize.minimize_scalar(lambda log, f=told: f(log)[2], bounds=(-4, 2), method="bounded").x
         s2, (weight, mean, _) = np.exp(2 * log), told(log)
         left = s2 - s2**2 * (weight - weight**2 / weight.sum())
-        chances = _chances(s2 * weight * (x - mean), np.sqrt(s2), left, False)
+        chances = _p_values(s2 * weight * (x - mean), np.sqrt(s2), left, False)
         tests = np.isfinite(chances)
         called += bool(tests.any() and chances[tests].min() * tests.sum() < 0.05)
     assert called / 300 < 0.08

@@ -222,8 +222,8 @@ def varied(
         used = np.array([place[name] for name in group.names])
         residual, rows = group.coupling.rows(estimate.values[used])
         covariance = estimate.spread.covariance_noise[np.ix_(used, used)]
-        left = np.einsum("kp,pq,kq->k", rows, covariance, rows)
-        chances.append(_chances(residual, group.std, left, is_known=group.name not in more))
+        variance = np.einsum("kp,pq,kq->k", rows, covariance, rows)
+        chances.append(_p_values(residual, group.std, variance, is_known=group.name not in more))
         own = [group.names[int(np.argmax(row))] for row in group.coupling.matrix]
         common = [group.names[int(np.argmin(row))] for row in group.coupling.matrix]
         found_here = more.get(group.name)
@@ -244,20 +244,20 @@ def varied(
     return tuple(replace(one, p_values=locked(p)) for one, p in zip(made, corrected, strict=True))
 
 
-def _chances(residual: FloatArray, std: float, left: FloatArray, is_known: bool) -> FloatArray:
+def _p_values(residual: FloatArray, std: float, variance: FloatArray, is_known: bool) -> FloatArray:
     """Two-sided p-value (n,) of each deviation, before correction for their number; NaN where the data do not see it.
 
-    `residual` (n,) are the deviations from the common value, `std` is the scatter, `left` (n,) the variance that the data leave
-    open, and `is_known` is True if the study states the scatter. A scatter that the data chose is first freed of the value's
-    own part in it (Grubbs's test).
+    `residual` (n,) are the deviations from the common value, `std` is the standard deviation of the scatter, `variance` (n,) the
+    posterior variance of each deviation, and `is_known` is True if the study states the scatter. Without, the scatter was
+    estimated from these deviations, and each is compared with that of the others (Grubbs's test).
     """
-    told = std**2 - left
-    seen = told > 1e-3 * std**2
-    score = np.abs(residual) / np.sqrt(np.where(seen, told, 1.0))
+    explained = std**2 - variance
+    seen = explained > 1e-3 * std**2
+    score = np.abs(residual) / np.sqrt(np.where(seen, explained, 1.0))
     if is_known:
         chance = 2 * special.ndtr(-score)
     else:
-        weight, n = np.where(seen, told, 0.0) / std**2, int(seen.sum())
+        weight, n = np.where(seen, explained, 0.0) / std**2, int(seen.sum())
         own, freedom = np.minimum(weight * n / max(n - 1, 1), 1.0), float(weight.sum())
         rest = np.maximum(freedom - own, 1e-3)
         others = np.maximum(

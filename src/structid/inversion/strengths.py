@@ -59,13 +59,13 @@ class LocalModel:
 
     @cached_property
     def ranks(self) -> tuple[int, ...]:
-        """Rank of every penalty: how many combinations of parameters it holds."""
+        """Rank of the rows of every penalty: how many combinations of parameters it acts on."""
         return tuple(int(np.linalg.matrix_rank(p.jacobian)) if p.jacobian.size else 0 for p in self.penalties)
 
     def balance(self, index: int) -> float:
-        """Strength at which penalty `index` and the data, in the parameters it holds, have information of equal trace.
+        """Strength at which penalty `index` and the data have information of equal trace, in the parameters of the penalty.
 
-        1 for an empty penalty.
+        1 for a penalty without entries.
         """
         jacobian = self.penalties[index].jacobian
         used = (jacobian != 0).any(axis=0)
@@ -242,7 +242,7 @@ def sparse_strengths(model: LocalModel, index: int, strengths: tuple[FloatArray 
     Tipping and Faul (2003), Proc. 9th Int. Workshop on Artificial Intelligence and Statistics, Eq. (20).
     """
     rows = model.penalties[index].jacobian
-    held = _HELD * model.balance(index)
+    largest = _HELD * model.balance(index)
     current = np.array(np.broadcast_to(strengths[index], len(rows)), dtype=float)
     for _ in range(200):
         before = current.copy()
@@ -251,7 +251,7 @@ def sparse_strengths(model: LocalModel, index: int, strengths: tuple[FloatArray 
         for i, row in enumerate(rows):
             across = covariance @ row
             variance = float(row @ across)
-            chosen = _row_strength(variance, float(rest[i]), current[i], held)
+            chosen = _row_strength(variance, float(rest[i]), current[i], largest)
             gain = (chosen - current[i]) / (1 + (chosen - current[i]) * variance)
             rest = rest - gain * rest[i] * (rows @ across)
             covariance -= gain * np.outer(across, across)
@@ -261,18 +261,18 @@ def sparse_strengths(model: LocalModel, index: int, strengths: tuple[FloatArray 
     return current
 
 
-def _row_strength(variance: float, rest: float, strength: float, held: float) -> float:
+def _row_strength(variance: float, residual: float, strength: float, largest: float) -> float:
     """Strength of largest marginal likelihood for one penalty row, from its fit at the present `strength`.
 
-    `variance` is the posterior variance of the row, `rest` its residual, both at the present strength, and `held` the largest
-    strength, which makes the row zero.
+    `variance` is the posterior variance of the row and `residual` its value, both at the present strength; `largest` is the
+    strength that makes the row zero, given where the data do not ask for another value.
     """
     own = 1 / variance - strength  # information from everything else
     if not own > 1e-12 * strength:
-        return held
-    mean = rest / (variance * own)
+        return largest
+    mean = residual / (variance * own)
     spread = mean**2 - 1 / own
-    return min(1 / spread, held) if spread > 0 else held
+    return min(1 / spread, largest) if spread > 0 else largest
 
 
 def absolute_strengths(

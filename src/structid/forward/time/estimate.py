@@ -162,7 +162,7 @@ def fixed_rows(
     values: FloatArray,
     rows_with: Callable[[Parameters, FloatArray], WhitenedRows],
 ) -> FixedRows | None:
-    """Fixed values of linear equations of motion, as relative errors, at the parameters `values`; None if all are exact.
+    """Effect of relative errors of the fixed values on linear equations of motion, at `values`; None if all are exact.
 
     The gain that all channels of the record share comes last, where it has a tolerance. Values that enter matrices
     non-linearly, such as a thickness, count as exact.
@@ -173,8 +173,9 @@ def fixed_rows(
     unknown : Parameters
     tolerances : Tolerances
     values : (n_params,) float array
+        Parameters in physical units.
     rows_with : callable
-        Gives the rows for other unknowns, weighted at their `values`.
+        Gives the whitened rows of the equations for unknowns and their values: here `unknown` and a factor of 1 on each fixed value.
     """
     is_nonlinear = nonlinear_values(structure)
     properties = fixed_properties(structure, unknown, tolerances)

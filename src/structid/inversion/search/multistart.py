@@ -329,9 +329,9 @@ def _is_determined_somewhere(problem: Problem, minimum: Minimum, start: FloatArr
     return _is_determined(problem, start, at_start)
 
 
-def _is_determined(problem: Problem, theta: FloatArray, at: Linearization) -> bool:
-    """True if the relative Jacobian `at` free variables `theta` has full rank (1e-8), prior rows included."""
-    relative = at.jacobian * sizes_at(problem, theta)
+def _is_determined(problem: Problem, theta: FloatArray, linearization: Linearization) -> bool:
+    """True if the Jacobian at free variables `theta`, for relative parameters and with prior rows, has full rank (1e-8)."""
+    relative = linearization.jacobian * sizes_at(problem, theta)
     if len(relative) < len(theta) or not np.isfinite(relative).all():
         return False
     singular = np.linalg.svd(relative, compute_uv=False)
