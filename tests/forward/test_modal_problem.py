@@ -27,7 +27,7 @@ from structid import (
 from structid.dynamics.normal_modes import modes
 from structid.forward import FrfProblem, ModalProblem, ModalSettings
 from structid.forward.modal.output import pairing
-from structid.forward.modal.problem import of_form, pull, shape_residual
+from structid.forward.modal.problem import influence_by_kind, of_form, shape_residual
 from structid.inversion import JointProblem
 from structid.modal.modal_record import ModalChanges
 
@@ -447,7 +447,7 @@ def test_what_pulls_sums_to_the_number_of_parameters():
     record = measured(structure, unknown.values(unknown.start), ["1X", "3X", "5X"], 4, np.random.default_rng(3))
     problem = ModalProblem(structure, unknown, record, ModalSettings(use_damping=True))
     theta = problem.theta_start
-    found = pull(problem, theta)
+    found = influence_by_kind(problem, theta)
     assert list(found) == ["shapes", "frequencies", "damping ratios"]  # nothing mixes where no modes are close
     assert [rows for rows, _, _ in found.values()] == [12, 4, 4]
     at = problem.linearize(theta)
@@ -458,7 +458,7 @@ def test_what_pulls_sums_to_the_number_of_parameters():
     assert found["frequencies"][1] == pytest.approx(np.trace(left @ rows.T @ rows), rel=1e-9)
     assert sum(part for _, _, part in found.values()) == pytest.approx(1)
     fewer = replace(problem, record=record.some_modes(np.array([0])), parameters=stiffnesses(structure))
-    assert pull(fewer, theta) == {}
+    assert influence_by_kind(fewer, theta) == {}
 
 
 def test_modal_problem_refuses_more_modes_than_the_model_has():
