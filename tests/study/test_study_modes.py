@@ -21,6 +21,7 @@ from structid.report.identification.tables import modal_facts
 from structid.report.rendering import png
 from structid.study.run.check import check_study
 from structid.study.run.run import run_study
+from structid.study.run.start import prepare_study
 from structid.study.schema.records.modes import ModeDeviations
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, NOISE, TRUE, chain_record, replaced
@@ -238,6 +239,34 @@ def test_a_measured_mode_without_a_like_in_the_model_is_named(tmp_path):
     )
     found = run_study(load_study(path)).identification
     assert any("measured at 4.2906 Hz matches no mode of the model" in words for words in found.warnings)
+
+
+def five_modes(folder, frequency):
+    """The example's study with a mode at `frequency` (Hz) more than its model has, of the shape of the last but one."""
+    path, given = storeys(folder), read_modes(EXAMPLE / "modes.json")
+    order = np.argsort([*given.frequency, frequency])
+    more = [
+        np.append(values, values[..., 2:3], axis=-1)[..., order] for values in (given.damping_ratio, given.mode_shapes)
+    ]
+    covariance = np.diag(1e-6 * np.ones(10))
+    std = 1e-3 * np.ones((len(given.channels), 5))
+    write_modes(
+        folder / "modes.json",
+        ModalRecord(np.append(given.frequency, frequency)[order], *more, given.channels, covariance, std),
+    )
+    return path
+
+
+def test_a_mode_above_all_of_the_model_is_named_and_left_out(tmp_path):
+    prepared = prepare_study(load_study(five_modes(tmp_path, 11.23)))
+    (problem,) = prepared.problems
+    np.testing.assert_array_equal(problem.record.frequency, read_modes(EXAMPLE / "modes.json").frequency)
+    assert any("none for 11.23 Hz: left out of the fit" in words for words in prepared.warnings)
+
+
+def test_a_mode_too_many_within_the_range_of_the_model_is_refused_with_the_remedy(tmp_path):
+    with pytest.raises(InputError, match=r"\[record\] modes: .* none is left for 4.9 Hz; .* leave it out with `use`"):
+        prepare_study(load_study(five_modes(tmp_path, 4.9)))
 
 
 @pytest.mark.parametrize(

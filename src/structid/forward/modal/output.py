@@ -242,12 +242,7 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
     paired by frequency alone. Raises `InputError` if the model has too few modes that move the sensors. With `in_order`
     modes are paired in order of frequency and shapes are not used.
     """
-    frequency, found, shapes = data.frequency, state.modes, data.shapes[:, data.measured]
-    seen = state.sensors.T @ found.mode_shapes
-    motion = np.abs(seen).max(axis=0, initial=0.0)
-    is_bare = np.isnan(shapes).all(axis=0)
-    counts = (motion > 0) | is_bare.any()
-    use = np.flatnonzero((found.frequency > 1e-3 * frequency.min()) & counts)
+    use, motion, is_bare = _visible_modes(data, state)
     if len(use) < len(data.measured):
         raise InputError(
             f"the model has {len(use)} modes that move the sensors and {len(data.measured)} are measured;"
@@ -255,10 +250,43 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
         )
     if in_order:
         clear = use if is_bare.all() else use[motion[use] > _SEEN * motion[use].max(initial=0.0)]
-        return (clear if len(clear) >= len(data.measured) else use)[np.argsort(np.argsort(frequency))]
-    likeness = mac_with_model(shapes, seen[:, use], motion[use] > 0)
-    worth = pairing_worth(likeness, frequency, found.frequency[use], data.settings.frequency_guard)
-    return use[assign_pairs(worth)[1]]
+        return (clear if len(clear) >= len(data.measured) else use)[np.argsort(np.argsort(data.frequency))]
+    return use[assign_pairs(_worth(data, state, use, motion))[1]]
+
+
+def unpaired_modes(data: MeasuredModes, state: ModelState) -> tuple[IntArray, FloatArray]:
+    """Numbers (from 0) of the measured modes left over where the model has too few, and the model's frequencies (Hz).
+
+    The numbers (n_left,) are empty where the model has a mode for each. The frequencies are of the model's modes that move the
+    sensors.
+    """
+    use, motion, _ = _visible_modes(data, state)
+    frequency = state.modes.frequency[use]
+    if len(use) >= len(data.measured):
+        return np.zeros(0, dtype=int), frequency
+    paired = assign_pairs(_worth(data, state, use, motion))[0]
+    return np.setdiff1d(data.measured, data.measured[paired]), frequency
+
+
+def _visible_modes(data: MeasuredModes, state: ModelState) -> tuple[IntArray, FloatArray, NDArray[np.bool_]]:
+    """Indices of the model modes that can be paired, largest motion of a sensor in each model mode, measured without shape.
+
+    The last is a mask (n_measured,) of the measured modes without a known shape entry.
+    """
+    is_bare = np.isnan(data.shapes[:, data.measured]).all(axis=0)
+    motion = np.abs(state.sensors.T @ state.modes.mode_shapes).max(axis=0, initial=0.0)
+    counts = (motion > 0) | is_bare.any()
+    return np.flatnonzero((state.modes.frequency > 1e-3 * data.frequency.min()) & counts), motion, is_bare
+
+
+def _worth(data: MeasuredModes, state: ModelState, use: IntArray, motion: FloatArray) -> FloatArray:
+    """Worth of pairing each measured mode with each of the model modes `use`, (n_measured, n_use).
+
+    `motion` (n_model,) is the largest motion of a sensor in each model mode.
+    """
+    seen = (state.sensors.T @ state.modes.mode_shapes)[:, use]
+    likeness = mac_with_model(data.shapes[:, data.measured], seen, motion[use] > 0)
+    return pairing_worth(likeness, data.frequency, state.modes.frequency[use], data.settings.frequency_guard)
 
 
 def _groups_at(

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.core.display import join_words, plural
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, ModalProblem, ModalSettings
 from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord, channel_errors
+from structid.forward.modal.output import unpaired_modes
 from structid.identification.fits.modal_fit import ModalFit, modal_fit
 from structid.identification.fits.record_fit import FittedUnknowns
 from structid.identification.options import IdentifyOptions
@@ -69,6 +71,38 @@ class ModalSetup(RecordSetup[ModalProblem]):
         weighed = (_BY_MAC,) if self.settings.shape_form == "mac" else ()
         bare = () if problem.data.has_shapes else (_BARE,)
         return Prepared(problem, (*self.record.warnings, *weighed, *bare))
+
+    def without_modes_beyond_model(self) -> Self:
+        """The set-up without measured modes that a model with too few leaves unpaired; itself if there are none.
+
+        The record gets a warning that names them.
+
+        Raises
+        ------
+        InputError
+            If such a mode lies among the frequencies of the model at its start, with what to do.
+        """
+        if self.settings.form == "dynamic":  # needs no pairing
+            return self
+        problem = ModalProblem(self.structure, self.parameters, self.record, self.settings)
+        state = problem.model.state(problem.physical(problem.theta_start))
+        left, model = unpaired_modes(problem.data, state)
+        if not left.size or not model.size:
+            return self
+        frequency, low, high = self.record.frequency[left], model.min(), model.max()
+        listed = join_words([f"{f:.5g}" for f in frequency])
+        counts = f"the model has {plural(len(model), 'mode')} that the sensors see, from {low:.5g} to {high:.5g} Hz,"
+        if ((frequency >= low) & (frequency <= high)).any():
+            raise InputError(
+                f"{counts} and {len(problem.data.measured)} are measured: none is left for {listed} Hz; refine the model,"
+                " or, where that is no mode of the structure, leave it out with `use`"
+            )
+        words = (
+            f"{counts} and none for {listed} Hz: left out of the fit; refine the model if it is a mode of the structure"
+        )
+        keep = np.setdiff1d(np.arange(self.record.n_modes), left)
+        record = self.record.some_modes(keep)
+        return replace(self, record=replace(record, warnings=(*record.warnings, words)))
 
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABCMeta, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -75,6 +75,10 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
     def problem_warnings(self, problem: P) -> tuple[str, ...]:
         """Warnings that take work with the model of a problem, made only where they are asked for; `prepared` has none of them."""
         return ()
+
+    def without_modes_beyond_model(self) -> Self:
+        """The set-up without measured modes beyond those of its model; itself where the record holds no modes."""
+        return self
 
     @abstractmethod
     def modelled_by(

@@ -92,7 +92,8 @@ def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPi
     """
     records = zip(prefixes(setups), setups, study.setups, strict=True)
     pairs = [_prepare_record(study, source, setup, name) for name, setup, source in records]
-    prepared, comparisons = [ready for ready, _ in pairs], tuple(comparison for _, comparison in pairs)
+    setups = tuple(setup for setup, _, _ in pairs)
+    prepared, comparisons = [ready for _, ready, _ in pairs], tuple(comparison for _, _, comparison in pairs)
     with study.root.located():
         same = harmonize_shared_parameters([ready.problem for ready in prepared], titles(setups))
         joint_problem(same)
@@ -132,6 +133,7 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
         If a record, its sensors or the band cannot be used.
     """
     study, setups, _ = load_setups(study)
+    setups = tuple(setup.without_modes_beyond_model() for setup in setups)
     return harmonize_shared_parameters([setup.prepared(study.options).problem for setup in setups], titles(setups))
 
 
@@ -223,10 +225,10 @@ def _channel_key(section: Section, key: str) -> str:
 
 def _prepare_record(
     study: Study, source: SetupSource, setup: AnySetup, name: str
-) -> tuple[Prepared[RecordProblem], InitialComparison]:
-    """The problem of one record and its comparison with the initial model; `name` is put before messages about it.
+) -> tuple[AnySetup, Prepared[RecordProblem], InitialComparison]:
+    """One set-up, its problem and its comparison with the initial model; `name` is put before messages about it.
 
-    Errors are raised with the place in the study file.
+    The set-up is without measured modes beyond those of the model. Errors are raised with the place in the study file.
     """
     method, structure, options = study.section("method"), study.section("structure"), study.options
     section = source.section.section("modes") or source.section
@@ -238,8 +240,9 @@ def _prepare_record(
     with placed_mechanism(structure):
         require_sound_model(setup.structure, values, min(used[0], judged[0]))
     with placed_mechanism(structure), section.located():
+        setup = setup.without_modes_beyond_model()
         prepared = setup.prepared(options)
-        return prepared, compare_with_initial_model(setup, prepared.problem, options)
+        return setup, prepared, compare_with_initial_model(setup, prepared.problem, options)
 
 
 @contextmanager
