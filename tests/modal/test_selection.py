@@ -96,6 +96,30 @@ def test_a_likely_mode_that_one_look_lost_is_taken_from_the_other():
     np.testing.assert_allclose(both.modes.frequency, [1.0, 2.0, 5.5])
 
 
+def test_poles_of_one_look_do_not_lie_over_a_mode_of_the_other():
+    """The fast look's mode at 3 Hz is taken from the slow one, where it is surer, though it lies above the split."""
+
+    def look(std, n_orders):
+        s = 2 * np.pi * np.array([1.0, 3.0]) * (-0.01 + 1j)
+        shapes = np.eye(4)[:, :2]
+        sweep = tuple(Poles(s * (1 + 1e-4 * k), shapes, 2 * k + 8) for k in range(n_orders))
+        every = [
+            Cluster(
+                np.arange(n_orders),
+                np.full(n_orders, i),
+                f * (1 + 1e-4 * np.arange(n_orders)),
+                np.full(n_orders, 0.01),
+                0,
+            )
+            for i, f in enumerate((1.0, 3.0))
+        ]
+        modes = ModalRecord([1.0, 3.0], [0.01] * 2, shapes, ["1X", "2X", "3X", "4X"], np.eye(4) * std**2)
+        return ModalIdentification(modes, "pencil", sweep, tuple(every))
+
+    both = joined(look(1e-3, 3), look(1e-2, 4), 2.0, 8.0)
+    assert [len(poles.frequency) for poles in both.sweep] == [2, 2, 2, 0, 0, 0, 0]
+
+
 def test_modes_of_a_free_decay_that_die_out_are_no_tones():
     omega, shapes = chain_modes()
     record = decay(omega, shapes, 60.0, 0.05, velocity=shapes[0], damping_ratio=5e-4, noise=0.01)

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from structid.core.arrays import FloatArray
 from structid.modal.correlations import outputs
 from structid.modal.method import ModalIdentification, by_rising_frequency
 from structid.modal.modal_record import ModalRecord
@@ -110,7 +111,11 @@ def joined(
             take_low[i], take_high[j] = low.modes.frequency[i] < frequency, low.modes.frequency[i] >= frequency
     take_low |= _likely_alone(low, high.modes, take_high) & (low.modes.frequency < greatest)
     take_high |= _likely_alone(high, low.modes, take_low)
-    low, high = _limited(low, take_low, 0.0, frequency), _limited(high, take_high, frequency, np.inf)
+    spans = _frequency_spans(low, take_low), _frequency_spans(high, take_high)
+    low, high = (
+        _limited(low, take_low, 0.0, frequency, spans[1]),
+        _limited(high, take_high, frequency, np.inf, spans[0]),
+    )
     parts = [found.modes for found in (low, high)]
     warnings = [*dict.fromkeys(words for part in parts if part.n_modes for words in part.warnings)]
     if all(part.n_modes and part.covariance is not None for part in parts) and not any(map(_is_of_two, warnings)):
@@ -165,12 +170,26 @@ def _likely_alone(
     return np.asarray((identification.probability >= LIKELY) & ~(gap <= width[:, None]).any(axis=1))
 
 
+def _frequency_spans(identification: ModalIdentification, taken: NDArray[np.bool_]) -> FloatArray:
+    """Least and greatest frequency (Hz) of the poles of each mode of the mask `taken` (n_modes,), (n_taken, 2).
+
+    Wider by half a half-power bandwidth on either side; of the mode itself where there are no clusters.
+    """
+    modes = identification.modes
+    width = np.nan_to_num(modes.damping_ratio) * modes.frequency
+    spans = np.stack([modes.frequency, modes.frequency], axis=1)
+    if len(identification.clusters) == modes.n_modes:
+        spans = np.array([(c.frequency.min(), c.frequency.max()) for c in identification.clusters]).reshape(-1, 2)
+    return np.asarray((spans + np.multiply.outer(np.abs(width), [-1.0, 1.0]))[taken])
+
+
 def _limited(
-    identification: ModalIdentification, keep_mode: NDArray[np.bool_], least: float, greatest: float
+    identification: ModalIdentification, keep_mode: NDArray[np.bool_], least: float, greatest: float, others: FloatArray
 ) -> ModalIdentification:
     """Identification with the modes marked in `keep_mode` (n_modes,), and other poles from `least` to below `greatest` (Hz).
 
-    Poles that belong to a kept mode stay in `sweep` wherever they lie; indices in clusters follow.
+    Poles that belong to a kept mode stay in `sweep` wherever they lie; indices in clusters follow. Poles within `others`
+    (n_others, 2), the frequency spans (Hz) of modes that the other analysis gives, are left out.
     """
     modes = identification.modes
     clusters = (
@@ -178,7 +197,12 @@ def _limited(
         if identification.clusters
         else []
     )
-    inside = [(poles.frequency >= least) & (poles.frequency < greatest) for poles in identification.sweep]
+    inside = [
+        (poles.frequency >= least)
+        & (poles.frequency < greatest)
+        & ~((poles.frequency[:, None] >= others[:, 0]) & (poles.frequency[:, None] <= others[:, 1])).any(axis=1)
+        for poles in identification.sweep
+    ]
     for cluster in clusters:
         for number, i in zip(cluster.number.tolist(), cluster.index.tolist(), strict=True):
             inside[number][i] = True
