@@ -265,7 +265,7 @@ def test_a_mode_above_all_of_the_model_is_named_and_left_out(tmp_path):
 
 
 def test_a_mode_too_many_within_the_range_of_the_model_is_refused_with_the_remedy(tmp_path):
-    with pytest.raises(InputError, match=r"\[record\] modes: .* none is left for 4.9 Hz; .* leave it out with `use`"):
+    with pytest.raises(InputError, match=r"\[record.modes\]: .* none is left for 4.9 Hz; .* leave it out with `use`"):
         prepare_study(load_study(five_modes(tmp_path, 4.9)))
 
 
