@@ -20,7 +20,7 @@ from structid import (
 )
 from structid.diagnose.frf_views import modal_view
 from structid.forward import ModalProblem, ModalSettings
-from structid.forward.modal.problem import of_form, pull
+from structid.forward.modal.problem import influence_by_kind, of_form
 from structid.identification.fits.modal_fit import paired_modes
 from structid.identification.identify import identify_together
 from structid.identification.setups.modal import ModalSetup
@@ -106,7 +106,7 @@ def test_rows_are_those_of_known_entries_and_what_is_unknown_has_no_part():
         for mode, series in zip(problem.rows.lines[shapes], problem.rows.series[shapes], strict=True)
     }
     assert pairs == {(m, c) for m in range(4) for c in range(5)} - {(0, 1), (2, 3), (2, 4)}
-    assert pull(problem, problem.theta_start)["shapes"][0] == 17
+    assert influence_by_kind(problem, problem.theta_start)["shapes"][0] == 17
     freedom = estimate(problem).goodness.degrees_of_freedom
     assert freedom == 4 + 17 - 4 - 5  # frequencies and entries, less scales, less unknowns
     noisy = problem_of(replace(record, shape_std=np.where(record.known, record.shape_std, 7.0)))
@@ -140,7 +140,7 @@ def test_a_channel_that_no_group_of_modes_has_whole_has_no_row():
     found = identify_together([ModalSetup(storeys(), problem.parameters, record, ModalSettings(closeness=0.5))])
     named = [test.name for test in found.estimate.goodness.residual_tests.series]
     assert named == [*(f"shape at {c}X+" for c in (1, 2, 4, 5)), "mixing of close modes", "frequency"]
-    assert pull(problem, problem.theta_start)["shapes"][0] == 4 * 4
+    assert influence_by_kind(problem, problem.theta_start)["shapes"][0] == 4 * 4
 
 
 def test_the_scale_and_its_error_are_those_of_known_entries():
