@@ -1,4 +1,4 @@
-"""`subdivide = "auto"`: beams are cut until the mesh moves no value by much of its deviation, and what is left is said."""
+"""Beams are divided until the mesh moves no value by much of its deviation, and what is left is said."""
 
 import json
 from dataclasses import replace
@@ -10,7 +10,9 @@ from typer.testing import CliRunner
 import structid as sid
 from structid.cli import app as cli
 from structid.compare.correlation import correlate
-from structid.identification.mesh_pieces import MeshPieces, judge_pieces
+from structid.compare.states import compare
+from structid.core.dof import parse_dofs
+from structid.identification.mesh_pieces import MeshPieces, judge_pieces, undivided_words
 from structid.identification.options import IdentifyOptions
 from structid.records.formats import write_record
 from structid.study.results.stored_model import stored_model, stored_study
@@ -80,10 +82,13 @@ def written(folder, record, text=STUDY):
 
 def test_the_mesh_is_cut_until_it_moves_no_value_by_a_fifth_of_its_deviation(tmp_path, record):
     found = run_study(load_study(written(tmp_path, record))).identification
-    count = found.structure.subdivide
-    assert 8 < count <= 20
-    assert f"beams are cut into {count} pieces: the mesh moves no value by more than 0." in found.assumption
+    assert found.structure.subdivide == 16
+    assert found.mesh.startswith("each element of beam was divided into 16 equal pieces, which moved values by up to 4")
+    assert found.mesh.endswith(" (bending_stiffness[beam]); `subdivide = 1` in [structure] keeps the mesh as drawn")
     assert found.warnings == ()
+    np.testing.assert_array_equal(found.estimate.initial, [400.0, 8e3])
+    as_default = run_study(load_study(written(tmp_path, record, STUDY.replace('subdivide = "auto"\n', ""))))
+    np.testing.assert_array_equal(as_default.identification.estimate.values, found.estimate.values)
     np.testing.assert_array_less(np.abs(found.estimate.values - [BENDING, HOLD]), 3 * found.estimate.std_noise)
     coarse = written(tmp_path, record, STUDY.replace('"auto"', "1"))
     whole = run_study(load_study(coarse)).identification
@@ -115,13 +120,12 @@ def test_the_shift_that_is_said_is_what_a_finer_mesh_does_to_the_answer(record, 
 
 def test_the_console_and_the_results_say_what_was_chosen(tmp_path, record):
     study = written(tmp_path, record)
-    done = CliRunner().invoke(
-        cli.app, ["identify", str(study), "--out", str(tmp_path / "out"), "--no-report", "--verbose"]
-    )
+    done = CliRunner().invoke(cli.app, ["identify", str(study), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0
-    assert "the mesh moves no value by more than 0." in done.output
+    assert "each element of beam was divided into 16 equal pieces" in done.output
     result = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
-    assert "the mesh moves no value by more than 0." in result["assumption"]
+    assert "was divided into 16 equal pieces" in result["assumption"]
+    assert "was divided into 16 equal pieces" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     source = stored_study(tmp_path / "out")
     correlated = correlate(load_study(study), at=tmp_path / "out")
     assert correlated.study.structure.subdivide == source.structure.subdivide > 1
@@ -134,7 +138,8 @@ def test_the_console_and_the_results_say_what_was_chosen(tmp_path, record):
 
 def test_pieces_change_no_start_and_no_prior_that_a_study_was_given(tmp_path, record):
     """As by a comparison, whose later state begins with the baseline's answer as prior."""
-    study, setups, _ = load_setups(load_study(written(tmp_path, record)))
+    study = load_study(written(tmp_path, record))
+    setups = load_setups(study)
     (source,) = study.setups
     begun = sid.parameters(
         source.structure,
@@ -163,18 +168,58 @@ def test_a_comparison_tells_of_both_states_what_the_mesh_moves(tmp_path, record)
     ]  # fmt: skip
 
 
-def test_where_nothing_can_be_cut_it_is_said(tmp_path):
+def test_a_mesh_that_moves_no_value_leaves_the_answer_as_it_is(tmp_path, record):
+    """Of a study with 32 elements, digits and words are those with `subdivide = 1`."""
+    nodes = "\n".join(f"{i} = {i / 16}" for i in range(33))
+    pairs = str([[i, i + 1] for i in range(32)])
+    fine = STUDY.replace("0 = 0.0\n1 = 1.0\n2 = 2.0", nodes).replace("[[0, 1], [1, 2]]", pairs)
+    own = replace(record, outputs=parse_dofs(["16Y", "32Y"]), inputs=parse_dofs(["32Y"]))
+    found, kept = (
+        run_study(load_study(written(tmp_path, own, fine.replace('"auto"', word)))).identification
+        for word in ('"auto"', "1")
+    )
+    assert found.structure.subdivide == 1
+    np.testing.assert_array_equal(found.estimate.values, kept.estimate.values)
+    assert (found.mesh, found.assumption, found.warnings) == (kept.mesh, kept.assumption, kept.warnings)
+
+
+def test_a_record_simulated_with_the_drawn_elements_is_said_to_fit_them_better(tmp_path, record):
+    coarse = cantilever(BENDING, HOLD, 1)
+    simulated = sid.simulated_record(coarse, sid.parameters(coarse, []), record, 0.05, np.random.default_rng(3))
+    found = run_study(load_study(written(tmp_path, simulated))).identification
+    assert found.structure.subdivide > 1
+    assert "which fits the record better (chi-square per degree of freedom 1.0 for " in found.mesh
+    assert found.mesh.endswith("as it does where the record was simulated with it")
+
+
+def test_two_states_of_a_comparison_have_as_many_pieces(tmp_path, record):
+    """The later state alone would be divided into fewer: of its narrow band the mesh moves less."""
+    narrow = STUDY.replace("[1.0, 60.0]", "[1.0, 12.0]")
+    for name, text in (("wide", STUDY), ("narrow", narrow)):
+        (tmp_path / name).mkdir()
+        written(tmp_path / name, record, text)
+    alone = run_study(load_study(tmp_path / "narrow" / "study.toml")).identification
+    compared = compare(tmp_path / "wide" / "study.toml", tmp_path / "narrow" / "study.toml")
+    assert alone.structure.subdivide < compared.baseline.pieces == compared.later.pieces == 16
+    assert not any("beams are of" in words for words in compared.warnings)
+
+
+def test_elements_that_cannot_be_divided_are_named():
     """Bars of a truss, whose pieces nothing would hold sideways."""
     bars = sid.Bar("bar", [[1, 2]], 1.0, 1e6)
     truss = sid.Structure({1: [0.0, 0.0], 2: [1.0, 0.0]}, [bars, sid.Spring("side", "2Y", stiffness=1e4)], ["1X", "1Y"])
-    lines = np.arange(1.0, 60.0)
-    like = sid.FrfRecord(lines, np.ones((len(lines), 1, 1)), ("2Y",), ("2Y",), "accelerance")
-    unknown = sid.parameters(truss, [sid.Unknown("stiffness", "side")])
-    simulated = sid.simulated_record(truss, unknown, like, 0.01, np.random.default_rng(1))
-    setup = sid.Setup(truss, unknown, simulated)
-    mesh = judge_pieces([setup], sid.identify_together([setup]), IdentifyOptions(), 1)
-    assert not mesh.is_enough
-    assert mesh.words == "beams are not cut: no beam can be cut, and no bar that pieces would leave held sideways"
+    like = sid.FrfRecord(np.arange(1.0, 9.0), np.ones((8, 1, 1)), ("2Y",), ("2Y",), "accelerance")
+    words = undivided_words([sid.Setup(truss, sid.parameters(truss, []), like)])
+    assert words == "± takes the mesh of bar as it is: only beams are divided"
+
+
+def test_what_keeps_the_mesh_from_being_judged_is_said(tmp_path, record, monkeypatch):
+    monkeypatch.setattr("structid.identification.mesh_pieces._MOST_DOFS", 5)
+    found = run_study(load_study(written(tmp_path, record))).identification
+    assert found.structure.subdivide == 1
+    assert found.warnings[0] == (
+        "what the mesh moves the values by is not known: with pieces half as long the model has more than 5 degrees of freedom"
+    )
 
 
 @pytest.mark.parametrize("wrong", ['"fine"', "0", "true"])

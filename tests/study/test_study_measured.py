@@ -19,6 +19,7 @@ from structid.study.schema.study import edited_study, load_study
 STUDY = """
 title = "A beam that carries a machine"
 [structure]
+subdivide = 1  # the records are simulated with these elements
 active = ["Y", "RZ"]
 fixed = ["0 Y RZ"]
 [structure.nodes]

@@ -16,6 +16,8 @@ from structid.study.schema.records.record import load_histories, load_record
 from structid.workbench.work.scene import _describe_set
 from study_cases import CHAIN
 
+#: The records are simulated with the elements as drawn.
+AS_SIMULATED = ("[structure]", "[structure]\nsubdivide = 1")
 GIRDER = """
 [structure]
 fixed = ["1 X Y", "5Y"]
@@ -85,7 +87,7 @@ FREQUENCY = np.arange(2.0, 60.0, 0.25)
 def test_the_stiffness_of_a_joint_is_found(tmp_path):
     true = written(tmp_path, replaced(GIRDER, ("stiffness = 2000.0", "stiffness = 300.0")), "true.toml")
     write_record(tmp_path / "frf.npz", simulated(true, FREQUENCY))
-    study = written(tmp_path, GIRDER)
+    study = written(tmp_path, replaced(GIRDER, AS_SIMULATED))
     found = sid.run_study(study).identification.estimate
     assert found.names == ("bending_stiffness[left]", "stiffness[joint 1]")
     assert found.values == pytest.approx([900.0, 300.0], rel=1e-5)
@@ -117,7 +119,7 @@ def test_swapped_sensors_are_fitted_under_their_true_names(tmp_path):
     plain = written(tmp_path, GIRDER)
     true = simulated(plain, FREQUENCY)
     write_record(tmp_path / "frf.npz", record(true.values, FREQUENCY, ("4Y", "3Y", "2Y")))
-    study = written(tmp_path, replaced(GIRDER, RELABEL))
+    study = written(tmp_path, replaced(GIRDER, RELABEL, AS_SIMULATED))
     loaded = load_record(study.record)
     assert [str(dof) for dof in (*loaded.outputs, *loaded.inputs)] == ["2Y+", "3Y+", "4Y+", "2Y+"]
     found = sid.run_study(study).identification.estimate

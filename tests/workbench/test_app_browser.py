@@ -801,6 +801,7 @@ def test_averages_and_a_finer_mesh_are_taken_by_a_click(page, screens, tmp_path)
     (tmp_path / "shaken.csv").write_text(f"{head},2Y/3Y coherence,3Y/3Y coherence\n{rows}\n", encoding="utf-8")
     text = study.read_text(encoding="utf-8")
     model, unknowns = text[: text.index("[[unknown]]")], text[text.index("[[unknown]]") :]
+    model = model.replace("[structure]\n", "[structure]\nsubdivide = 1\n", 1)  # without it nothing has to be clicked
     study.write_text(f'{model}\n[record]\npath = "shaken.csv"\n', encoding="utf-8")
     with served(tmp_path) as bench:
         page.goto(bench.address + "#structure/beam.toml")

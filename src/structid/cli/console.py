@@ -32,6 +32,7 @@ def identification_summary(result: StudyResult, is_verbose: bool = False, folder
         Text(view.headline, style=_STYLES.get(view.verdict, "bold red")),
         *_values(view),
         *_alternatives(view.identification.alternatives),
+        *([Text(view.identification.mesh)] if view.identification.mesh else []),
         Text(f"Next: {_from_here(view.next_step, folder)}"),
         *(Text(f"- {_from_here(words, folder)}") for words in view.advice[:MOST_ADVICE]),
     ]

@@ -80,7 +80,7 @@ def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None
     stored = {} if at is None else stored_values(at)
     if at is not None and study.leaves_pieces_open:
         study = cut_study(study, stored_pieces(at))
-    study, setups, _ = load_setups(study)
+    setups = load_setups(study)
     names = titles(setups) if len(setups) > 1 else [""] * len(setups)
     modal: list[ModesCorrelation] = []
     responses: list[ResponsesCorrelation] = []

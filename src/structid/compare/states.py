@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TypedDict, cast
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from structid.compare.options import CompareOptions, least_part
 from structid.core.arrays import FloatArray, locked
-from structid.core.display import join_words
+from structid.core.display import join_words, plural
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, SingularModelError
 from structid.core.json_types import JsonValue, plain_table
@@ -41,11 +42,12 @@ from structid.inversion.state_comparison import (
     compare_states,
     states_problem,
 )
+from structid.study.results.hdf5 import stored_pieces
 from structid.study.results.result import StudyResult
 from structid.study.run.run import SearchFailedError, is_matrix_free, refine_mesh, relinearized_study, run_prepared
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.section import InputFiles, Section, read_study_text
-from structid.study.schema.study import Study, load_study
+from structid.study.schema.study import Study, cut_study, load_study
 from structid.study.schema.unknowns import read_parameters
 from structid.unknowns import Parameters, joint_prior
 from structid.unknowns.named_unknowns import begun_at
@@ -144,9 +146,9 @@ def compare(
         "least": least_part(chosen.least),
     }
     require_levels(chosen.level, chosen.power, chosen.correction)
-    first = _state(Path(baseline), progress)
+    before = _source(Path(baseline), progress)
     if not chosen.unchanged:
-        second = _state(Path(later), progress)
+        first, second = _on_one_mesh([before, _source(Path(later), progress)])
         found = compare_states(first.estimate, second.estimate, (), **settings)
         return ComparisonResult(found, first, second, "independent", _warnings(found, first, second))
     if Path(later).is_dir():
@@ -154,13 +156,17 @@ def compare(
             f"{later}: unchanged parameters need the later state as a study file, got a results folder; give its study"
         )
     study = load_study(later)
+    first = before if isinstance(before, State) else before.run(1)
     names = unchanged_parameters(first.estimate, study.parameters, chosen.unchanged)
+    with_prior, without_prior = (
+        _StudySource(study, progress, partial(_from_baseline, baseline=first, names=prior)) for prior in (names, ())
+    )
     if first.result is None:
-        second, free = (_run_study(_from_baseline(study, first, prior), progress) for prior in (names, ()))
+        _, second, free = _on_one_mesh([first, with_prior, without_prior])
         comparison = compare_states(first.estimate, second.estimate, names, **settings)
         test = _unchanged_test(names, _least_cost(second), _least_cost(free), first, free)
         return ComparisonResult(comparison, first, second, "carried", _warnings(comparison, first, second), test)
-    second = _run_study(_from_baseline(study, first, ()), progress)
+    first, second = _on_one_mesh([before, without_prior], [first])
     joint = states_problem(_restart_problem(first), _restart_problem(second, first), names)
     fixed = _fixed_in_both(_problems_with_free_values(first), _problems_with_free_values(second), names)
     both = _joint_estimate(joint, fixed)
@@ -249,8 +255,40 @@ def _joint_estimate(problem: Problem, fixed: FixedValues | None) -> Estimate:
         ) from error
 
 
-def _state(path: Path, progress: StageProgress | None) -> State:
-    return stored_state(path) if path.is_dir() else _run_study(load_study(path), progress)
+@dataclass(frozen=True, eq=False)
+class _StudySource:
+    """A study that is to be run, its parameters changed by `begun` first."""
+
+    study: Study
+    progress: StageProgress | None
+    begun: Callable[[Study], Study] = lambda study: study
+
+    @property
+    def may_be_divided(self) -> bool:
+        return self.study.leaves_pieces_open and bool(self.study.structure.divisible)
+
+    def run(self, pieces: int) -> State:
+        """The state that a run gives with beams divided into `pieces`; from 1 on into as many as the mesh asks for."""
+        return _run_study(self.begun(cut_study(self.study, pieces) if pieces > 1 else self.study), self.progress)
+
+
+def _source(path: Path, progress: StageProgress | None) -> _StudySource | State:
+    return stored_state(path) if path.is_dir() else _StudySource(load_study(path), progress)
+
+
+def _on_one_mesh(sources: Sequence[_StudySource | State], known: Sequence[State] = ()) -> tuple[State, ...]:
+    """The states of `sources`, run again until their beams have as many pieces, where that may be chosen.
+
+    What the mesh moves then moves all of them alike. `known` are states of the first sources that were run before.
+    """
+    others = [source if isinstance(source, State) else source.run(1) for source in sources[len(known) :]]
+    states, is_alike = [*known, *others], False
+    while not is_alike:
+        most, is_alike = max(state.pieces for state in states), True
+        for k, (source, state) in enumerate(zip(sources, states, strict=True)):
+            if isinstance(source, _StudySource) and source.may_be_divided and state.pieces < most:
+                states[k], is_alike = source.run(most), False
+    return tuple(states)
 
 
 def _run_study(study: Study, progress: StageProgress | None) -> State:
@@ -315,6 +353,11 @@ def _warnings(comparison: Comparison, baseline: State, later: State) -> tuple[st
                 f"the answer of the {word} is not sound, and what is declared changed rests on it: {state.doubt}"
             )
         warnings += [f"{word}: {words}" for words in state.mesh_warnings]
+    if baseline.pieces != later.pieces:
+        warnings.append(
+            f"beams are of {plural(baseline.pieces, 'piece')} in the baseline and of {later.pieces} in the later state, so that"
+            f" what the mesh moves does not cancel: identify both with `subdivide = {max(baseline.pieces, later.pieces)}`"
+        )
     regularizations = dict.fromkeys((*baseline.regularizations, *later.regularizations))
     if regularizations:
         warnings.append(
@@ -481,6 +524,8 @@ class State:
         The verdict, and its words.
     mesh_warnings : tuple of str
         On what a coarse mesh does to its values.
+    pieces : int
+        Number into which each beam was divided.
     """
 
     title: str
@@ -492,6 +537,7 @@ class State:
     drawn: DrawableStructure | None
     judgement: Judgement
     mesh_warnings: tuple[str, ...] = ()
+    pieces: int = 1
 
     @property
     def doubt(self) -> str:
@@ -523,6 +569,7 @@ def state_of(result: StudyResult) -> State:
         drawn,
         judgement,
         _on_mesh(identification.warnings),
+        study.structure.subdivide,
     )
 
 
@@ -564,7 +611,8 @@ def stored_state(folder: Path) -> State:
     title, drawn = str(texts.get("title", folder.name)), _read_drawn(folder, channels)
     judgement = Judgement(cast(Verdict, texts.get("verdict", "sound")), str(texts.get("verdict_text", "")))
     mesh_warnings = _on_mesh(texts.get("warnings", ()))
-    return State(title, folder, estimate, inputs, None, regularizations, drawn, judgement, mesh_warnings)
+    pieces = stored_pieces(folder)
+    return State(title, folder, estimate, inputs, None, regularizations, drawn, judgement, mesh_warnings, pieces)
 
 
 def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEstimate, dict[str, tuple[str, ...]]]:

@@ -124,8 +124,8 @@ class Identification(Shown, IdentificationPlots):
     alternatives : Alternatives or None
         Sets of values that fit the data equally well; None where one only was found.
     mesh : str
-        Words on the number of pieces into which beams were cut and on the shift of values by the mesh; "" where the study
-        says the number.
+        Words on the pieces into which beams were divided, and on elements that cannot be; "" where the mesh is as drawn and moves
+        no value, and where the study states the number.
     """
 
     estimate: Estimate

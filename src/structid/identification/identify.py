@@ -85,6 +85,7 @@ def identify_together(
     options: IdentifyOptions | None = None,
     progress: StageProgress | None = None,
     work: TaskExecutor = SERIAL,
+    near: Mapping[str, float] | None = None,
 ) -> Identification:
     """Identification of parameters from several records of a structure, with other sensors, loads, supports or masses.
 
@@ -105,6 +106,9 @@ def identify_together(
         Called with the stage's name, the iteration and the sum of squares.
     work : TaskExecutor
         Where searches and their repeats run, and whether they are kept.
+    near : mapping of str to float, optional
+        Free variables of a nearby answer by name, from which the first search begins at once; by default the starts of the
+        parameters, which all other searches begin about in any case.
 
     Returns
     -------
@@ -122,7 +126,7 @@ def identify_together(
     problems = initial = harmonize_shared_parameters([ready.problem for ready in prepared], titles(setups))
     if len(setups) == 1:
         problems = (setups[0].begun(problems[0]),)
-    outcome = search_parameters(setups, problems, chosen, progress, work)
+    outcome = search_parameters(setups, problems, chosen, progress, work, near)
     problems, target = outcome.problems, outcome.target
     freed = () if outcome.estimate.fixed is None else freed_problems(setups, problems, chosen.tolerances)
     found = outcome.estimate.with_initial(first_values(outcome.estimate.names, initial, lambda part: part.start))

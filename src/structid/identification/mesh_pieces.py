@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,11 +27,16 @@ _ORDER = 4
 _MOST_PIECES, _MOST_DOFS = 32, 3000
 #: Steps by which a shift is followed where the first says that it matters, and part of it that the last of them may add.
 _MOST_STEPS, _FOLLOWED = 4, 0.2
-#: How the warnings of an identification on its mesh begin: of values that it moves, of modes, of pieces that were not enough.
+#: Farthest shift of a free variable that is followed, in parts of the size of its value.
+_FARTHEST = 2.0
+#: Chi-square by which the drawn mesh fits a record better than a finer one where that is said: beyond chance.
+_BETTER = 10.0
+#: How the warnings of an identification on its mesh begin: of values that it moves, of modes, of a mesh that was not judged.
 MESH_MOVES = "the mesh moves"
 MESH_ERROR = "the values carry an error of the mesh"
 SUBDIVIDE_AUTO = '`subdivide = "auto"`'
-MESH_WARNINGS = (MESH_MOVES, MESH_ERROR, SUBDIVIDE_AUTO)
+NOT_JUDGED = "what the mesh moves the values by is not known"
+MESH_WARNINGS = (MESH_MOVES, MESH_ERROR, NOT_JUDGED)
 
 
 @dataclass(frozen=True)
@@ -48,12 +53,15 @@ class MeshPieces:
         The values that move by more than `MOVED`, the farthest first, each with its shift; "" for none.
     obstacle : str
         Why no more pieces were tried, or none; "" where these are enough.
+    near : mapping of str to float
+        Free variables of the minimum with pieces half as long, by name; empty where it was not followed.
     """
 
     count: int
     moved: float = float("nan")
     shifts: str = ""
     obstacle: str = ""
+    near: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def is_enough(self) -> bool:
@@ -62,26 +70,23 @@ class MeshPieces:
 
     @property
     def needed(self) -> int:
-        """Estimated number of pieces of an element at which the mesh moves values by `_AIMED`, at most `_MOST_PIECES`."""
-        aimed = int(np.ceil(self.count * (self.moved / _AIMED) ** (1 / _ORDER)))
-        return max(min(aimed, _MOST_PIECES), self.count + 1)
+        """Number of pieces, doubled until the mesh is estimated to move values by `_AIMED`, at most `_MOST_PIECES`.
+
+        Doubled once where the minimum could not be followed, since the shift is then a guess.
+        """
+        doublings = int(np.ceil(np.log2(self.moved / _AIMED) / _ORDER)) if self.near else 1
+        return max(min(self.count * 2 ** max(doublings, 1), _MOST_PIECES), self.count + 1)
 
     @property
     def warning(self) -> str:
-        """A sentence where the mesh is known to move a value beyond `MOVED`, in a study that says how many pieces; else ""."""
-        if not self.moved >= MOVED:
-            return ""
-        interval = "which intervals do not include" if self.moved < 1 else "so do not rely on these intervals"
-        return f"{MESH_MOVES} {self.shifts}, {interval}: write {SUBDIVIDE_AUTO}, or {self.needed} for {self.count}"
-
-    @property
-    def words(self) -> str:
-        """A phrase on the number of pieces, and how far the mesh moves the values."""
-        cut = f"beams are cut into {self.count} pieces" if self.count > 1 else "beams are not cut"
+        """A sentence where the mesh moves a value beyond `MOVED`, or why it is not known whether it does; else ""."""
         if self.is_enough:
-            return f"{cut}: the mesh moves no value by more than {self.moved:.2g} of its deviation"
-        moves = f"{MESH_MOVES} {self.shifts}, and " if self.shifts else ""
-        return f"{cut}: {moves}{self.obstacle}"
+            return ""
+        if not self.moved >= MOVED:
+            return f"{NOT_JUDGED}: {self.obstacle}"
+        interval = "which intervals do not include" if self.moved < 1 else "so do not rely on these intervals"
+        remedy = self.obstacle or f"write {SUBDIVIDE_AUTO}, or {self.needed} for {self.count}"
+        return f"{MESH_MOVES} {self.shifts}, {interval}: {remedy}"
 
 
 def judge_pieces(
@@ -104,11 +109,9 @@ def judge_pieces(
     count : int
         Pieces of each beam at present.
     """
-    if not any(setup.structure.divisible for setup in setups):
-        return MeshPieces(count, obstacle="no beam can be cut, and no bar that pieces would leave held sideways")
     problem, theta = identification.target, identification.estimate.theta
     if problem is None or not identification.estimate.uncertainty.has_matrix:
-        return MeshPieces(count, obstacle="this search has no residual to judge the mesh by; give a number of pieces")
+        return MeshPieces(count, obstacle="this search has no residual that shows it; state `subdivide`")
     if max(_dofs_of_halves(setup, count) for setup in setups) > _MOST_DOFS:
         return MeshPieces(
             count, obstacle=f"with pieces half as long the model has more than {_MOST_DOFS} degrees of freedom"
@@ -123,9 +126,12 @@ def judge_pieces(
     step = shift_of_minimum(at.jacobian, finer_rows - at.residual[: finer.n_data])  # priors know no mesh
     deviation = _deviation(identification)
     per_deviation = problem.slope(theta) / np.where(deviation > 0, deviation, np.nan)
+    near: dict[str, float] = {}
     if _largest(step * per_deviation) >= MOVED:
         followed = _followed_shift(finer, columns, theta, at, per_deviation)
-        step = step if followed is None else followed
+        if followed is not None:
+            step = followed
+            near = dict(zip(problem.names, (theta + np.nan_to_num(step)).tolist(), strict=True))
     deviations = np.abs(step * per_deviation)
     if not np.isfinite(deviations).any():
         return MeshPieces(count, obstacle="no value is determined that the mesh might move")
@@ -135,7 +141,53 @@ def judge_pieces(
     shifts = [f"{problem.names[i]} by {deviations[i]:.2g}" for i in far]
     is_finest = moved >= MOVED and count >= _MOST_PIECES
     obstacle = "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
-    return MeshPieces(count, moved, f"{join_words(shifts, 4)} standard deviations" if far else "", obstacle)
+    return MeshPieces(count, moved, f"{join_words(shifts, 4)} standard deviations" if far else "", obstacle, near)
+
+
+def division_words(drawn: Identification, divided: Identification, count: int) -> str:
+    """A sentence on beams that were divided into `count` pieces: what moved from the answer with the mesh as `drawn`.
+
+    It says which mesh the record fits better, where it is the drawn one.
+    """
+    names = list(dict.fromkeys(element.name for setup in divided.setups for element in setup.structure.divisible))
+    before, after = drawn.estimate, divided.estimate
+    columns = indices_of(before.names, after.names)
+    deviation = _deviation(divided)
+    shift = np.abs(after.values - before.values[columns]) / np.where(deviation > 0, deviation, np.nan)
+    farthest = int(np.nan_to_num(shift).argmax())
+    moved = _rounded(float(np.nan_to_num(shift)[farthest]))
+    words = (
+        f"each element of {join_words(names, 4)} was divided into {count} equal pieces, which moved values by up to {moved}"
+        f" standard deviations ({after.names[farthest]}); `subdivide = 1` in [structure] keeps the mesh as drawn"
+    )
+    if not after.goodness.chi_square > before.goodness.chi_square + _BETTER:
+        return words
+    drawn_misfit, misfit = _rounded(before.chi_square_per_dof), _rounded(after.chi_square_per_dof)
+    return (
+        f"{words}, which fits the record better (chi-square per degree of freedom {drawn_misfit} for {misfit}), as it does where"
+        " the record was simulated with it"
+    )
+
+
+def undivided_words(setups: Sequence[AnySetup]) -> str:
+    """A clause on the elements whose mesh is taken as it is, since only beams can be divided; "" where there are none."""
+    structures = [setup.structure for setup in setups if setup.structure.has_matrices]
+    whole = {
+        p.element
+        for structure in structures
+        for p in structure.properties
+        for matrix_term in p.term.matrix_terms
+        if matrix_term.whole is not None
+    }
+    names = [
+        element.name
+        for structure in structures
+        for element in structure.elements
+        if element.cells or element.name in whole or (element.is_line and element not in structure.divisible)
+    ]
+    if not names:
+        return ""
+    return f"± takes the mesh of {join_words(list(dict.fromkeys(names)), 3)} as it is: only beams are divided"
 
 
 def _finer_problem(
@@ -178,11 +230,13 @@ def _followed_shift(
 ) -> FloatArray | None:
     """Shift (n_params,) of the minimum to that of the `finer` problem by Gauss-Newton steps.
 
-    None if a step does not lower its sum of squares, the model cannot be evaluated, or the steps do not end. `at` is the
-    linearization of the coarser problem at its minimum `theta`, whose rows of priors are kept; `columns` are the positions in
-    `theta` of the parameters of `finer`, and `per_deviation` times a shift is a number of deviations.
+    None if a step does not lower its sum of squares or goes too far, the model cannot be evaluated, or the steps do not end.
+    `at` is the linearization of the coarser problem at its minimum `theta`, whose rows of priors are kept; `columns` are the
+    positions in `theta` of the parameters of `finer`, and `per_deviation` times a shift is a number of deviations.
     """
     total, lowest = np.zeros(len(theta)), np.inf
+    sizes, slope = finer.unknowns.sizes(finer.physical(theta[columns])), finer.slope(theta[columns])
+    per_size = np.bincount(columns, np.divide(slope, sizes, out=np.zeros(len(slope)), where=sizes > 0), len(theta))
     for _ in range(_MOST_STEPS):
         begun = np.nan_to_num(total)
         try:
@@ -198,6 +252,8 @@ def _followed_shift(
             return None
         lowest, step = misfit, shift_of_minimum(jacobian, residual)
         total = total + step
+        if _largest(total * per_size) > _FARTHEST:
+            return None
         if _largest(step * per_deviation) <= _FOLLOWED * _largest(total * per_deviation):
             return total
     return None
@@ -206,3 +262,8 @@ def _followed_shift(
 def _largest(values: FloatArray) -> float:
     """Largest size among `values`; those that are NaN do not count."""
     return float(np.abs(np.nan_to_num(values)).max(initial=0.0))
+
+
+def _rounded(value: float) -> str:
+    """A positive number with two digits, or without decimals from 10 on."""
+    return f"{value:.1f}" if 1 <= value < 10 else f"{value:.2g}" if value < 1 else f"{value:,.0f}"

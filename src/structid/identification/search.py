@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
@@ -80,11 +80,13 @@ def search_parameters(
     options: IdentifyOptions,
     progress: StageProgress | None,
     work: TaskExecutor,
+    near: Mapping[str, float] | None = None,
 ) -> SearchOutcome:
     """Best estimate over the problems of all records, by the method that set-ups and options ask for.
 
     Regularizations, polarities of channels and weights are settled on the way. `progress` is called with the name of
-    the stage, its iteration and the sum of squares.
+    the stage, its iteration and the sum of squares. `near` are free variables of a nearby answer by name, from which the first
+    search begins.
 
     Raises
     ------
@@ -103,8 +105,11 @@ def search_parameters(
         search = Search(seed=options.seed, start=regular.theta if method.is_matrix_free else None)
     else:
         search = _search_starts(problems, regular.problems, options, wide)
+    names = joint_problem(regular.problems).names
+    if near is not None and set(names) <= near.keys():
+        search = replace(search, near=np.array([near[name] for name in names]))
     is_staged = options.pole_free_start and regular.theta is None and not is_local
-    trials = PolarityTrials.begun(regular.problems)
+    trials = PolarityTrials.begun(regular.problems, {} if near is None else near)
     while trials.pending:
         current = trials.pending[0]
         paths = joint_schedules(current)[:1] if method.is_matrix_free else joint_paths(current)
@@ -247,9 +252,13 @@ class PolarityTrials:
     fits: dict[tuple[float, ...], tuple[Estimate, tuple[RecordProblem, ...]]] = field(default_factory=dict)
 
     @classmethod
-    def begun(cls, problems: Sequence[RecordProblem]) -> PolarityTrials:
-        """Trials that begin with the polarities of the initial model."""
-        return cls([tuple(decide_polarities(problem, problem.theta_start) for problem in problems)])
+    def begun(cls, problems: Sequence[RecordProblem], near: Mapping[str, float]) -> PolarityTrials:
+        """Trials that begin with the polarities of the initial model, or of that with the free variables `near`, by name."""
+        starts = [
+            np.array([near.get(name, own) for name, own in zip(problem.names, problem.theta_start, strict=True)])
+            for problem in problems
+        ]
+        return cls([tuple(map(decide_polarities, problems, starts))])
 
     def add(self, fit: Estimate) -> None:
         """Add the fit of the first pending problems, and append further polarities to be tried if there are any.

@@ -294,7 +294,7 @@ class FrameTemplate(Template):
 [structure]
 active = ["X", "Y", "RZ"]
 fixed = ["1", "2"]  # feet of the columns
-subdivide = 4  # "auto", once there is a record, cuts until the mesh moves no value
+subdivide = 4  # for a plan; without this line a record divides beams until the mesh moves no value
 
 [structure.nodes]  # m; floor f has the nodes f1 (left), f2 (right) and f3 (middle)
 {node_lines(positions)}

@@ -106,28 +106,31 @@ class MeshErrors:
         return np.abs(self.error) / self.damping_ratio
 
     @property
-    def words(self) -> str:
-        """A clause on the mode that is farthest off and a remedy; "" where the mesh is fine enough.
-
-        Modes that the mesh lacks are named instead if there are any.
-        """
+    def finding(self) -> str:
+        """A clause on the mode that is farthest off, or on modes that the mesh lacks; "" where the mesh is fine enough."""
         if not self.needed and not self.passed_over.size:
             return ""
         if self.passed_over.size:
             listed = ", ".join(f"{value:.4g}" for value in self.passed_over[:3])
-            found = f"with smaller elements the model has modes at {listed} Hz that it lacks with these"
-        else:
-            worst = self.worst
-            sense = "high" if self.error[worst] > 0 else "low"
-            off = (
-                f"{abs(self.error[worst]) / self.tolerance:.2g} times the deviation that is stated of measured modes"
-                if self.tolerance == self.deviation
-                else f"{self.half_bandwidths[worst]:.2g} times half its resonance width"
-            )
-            found = (
-                f"the mesh is too coarse: mode {self.number[worst] + 1} at {self.frequency[worst]:.4g} Hz is"
-                f" {100 * abs(self.error[worst]):.2g} % too {sense}, {off}"
-            )
+            return f"with smaller elements the model has modes at {listed} Hz that it lacks with these"
+        worst = self.worst
+        sense = "high" if self.error[worst] > 0 else "low"
+        off = (
+            f"{abs(self.error[worst]) / self.tolerance:.2g} times the deviation that is stated of measured modes"
+            if self.tolerance == self.deviation
+            else f"{self.half_bandwidths[worst]:.2g} times half its resonance width"
+        )
+        return (
+            f"the mesh is too coarse: mode {self.number[worst] + 1} at {self.frequency[worst]:.4g} Hz is"
+            f" {100 * abs(self.error[worst]):.2g} % too {sense}, {off}"
+        )
+
+    @property
+    def words(self) -> str:
+        """The `finding` with a remedy; "" where the mesh is fine enough."""
+        found = self.finding
+        if not found:
+            return ""
         if not self.needed or self.needed > _MOST_PIECES:
             return f"{found}; refine the mesh, or take elements of higher order"
         remedy = (

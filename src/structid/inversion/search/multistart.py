@@ -95,7 +95,9 @@ class Search:
     seed : int
         Of the random starts, and of draws.
     start : (n_params,) float array, optional
-        Free variables where the first search begins; the problem's own start by default.
+        Free variables about which all searches begin; the problem's own start by default.
+    near : (n_params,) float array, optional
+        Free variables of a nearby answer, from which the first search begins at once; at `start` by default.
     wide_starts : int
         How many more searches begin at most at factors of up to five about the start, and along the weakest directions from each
         answer, where the best one fits and the data determine every parameter. They end where no more answers are to be
@@ -109,6 +111,7 @@ class Search:
     uniqueness_starts: int = 0
     seed: int = 0
     start: FloatArray | None = None
+    near: FloatArray | None = None
     doubt_starts: int = 0
     doubt_beyond: float = np.inf
     wide_starts: int = 0
@@ -176,7 +179,9 @@ def searched_minima(
             drawn += 1
     way = chosen[0]
     racing = method.raced(_MISSES * problem.n_data + _MISSES_AT_LEAST) if search.restarts else method
-    minima = [staged(problem, racing, way(start) if callable(way) else way, start, progress, "", work.minimize)]
+    first = way(start) if callable(way) else way
+    begun = (first, start) if search.near is None else ((), search.near)
+    minima = [staged(problem, racing, *begun, progress, "", work.minimize)]
     shared = (problem, racing, tuple(chosen))
     good = fits(minima[0][0])
     while not good and len(minima) < len(starts):

@@ -235,7 +235,7 @@ def check_study(study: Study) -> CheckResult:
         warnings=(
             *ready.channel_warnings,
             *(item.words for item in findings),
-            *([] if isinstance(mesh, str) or not mesh.words else [mesh.words]),
+            *([] if isinstance(mesh, str) or not mesh.words else [_mesh_warning(study, mesh)]),
             *(item.title + words for item in beside for words in item.warnings),
             *ready.warnings,
             *(
@@ -249,6 +249,13 @@ def check_study(study: Study) -> CheckResult:
         mesh=mesh,
         places=(*findings, *([] if coarse is None else [coarse])),
     )
+
+
+def _mesh_warning(study: Study, mesh: MeshErrors) -> str:
+    """What is wrong with the mesh, and who mends it: an identification divides beams by itself where the study lets it."""
+    if not study.leaves_pieces_open or any(element.cells for element in mesh.structure.elements):
+        return mesh.words
+    return f"{mesh.finding}; `structid identify` divides beams and bars until this moves no value"
 
 
 def _with_strengths(ready: PreparedStudy, terms: Sequence[Regularization], strengths: Sequence[float]) -> Problem:

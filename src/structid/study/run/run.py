@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,9 @@ from structid.diagnose.checks.mesh import mesh_warnings
 from structid.forward.modal import compares_modes
 from structid.identification.identify import identify_together
 from structid.identification.joint_problem import indices_of
-from structid.identification.mesh_pieces import SUBDIVIDE_AUTO, MeshPieces, judge_pieces
+from structid.identification.mesh_pieces import MESH_ERROR, MOVED, division_words, judge_pieces, undivided_words
 from structid.identification.search import chosen_method
+from structid.inversion import Status
 from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run.resources import require_room
@@ -25,8 +27,8 @@ class SearchFailedError(NoAnswerError):
     """The search came to where the model cannot be evaluated; there is no estimate."""
 
 
-#: How often beams are cut anew after a fit, and degrees of freedom up to which the mesh is judged where the study states it.
-_MOST_CUTS, _MOST_JUDGED = 3, 300
+#: Degrees of freedom up to which the mesh is judged where the study states the number of pieces.
+_MOST_JUDGED = 300
 
 
 def run_study(study: Study, progress: StageProgress | None = None, work: TaskExecutor = SERIAL) -> StudyResult:
@@ -89,34 +91,47 @@ def confirm_result(
 def refine_mesh(
     ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
 ) -> tuple[PreparedStudy, StudyResult]:
-    """The study and its result with beams cut into more pieces, until finer pieces hardly change the values.
+    """The study and its result with beams divided into more pieces, until finer pieces hardly change the values.
 
-    Where the study fixes the number of pieces it stays, and a warning is added if the mesh changes a value.
-    A warning also says if the number of attempts runs out first, or if finer pieces cannot be identified.
+    The result stays as it is where the mesh moves no value. Where the study states the number of pieces it stays too, and a
+    warning is added if the mesh moves a value. A warning also says what keeps the mesh from being judged or made finer.
     """
-    if ready.mesh is None:
-        return ready, result if ready.study.solved is not None else _with_mesh_warning(ready, result)
-    options, tried = ready.study.options, 0
-    mesh = judge_pieces(ready.setups, result.identification, options, ready.mesh.count)
-    while not mesh.is_enough and not mesh.obstacle and tried < _MOST_CUTS:
+    if ready.study.solved is not None:
+        return ready, result
+    if not ready.study.leaves_pieces_open:
+        return ready, _with_mesh_warning(ready, result)
+    drawn, options = result.identification, ready.study.options
+    fixed_mesh = undivided_words(ready.setups)
+    if not any(setup.structure.divisible for setup in ready.setups):
+        return ready, _with_mesh_words(result, (fixed_mesh,), "", False)
+    count = 1
+    mesh = judge_pieces(ready.setups, drawn, options, count)
+    while not mesh.is_enough and not mesh.obstacle:
         try:
             study, setups = with_pieces(ready.study, ready.setups, mesh.needed)
-            finer = compare_with_models(study, setups, MeshPieces(mesh.needed))
-            result = run_prepared(finer, progress, work)
+            finer = compare_with_models(study, setups)
+            divided = run_prepared(finer, progress, work, mesh.near)
         except (InputError, NoAnswerError, SingularModelError) as error:
             mesh = replace(mesh, obstacle=f"{mesh.needed} pieces cannot be identified ({error})")
             break
-        ready = finer
-        mesh, tried = judge_pieces(ready.setups, result.identification, options, mesh.needed), tried + 1
-    if not mesh.is_enough and not mesh.obstacle:
-        mesh = replace(mesh, obstacle="no more pieces are tried")
-    identification = result.identification
-    warnings = (
-        identification.warnings if mesh.is_enough else (f"{SUBDIVIDE_AUTO}: {mesh.words}", *identification.warnings)
-    )
-    return replace(ready, mesh=mesh), replace(
-        result, identification=replace(identification, mesh=mesh.words, warnings=warnings)
-    )
+        if divided.identification.estimate.status is Status.NOT_CONVERGED:
+            mesh = replace(mesh, obstacle=f"with {mesh.needed} pieces the search does not converge")
+            break
+        ready, result, count = finer, divided, mesh.needed
+        mesh = judge_pieces(ready.setups, result.identification, options, count)
+    division = "" if count == 1 else division_words(drawn, result.identification, count)
+    return ready, _with_mesh_words(result, (division, fixed_mesh), mesh.warning, mesh.is_enough and not fixed_mesh)
+
+
+def _with_mesh_words(result: StudyResult, clauses: Sequence[str], warning: str, is_fine: bool) -> StudyResult:
+    """The result with `clauses` on its mesh among what it assumes, and a `warning` first; empty ones are left out.
+
+    Where the mesh `is_fine`, as it moves no value, warnings of modes that it shifts are taken out.
+    """
+    found, words = result.identification, "; ".join(clause for clause in clauses if clause)
+    kept = [one for one in found.warnings if not (is_fine and one.startswith(MESH_ERROR))]
+    warnings = (*([warning] if warning else []), *kept)
+    return replace(result, identification=replace(found, mesh=words, warnings=warnings))
 
 
 def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult:
@@ -128,16 +143,20 @@ def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult
     of_modes = all(compares_modes(problem) for problem in found.problems)  # `mesh_warnings` looks at these
     if of_modes or not structure.divisible or structure.n_dofs > _MOST_JUDGED:
         return result
-    warning = judge_pieces(ready.setups, found, ready.study.options, structure.subdivide).warning
-    return replace(result, identification=replace(found, warnings=(warning, *found.warnings))) if warning else result
+    mesh = judge_pieces(ready.setups, found, ready.study.options, structure.subdivide)
+    return _with_mesh_words(result, (), mesh.warning if mesh.moved >= MOVED else "", False)
 
 
 def run_prepared(
-    ready: PreparedStudy, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
+    ready: PreparedStudy,
+    progress: StageProgress | None = None,
+    work: TaskExecutor = SERIAL,
+    near: Mapping[str, float] | None = None,
 ) -> StudyResult:
     """Identify a study whose records are already read; see `run_study`.
 
-    `progress` is called with the name of the stage, its iteration and the sum of squares; None for no reports.
+    `progress` is called with the name of the stage, its iteration and the sum of squares; None for no reports. `near` are free
+    variables of a nearby answer by name, from which the search begins; None for the study's starts.
 
     Raises
     ------
@@ -151,7 +170,7 @@ def run_prepared(
         require_room(study, ready.problems)
     try:
         with threads_for(ready.problems):
-            answer = identify_together(ready.setups, study.options, progress, work)
+            answer = identify_together(ready.setups, study.options, progress, work, near)
     except (SingularModelError, np.linalg.LinAlgError) as error:
         raise SearchFailedError(
             f"{study.path}: the search failed: {error}; start closer to the truth, give bounds or priors, or narrow"

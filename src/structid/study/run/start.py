@@ -11,14 +11,12 @@ import numpy as np
 from structid.core.dof import Dof
 from structid.core.errors import InputError, NoLinesError, SingularModelError
 from structid.diagnose.checks.initial_comparison import InitialComparison, compare_with_initial_model
-from structid.diagnose.checks.mesh import MeshErrors, checked_mesh
 from structid.fem import Structure
 from structid.fem.elements.solver_model import SolverModel
 from structid.forward import RecordProblem, ResponseCache
 from structid.identification import setups as record_setups
 from structid.identification.checks import require_sound_model
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
-from structid.identification.mesh_pieces import SUBDIVIDE_AUTO, MeshPieces
 from structid.identification.setups.setup import AnySetup, Prepared, prefixes, prepared_warnings, titles
 from structid.records import FrfRecord, TimeRecord
 from structid.study.schema.records.record import faults, load_histories, load_record, read_files
@@ -40,8 +38,6 @@ class PreparedStudy:
     warnings : tuple of str
     comparisons : tuple of InitialComparison
         Each record beside its initial model.
-    mesh : MeshPieces or None
-        Into how many pieces beams are cut, where the study leaves it open; None where it says.
     """
 
     study: Study
@@ -49,7 +45,6 @@ class PreparedStudy:
     problems: tuple[RecordProblem, ...]
     warnings: tuple[str, ...]
     comparisons: tuple[InitialComparison, ...]
-    mesh: MeshPieces | None = None
 
     @property
     def channel_warnings(self) -> tuple[str, ...]:
@@ -82,14 +77,11 @@ def prepare_study(study: Study) -> PreparedStudy:
     SingularModelError
         If an initial model has a mechanism; with the place of the structure.
     """
-    return compare_with_models(*load_setups(study))
+    return compare_with_models(study, load_setups(study))
 
 
-def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPieces | None) -> PreparedStudy:
-    """A study prepared for its identification, with its records compared with the initial models of `setups`.
-
-    `mesh` tells into how many pieces beams were cut, where the study leaves that open; None where the study states it.
-    """
+def compare_with_models(study: Study, setups: tuple[AnySetup, ...]) -> PreparedStudy:
+    """A study prepared for its identification, with its records compared with the initial models of `setups`."""
     records = zip(prefixes(setups), setups, study.setups, strict=True)
     pairs = [_prepare_record(study, source, setup, name) for name, setup, source in records]
     setups = tuple(setup for setup, _, _ in pairs)
@@ -97,23 +89,13 @@ def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPi
     with study.root.located():
         same = harmonize_shared_parameters([ready.problem for ready in prepared], titles(setups))
         joint_problem(same)
-    warnings = [f"{SUBDIVIDE_AUTO}: {mesh.words}"] if mesh is not None and mesh.obstacle else []
-    return PreparedStudy(study, setups, same, (*warnings, *prepared_warnings(setups, prepared)), comparisons, mesh)
+    return PreparedStudy(study, setups, same, tuple(prepared_warnings(setups, prepared)), comparisons)
 
 
-def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces | None]:
-    """The study, its set-ups with their records read, and the number of pieces of its beams; None where the study states it.
-
-    Where the study leaves the number open, beams are cut so that all modes in the band are right to a tenth of their
-    half-bandwidths; a fit then shows whether these pieces are enough.
-    """
+def load_setups(study: Study) -> tuple[AnySetup, ...]:
+    """The set-ups of a study, with their records read; beams whose pieces the study leaves open are as drawn."""
     cache = ResponseCache()
-    setups = tuple(load_setup(source, cache) for source in study.setups)
-    if not study.leaves_pieces_open:
-        return study, setups, None
-    judged = [checked_mesh(setup, setup.prepared(study.options).problem) for setup in setups]
-    mesh = MeshPieces(max((one.needed for one in judged if isinstance(one, MeshErrors)), default=1) or 1)
-    return *with_pieces(study, setups, mesh.count), mesh
+    return tuple(load_setup(source, cache) for source in study.setups)
 
 
 def with_pieces(study: Study, setups: tuple[AnySetup, ...], count: int) -> tuple[Study, tuple[AnySetup, ...]]:
@@ -132,8 +114,7 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
     InputError
         If a record, its sensors or the band cannot be used.
     """
-    study, setups, _ = load_setups(study)
-    setups = tuple(setup.without_modes_beyond_model() for setup in setups)
+    setups = tuple(setup.without_modes_beyond_model() for setup in load_setups(study))
     return harmonize_shared_parameters([setup.prepared(study.options).problem for setup in setups], titles(setups))
 
 

@@ -24,7 +24,7 @@ from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
 from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
-from structid.study.schema.model.structure import leaves_pieces_open, read_structure, read_tolerances
+from structid.study.schema.model.structure import read_structure, read_tolerances
 from structid.study.schema.records.record import NoiseSource, load_record, read_source
 from structid.study.schema.records.sensors import channel_names, is_load, used_names
 from structid.study.schema.section import InputFiles, Section, read_root, record_sections, title_of
@@ -107,11 +107,6 @@ def load_plan(path: str | Path, work: TaskExecutor = SERIAL, **changes: Any) -> 
     root, files = read_root(path, work=work)
     recorded = next(iter(record_sections(root)), None)
     section = root.inner("structure")
-    if leaves_pieces_open(section):
-        raise section.error(
-            "must be a number in a plan, as no record says how fine the mesh has to be; `structid check` of a study proposes one",
-            "subdivide",
-        )
     structure = read_structure(section, files, record=recorded)
     unknown = read_parameters(root, structure)
     aimed = channel_names(structure)

@@ -77,8 +77,11 @@ class Study(Shown):
 
     @property
     def leaves_pieces_open(self) -> bool:
-        """True if the error of the mesh decides into how many pieces beams are cut: `subdivide = "auto"`."""
-        return leaves_pieces_open(self.root.inner("structure"))
+        """True if the error of the mesh decides into how many pieces beams are cut: no number is stated.
+
+        False where a solver gives the model.
+        """
+        return self.solved is None and leaves_pieces_open(self.root.inner("structure"))
 
     @property
     def path(self) -> Path:
@@ -139,7 +142,12 @@ def edited_study(study: Study, tables: Mapping[str, JsonValue], work: TaskExecut
 
 
 def cut_study(study: Study, count: int) -> Study:
-    """The study with `subdivide = count` in its structure: bars and beams that can be cut are cut into so many pieces."""
+    """The study with `subdivide = count` in its structure: bars and beams that can be cut are cut into so many pieces.
+
+    The same study where they are so already.
+    """
+    if all(source.structure.subdivide == count for source in study.setups):
+        return study
     tables = dict(study.root.table)
     tables["structure"] = {**dict(study.section("structure").table), "subdivide": count}
     return edited_study(study, tables)

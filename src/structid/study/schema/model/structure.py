@@ -95,8 +95,8 @@ _NODES = Key(_POSITIONS, "One line a node: its label, and one to three coordinat
 
 
 def leaves_pieces_open(section: Section) -> bool:
-    """True if ``[structure]`` leaves it to the error of the mesh into how many pieces beams are cut."""
-    return section.table.get("subdivide") == AUTO
+    """True if ``[structure]`` leaves it to the error of the mesh into how many pieces beams are cut: no number is stated."""
+    return section.table.get("subdivide", AUTO) == AUTO
 
 
 def structure_table() -> Table:
@@ -110,8 +110,8 @@ def structure_table() -> Table:
         "subdivide": Key(
             _PIECES,
             "Equal pieces of which each beam is made, one element still, and each bar that these leave held sideways; auto"
-            " cuts until the mesh moves no value by more than a fifth of its deviation",
-            default=1,
+            " divides them until the mesh moves no value by a fifth of its deviation, 1 keeps them as drawn",
+            default=AUTO,
         ),
         "sliding": Key(NODES, "Nodes whose place along their bars and beams is a property, `position` of `node 3`"),
         "damping_ratio": Key(
@@ -313,8 +313,8 @@ def _make_structure(
     try:
         drives, sliding = [base for _, base in bases], flat(options.get("sliding", []))
         inner = [component for _, component in components]
-        pieces, ratio = options.get("subdivide", 1), options.get("damping_ratio")
-        pieces = 1 if pieces == AUTO else pieces  # until the records are read
+        pieces, ratio = options.get("subdivide", AUTO), options.get("damping_ratio")
+        pieces = 1 if pieces == AUTO else pieces  # as drawn, until an answer shows what the mesh moves
         return Structure(
             nodes,
             element_sets,
