@@ -54,6 +54,7 @@ SMALL: dict[str, str] = {
     "accuracy/iasc_asce.py": "{data}/iasc_asce_phase_1 --cases 1 --patterns 0 --samples 2001",
     "accuracy/iasc_asce_frame.py": "--only c1_p0",
     "accuracy/interval_coverage.py": "--repeats 2 --only component ground",
+    "accuracy/mesh_pieces.py": "--repeats 1",
     "accuracy/merged_setups.py": "--repeats 1 --duration 120",
     "accuracy/merging_campaigns.py": "--campaigns 1",
     "accuracy/modal_noise.py": "--repeats 1 --decays 4 --ambient 2",

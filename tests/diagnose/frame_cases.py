@@ -20,6 +20,7 @@ STUDY = """\
 title = "Portal"
 
 [structure]
+subdivide = 1
 tolerance = 0
 active = ["X", "Y", "RZ"]
 fixed = ["1 X Y RZ", "6X", "6Y", "6RZ"]

@@ -261,7 +261,7 @@ def test_channels_that_have_other_names_already_are_turned_and_exchanged(tmp_pat
 
 def test_supports_of_beams_in_several_pieces_give_way(tmp_path):
     """Pieces have degrees of freedom of their own, which stay when supports are taken away."""
-    path = written(tmp_path, STUDY.replace("[structure]", "[structure]\nsubdivide = 2", 1), seed=None)
+    path = written(tmp_path, STUDY.replace("subdivide = 1", "subdivide = 2", 1), seed=None)
     ready = prepare_study(load_study(path))
     trial = base_model(TestedModel(ready.setups, ready.study.options), ready.problems, ready.problems[0].theta_start)
     base = trial.views[0].problem

@@ -16,6 +16,8 @@ from structid.identification.mesh_pieces import MeshPieces, judge_pieces, undivi
 from structid.identification.options import IdentifyOptions
 from structid.records.formats import write_record
 from structid.study.results.stored_model import stored_model, stored_study
+from structid.study.run.checkpoint import Checkpoint, fingerprint
+from structid.study.run.long_run import LongRun
 from structid.study.run.run import run_study
 from structid.study.run.start import load_setups, with_pieces
 from structid.study.schema.study import load_study
@@ -202,6 +204,35 @@ def test_two_states_of_a_comparison_have_as_many_pieces(tmp_path, record):
     compared = compare(tmp_path / "wide" / "study.toml", tmp_path / "narrow" / "study.toml")
     assert alone.structure.subdivide < compared.baseline.pieces == compared.later.pieces == 16
     assert not any("beams are of" in words for words in compared.warnings)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("rig", ["cantilever", "bridge"])
+def test_values_from_long_elements_are_those_of_continuous_beams(tmp_path, rig):
+    """Of two elements a span, against responses by exact dynamic stiffnesses."""
+    from benchmarks.accuracy.mesh_pieces import errors_of
+
+    assert np.abs(errors_of(rig, "", 3, False, tmp_path)).max() < 4
+    assert np.abs(errors_of(rig, "subdivide = 1", 1, False, tmp_path)).max() > 2
+
+
+def test_an_identification_stopped_on_the_finer_mesh_resumes_to_the_same_bits(tmp_path, record):
+    study, calls = load_study(written(tmp_path, record)), []
+    whole = run_study(study, lambda *words: calls.append(words)).identification
+
+    def stop(*words):
+        calls.pop()
+        if len(calls) < 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(study, stop, LongRun(checkpoint=Checkpoint(tmp_path / "c", fingerprint(study), seconds=0.0)))
+    kept = Checkpoint(tmp_path / "c", fingerprint(study), resume=True, seconds=0.0)
+    again = run_study(study, lambda *words: calls.append(words), LongRun(checkpoint=kept)).identification
+    assert len(calls) < 5  # nothing that was done is done again
+    np.testing.assert_array_equal(again.estimate.values, whole.estimate.values)
+    np.testing.assert_array_equal(again.estimate.covariance, whole.estimate.covariance)
+    assert (again.mesh, again.structure.subdivide) == (whole.mesh, 16)
 
 
 def test_elements_that_cannot_be_divided_are_named():
