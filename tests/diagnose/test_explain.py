@@ -205,12 +205,8 @@ def test_exchanged_cables_show_beside_a_start_that_is_far_off(tmp_path, is_excha
 @pytest.mark.long
 def test_elements_that_are_too_long_are_named_where_beams_are_cut_already(tmp_path):
     """The fit with 10 % of model error does not see them; that as the study asks does."""
-    study = (
-        off().replace("subdivide = 1", "subdivide = 2", 1).replace("relative = 0.01", "relative = 0.0005")
-    )
-    truth = STUDY.replace("subdivide = 1", "subdivide = 6", 1).replace(
-        "relative = 0.01", "relative = 0.0005"
-    )
+    study = off().replace("subdivide = 1", "subdivide = 2", 1).replace("relative = 0.01", "relative = 0.0005")
+    truth = STUDY.replace("subdivide = 1", "subdivide = 6", 1).replace("relative = 0.01", "relative = 0.0005")
     path = written(tmp_path, study, truth, seed=None)
     record = read_record(tmp_path / "frf.npz")
     rng = np.random.default_rng(3)
