@@ -226,7 +226,7 @@ def test_what_is_no_component_is_refused_with_its_place(folder):
     write_record(folder / "row.npz", row)
     words = refused(folder, (PATH, 'path = "row.npz"'), (RELABEL, ""))
     assert (
-        f'study.toml, line 30: {place} "machine" interface: row.npz has no input 12Y: a component needs FRFs' in words
+        f'study.toml, line 31: {place} "machine" interface: row.npz has no input 12Y: a component needs FRFs' in words
     )
     assert "no input 12Y" in refused(folder, (PATH, 'path = "row.npz"'), (RELABEL, ""), (INTERFACE, ""))
     assert "node 13 does not exist" in refused(folder, (INTERFACE, 'interface = ["11Y", "13Y"]\n'))
