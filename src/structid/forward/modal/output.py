@@ -273,7 +273,7 @@ def _visible_modes(data: MeasuredModes, state: ModelState) -> tuple[IntArray, Fl
 
     The last is a mask (n_measured,) of the measured modes without a known shape entry.
     """
-    is_bare = np.isnan(data.shapes[:, data.measured]).all(axis=0)
+    is_bare = np.asarray(np.isnan(data.shapes[:, data.measured]).all(axis=0))
     motion = np.abs(state.sensors.T @ state.modes.mode_shapes).max(axis=0, initial=0.0)
     counts = (motion > 0) | is_bare.any()
     return np.flatnonzero((state.modes.frequency > 1e-3 * data.frequency.min()) & counts), motion, is_bare
