@@ -12,7 +12,7 @@ from structid.cli import app as cli
 from structid.compare.correlation import correlate
 from structid.compare.states import compare
 from structid.core.dof import parse_dofs
-from structid.identification.mesh_pieces import MeshPieces, judge_pieces, undivided_words
+from structid.identification.mesh_pieces import MESH_WARNINGS, MeshPieces, judge_pieces, undivided_words
 from structid.identification.options import IdentifyOptions
 from structid.records.formats import write_record
 from structid.study.results.stored_model import stored_model, stored_study
@@ -185,13 +185,16 @@ def test_a_mesh_that_moves_no_value_leaves_the_answer_as_it_is(tmp_path, record)
     assert (found.mesh, found.assumption, found.warnings) == (kept.mesh, kept.assumption, kept.warnings)
 
 
-def test_a_record_simulated_with_the_drawn_elements_is_said_to_fit_them_better(tmp_path, record):
+def test_a_record_that_only_the_drawn_elements_fit_keeps_them(tmp_path, record):
     coarse = cantilever(BENDING, HOLD, 1)
     simulated = sid.simulated_record(coarse, sid.parameters(coarse, []), record, 0.05, np.random.default_rng(3))
-    found = run_study(load_study(written(tmp_path, simulated))).identification
-    assert found.structure.subdivide > 1
-    assert "which fits the record better (chi-square per degree of freedom 1.0 for " in found.mesh
-    assert found.mesh.endswith("as it does where the record was simulated with it")
+    kept = run_study(load_study(written(tmp_path, simulated))).identification
+    stated = run_study(load_study(written(tmp_path, simulated, STUDY.replace('"auto"', "1")))).identification
+    assert kept.structure.subdivide == 1
+    np.testing.assert_array_equal(kept.estimate.values, stated.estimate.values)
+    assert kept.mesh.startswith("the record fits the elements of ")
+    assert " as drawn (chi-square 1.0 times what is expected) and not divided into " in kept.mesh
+    assert not any(words.startswith(MESH_WARNINGS) for words in kept.warnings)
 
 
 def test_two_states_of_a_comparison_have_as_many_pieces(tmp_path, record):

@@ -30,7 +30,7 @@ _MOST_STEPS, _FOLLOWED = 4, 0.2
 #: Farthest shift of a free variable that is followed, in parts of the size of its value.
 _FARTHEST = 2.0
 #: Chi-square by which the drawn mesh fits a record better than a finer one where that is said: beyond chance.
-_BETTER = 10.0
+BETTER = 10.0
 #: How the warnings of an identification on its mesh begin: of values that it moves, of modes, of a mesh that was not judged.
 MESH_MOVES = "the mesh moves"
 MESH_ERROR = "the values carry an error of the mesh"
@@ -149,7 +149,7 @@ def division_words(drawn: Identification, divided: Identification, count: int) -
 
     It says which mesh the record fits better, where it is the drawn one.
     """
-    names = list(dict.fromkeys(element.name for setup in divided.setups for element in setup.structure.divisible))
+    names = _divided_names(divided)
     before, after = drawn.estimate, divided.estimate
     columns = indices_of(before.names, after.names)
     deviation = _deviation(divided)
@@ -160,13 +160,25 @@ def division_words(drawn: Identification, divided: Identification, count: int) -
         f"each element of {join_words(names, 4)} was divided into {count} equal pieces, which moved values by up to {moved}"
         f" standard deviations ({after.names[farthest]}); `subdivide = 1` in [structure] keeps the mesh as drawn"
     )
-    if not after.goodness.chi_square > before.goodness.chi_square + _BETTER:
+    if not after.goodness.chi_square_within_tolerances > before.goodness.chi_square_within_tolerances + BETTER:
         return words
-    drawn_misfit, misfit = _rounded(before.chi_square_per_dof), _rounded(after.chi_square_per_dof)
+    drawn_misfit, misfit = _rounded(before.goodness.misfit), _rounded(after.goodness.misfit)
+    return f"{words}, which fits the record better (chi-square {drawn_misfit} for {misfit} times what is expected)"
+
+
+def kept_words(drawn: Identification, divided: Identification, count: int) -> str:
+    """A sentence on elements that stay as `drawn`, since the record fits them and not the ones `divided` into `count` pieces."""
+    misfits = [_rounded(answer.estimate.goodness.misfit) for answer in (drawn, divided)]
     return (
-        f"{words}, which fits the record better (chi-square per degree of freedom {drawn_misfit} for {misfit}), as it does where"
-        " the record was simulated with it"
+        f"the record fits the elements of {join_words(_divided_names(divided), 4)} as drawn (chi-square {misfits[0]} times what is"
+        f" expected) and not divided into {count} pieces ({misfits[1]} times), as a record does that was simulated with the drawn"
+        f" ones: they stay as drawn; `subdivide = {count}` in [structure] divides them"
     )
+
+
+def _divided_names(divided: Identification) -> list[str]:
+    """Names of the element sets that are divided, each once."""
+    return list(dict.fromkeys(element.name for setup in divided.setups for element in setup.structure.divisible))
 
 
 def undivided_words(setups: Sequence[AnySetup]) -> str:

@@ -164,8 +164,14 @@ class Goodness:
 
         It is `chi_square` per degree of freedom where `least_chi_square` is NaN; NaN without degrees of freedom.
         """
-        least = self.least_chi_square if np.isfinite(self.least_chi_square) else self.chi_square
-        return least / self.degrees_of_freedom if self.degrees_of_freedom > 0 else float("nan")
+        return (
+            self.chi_square_within_tolerances / self.degrees_of_freedom if self.degrees_of_freedom > 0 else float("nan")
+        )
+
+    @property
+    def chi_square_within_tolerances(self) -> float:
+        """`least_chi_square`, or `chi_square` where noise explains it."""
+        return self.least_chi_square if np.isfinite(self.least_chi_square) else self.chi_square
 
     @property
     def misfit_words(self) -> str:

@@ -9,12 +9,22 @@ import numpy as np
 
 from structid.core.errors import InputError, NoAnswerError, SingularModelError, require_class
 from structid.diagnose.checks.mesh import mesh_warnings
+from structid.diagnose.thresholds import NOISE_TOLERANCE
 from structid.forward.modal import compares_modes
 from structid.identification.identify import identify_together
 from structid.identification.joint_problem import indices_of
-from structid.identification.mesh_pieces import MESH_ERROR, MOVED, division_words, judge_pieces, undivided_words
+from structid.identification.mesh_pieces import (
+    BETTER,
+    MESH_ERROR,
+    MOVED,
+    division_words,
+    judge_pieces,
+    kept_words,
+    undivided_words,
+)
 from structid.identification.search import chosen_method
 from structid.inversion import Status
+from structid.inversion.estimate import Goodness
 from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run.resources import require_room
@@ -93,13 +103,15 @@ def refine_mesh(
 ) -> tuple[PreparedStudy, StudyResult]:
     """The study and its result with beams divided into more pieces, until finer pieces hardly change the values.
 
-    The result stays as it is where the mesh moves no value. Where the study states the number of pieces it stays too, and a
-    warning is added if the mesh moves a value. A warning also says what keeps the mesh from being judged or made finer.
+    The result stays as it is where the mesh moves no value, and where the record fits the drawn elements but no divided ones.
+    Where the study states the number of pieces it stays too, and a warning is added if the mesh moves a value. A warning also
+    says what keeps the mesh from being judged or made finer.
     """
     if ready.study.solved is not None:
         return ready, result
     if not ready.study.leaves_pieces_open:
         return ready, _with_mesh_warning(ready, result)
+    drawn_study, drawn_result = ready, result
     drawn, options = result.identification, ready.study.options
     fixed_mesh = undivided_words(ready.setups)
     if not any(setup.structure.divisible for setup in ready.setups):
@@ -117,16 +129,29 @@ def refine_mesh(
         if divided.identification.estimate.status is Status.NOT_CONVERGED:
             mesh = replace(mesh, obstacle=f"with {mesh.needed} pieces the search does not converge")
             break
+        if _fits_only_as_drawn(drawn.estimate.goodness, divided.identification.estimate.goodness):
+            words = kept_words(drawn, divided.identification, mesh.needed)
+            return drawn_study, _with_mesh_words(drawn_result, (words, fixed_mesh), "", True)
         ready, result, count = finer, divided, mesh.needed
         mesh = judge_pieces(ready.setups, result.identification, options, count)
     division = "" if count == 1 else division_words(drawn, result.identification, count)
     return ready, _with_mesh_words(result, (division, fixed_mesh), mesh.warning, mesh.is_enough and not fixed_mesh)
 
 
+def _fits_only_as_drawn(drawn: Goodness, divided: Goodness) -> bool:
+    """True if the fit with elements as drawn is that of a right model, and the one with divided elements is far worse.
+
+    No measured record is like that: it was simulated with the drawn elements.
+    """
+    is_right = drawn.misfit <= NOISE_TOLERANCE
+    is_worse = divided.misfit > NOISE_TOLERANCE * max(drawn.misfit, 1.0)
+    return is_right and is_worse and divided.chi_square_within_tolerances > drawn.chi_square_within_tolerances + BETTER
+
+
 def _with_mesh_words(result: StudyResult, clauses: Sequence[str], warning: str, is_fine: bool) -> StudyResult:
     """The result with `clauses` on its mesh among what it assumes, and a `warning` first; empty ones are left out.
 
-    Where the mesh `is_fine`, as it moves no value, warnings of modes that it shifts are taken out.
+    Where the mesh `is_fine`, as it moves no value or the record was made with it, warnings of modes that it shifts are taken out.
     """
     found, words = result.identification, "; ".join(clause for clause in clauses if clause)
     kept = [one for one in found.warnings if not (is_fine and one.startswith(MESH_ERROR))]
